@@ -1,0 +1,1 @@
+"""The campaign: specification, store, and the loop that joins statistics and physics."""

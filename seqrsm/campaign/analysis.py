@@ -1,0 +1,201 @@
+"""From the scores of one application to its response surface, optimum, intervals, posterior and decision.
+
+Statistics only: a pure function of the scored runs, the specification and a seed. Response transforms are applied here,
+so that everything shown is in score units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.decide.stopping import Decision
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.anova import AnovaRow, LackOfFit
+from seqrsm.fit.canonical import StationaryPoint
+from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.optimum import Goal
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A two-sided interval in score units."""
+
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        """Half of ``high - low``."""
+        return 0.5 * (self.high - self.low)
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredRuns:
+    """The runs that enter the fit, as arrays of length n.
+
+    Attributes
+    ----------
+    run_ids, batches : int arrays
+        Identity and batch of each run.
+    points : ndarray (n, k)
+        Executed settings, coded.
+    scores, score_se : ndarray (n,)
+        Utility and its own standard error (nan where none was given), in score units.
+    sources, purposes, blocks : tuple of str
+        "simulation" or "flight"; why the run was made; block label ("" where none).
+    """
+
+    run_ids: IntArray
+    batches: IntArray
+    points: FloatArray
+    scores: FloatArray
+    score_se: FloatArray
+    sources: tuple[str, ...]
+    purposes: tuple[str, ...]
+    blocks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FactorImportance:
+    """Partial F test (RSL TR 380-1 eq. (2-14)) of all terms that hold a factor."""
+
+    factor: str
+    df: int
+    f: float
+    p: float
+
+
+@dataclass(frozen=True, slots=True)
+class OptimumEstimate:
+    """The estimated optimum and the three intervals there, in score units.
+
+    Attributes
+    ----------
+    settings : dict
+        Natural units, by factor name.
+    point : ndarray (k,)
+        Coded.
+    at_bound : tuple of str
+        Factors whose optimum lies at a bound of the region, such as "frequency (low)".
+    mean : float
+        Estimated mean utility there.
+    confidence : Interval
+        Of the mean utility at these settings.
+    prediction : Interval
+        Of one future run (eq. (2-23) with the factor S).
+    prediction_mean : Interval
+        Of the mean of ``replicates`` future runs.
+    replicates : int
+        m of ``prediction_mean``.
+    level : float
+        Two-sided probability of all three.
+    """
+
+    settings: dict[str, float | str]
+    point: FloatArray
+    at_bound: tuple[str, ...]
+    mean: float
+    confidence: Interval
+    prediction: Interval
+    prediction_mean: Interval
+    replicates: int
+    level: float
+
+
+@dataclass(frozen=True, slots=True)
+class SettingPosterior:
+    """Posterior of one factor's optimal setting.
+
+    Numeric factors have ``mean``, ``low``, ``high`` (natural units) and ``p_at_bound``; a categorical factor has
+    ``probabilities`` of its levels instead, and nan elsewhere.
+    """
+
+    factor: str
+    mean: float
+    low: float
+    high: float
+    p_at_bound: float
+    probabilities: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PosteriorSummary:
+    """Posterior of the coefficients and of the optimum.
+
+    Attributes
+    ----------
+    sampler : dict
+        "exact" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for emcee.
+    term_draws : ndarray (m, p)
+        Draws of the coded coefficients, on the scale of the fit.
+    optimum_points : ndarray (m, k)
+        Optimum of each draw, coded.
+    optimum_values : ndarray (m,)
+        Mean utility at that optimum, score units.
+    settings : tuple of SettingPosterior
+        One for each factor.
+    mean : float
+        Posterior mean of the utility at the optimum.
+    credible : Interval
+        Of the utility at the optimum.
+    predictive : Interval
+        Of one future score at the recommended settings.
+    expected_regret : float
+        Mean utility lost by acting on the recommended settings, score units.
+    p_regret_above : float
+        Probability that the recommendation loses more than ``regret_epsilon``.
+    regret_epsilon : float
+        The loss that is tested, score units.
+    """
+
+    sampler: dict[str, float | str | int]
+    term_draws: FloatArray
+    optimum_points: FloatArray
+    optimum_values: FloatArray
+    settings: tuple[SettingPosterior, ...]
+    mean: float
+    credible: Interval
+    predictive: Interval
+    expected_regret: float
+    p_regret_above: float
+    regret_epsilon: float
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """Fresh runs at the recommended settings and the exact t interval of their mean."""
+
+    run_ids: tuple[int, ...]
+    scores: tuple[float, ...]
+    mean: float
+    interval: Interval
+    agrees: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """One application's response surface and what follows from it; see the attributes' own classes.
+
+    ``fit`` is on the scale named by ``response`` ("identity" or "logit"); everything else is in score units.
+    """
+
+    application: str
+    goal: Goal
+    response: str
+    score_unit: str
+    region: Region
+    model: QuadraticModel
+    data: ScoredRuns
+    fit: LeastSquaresFit
+    anova: tuple[AnovaRow, ...]
+    lack_of_fit: LackOfFit | str
+    importance: tuple[FactorImportance, ...]
+    stationary: StationaryPoint | None
+    optimum: OptimumEstimate
+    posterior: PosteriorSummary
+    decision: Decision
+    confirmation: Confirmation | None
+    warnings: tuple[str, ...]

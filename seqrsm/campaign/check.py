@@ -1,0 +1,209 @@
+"""``seqrsm check``: everything that can be known before the first run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from seqrsm.arrays import FloatArray
+from seqrsm.campaign.analyse import stop_rule
+from seqrsm.campaign.next_runs import start_size
+from seqrsm.campaign.simulation import carry_out, configuration, scattering_table, scene_at, task_of
+from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.campaign.store import STORE_NAME, Store
+from seqrsm.decide.stopping import target_problem
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import Problem, SpecError, UserError
+
+PROBES = 4
+"""Simulations at the centre of the region, for each level of the categorical factors, that measure noise and time; they
+belong to no run and are not kept."""
+
+REFUSAL_LEVEL = 0.99
+"""A target is refused only when noise this improbably small could not reach it either."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What `check_campaign` found; all is in order, else it would have raised.
+
+    Attributes
+    ----------
+    name : str
+    n_factors, n_terms, start_runs, min_runs, max_runs : int
+        Size of the model, of the start design, the fewest runs the stop rule asks for, and the budget.
+    seconds_per_run : float
+        Measured on this machine [s]; nan without a simulator.
+    noise : float
+        Standard deviation among the probes, score units; nan without a simulator.
+    noise_source : str
+        Where ``noise`` comes from.
+    cost : float
+        Of the whole budget, in the campaign's cost unit.
+    target_problem : str
+        Why the stop target may be out of reach; empty if it is not.
+    notes : tuple of str
+        What the simulation assumes.
+    """
+
+    name: str
+    n_factors: int
+    n_terms: int
+    start_runs: int
+    min_runs: int
+    max_runs: int
+    seconds_per_run: float
+    noise: float
+    noise_source: str
+    cost: float
+    target_problem: str
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as a JSON document."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def check_campaign(folder: Path) -> CheckResult:
+    """Validate a campaign and estimate what it will take; nothing is written.
+
+    Raises
+    ------
+    UserError
+        Everything that is wrong with the specification, or with the sensor at the corners of the region; or a stop
+        target that cannot be reached.
+    """
+    spec = load_spec(folder)
+    model = QuadraticModel(spec.factors, spec.model.order)
+    rule = stop_rule(spec)
+    noise, df, seconds, source = float("nan"), 0, float("nan"), "not known before the first repeats"
+    notes: tuple[str, ...] = ()
+    if spec.simulator is not None:
+        _check_scene(spec)
+        check_sensors(spec)
+        noise, df, seconds, notes = _probe(spec)
+        source = f"simulations at the centre, {df} degrees of freedom"
+    elif (spec.folder / STORE_NAME).exists() or spec.store_url:
+        noise, df, source = _noise_of_scores(spec)
+    unit = spec.applications[0].unit
+    problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
+    least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
+    hopeless = target_problem(rule, least, model.p, unit) if least > 0.0 else ""
+    result = CheckResult(
+        name=spec.name,
+        n_factors=spec.region.k,
+        n_terms=model.p,
+        start_runs=start_size(model, spec),
+        min_runs=rule.min_runs(model.p),
+        max_runs=rule.max_runs,
+        seconds_per_run=seconds,
+        noise=noise,
+        noise_source=source,
+        cost=rule.max_runs * (spec.cost.simulation if spec.simulator is not None else spec.cost.flight),
+        target_problem=problem,
+        notes=notes,
+    )
+    if hopeless:
+        remedy = "Widen [stop] half_width, raise max_runs, or choose another interval."
+        raise SpecError(Problem(problem or hopeless, remedy, file=str(spec.folder / SPEC_NAME), field="[stop]"))
+    return result
+
+
+def _check_scene(spec: CampaignSpec) -> None:
+    scene = scene_at(str(spec.scene_path))
+    if not bool(np.any(scene.scored)):
+        raise SpecError(
+            Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
+        )
+    settings = spec.region.decode(spec.region.centre())[0]
+    radar = configuration(task_of(spec, 0, settings))
+    for channel in radar.channels:
+        scattering_table().lookup(scene.categories, radar.frequency_ghz, channel, season=radar.season)
+
+
+def check_sensors(spec: CampaignSpec) -> None:
+    """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
+
+    Raises
+    ------
+    SpecError
+        The settings that cannot be flown, with the numbers.
+    """
+    scene = scene_at(str(spec.scene_path))
+    elevation = scene.elevation_m[np.isfinite(scene.elevation_m)]
+    points = _corners(spec)
+    problems: dict[str, Problem] = {}
+    for settings in spec.region.decode(points):
+        try:
+            radar = configuration(task_of(spec, 0, settings))
+            across = scene.elevation_m.shape[0 if radar.heading_deg in (90.0, 270.0) else 1]
+            radar.ground_ranges_m(across, scene.cell_m, float(elevation.mean()), float(elevation.max()))
+        except UserError as error:
+            shown = ", ".join(f"{name} = {_short(value)}" for name, value in settings.items())
+            for problem in error.problems:
+                problems.setdefault(
+                    str(problem),
+                    Problem(
+                        f"{problem} This happens at {shown}",
+                        "Narrow the factor, or add a [[constraint]].",
+                        file=str(spec.folder / SPEC_NAME),
+                    ),
+                )
+    if problems:
+        raise SpecError(*list(problems.values())[:10])
+
+
+def _corners(spec: CampaignSpec) -> FloatArray:
+    corners = spec.region.candidates(n_continuous_levels=3, limit=3000)
+    return corners[:3000]
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _probe(spec: CampaignSpec) -> tuple[float, int, float, tuple[str, ...]]:
+    """Noise, its degrees of freedom, and seconds of a simulated run, from runs that are not kept."""
+    from seqrsm.campaign.simulation import simulate_image
+
+    points = [_with_levels(spec, levels) for levels in spec.region.level_combinations()]
+    settings = [spec.region.decode(point)[0] for point in points if spec.region.feasible(point)[0]][:8]
+    # Ids far beyond any campaign's: their occasions are no run's.
+    tasks = [task_of(spec, 2**31 - 1 - i, setting) for i, setting in enumerate(np.repeat(np.array(settings), PROBES))]
+    image, _ = simulate_image(tasks[0])  # compiles the kernels, which is not to be timed
+    start = time.perf_counter()
+    results = [carry_out(task) for task in tasks]
+    seconds = (time.perf_counter() - start) / len(tasks)
+    failed = [result.failure for result in results if result.failure]
+    if failed:
+        raise SpecError(*(Problem(reason, file=str(spec.folder / SPEC_NAME)) for reason in dict.fromkeys(failed)))
+    scores = np.array([[score.score for score in result.scores] for result in results])
+    groups = scores.reshape(len(settings), PROBES, -1)
+    pooled = np.sqrt(np.mean(np.var(groups, axis=1, ddof=1), axis=0))
+    return float(np.max(pooled)), len(settings) * (PROBES - 1), seconds, image.notes
+
+
+def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:
+    point = spec.region.centre()
+    point[list(spec.region.categorical)] = levels
+    return point
+
+
+def _noise_of_scores(spec: CampaignSpec) -> tuple[float, int, str]:
+    """Residual standard deviation of the scores already there, and its degrees of freedom."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.errors import FitError
+
+    store = Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed)
+    try:
+        analyses: Sequence[Any] = Campaign(spec, store).analyse_all()
+    except FitError:
+        return float("nan"), 0, "too few scores"
+    worst = max(analyses, key=lambda analysis: float(analysis.fit.s))
+    return float(worst.fit.s), worst.fit.df_residual, f"residuals of {worst.fit.n_runs} scored runs"

@@ -1,0 +1,156 @@
+"""Everything in the store as CSV or JSON, for other programs and for keeps."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, astuple, fields
+from pathlib import Path
+
+from seqrsm import __version__
+from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RunRecord, ScoreRecord
+from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.campaign.store import Store
+from seqrsm.errors import Problem, StoreError
+
+FORMAT = "seqrsm-export-1"
+# A spreadsheet takes a cell that begins so for a formula and runs it.
+_FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
+def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ...]:
+    """Write the whole campaign to a file.
+
+    Parameters
+    ----------
+    store : Store
+        Open.
+    spec : CampaignSpec
+        Its factors give the columns of settings.
+    path : Path or str
+        ``NAME.json``: one document with runs, scores, looks, events and files. ``NAME.csv``: a row for each score (and
+        for each run without one); looks, events and files go to ``NAME.looks.csv`` and so on beside it.
+
+    Returns
+    -------
+    tuple of Path
+        The files written; each appears only when it is complete.
+
+    Raises
+    ------
+    StoreError
+        Another suffix, or a folder that cannot be written.
+    """
+    target = Path(path)
+    if target.suffix == ".json":
+        texts = {target: _json_text(store, spec)}
+    elif target.suffix == ".csv":
+        header, rows = _run_rows(store.runs(), spec.region.names)
+        texts = {target: _csv_text(header, rows)}
+        for kind, made, records in (
+            ("looks", LookRecord, store.looks()),
+            ("events", EventRecord, store.events()),
+            ("files", FileRecord, store.files()),
+        ):
+            names = [column.name for column in fields(made)]
+            texts[target.with_suffix(f".{kind}.csv")] = _csv_text(names, [astuple(record) for record in records])
+    else:
+        raise StoreError(Problem("unknown kind of export", "Name a .csv or .json file.", file=str(target)))
+    for file, text in texts.items():
+        _write(file, text)
+    return tuple(texts)
+
+
+def write_form(path: Path | str, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
+    """Write the form that a flight crew fills in and `seqrsm ingest` reads.
+
+    Parameters
+    ----------
+    path : Path or str
+        A CSV file.
+    spec : CampaignSpec
+        Its factors and applications.
+    runs : sequence of RunRecord
+        One row for each run and application: proposed settings, the cells for scores empty.
+
+    Raises
+    ------
+    StoreError
+        The file cannot be written.
+    """
+    several = len(spec.applications) > 1
+    units = {factor.name: getattr(factor, "unit", "") for factor in spec.factors}
+    names = [f"{name} [{unit}]" if unit else name for name, unit in units.items()]
+    header = ["run_id", *(["application"] if several else []), *names, "score", "se", "block", "date", "note"]
+    rows: list[list[object]] = []
+    for run in runs:
+        settings = [run.proposed[name] for name in units]
+        for application in spec.applications:
+            rows.append([run.run_id, *([application.name] if several else []), *settings, "", "", run.block, "", ""])
+    _write(Path(path), _csv_text(header, rows))
+
+
+def _json_text(store: Store, spec: CampaignSpec) -> str:
+    document = {
+        "format": FORMAT,
+        "version": __version__,
+        "campaign": store.info(),
+        "seed": spec.seed,
+        "spec_hash": spec.spec_hash,
+        "factors": [{"name": factor.name, "unit": getattr(factor, "unit", "")} for factor in spec.factors],
+        "runs": [asdict(run) for run in store.runs()],
+        "looks": [asdict(look) for look in store.looks()],
+        "events": [asdict(event) for event in store.events()],
+        "files": [asdict(file) for file in store.files()],
+    }
+    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[list[str], list[list[object]]]:
+    score_names = [column.name for column in fields(ScoreRecord) if column.name != "run_id"]
+    run_names = [
+        column.name for column in fields(RunRecord) if column.name not in ("run_id", "proposed", "executed", "scores")
+    ]
+    proposed_names = [f"proposed_{name}" for name in factor_names]
+    nothing: tuple[ScoreRecord | None, ...] = (None,)
+    rows: list[list[object]] = []
+    for run in runs:
+        for score in run.scores or nothing:
+            row: list[object] = [run.run_id, *(run.settings.get(name) for name in factor_names)]
+            row += [None if score is None else getattr(score, name) for name in score_names]
+            row += [run.proposed.get(name) for name in factor_names]
+            row += [getattr(run, name) for name in run_names]
+            rows.append(row)
+    return ["run_id", *factor_names, *score_names, *proposed_names, *run_names], rows
+
+
+def _csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream, lineterminator="\r\n")
+    writer.writerow([_cell(name) for name in header])
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    return stream.getvalue()
+
+
+def _cell(value: object) -> object:
+    """A cell that no spreadsheet runs: text that begins like a formula gets an apostrophe before it."""
+    if isinstance(value, (dict, list)):
+        value = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    if isinstance(value, str) and value.startswith(_FORMULA_SIGNS):
+        return f"'{value}"
+    # repr of a float reads back as the same number.
+    return repr(value) if isinstance(value, float) else value
+
+
+def _write(path: Path, text: str) -> None:
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_text(text, encoding="utf-8", newline="")
+        os.replace(part, path)
+    except OSError as error:
+        raise StoreError(
+            Problem(f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path))
+        ) from None

@@ -1,0 +1,42 @@
+"""The form that a flight crew fills in: issued runs with an empty score, ready for `seqrsm ingest`."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from seqrsm.campaign.records import RunRecord
+from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.design.factors import CategoricalFactor
+from seqrsm.errors import Problem, UserError
+
+
+def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
+    """Write one row for each run and application: settings with their units in the header, ``score`` left empty.
+
+    Raises
+    ------
+    UserError
+        The file exists, or cannot be written.
+    """
+    headers = [
+        factor.name if isinstance(factor, CategoricalFactor) or not factor.unit else f"{factor.name} [{factor.unit}]"
+        for factor in spec.factors
+    ]
+    several = len(spec.applications) > 1
+    try:
+        with path.open("x", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(["run_id", *(["application"] if several else []), *headers, "block", "score", "se", "note"])
+            for run in runs:
+                settings = [run.proposed[name] for name in spec.region.names]
+                for application in spec.applications:
+                    name = [application.name] if several else []
+                    writer.writerow([run.run_id, *name, *settings, run.block, "", "", run.why])
+    except FileExistsError:
+        raise UserError(Problem("the file exists already", "Name a new file.", file=str(path))) from None
+    except OSError as error:
+        raise UserError(
+            Problem(f"cannot write the file: {error.strerror}", "Name another file.", file=str(path))
+        ) from error

@@ -1,0 +1,349 @@
+"""The campaign itself: the only stateful object. simulate or ingest -> fit -> decide -> propose -> again.
+
+All state is in the store. Every step first looks at what is there, so a campaign that was killed at any moment goes on
+where it was, and ends with the same result as one that was not.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
+from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.next_runs import next_batch, start_batch
+from seqrsm.campaign.posterior import Sampler
+from seqrsm.campaign.records import NewRun, RunRecord
+from seqrsm.campaign.serialise import look_summary
+from seqrsm.campaign.simulation import SimulationResult, carry_out, task_of
+from seqrsm.campaign.spec import CampaignSpec, load_spec
+from seqrsm.campaign.store import Store
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.simulate.runner import run_many
+
+Progress = Callable[[int, int], None]
+WAITING = ("proposed", "issued", "running")
+MAX_ATTEMPTS = 3
+
+
+def _silent(*_: object) -> None:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a call of `Campaign.run` ended.
+
+    Attributes
+    ----------
+    held : bool
+        The stop rule holds; otherwise the budget is spent.
+    analyses : tuple of Analysis
+        One for each application.
+    seconds : dict
+        Time spent by stage in this call [s].
+    n_scored : int
+        Scored runs in all, confirmation runs included.
+    """
+
+    held: bool
+    analyses: tuple[Analysis, ...]
+    seconds: dict[str, float]
+    n_scored: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Outcome as a JSON document."""
+        from seqrsm.campaign.serialise import analysis_to_json
+
+        return {
+            "held": self.held,
+            "n_scored": self.n_scored,
+            "seconds": self.seconds,
+            "applications": [analysis_to_json(analysis) for analysis in self.analyses],
+        }
+
+
+@dataclass(slots=True)
+class _Clock:
+    """Seconds by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    _since: float = 0.0
+
+    def start(self) -> None:
+        self._since = time.perf_counter()
+
+    def stop(self, stage: str) -> None:
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - self._since
+
+
+class Campaign:
+    """A campaign folder, open.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    store : Store
+
+    Attributes
+    ----------
+    folder : Path
+        The campaign's folder.
+    """
+
+    def __init__(self, spec: CampaignSpec, store: Store) -> None:
+        self.spec = spec
+        self.store = store
+        self.folder = spec.folder
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Open the campaign in ``folder``, making its store at the first use.
+
+        Raises
+        ------
+        SpecError, StoreError
+        """
+        spec = load_spec(folder)
+        store = Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed)
+        return cls(spec, store)
+
+    # -- looking --------------------------------------------------------------------------------------------------
+
+    def analyse_all(self, application: str | None = None, *, sampler: Sampler = "exact") -> tuple[Analysis, ...]:
+        """Analysis of every application, or of the one named.
+
+        Raises
+        ------
+        FitError, ConvergenceError, SpecError
+        """
+        wanted = self.spec.applications if application is None else (self.spec.application(application),)
+        runs = self.store.runs()
+        return tuple(analyse(self.spec, app, runs, self.store.looks(app.name), sampler=sampler) for app in wanted)
+
+    def look(self) -> tuple[Analysis, ...]:
+        """Analyse what is there and record it once: a second look at the same runs is not a look."""
+        analyses = self.analyse_all()
+        for analysis in analyses:
+            last = self.store.looks(analysis.application)
+            if not last or last[-1].after_run != analysis.fit.n_runs:
+                self.store.record_look(analysis.fit.n_runs, analysis.application, look_summary(analysis))
+        return analyses
+
+    # -- proposing ------------------------------------------------------------------------------------------------
+
+    def propose(
+        self, n: int | None = None, *, source: str = "simulation", csv: Path | None = None
+    ) -> tuple[RunRecord, ...]:
+        """Issue the next runs; the first call issues the start design.
+
+        Parameters
+        ----------
+        n : int, optional
+            Runs wanted; the campaign's batch by default. The start design has its own size.
+        source : "simulation" or "flight"
+        csv : Path, optional
+            Form for a flight crew, one row a run, the score left empty.
+        """
+        if source not in ("simulation", "flight"):
+            raise UserError(Problem("no such source", 'Use "simulation" or "flight".', field="--source", value=source))
+        if csv is not None and csv.exists():
+            raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
+        runs = self._proposals(n or self.spec.batch, source)
+        ids = self.store.add_batch(runs, issue=True)
+        records = tuple(run for run in self.store.runs() if run.run_id in set(ids))
+        if csv is not None:
+            from seqrsm.campaign.form import write_form
+
+            write_form(csv, self.spec, records)
+        return records
+
+    def _proposals(self, n: int, source: str) -> list[NewRun]:
+        runs = self.store.runs()
+        active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
+        model = QuadraticModel(self.spec.factors, self.spec.model.order)
+        fitted = min(
+            len(scored_runs(self.spec.region, runs, application.name).scores) for application in self.spec.applications
+        )
+        if not active:
+            return start_batch(self.spec, model, source)
+        if fitted <= model.p:
+            waiting = [run for run in active if run.state in WAITING]
+            if len(active) <= model.p or not waiting:
+                return start_batch(self.spec, model, source, made=active)
+            raise StoreError(
+                Problem(
+                    f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting",
+                    "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
+                )
+            )
+        return next_batch(self.spec, model, self.analyse_all(), active, n, source)
+
+    # -- carrying out ---------------------------------------------------------------------------------------------
+
+    def simulate(
+        self, *, workers: int = 1, cluster: str | None = None, on_progress: Progress = _silent
+    ) -> tuple[RunRecord, ...]:
+        """Carry out every issued simulation run; each score is durable as soon as it is there.
+
+        Returns
+        -------
+        tuple of RunRecord
+            The runs carried out in this call, failed ones included.
+        """
+        self.store.release_stale()
+        proposed = [run.run_id for run in self.store.runs("proposed", source="simulation")]
+        if proposed:
+            self.store.issue(proposed)
+        waiting = self.store.runs("issued", source="simulation")
+        tasks = [task_of(self.spec, run.run_id, run.proposed) for run in waiting]
+        claimed = {run.run_id for run in self.store.claim([task.run_id for task in tasks])} if tasks else set()
+        tasks = [task for task in tasks if task.run_id in claimed]
+        unfinished = set(claimed)
+        try:
+            for _, result in run_many(carry_out, tasks, workers, on_progress):
+                self._keep(result)
+                unfinished.discard(result.run_id)
+        finally:
+            if unfinished:
+                self.store.issue(unfinished)
+        return tuple(run for run in self.store.runs() if run.run_id in claimed)
+
+    def _keep(self, result: SimulationResult) -> None:
+        if result.failure:
+            self.store.fail(result.run_id, result.failure)
+        else:
+            self.store.record_scores(result.run_id, result.scores)
+
+    def ingest(self, file: Path, *, dry_run: bool = False) -> Any:
+        """Take in a CSV of measured scores, all or nothing; see `seqrsm.campaign.ingest`."""
+        from seqrsm.campaign.ingest import ingest_file
+
+        return ingest_file(self.store, self.spec, file, dry_run=dry_run)
+
+    def void(self, run_id: int, why: str) -> None:
+        """Take a run out of the fit."""
+        self.store.void(run_id, why)
+
+    def export(self, file: Path) -> None:
+        """Write everything to ``file``, by its suffix .csv or .json."""
+        from seqrsm.campaign.export import export
+
+        export(self.store, self.spec, file)
+
+    # -- the closed loop ------------------------------------------------------------------------------------------
+
+    def run(
+        self,
+        *,
+        max_runs: int | None = None,
+        batch: int | None = None,
+        workers: int = 1,
+        cluster: str | None = None,
+        on_progress: Progress = _silent,
+        on_look: Callable[[Analysis], None] = _silent,
+        say: Callable[[str], None] = _silent,
+    ) -> Outcome:
+        """Simulate, fit, decide and propose until the stop rule holds or the budget is spent.
+
+        Parameters
+        ----------
+        max_runs, batch : int, optional
+            In place of the campaign's own.
+        workers, cluster
+            Where to simulate.
+        on_progress, on_look, say : callables
+            Told of every run (done, total), every look, and every step in words.
+
+        Raises
+        ------
+        UserError
+            Every run of a batch failed, and with what reason.
+        """
+        budget = max_runs or self.spec.stop.max_runs
+        clock = _Clock()
+        while True:
+            clock.start()
+            made = self.simulate(workers=workers, cluster=cluster, on_progress=on_progress)
+            clock.stop("simulate")
+            _refuse_hopeless(made)
+            if self._n_used() == 0:
+                say("searching the start design")
+                clock.start()
+                runs = self.propose()
+                clock.stop("propose")
+                say(f"start design of {len(runs)} runs")
+                continue
+            clock.start()
+            analyses = self.look()
+            clock.stop("fit")
+            for analysis in analyses:
+                on_look(analysis)
+            if all(analysis.decision.held for analysis in analyses):
+                return self._finish(True, clock, say)
+            if any(analysis.decision.wants_confirmation for analysis in analyses):
+                self._add_confirmation(analyses, say)
+                continue
+            left = budget - self._n_used()
+            if left <= 0:
+                return self._finish(False, clock, say)
+            clock.start()
+            self.propose(min(batch or self.spec.batch, left))
+            clock.stop("propose")
+
+    def _n_used(self) -> int:
+        """Runs that count against the budget."""
+        return sum(run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION for run in self.store.runs())
+
+    def _finish(self, held: bool, clock: _Clock, say: Callable[[str], None]) -> Outcome:
+        analyses = self.analyse_all()
+        if held and self.spec.simulator is not None and any(a.confirmation is None for a in analyses):
+            self._add_confirmation(analyses, say)
+            clock.start()
+            self.simulate()
+            clock.stop("simulate")
+        say("sampling the posterior")
+        clock.start()
+        analyses = self.analyse_all(sampler="emcee")
+        clock.stop("sample")
+        n_scored = len(self.store.runs("scored"))
+        kind = "stop" if held else "budget spent"
+        if not any(
+            event.kind == kind and event.detail.get("n_scored") == n_scored for event in self.store.events(kind=kind)
+        ):
+            self.store.add_event(kind, {"n_scored": n_scored})
+        return Outcome(held, analyses, clock.seconds, n_scored)
+
+    def _add_confirmation(self, analyses: Sequence[Analysis], say: Callable[[str], None]) -> None:
+        """Fresh runs at the recommended settings; several applications each get their own."""
+        m = self.spec.stop.confirmation_runs
+        say(f"{m} confirmation runs at the recommended settings")
+        runs = [
+            NewRun(
+                analysis.optimum.settings,
+                CONFIRMATION,
+                f"fresh run at the optimum of {analysis.application}",
+                cost=self.spec.cost.simulation,
+            )
+            for analysis in analyses
+            if analysis.confirmation is None
+            for _ in range(m)
+        ]
+        self.store.add_batch(runs, issue=True)
+
+    def rehearse(self, n_campaigns: int, *, on_progress: Progress = _silent) -> dict[str, Any]:
+        """Operating characteristics of the stop rule on truths drawn from the current posterior."""
+        from seqrsm.campaign.rehearsal import rehearse_campaign
+
+        return rehearse_campaign(self, n_campaigns, on_progress)
+
+
+def _refuse_hopeless(made: Sequence[RunRecord]) -> None:
+    """A batch without a single score would be proposed again for ever."""
+    if made and all(run.state == "failed" for run in made):
+        reasons = list(dict.fromkeys(run.reason for run in made))
+        raise UserError(*(Problem(f"every run of the batch failed: {reason}") for reason in reasons[:5]))

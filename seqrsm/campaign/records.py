@@ -1,0 +1,239 @@
+"""What the store gives and takes: frozen records without any data base in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+Settings: TypeAlias = dict[str, float | str]
+
+
+@dataclass(frozen=True, slots=True)
+class NewRun:
+    """A run to be proposed.
+
+    Attributes
+    ----------
+    settings : dict
+        Natural units, by factor name.
+    purpose, why : str
+        Short word ("start", "optimum", "repeat", ...) and a sentence.
+    source : {"simulation", "flight"}
+        Who is to carry it out.
+    cost : float
+        In the campaign's cost unit.
+    block : str
+        Block label, "" where there are no blocks.
+    """
+
+    settings: Mapping[str, float | str]
+    purpose: str = ""
+    why: str = ""
+    source: str = "simulation"
+    cost: float = 1.0
+    block: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NewScore:
+    """The score of one application in a run.
+
+    Attributes
+    ----------
+    application : str
+        Name in campaign.toml.
+    score : float
+        Finite, in score units.
+    se : float or None
+        Standard error, > 0, in score units.
+    n, correct : int or None
+        Binomial counts.
+    metadata : Mapping
+        Anything that JSON can hold; numpy values are converted, nan becomes null.
+    source_file, source_row : str, int or None
+        Where it was read; the row is the line of the file.
+    """
+
+    application: str
+    score: float
+    se: float | None = None
+    n: int | None = None
+    correct: int | None = None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    source_file: str = ""
+    source_row: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreRecord:
+    """A stored score; attributes as of `NewScore`, with the run and the time (UTC, ISO 8601)."""
+
+    run_id: int
+    application: str
+    score: float
+    se: float | None
+    n: int | None
+    correct: int | None
+    metadata: dict[str, Any]
+    source_file: str
+    source_row: int | None
+    scored_at: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """A stored run.
+
+    Attributes
+    ----------
+    run_id : int
+        From 1 in the order of proposal; never a hash of settings, so repeats are ordinary runs.
+    batch : int
+        From 1.
+    purpose, why, source, cost, block :
+        As of `NewRun`.
+    state : str
+        "proposed", "issued", "running", "scored", "failed" or "void".
+    proposed, executed : dict, dict or None
+        Settings asked for, and those really flown or simulated where they were recorded.
+    reason : str
+        Why it failed or was made void.
+    attempts : int
+        How often it was begun.
+    owner : str
+        "host:pid" of the process that runs it.
+    replaces : int or None
+        The void run whose place it takes.
+    proposed_at, issued_at, started_at, ended_at : str or None
+        UTC, ISO 8601.
+    scores : tuple of ScoreRecord
+        One for each application scored, in the order of scoring.
+    """
+
+    run_id: int
+    batch: int
+    purpose: str
+    why: str
+    source: str
+    state: str
+    proposed: Settings
+    executed: Settings | None
+    block: str
+    cost: float
+    reason: str
+    attempts: int
+    owner: str
+    replaces: int | None
+    proposed_at: str
+    issued_at: str | None
+    started_at: str | None
+    ended_at: str | None
+    scores: tuple[ScoreRecord, ...] = ()
+
+    @property
+    def settings(self) -> Settings:
+        """Executed settings where recorded, else the proposed ones."""
+        return self.proposed if self.executed is None else self.executed
+
+    def score_of(self, application: str) -> ScoreRecord | None:
+        """The score of an application, or None."""
+        return next((score for score in self.scores if score.application == application), None)
+
+
+@dataclass(frozen=True, slots=True)
+class LookRecord:
+    """What one look at the data found.
+
+    Attributes
+    ----------
+    look : int
+        From 1.
+    after_run : int
+        Number of scored runs that the look was based on.
+    application : str
+        Name in campaign.toml.
+    summary : dict
+        The analysis in short; plain JSON values, null for what was undefined.
+    looked_at : str
+        UTC, ISO 8601.
+    """
+
+    look: int
+    after_run: int
+    application: str
+    summary: dict[str, Any]
+    looked_at: str
+
+
+@dataclass(frozen=True, slots=True)
+class EventRecord:
+    """One change: number from 1, time (UTC, ISO 8601), program version, campaign seed, run, kind, and details."""
+
+    event: int
+    at: str
+    version: str
+    seed: int | None
+    run_id: int | None
+    kind: str
+    detail: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class FileRecord:
+    """A file of measured scores that was taken in: name, SHA-256 of its bytes, rows of scores, time."""
+
+    name: str
+    sha256: str
+    row_count: int
+    ingested_at: str
+
+
+@dataclass(frozen=True, slots=True)
+class IngestedRun:
+    """One run's measured scores on their way into the store.
+
+    Attributes
+    ----------
+    run_id : int or None
+        The proposal it carries out; None for a run nobody proposed.
+    settings : Mapping
+        Executed settings, natural units.
+    source : str
+        "flight" or "simulation"; "" keeps what was proposed (a new run is a flight).
+    block : str
+        Block label; "" keeps what was proposed.
+    cost : float
+        Cost of a new run.
+    scores : tuple of NewScore
+        Different applications, at least one.
+    """
+
+    run_id: int | None
+    settings: Mapping[str, float | str]
+    source: str
+    block: str
+    cost: float
+    scores: tuple[NewScore, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IngestOutcome:
+    """What became of the rows: ids of the runs.
+
+    Attributes
+    ----------
+    matched : tuple of int
+        Proposed or issued runs that now have scores.
+    created : tuple of int
+        New runs, replacements of void ones included.
+    replaced : tuple of (int, int)
+        Void run and the new run in its place.
+    unchanged : tuple of int
+        Runs that had exactly these scores already.
+    """
+
+    matched: tuple[int, ...] = ()
+    created: tuple[int, ...] = ()
+    replaced: tuple[tuple[int, int], ...] = ()
+    unchanged: tuple[int, ...] = ()

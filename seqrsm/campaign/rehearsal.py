@@ -1,0 +1,94 @@
+"""``seqrsm rehearse``: what the stop rule would do, on truths drawn from what is known now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seqrsm.campaign.analyse import stop_rule
+from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
+from seqrsm.campaign.posterior import draw_coefficients
+from seqrsm.decide.rehearsal import Rehearsal, rehearse
+from seqrsm.design.optimal import start_design
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.loop import Campaign
+
+
+def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[int, int], None]) -> dict[str, Any]:
+    """Rehearse the first application's campaign from the current posterior.
+
+    Returns
+    -------
+    dict
+        ``campaigns``; ``rows``: label and text; ``notes``; and the plain numbers under ``numbers``.
+
+    Raises
+    ------
+    FitError
+        Too few scores to know anything yet.
+    """
+    spec = campaign.spec
+    analysis = campaign.analyse_all(spec.applications[0].name)[0]
+    rule = stop_rule(spec)
+    beta, sigma, _ = draw_coefficients(spec, analysis.fit, sampler="exact", n_draws=2000)
+    start = start_design(analysis.model, spec.region, start_size(analysis.model, spec), CENTRE_REPEATS, spec.seed)
+    source_cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
+    result = rehearse(
+        analysis.model,
+        spec.region,
+        beta_draws=beta[:, : analysis.model.p],
+        sigma_draws=sigma,
+        rule=rule,
+        start_points=start,
+        batch_size=spec.batch,
+        n_campaigns=n_campaigns,
+        seed=spec.seed,
+        goal=analysis.goal,
+        cost_per_run=source_cost,
+        progress=progress,
+    )
+    return _summary(result, analysis.score_unit, rule.interval_name, spec.model.response)
+
+
+def _summary(result: Rehearsal, unit: str, interval_name: str, response: str) -> dict[str, Any]:
+    low, middle, high = (int(x) for x in np.quantile(result.runs, [0.1, 0.5, 0.9]))
+    numbers = {
+        "stopped": float(np.mean(result.stopped)),
+        "runs_p10": low,
+        "runs_median": middle,
+        "runs_p90": high,
+        "cost_median": float(np.median(result.cost)),
+        "coverage_rule": float(np.mean(result.covers_rule)),
+        "coverage_new_run": float(np.mean(result.covers_new_run)),
+        "coverage_mean": float(np.mean(result.covers_mean)),
+        "coverage_confirmation": float(np.mean(result.covers_confirmation)),
+        "regret_median": float(np.median(result.regret)),
+        "regret_p95": float(np.quantile(result.regret, 0.95)),
+    }
+
+    def share(name: str) -> str:
+        p = numbers[name]
+        return f"{100 * p:.1f} % ± {100 * np.sqrt(p * (1.0 - p) / result.n_campaigns):.1f}"
+
+    rows = [
+        ("campaigns that stop before the budget", share("stopped")),
+        ("runs needed, median (10 % to 90 %)", f"{middle} ({low} to {high})"),
+        ("cost, median", f"{numbers['cost_median']:g}"),
+        (f"coverage of the {interval_name}", share("coverage_rule")),
+        ("coverage of one new run at the optimum", share("coverage_new_run")),
+        ("coverage of the mean at the optimum", share("coverage_mean")),
+        ("coverage of the confirmation interval", share("coverage_confirmation")),
+        (
+            "utility lost, median (95 %)",
+            f"{numbers['regret_median']:.3g} ({numbers['regret_p95']:.3g}) {unit}".rstrip(),
+        ),
+    ]
+    notes = [
+        "Truths are quadratics drawn from the current posterior, errors are normal; ± is a Monte Carlo standard error."
+    ]
+    if response != "identity":
+        notes.append(f"Figures are on the scale of the fit ({response}).")
+    return {"campaigns": result.n_campaigns, "rows": rows, "notes": notes, "numbers": numbers}

@@ -1,0 +1,54 @@
+"""The scale on which the response surface is fitted, and the way back to score units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseScale:
+    """Identity, or the logit of percent scores with the weights that keep their scatter equal in percent.
+
+    Attributes
+    ----------
+    kind : "identity" or "logit"
+    values, weights : ndarray (n,)
+        The scores on the scale of the fit, and their relative weights.
+    variance_unit : float
+        Logit variance of weight 1 for a scatter of 1 percent; 1 for the identity.
+    """
+
+    kind: Literal["identity", "logit"]
+    values: FloatArray
+    weights: FloatArray
+    variance_unit: float
+
+    @classmethod
+    def of(cls, kind: Literal["identity", "logit"], scores: FloatArray) -> ResponseScale:
+        """Put scores (n,) on the scale.
+
+        Raises
+        ------
+        FitError
+            "logit" with scores outside 0 to 100.
+        """
+        if kind == "identity":
+            return cls(kind, scores, np.ones(len(scores)), 1.0)
+        logits = logit_scores(scores)
+        return cls(kind, logits.value, logits.weight, logits.variance_unit)
+
+    def to_score(self, values: FloatArray) -> FloatArray:
+        """Score units of values on the scale of the fit."""
+        return values if self.kind == "identity" else logit_to_percent(values)
+
+    def weight_at(self, values: FloatArray) -> FloatArray:
+        """Relative weight of a future run whose expected response is ``values``."""
+        if self.kind == "identity":
+            return np.ones(np.shape(values))
+        return self.variance_unit / logit_variance(logit_to_percent(values))

@@ -1,0 +1,116 @@
+"""Tables of the campaign's data base, the same for SQLite and PostgreSQL.
+
+Times are UTC in ISO 8601, as text: they sort, and both data bases keep every digit. A change of these tables needs a
+new file in ``migrations/versions`` and its name at the end of ``REVISIONS``; a test compares the two.
+"""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+#: Schema versions in order; the last one is what this program writes.
+REVISIONS = ("0001",)
+HEAD = REVISIONS[-1]
+
+#: States of a run, and the states that each may pass into.
+TRANSITIONS: dict[str, frozenset[str]] = {
+    "proposed": frozenset({"issued", "running", "scored", "void"}),
+    "issued": frozenset({"running", "scored", "failed", "void"}),
+    "running": frozenset({"issued", "scored", "failed", "void"}),
+    "scored": frozenset({"void"}),
+    "failed": frozenset({"issued", "running", "void"}),
+    "void": frozenset(),
+}
+STATES = tuple(TRANSITIONS)
+SOURCES = ("simulation", "flight")
+
+METADATA = sa.MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_name)s",
+        "ck": "ck_%(table_name)s_%(constraint_name)s",
+    }
+)
+
+# key -> value: "campaign", "created_at", "created_version". The row "campaign" is also the lock that writers take.
+META = sa.Table(
+    "meta",
+    METADATA,
+    sa.Column("key", sa.String(64), primary_key=True),
+    sa.Column("value", sa.Text, nullable=False),
+)
+
+RUNS = sa.Table(
+    "runs",
+    METADATA,
+    sa.Column("id", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("batch", sa.Integer, nullable=False),
+    sa.Column("purpose", sa.String(64), nullable=False),
+    sa.Column("why", sa.Text, nullable=False),
+    sa.Column("source", sa.String(16), nullable=False),
+    sa.Column("state", sa.String(16), nullable=False, index=True),
+    sa.Column("proposed", sa.JSON, nullable=False),
+    sa.Column("executed", sa.JSON(none_as_null=True)),
+    sa.Column("block", sa.Text, nullable=False),
+    sa.Column("cost", sa.Double, nullable=False),
+    sa.Column("reason", sa.Text, nullable=False),
+    sa.Column("attempts", sa.Integer, nullable=False),
+    sa.Column("owner", sa.Text, nullable=False),
+    sa.Column("replaces", sa.Integer, sa.ForeignKey("runs.id")),
+    sa.Column("proposed_at", sa.String(32), nullable=False),
+    sa.Column("issued_at", sa.String(32)),
+    sa.Column("started_at", sa.String(32)),
+    sa.Column("ended_at", sa.String(32)),
+    sa.CheckConstraint("id >= 1", name="id"),
+)
+
+SCORES = sa.Table(
+    "scores",
+    METADATA,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id"), nullable=False),
+    sa.Column("application", sa.String(128), nullable=False),
+    sa.Column("score", sa.Double, nullable=False),
+    sa.Column("se", sa.Double),
+    sa.Column("n", sa.Integer),
+    sa.Column("correct", sa.Integer),
+    sa.Column("metadata", sa.JSON, nullable=False),
+    sa.Column("source_file", sa.Text, nullable=False),
+    sa.Column("source_row", sa.Integer),
+    sa.Column("scored_at", sa.String(32), nullable=False),
+    sa.UniqueConstraint("run_id", "application"),
+)
+
+LOOKS = sa.Table(
+    "looks",
+    METADATA,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("after_run", sa.Integer, nullable=False),
+    sa.Column("application", sa.String(128), nullable=False),
+    sa.Column("summary", sa.JSON, nullable=False),
+    sa.Column("looked_at", sa.String(32), nullable=False),
+)
+
+EVENTS = sa.Table(
+    "events",
+    METADATA,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("at", sa.String(32), nullable=False),
+    sa.Column("version", sa.String(32), nullable=False),
+    sa.Column("seed", sa.BigInteger),
+    sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id")),
+    sa.Column("kind", sa.String(64), nullable=False),
+    sa.Column("detail", sa.JSON, nullable=False),
+)
+
+FILES = sa.Table(
+    "files",
+    METADATA,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("name", sa.Text, nullable=False),
+    sa.Column("sha256", sa.String(64), nullable=False, unique=True),
+    sa.Column("row_count", sa.Integer, nullable=False),
+    sa.Column("ingested_at", sa.String(32), nullable=False),
+)

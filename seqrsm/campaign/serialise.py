@@ -1,0 +1,263 @@
+"""``fit --json``: an analysis as the document that users script against."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from seqrsm.campaign.analysis import Analysis, Interval
+from seqrsm.design.factors import CategoricalFactor
+from seqrsm.fit.anova import LackOfFit
+
+
+def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
+    """The whole analysis; undefined numbers are nan (null once written)."""
+    fit = analysis.fit
+    return {
+        "application": analysis.application,
+        "goal": analysis.goal,
+        "response": analysis.response,
+        "score_unit": analysis.score_unit,
+        "n_runs": fit.n_runs,
+        "n_terms": fit.n_terms,
+        "df_residual": fit.df_residual,
+        "s": fit.s,
+        "r2": fit.r2,
+        "r2_adjusted": fit.r2_adjusted,
+        "r2_predicted": fit.r2_predicted,
+        "press": fit.press,
+        "terms": _terms(analysis),
+        "anova": [
+            {"source": row.source, "df": row.df, "ss": row.ss, "ms": row.ms, "f": row.f, "p": row.p}
+            for row in analysis.anova
+        ],
+        "lack_of_fit": _lack_of_fit(analysis.lack_of_fit),
+        "factors_importance": [
+            {"factor": row.factor, "df": row.df, "f": row.f, "p": row.p} for row in analysis.importance
+        ],
+        "stationary_point": _stationary(analysis),
+        "optimum": optimum_to_json(analysis),
+        "posterior": _posterior(analysis),
+        "diagnostics": _diagnostics(analysis),
+        "confirmation": _confirmation(analysis),
+        "stop": {
+            "held": analysis.decision.held,
+            "reasons": list(analysis.decision.reasons),
+            "checks": [
+                {"name": check.name, "holds": check.holds, "text": check.text} for check in analysis.decision.checks
+            ],
+            "half_width": analysis.decision.half_width,
+            "noise_floor": analysis.decision.noise_floor,
+            "attainable_half_width": analysis.decision.attainable_half_width,
+            "runs_needed": analysis.decision.runs_needed,
+        },
+        "warnings": list(analysis.warnings),
+    }
+
+
+def interval_to_json(interval: Interval) -> dict[str, float]:
+    """Ends and half-width."""
+    return {"low": interval.low, "high": interval.high, "half_width": interval.half_width}
+
+
+def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
+    """Settings of the optimum and the intervals there."""
+    best = analysis.optimum
+    return {
+        "settings": best.settings,
+        "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
+        "at_bound": list(best.at_bound),
+        "mean": best.mean,
+        "confidence": interval_to_json(best.confidence),
+        "prediction": interval_to_json(best.prediction),
+        "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
+        "level": best.level,
+    }
+
+
+def look_summary(analysis: Analysis) -> dict[str, Any]:
+    """What the store keeps of a look: enough for the history of the interval and the rule of two looks."""
+    decision = analysis.decision
+    return {
+        "n_runs": analysis.fit.n_runs,
+        "s": analysis.fit.s,
+        "optimum": optimum_to_json(analysis),
+        "half_width": decision.half_width,
+        "noise_floor": decision.noise_floor,
+        "target": None,
+        "conditions_hold": decision.conditions_hold,
+        "held": decision.held,
+        "reasons": list(decision.reasons),
+    }
+
+
+def _terms(analysis: Analysis) -> list[dict[str, Any]]:
+    fit = analysis.fit
+    interval = fit.interval(analysis.optimum.level)
+    natural = natural_coefficients(analysis)
+    return [
+        {
+            "name": name,
+            "coded": {
+                "estimate": fit.estimate[i],
+                "se": fit.se[i],
+                "t": fit.t[i],
+                "p": fit.p_value[i],
+                "low": interval.low[i],
+                "high": interval.high[i],
+            },
+            "natural": natural[i],
+        }
+        for i, name in enumerate(fit.names)
+    ]
+
+
+def natural_coefficients(analysis: Analysis) -> list[float]:
+    """Coefficients of the same polynomial in natural units, log10 of them for a factor on a log scale; nan for blocks.
+
+    Each numeric factor's coded value is ``(x - centre) / half_range``, with ``x`` natural or its log10, so the
+    polynomial in ``x`` follows by evaluating the model: it is found by solving for the coefficients that reproduce the
+    fitted surface on the model's own points.
+    """
+    model, fit = analysis.model, analysis.fit
+    transform = np.eye(model.p)
+    columns = {term.name: i for i, term in enumerate(model.terms)}
+    centre, slope = _axis(analysis)
+    for t, term in enumerate(model.terms):
+        transform[:, t] = 0.0
+        for subset, weight in _expand(term.name, centre, slope):
+            transform[columns[subset], t] += weight
+    values = transform @ fit.estimate[: model.p]
+    return [*values.tolist(), *([float("nan")] * (fit.n_terms - model.p))]
+
+
+def _axis(analysis: Analysis) -> tuple[dict[str, float], dict[str, float]]:
+    """Coded = centre + slope * x, with x natural or log10 of it."""
+    centre, slope = {}, {}
+    for j in analysis.region.numeric:
+        factor = analysis.region.factors[j]
+        assert not isinstance(factor, CategoricalFactor)
+        low, high = factor.decode(np.array([-1.0, 1.0]))
+        if factor.scale == "log":
+            low, high = np.log10(low), np.log10(high)
+        slope[factor.name] = 2.0 / (high - low)
+        centre[factor.name] = -(high + low) / (high - low)
+    return centre, slope
+
+
+def _expand(name: str, centre: dict[str, float], slope: dict[str, float]) -> list[tuple[str, float]]:
+    """Terms in natural units, with weights, of one coded term."""
+    if name == "intercept":
+        return [("intercept", 1.0)]
+    if name.endswith("^2"):
+        base = name[:-2]
+        a, b = centre[base], slope[base]
+        return [("intercept", a * a), (base, 2.0 * a * b), (name, b * b)]
+    factors = name.split(":")
+    found = [("", 1.0)]
+    for factor in factors:
+        if factor in slope:
+            found = [
+                (text, weight)
+                for before, scale in found
+                for text, weight in (
+                    (before, scale * centre[factor]),
+                    (f"{before}:{factor}".strip(":"), scale * slope[factor]),
+                )
+            ]
+        else:
+            found = [(f"{before}:{factor}".strip(":"), scale) for before, scale in found]
+    return [(text or "intercept", weight) for text, weight in found]
+
+
+def _lack_of_fit(lack: LackOfFit | str) -> dict[str, Any]:
+    if isinstance(lack, str):
+        return {"reason": lack}
+    return {"df": lack.df_lof, "df_pure_error": lack.df_pe, "ss": lack.ss_lof, "f": lack.f, "p": lack.p}
+
+
+def _stationary(analysis: Analysis) -> dict[str, Any] | None:
+    point = analysis.stationary
+    if point is None:
+        return None
+    numeric = [analysis.region.names[j] for j in analysis.region.numeric]
+    finite = bool(np.all(np.isfinite(point.point)))
+    return {
+        "natural": analysis.region.decode(point.point)[0] if finite else None,
+        "coded": dict(zip(analysis.region.names, point.point.tolist(), strict=True)),
+        "value": point.value,
+        "kind": point.kind,
+        "factors": numeric,
+        "eigenvalues": point.eigenvalues,
+        "eigenvectors": point.eigenvectors,
+        "inside_region": point.inside_region,
+        "warning": point.warning,
+    }
+
+
+def _posterior(analysis: Analysis) -> dict[str, Any]:
+    posterior = analysis.posterior
+    tail = 0.5 * (1.0 - analysis.optimum.level)
+    low, high = np.quantile(posterior.term_draws, [tail, 1.0 - tail], axis=0)
+    return {
+        "sampler": posterior.sampler,
+        "terms": [
+            {
+                "name": term.name,
+                "mean": float(np.mean(posterior.term_draws[:, i])),
+                "sd": float(np.std(posterior.term_draws[:, i], ddof=1)),
+                "low": low[i],
+                "high": high[i],
+            }
+            for i, term in enumerate(analysis.model.terms)
+        ],
+        "optimum": {
+            "settings": {
+                row.factor: {"probabilities": row.probabilities}
+                if row.probabilities
+                else {"mean": row.mean, "low": row.low, "high": row.high, "p_at_bound": row.p_at_bound}
+                for row in posterior.settings
+            },
+            "mean": posterior.mean,
+            "credible": interval_to_json(posterior.credible),
+            "predictive": interval_to_json(posterior.predictive),
+            "expected_regret": posterior.expected_regret,
+            "p_regret_above": posterior.p_regret_above,
+            "regret_epsilon": posterior.regret_epsilon,
+        },
+    }
+
+
+def _diagnostics(analysis: Analysis) -> dict[str, Any]:
+    fit = analysis.fit
+    return {
+        "condition_number": fit.condition_number,
+        "rank": fit.rank,
+        "vif": dict(zip(fit.names, fit.vif().tolist(), strict=True)),
+        "runs": [
+            {
+                "run_id": int(analysis.data.run_ids[i]),
+                "score": float(analysis.data.scores[i]),
+                "residual": fit.residuals[i],
+                "leverage": fit.leverage[i],
+                "studentised": fit.studentised[i],
+                "cooks_distance": fit.cooks_distance[i],
+            }
+            for i in range(fit.n_runs)
+        ],
+    }
+
+
+def _confirmation(analysis: Analysis) -> dict[str, Any] | None:
+    fresh = analysis.confirmation
+    if fresh is None:
+        return None
+    return {
+        "run_ids": list(fresh.run_ids),
+        "scores": list(fresh.scores),
+        "mean": fresh.mean,
+        "interval": interval_to_json(fresh.interval),
+        "agrees": fresh.agrees,
+        "text": fresh.text,
+    }

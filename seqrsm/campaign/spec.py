@@ -1,0 +1,432 @@
+"""``campaign.toml``: what a campaign is to find out, over which settings, at what cost, and when it ends.
+
+The tables and keys of the file; keys without a default must be given, and keys that are not listed are errors.
+
+``[campaign]``
+    ``name``; ``description`` (""); ``seed`` (0): an integer >= 0 from which all randomness follows; ``batch`` (4): runs
+    proposed at a time.
+``[[factor]]``, one or more
+    ``name``; ``unit`` (""; of a sensor parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and
+    ``high``, or ``values`` (two or more numbers), or ``levels`` (two or more names).
+``[[constraint]]``
+    ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
+``[[application]]``, one or more
+    ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
+    "package.module:function"; ``goal`` ("maximize" or "minimize"); ``weight`` (1).
+``[model]``
+    ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal" or "student_t"); ``block``: the
+    column of measured scores that tells the block, no blocks by default; ``prior``: ``{ coefficient_sd, noise_sd,
+    noise_runs }``, flat by default, see `PriorSpec`.
+``[simulator]``, absent in a campaign fed by measured scores only
+    ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign's folder; ``tolerance`` (0.5): accepted
+    error of a simulated score, in score units; ``fixed``: every sensor parameter that is no factor.
+``[cost]``
+    ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
+``[stop]``
+    ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
+    ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
+    ``guard`` ("runs": n >= 3 p and two looks; "confirmation": fresh runs decide; "anytime": an interval that holds at
+    every look); ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05).
+``[store]``
+    ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
+
+from seqrsm.campaign import spec_checks
+from seqrsm.campaign.spec_checks import Reporter
+from seqrsm.campaign.toml_lines import key_lines
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import Factor
+from seqrsm.design.region import Region
+from seqrsm.errors import Problem, SpecError
+
+SPEC_NAME = "campaign.toml"
+MAX_BYTES = 1_000_000
+UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
+
+
+def _is_name(text: str) -> str:
+    if not re.fullmatch(r"\w(?:[\w .+-]{0,78}[\w.+-])?", text):
+        raise PydanticCustomError("name", "a name has 1 to 80 letters, digits and . + - _ or inner blanks")
+    return text
+
+
+def _is_utility(text: str) -> str:
+    if text not in UTILITIES and not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", text):
+        raise PydanticCustomError("utility", 'a utility is {known} or "package.module:function"', {"known": _UTILITIES})
+    return text
+
+
+def _is_url(text: str) -> str:
+    if not text.startswith(("postgresql+psycopg://", "sqlite:///")):
+        raise PydanticCustomError("url", 'an address begins with "postgresql+psycopg://" or "sqlite:///"')
+    return text
+
+
+_UTILITIES = ", ".join(UTILITIES)
+Name = Annotated[str, AfterValidator(_is_name)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+class _CampaignTable(_Table):
+    name: Name
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    batch: Annotated[int, Field(ge=1, le=1000)] = 4
+
+
+class _FactorTable(_Table):
+    name: str
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+    low: Number | None = None
+    high: Number | None = None
+    values: list[Number] | None = None
+    levels: list[str] | None = None
+
+
+class _ConstraintTable(_Table):
+    expr: str
+
+
+class ApplicationSpec(_Table):
+    """An application: what the scores measure, and whether large or small ones are good.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the campaign.
+    utility : str
+        One of `UTILITIES` or "package.module:function".
+    goal : {"maximize", "minimize"}
+    weight : float
+        Its share in a compromise, > 0, relative to the other applications.
+    """
+
+    name: Name
+    utility: Annotated[str, AfterValidator(_is_utility)]
+    goal: Literal["maximize", "minimize"] = "maximize"
+    weight: PositiveNumber = 1.0
+
+    @property
+    def is_percent(self) -> bool:
+        """Whether scores are percentages from 0 to 100."""
+        return self.utility == "percent_correct"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the scores, "" where the utility tells none."""
+        return "percent" if self.is_percent else ""
+
+
+class PriorSpec(_Table):
+    """Normal-inverse-gamma prior of the coefficients and the noise.
+
+    Attributes
+    ----------
+    coefficient_sd : float
+        Standard deviation of every coded coefficient but the intercept, in score units (of the logit, if fitted).
+    noise_sd : float
+        Prior guess of the noise standard deviation, in the same units.
+    noise_runs : float
+        How many runs that guess is worth.
+    """
+
+    coefficient_sd: PositiveNumber
+    noise_sd: PositiveNumber
+    noise_runs: PositiveNumber
+
+
+class ModelSpec(_Table):
+    """The response surface: polynomial order, scale of the response, errors, block column, prior (None is flat)."""
+
+    order: Literal[1, 2] = 2
+    response: Literal["identity", "logit"] = "identity"
+    errors: Literal["normal", "student_t"] = "normal"
+    block: str | None = None
+    prior: PriorSpec | None = None
+
+
+class SimulatorSpec(_Table):
+    """The engine, its scene file (relative to the campaign's folder), tolerance in score units, fixed parameters."""
+
+    engine: Literal["psm", "prm"]
+    scene: Annotated[str, Field(min_length=1)]
+    tolerance: PositiveNumber = 0.5
+    fixed: dict[str, Number | str] = Field(default_factory=dict)
+
+
+class CostSpec(_Table):
+    """Cost of one run from each source, in one unit of the user's choice."""
+
+    simulation: PositiveNumber = 1.0
+    flight: PositiveNumber = 1.0
+
+
+class StopSpec(_Table):
+    """When the campaign ends; see the module for the meaning of each key."""
+
+    half_width: PositiveNumber
+    interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
+    replicates: Annotated[int, Field(ge=1)] = 5
+    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    max_runs: Annotated[int, Field(ge=1)] = 80
+    guard: Literal["runs", "confirmation", "anytime"] = "runs"
+    confirmation_runs: Annotated[int, Field(ge=2)] = 5
+    lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+
+
+class _StoreTable(_Table):
+    url: Annotated[str, AfterValidator(_is_url)] | None = None
+
+
+_SINGLE: Mapping[str, type[_Table]] = {
+    "campaign": _CampaignTable,
+    "model": ModelSpec,
+    "simulator": SimulatorSpec,
+    "cost": CostSpec,
+    "stop": StopSpec,
+    "store": _StoreTable,
+}
+_REPEATED: Mapping[str, type[_Table]] = {
+    "factor": _FactorTable,
+    "constraint": _ConstraintTable,
+    "application": ApplicationSpec,
+}
+_REQUIRED = ("campaign", "factor", "application", "stop")
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignSpec:
+    """A valid ``campaign.toml``.
+
+    Attributes
+    ----------
+    folder : Path
+        The campaign's folder.
+    name, description, seed, batch :
+        Of ``[campaign]``.
+    region : Region
+        Factors and constraints.
+    applications : tuple of ApplicationSpec
+        In the order of the file.
+    model, simulator, cost, stop :
+        The tables of these names; ``simulator`` is None in a campaign fed by measured scores only.
+    store_url : str or None
+        ``[store] url``.
+    spec_hash : str
+        SHA-256 of the content: comments, layout, and ``[store]`` do not count, defaults written out do not either.
+    """
+
+    folder: FilePath
+    name: str
+    description: str
+    seed: int
+    batch: int
+    region: Region
+    applications: tuple[ApplicationSpec, ...]
+    model: ModelSpec
+    simulator: SimulatorSpec | None
+    cost: CostSpec
+    stop: StopSpec
+    store_url: str | None
+    spec_hash: str
+
+    def to_region(self) -> Region:
+        """Region of the allowed settings."""
+        return self.region
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """Factors in the order of the file."""
+        return self.region.factors
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Constraints in the order of the file."""
+        return self.region.constraints
+
+    @property
+    def scene_path(self) -> FilePath | None:
+        """The scene file, or None without a simulator."""
+        return None if self.simulator is None else self.folder / self.simulator.scene
+
+    def application(self, name: str) -> ApplicationSpec:
+        """The application of this name; SpecError when there is none."""
+        for application in self.applications:
+            if application.name == name:
+                return application
+        known = ", ".join(application.name for application in self.applications)
+        raise SpecError(Problem("no such application", f"Applications: {known}.", field="application", value=name))
+
+
+def load_spec(location: FilePath | str) -> CampaignSpec:
+    """Read and check a campaign's specification.
+
+    Parameters
+    ----------
+    location : Path or str
+        The campaign's folder, or its ``campaign.toml``.
+
+    Raises
+    ------
+    SpecError
+        With everything that is wrong, each with file, line, key, value and remedy.
+    """
+    place = FilePath(location)
+    path = place / SPEC_NAME if place.is_dir() else place
+    text = _read_text(path)
+    raw = _parse(path, text)
+    report = Reporter(str(path), key_lines(text))
+    spec = _build(path.absolute().parent, raw, report)
+    if report.problems or spec is None:
+        raise SpecError(*sorted(report.problems, key=lambda problem: problem.line or 0))
+    return spec
+
+
+def _read_text(path: FilePath) -> str:
+    if not path.is_file():
+        raise SpecError(
+            Problem("there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path))
+        )
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SpecError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
+    if len(data) > MAX_BYTES:
+        raise SpecError(Problem(f"the file is larger than {MAX_BYTES} bytes", "Is it the right one?", file=str(path)))
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise SpecError(
+            Problem("the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line)
+        ) from None
+
+
+def _parse(path: FilePath, text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        match = re.search(r"\(at line (\d+), column \d+\)", str(error))
+        line = int(match[1]) if match else text.count("\n") + 1
+        message = re.sub(r"\s*\(at .*\)$", "", str(error))
+        remedy = "Text stands in quotes, lists in [ ], and each key once in its table; see https://toml.io."
+        raise SpecError(Problem(f"this is not valid TOML: {message}", remedy, file=str(path), line=line)) from None
+
+
+_T = TypeVar("_T", bound=_Table)
+
+
+def _validated(model: type[_T], raw: object, path: tuple[str | int, ...], report: Reporter) -> _T | None:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            report.invalid(path, detail, model.model_fields)
+        return None
+
+
+def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """Every table that is right in itself; the others are reported."""
+    known = (*_SINGLE, *_REPEATED)
+    for key in raw:
+        if key not in known:
+            report.unknown_key((key,), known)
+    for key in _REQUIRED:
+        if key not in raw:
+            report.missing_table(key, repeated=key in _REPEATED)
+    single = {}
+    for key, model in _SINGLE.items():
+        optional = key not in _REQUIRED and key != "simulator"
+        if key in raw or optional:
+            single[key] = _validated(model, raw.get(key, {}), (key,), report)
+    repeated: dict[str, list[Any]] = {}
+    for key, model in _REPEATED.items():
+        tables = raw.get(key, [])
+        if tables == [] and key in raw:
+            report.add((key,), f"the list of [[{key}]] is empty", f"Add a table [[{key}]].")
+        if not isinstance(tables, list):
+            report.add((key,), f"[{key}] must be written with double brackets", f"Write [[{key}]].")
+            tables = []
+        for i, table in enumerate(tables):
+            if isinstance(table, dict) and isinstance(table.get("name"), str):
+                report.names[key, i] = table["name"]
+        repeated[key] = [_validated(model, table, (key, i), report) for i, table in enumerate(tables)]
+    return single, repeated
+
+
+def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> CampaignSpec | None:
+    single, repeated = _tables(raw, report)
+    simulator: SimulatorSpec | None = single.get("simulator")
+    applications = repeated["application"]
+    tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
+    factors = spec_checks.factors(tables, _as_list(raw.get("factor")), _engine_name(raw), report)
+    constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
+    for kind in ("factor", "application"):
+        spec_checks.different_names(kind, report)
+    if isinstance(raw.get("simulator"), dict):
+        factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
+        spec_checks.simulator(folder, raw["simulator"], factor_names, report)
+    region = spec_checks.region(factors, constraints, report) if factors else None
+    if report.problems or region is None:
+        return None
+    campaign, model, cost, stop = (single[key] for key in ("campaign", "model", "cost", "stop"))
+    content: dict[str, object] = {
+        "campaign": campaign.model_dump(),
+        "factors": [repr(factor) for factor in region.factors],
+        "constraints": [constraint.expr for constraint in region.constraints],
+        "applications": [application.model_dump() for application in applications],
+        "model": model.model_dump(),
+        "simulator": None if simulator is None else simulator.model_dump(),
+        "cost": cost.model_dump(),
+        "stop": stop.model_dump(),
+    }
+    return CampaignSpec(
+        folder=folder,
+        name=campaign.name,
+        description=campaign.description,
+        seed=campaign.seed,
+        batch=campaign.batch,
+        region=region,
+        applications=_all_present(applications),
+        model=model,
+        simulator=simulator,
+        cost=cost,
+        stop=stop,
+        store_url=single["store"].url,
+        spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
+    )
+
+
+def _as_list(value: object) -> list[object]:
+    return value if isinstance(value, list) else []
+
+
+def _engine_name(raw: Mapping[str, Any]) -> str | None:
+    """Engine as written, so that factors are checked even where another key of [simulator] is wrong."""
+    table = raw.get("simulator")
+    engine = table.get("engine") if isinstance(table, dict) else None
+    return engine if isinstance(engine, str) else None
+
+
+def _all_present(applications: Sequence[ApplicationSpec | None]) -> tuple[ApplicationSpec, ...]:
+    return tuple(application for application in applications if application is not None)

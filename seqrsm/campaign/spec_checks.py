@@ -1,0 +1,281 @@
+"""What must hold in ``campaign.toml`` beyond the type of each key, and how a fault is told to the user."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path as FilePath
+from typing import Any
+
+from seqrsm.campaign.toml_lines import Path, line_of
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
+from seqrsm.design.region import Region
+from seqrsm.errors import Problem, RegionError
+from seqrsm.units import PARAMETER_UNITS
+
+RADAR = ("frequency", "polarization", "resolution", "looks", "bandwidth", "peak_power", "depression_angle")
+RADIOMETER = (
+    "frequency",
+    "polarization",
+    "resolution",
+    "integration_time",
+    "bandwidth",
+    "noise_temperature",
+    "scan_period",
+)
+#: Per engine: the sensor parameters (RSL TR 380-1 Table 1) and the channels a polarization may name.
+ENGINES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "psm": (RADAR, ("HH", "HV", "VV")),
+    "prm": (RADIOMETER, ("H", "V")),
+}
+#: Columns of a scores file, which no factor may be named after.
+RESERVED = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
+
+
+class Reporter:
+    """Collects problems with their lines.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file.
+    lines : dict
+        From `seqrsm.campaign.toml_lines.key_lines`.
+    """
+
+    def __init__(self, file: str, lines: dict[Path, int]) -> None:
+        self.file = file
+        self.lines = lines
+        self.problems: list[Problem] = []
+        self.names: dict[Path, str] = {}
+
+    def add(self, path: Path, message: str, remedy: str = "", value: object | None = None) -> None:
+        """Note a problem of the key or table at ``path``."""
+        line = line_of(self.lines, path)
+        self.problems.append(Problem(message, remedy, self.file, line, self.words(path), value))
+
+    def words(self, path: Path) -> str:
+        """The place in the user's words, such as ``factor 'frequency': low`` or ``[stop] level``."""
+        if len(path) == 1 or not isinstance(path[1], int):
+            head, rest = f"[{path[0]}]", path[1:]
+        else:
+            name = self.names.get(path[:2])
+            head = f"{path[0]} no. {path[1] + 1}" if name is None else f"{path[0]} '{name}'"
+            head, rest = (head + ":" if path[2:] else head), path[2:]
+        tail = ""
+        for part in rest:
+            tail += f" no. {part + 1}" if isinstance(part, int) else (f".{part}" if tail else f"{part}")
+        return f"{head} {tail}".strip()
+
+    def unknown_key(self, path: Path, known: Iterable[str]) -> None:
+        """Note a key that is not one of ``known``, with the nearest of them."""
+        names = list(known)
+        near = difflib.get_close_matches(str(path[-1]), names, n=1)
+        others = f"Known here: {', '.join(names)}." if names else "Remove it."
+        remedy = f"Did you mean '{near[0]}'?" if near else others
+        self.add(path, f"'{path[-1]}' is not a known key", remedy)
+
+    def missing_table(self, key: str, *, repeated: bool) -> None:
+        """Note that a whole table is absent."""
+        header = f"[[{key}]]" if repeated else f"[{key}]"
+        self.problems.append(Problem(f"the file has no {header}", f"Add a table {header}.", self.file, 1, f"[{key}]"))
+
+    def invalid(self, path: Path, detail: Mapping[str, Any], fields: Mapping[str, Any]) -> None:
+        """Note one error of pydantic's list."""
+        # pydantic adds the branch of a union ("str", "float") to the place; it is no key of the file.
+        location = path
+        for part in detail["loc"]:
+            if (*location, part) in self.lines or detail["type"] in ("missing", "extra_forbidden"):
+                location = (*location, part)
+        kind, value = detail["type"], detail["input"]
+        if any(p.line == line_of(self.lines, location) and p.field == self.words(location) for p in self.problems):
+            return
+        if kind == "extra_forbidden":
+            self.unknown_key(location, [] if len(detail["loc"]) > 1 else fields)
+        elif kind == "missing":
+            self.add(location, "the key is missing", f"Add: {detail['loc'][-1]} = ...")
+        elif kind in ("model_type", "dict_type"):
+            self.add(location, "a table is expected here", f"Write it as a table: [{path[0]}].", value)
+        elif kind in _WRONG_TYPE:
+            self.add(location, f"{_WRONG_TYPE[kind]} is expected here", _retype(kind, value), value)
+        else:
+            message = detail["msg"].removeprefix("Input ").replace("should", "must", 1)
+            options = re.findall(r"'([^']*)'", message) if kind == "literal_error" else []
+            near = difflib.get_close_matches(str(value), options, n=1)
+            self.add(location, message[:1].lower() + message[1:], f'Did you mean "{near[0]}"?' if near else "", value)
+
+
+_WRONG_TYPE = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "list_type": "a list",
+    "finite_number": "a finite number",
+}
+
+
+def _retype(kind: str, value: object) -> str:
+    if kind == "string_type":
+        return "Put it in quotes."
+    if kind == "list_type":
+        return "Write it in square brackets: [ ... ]."
+    if isinstance(value, str):
+        return "Write the number without quotes, with a point for decimals and no unit."
+    return ""
+
+
+def different_names(kind: str, report: Reporter) -> None:
+    """Every table of a kind has a name of its own."""
+    seen: set[str] = set()
+    for path, name in report.names.items():
+        if path[0] == kind and name in seen:
+            report.add((*path, "name"), f"two tables [[{kind}]] bear this name", "Rename one.", name)
+        elif path[0] == kind:
+            seen.add(name)
+
+
+def factors(
+    tables: Sequence[Mapping[str, Any] | None], raw: Sequence[object], engine: str | None, report: Reporter
+) -> list[Factor | None]:
+    """Factors of the tables, None for those that are wrong; ``raw``: the same tables as written."""
+    made: list[Factor | None] = []
+    for index, table in enumerate(tables):
+        path: Path = ("factor", index)
+        before = len(report.problems)
+        if table is None:
+            written = raw[index]
+            name, unit = (written.get("name"), written.get("unit", "")) if isinstance(written, dict) else (None, "")
+            if isinstance(name, str) and isinstance(unit, str):
+                _check_parameter(path, {"name": name, "unit": unit}, engine, report)
+            made.append(None)
+            continue
+        _check_parameter(path, table, engine, report)
+        factor = _make_factor(path, table, report)
+        made.append(factor if len(report.problems) == before else None)
+    return made
+
+
+def _check_parameter(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> None:
+    name = table["name"]
+    if name in RESERVED:
+        report.add((*path, "name"), "a column of the scores file has this name", "Choose another name.", name)
+        return
+    parameter = PARAMETER_UNITS.get(name)
+    if parameter is not None and table["unit"] not in ("", parameter.unit):
+        remedy = f'Write unit = "{parameter.unit}" and give the range in it.' if parameter.unit else "Leave it out."
+        report.add((*path, "unit"), f"'{name}' is given in another unit than the sensor's", remedy, table["unit"])
+    if engine is None or engine not in ENGINES:
+        return
+    parameters, channels = ENGINES[engine]
+    if name not in parameters:
+        near = difflib.get_close_matches(name, parameters, n=1)
+        remedy = f"Did you mean '{near[0]}'?" if near else f"Its parameters: {', '.join(parameters)}."
+        report.add((*path, "name"), f"the engine '{engine}' has no such sensor parameter", remedy, name)
+    elif "levels" not in table:
+        return  # its types are wrong already
+    elif (name == "polarization") != (table["levels"] is not None):
+        needed = "levels" if name == "polarization" else "low and high, or values"
+        report.add(path, f"'{name}' is given by {needed}", f"Give {needed}.")
+    elif name == "polarization":
+        _check_channels(path, table["levels"], channels, report)
+
+
+def _check_channels(path: Path, levels: Sequence[str], channels: Sequence[str], report: Reporter) -> None:
+    seen: dict[frozenset[str], str] = {}
+    for index, level in enumerate(levels):
+        parts = level.split("+")
+        place = (*path, "levels", index)
+        if any(part not in channels for part in parts) or len(set(parts)) < len(parts):
+            remedy = f"Join different ones of {', '.join(channels)} by '+', such as {channels[0]}+{channels[1]}."
+            report.add(place, "a polarization level names channels that the engine does not have", remedy, level)
+        elif seen.get(frozenset(parts), level) != level:
+            report.add(place, f"this is the same set of channels as '{seen[frozenset(parts)]}'", "Drop one.", level)
+        seen.setdefault(frozenset(parts), level)
+
+
+def _make_factor(path: Path, table: Mapping[str, Any], report: Reporter) -> Factor | None:
+    name, scale = table["name"], table["scale"]
+    parameter = PARAMETER_UNITS.get(name)
+    unit = table["unit"] or ("" if parameter is None else parameter.unit)
+    given = [key for key in ("low", "high", "values", "levels") if table[key] is not None]
+    if given not in (["low", "high"], ["values"], ["levels"]):
+        said = " and ".join(given) or "none of them"
+        remedy = "Give low and high, or values, or levels."
+        report.add(path, f"a factor has either low and high, or values, or levels; here: {said}", remedy)
+        return None
+    try:
+        if given == ["levels"]:
+            for key in ("unit", "scale"):
+                if (*path, key) in report.lines:
+                    report.add((*path, key), f"a factor of levels has no {key}", "Leave it out.", table[key])
+            return CategoricalFactor(name, tuple(table["levels"]))
+        if given == ["values"]:
+            return DiscreteFactor(name, tuple(table["values"]), unit, scale)
+        return ContinuousFactor(name, table["low"], table["high"], unit, scale)
+    except RegionError as error:
+        for problem in error.problems:
+            key = _key_of(problem, given)
+            report.add((*path, key), problem.message, problem.remedy, problem.value)
+    return None
+
+
+def _key_of(problem: Problem, given: Sequence[str]) -> str:
+    last = (problem.field or "").rpartition(".")[2]
+    return last if last in ("name", "low", "high", "values", "levels", "scale") else given[0]
+
+
+def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Constraint | None]:
+    """Constraints of the expressions; None for those that are wrong."""
+    made: list[Constraint | None] = []
+    for index, expression in enumerate(expressions):
+        constraint = None
+        if expression is not None:
+            try:
+                constraint = Constraint(expression)
+            except RegionError as error:
+                for problem in error.problems:
+                    report.add(("constraint", index, "expr"), problem.message, problem.remedy, problem.value)
+        made.append(constraint)
+    return made
+
+
+def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
+    """The scene exists, and no sensor parameter is both a factor and fixed; ``table`` as written."""
+    scene, fixed = table.get("scene"), table.get("fixed")
+    if isinstance(scene, str) and scene and not (folder / scene).is_file():
+        remedy = "Give its path from the campaign's folder; `seqrsm scene import` makes one."
+        report.add(("simulator", "scene"), "there is no such file", remedy, scene)
+    for key, value in fixed.items() if isinstance(fixed, dict) else ():
+        for name in factor_names:
+            # A unit may follow the name of a parameter: frequency_ghz fixes "frequency".
+            if key == name or (key.startswith(f"{name}_") and name in PARAMETER_UNITS and key not in PARAMETER_UNITS):
+                message = f"'{name}' is a factor and fixed at once"
+                report.add(("simulator", "fixed", key), message, "Remove it from one of the two.", value)
+
+
+def region(
+    factors: Sequence[Factor | None], constraints: Sequence[Constraint | None], report: Reporter
+) -> Region | None:
+    """The region, once every factor and constraint is right in itself."""
+    made_factors = tuple(factor for factor in factors if factor is not None)
+    made_constraints = tuple(constraint for constraint in constraints if constraint is not None)
+    names = [factor.name for factor in made_factors]
+    complete = len(made_factors) == len(factors) and len(made_constraints) == len(constraints)
+    if not complete or len(set(names)) < len(names):
+        return None
+    try:
+        return Region(made_factors, made_constraints)
+    except RegionError as error:
+        for problem in error.problems:
+            report.add(_constraint_path(problem, made_constraints), problem.message, problem.remedy, problem.value)
+    return None
+
+
+def _constraint_path(problem: Problem, constraints: Sequence[Constraint]) -> Path:
+    for index, constraint in enumerate(constraints):
+        if problem.value == constraint.expr or problem.field == f"constraint '{constraint.expr}'":
+            return ("constraint", index, "expr")
+    return ("constraint",) if constraints else ("factor",)

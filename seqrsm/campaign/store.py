@@ -1,0 +1,410 @@
+"""The campaign's memory: runs, scores, looks, and an event for every change.
+
+States: proposed -> issued -> running -> scored | failed; any -> void. Nothing is ever deleted. Each method is one short
+transaction; when it returns, what it recorded survives a crash.
+
+Importing this module imports SQLAlchemy; commands that do not open a store should not import it.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import sqlalchemy as sa
+
+from seqrsm.campaign.records import (
+    EventRecord,
+    FileRecord,
+    IngestedRun,
+    IngestOutcome,
+    LookRecord,
+    NewRun,
+    NewScore,
+    RunRecord,
+    ScoreRecord,
+)
+from seqrsm.campaign.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
+from seqrsm.campaign.store_connection import Database, plain, utc_now
+from seqrsm.campaign.store_ledger import Ledger
+from seqrsm.errors import Problem, StoreError
+
+__all__ = [
+    "STORE_NAME",
+    "EventRecord",
+    "FileRecord",
+    "IngestOutcome",
+    "IngestedRun",
+    "LookRecord",
+    "NewRun",
+    "NewScore",
+    "RunRecord",
+    "ScoreRecord",
+    "Store",
+]
+
+STORE_NAME = "campaign.db"
+
+
+class _DryRunError(Exception):
+    """Leaves a write transaction without writing."""
+
+
+class Store:
+    """A campaign's store, open. Use `Store.open`, best in a ``with`` statement.
+
+    Attributes
+    ----------
+    campaign : str
+        The campaign's name.
+    seed : int or None
+        Written into every event.
+    label : str
+        File or address, for messages; without a password.
+    """
+
+    def __init__(self, database: Database, seed: int | None = None) -> None:
+        self._database = database
+        self.seed = seed
+        self.campaign = database.campaign
+        self.label = database.label
+
+    @classmethod
+    def open(
+        cls,
+        location: Path | str,
+        *,
+        url: str | None = None,
+        create: bool = False,
+        campaign: str = "",
+        seed: int | None = None,
+    ) -> Store:
+        """Open the store of a campaign.
+
+        Parameters
+        ----------
+        location : Path or str
+            The campaign's folder; the store is its ``campaign.db``.
+        url : str, optional
+            ``[store] url`` of campaign.toml; takes the place of the file.
+        create : bool
+            Make the tables when there are none.
+        campaign : str
+            Name in campaign.toml: given to a new store, compared with that of an existing one.
+        seed : int, optional
+            The campaign's seed, for the events.
+
+        Raises
+        ------
+        StoreError
+            Missing, not writable, damaged, written by a newer seqrsm, or another campaign's.
+        """
+        place: Path | str = url if url is not None else Path(location) / STORE_NAME
+        return cls(Database(place, create=create, campaign=campaign), seed)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- proposing and carrying out -------------------------------------------------------------------------------
+
+    def add_batch(self, runs: Sequence[NewRun], *, issue: bool = False) -> tuple[int, ...]:
+        """Store proposals as one batch; all or none.
+
+        Parameters
+        ----------
+        runs : sequence of NewRun
+            Equal settings are repeats and stay apart.
+        issue : bool
+            Issue them at once.
+
+        Returns
+        -------
+        tuple of int
+            Run ids in the order given.
+        """
+        if not runs:
+            return ()
+        with self._write() as ledger:
+            return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
+
+    def issue(self, run_ids: Iterable[int]) -> None:
+        """Hand proposed (or failed, for another attempt) runs out to be carried out."""
+        with self._write() as ledger:
+            ledger.move(run_ids, "issued", {"issued_at": utc_now(), "owner": "", "reason": ""})
+
+    def claim(
+        self, run_ids: Iterable[int] | None = None, *, limit: int | None = None, source: str = "simulation"
+    ) -> tuple[RunRecord, ...]:
+        """Take issued runs for this process to carry out; no two processes get the same run.
+
+        Parameters
+        ----------
+        run_ids : iterable of int, optional
+            Only these; any issued run otherwise. Those another process holds already are left out.
+        limit : int, optional
+            At most so many, lowest ids first.
+        source : {"simulation", "flight"}
+            Only runs of this source.
+
+        Returns
+        -------
+        tuple of RunRecord
+            The runs, now in state "running".
+        """
+        query = sa.select(RUNS.c.id).where(RUNS.c.state == "issued", RUNS.c.source == source).order_by(RUNS.c.id)
+        if limit is not None:
+            query = query.limit(limit)
+        with self._write() as ledger:
+            if run_ids is not None:
+                wanted = tuple(run_ids)
+                ledger.states(wanted)
+                query = query.where(RUNS.c.id.in_(wanted))
+            ids = tuple(ledger.connection.execute(query).scalars())
+            values = {"started_at": utc_now(), "owner": _this_process(), "attempts": RUNS.c.attempts + 1}
+            ledger.move(ids, "running", values, detail={"owner": _this_process()})
+            return ledger.runs(RUNS.c.id.in_(ids))
+
+    def record_score(
+        self,
+        run_id: int,
+        application: str,
+        score: float,
+        *,
+        se: float | None = None,
+        n: int | None = None,
+        correct: int | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        executed: Mapping[str, float | str] | None = None,
+    ) -> bool:
+        """Record one application's score; see `record_scores`."""
+        return self.record_scores(
+            run_id, [NewScore(application, score, se, n, correct, metadata or {})], executed=executed
+        )
+
+    def record_scores(
+        self, run_id: int, scores: Sequence[NewScore], *, executed: Mapping[str, float | str] | None = None
+    ) -> bool:
+        """Record the scores of a run's applications together; durable when this returns.
+
+        Parameters
+        ----------
+        run_id : int
+            A run that is not void.
+        scores : sequence of NewScore
+            Different applications.
+        executed : Mapping, optional
+            Settings really carried out, where they differ from those proposed.
+
+        Returns
+        -------
+        bool
+            False when the run had exactly these scores already (a worker that was thought dead came back).
+
+        Raises
+        ------
+        StoreError
+            Unknown or void run, another score there already, or a number that is no score.
+        """
+        with self._write() as ledger:
+            problems, fresh = ledger.new_scores(run_id, scores)
+            if problems:
+                raise StoreError(*problems)
+            if fresh:
+                values = {} if executed is None else {"executed": plain(executed)}
+                ledger.add_scores(run_id, fresh, values)
+            return bool(fresh)
+
+    def fail(self, run_id: int, reason: str) -> None:
+        """Note that an issued or running run could not be carried out."""
+        with self._write() as ledger:
+            values = {"ended_at": utc_now(), "reason": reason, "owner": ""}
+            ledger.move([run_id], "failed", values, detail={"reason": reason})
+
+    def void(self, run_id: int, why: str) -> None:
+        """Take a run out of the fit; its scores stay in the store."""
+        if not why.strip():
+            raise StoreError(Problem("a run is made void without a reason", 'Say why: --why "..."', field="why"))
+        with self._write() as ledger:
+            ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
+
+    def release_stale(self, older_than_s: float = 86400.0) -> tuple[int, ...]:
+        """Issue again the runs whose process died.
+
+        A run is stale when its process ran on this host and is gone, or when it began more than ``older_than_s`` [s]
+        ago.
+
+        Returns
+        -------
+        tuple of int
+            Ids of the runs released.
+        """
+        limit = _isoformat(datetime.now(UTC) - timedelta(seconds=older_than_s))
+        with self._write() as ledger:
+            query = sa.select(RUNS.c.id, RUNS.c.owner, RUNS.c.started_at).where(RUNS.c.state == "running")
+            ids = tuple(
+                row.id
+                for row in ledger.connection.execute(query.order_by(RUNS.c.id))
+                if _is_gone(row.owner) or (row.started_at or "") < limit
+            )
+            ledger.move(ids, "issued", {"owner": ""}, kind="released")
+            return ids
+
+    def ingest_scores(
+        self, runs: Sequence[IngestedRun], *, name: str, sha256: str, row_count: int, dry_run: bool = False
+    ) -> IngestOutcome:
+        """Take in a file of measured scores; all or nothing.
+
+        Parameters
+        ----------
+        runs : sequence of IngestedRun
+            In the order of the file.
+        name, sha256, row_count : str, str, int
+            The file, so that the same content is recognised when it comes again.
+        dry_run : bool
+            Do everything, then undo it.
+
+        Raises
+        ------
+        StoreError
+            With every row that cannot be taken in; nothing was changed.
+        """
+        outcome = IngestOutcome()
+        try:
+            with self._write() as ledger:
+                outcome = ledger.ingest(runs, name, sha256, row_count)
+                if dry_run:
+                    raise _DryRunError
+        except _DryRunError:
+            pass
+        return outcome
+
+    # -- looks and events -----------------------------------------------------------------------------------------
+
+    def record_look(self, after_run: int, application: str, summary: Mapping[str, Any]) -> int:
+        """Record what a look at the data found; returns its number. ``after_run``: scored runs it was based on."""
+        with self._write() as ledger:
+            row = {"after_run": after_run, "application": application, "summary": plain(summary)}
+            result = ledger.connection.execute(
+                sa.insert(LOOKS).values(**row, looked_at=utc_now()).returning(LOOKS.c.id)
+            )
+            number = int(result.scalar_one())
+            ledger.log("look", [(None, {"look": number, **row, "summary": None})])
+            return number
+
+    def add_event(self, kind: str, detail: Mapping[str, Any] | None = None, run_id: int | None = None) -> None:
+        """Note something that is no change of a run: a stop, a report, an interruption."""
+        with self._write() as ledger:
+            ledger.log(kind, [(run_id, dict(detail or {}))])
+
+    # -- reading --------------------------------------------------------------------------------------------------
+
+    def runs(
+        self, states: Iterable[str] | None = None, *, source: str | None = None, batch: int | None = None
+    ) -> tuple[RunRecord, ...]:
+        """Runs with their scores, by id; only those of the given states, source and batch."""
+        conditions: list[sa.ColumnElement[bool]] = []
+        if states is not None:
+            wanted = (states,) if isinstance(states, str) else tuple(states)
+            if unknown := set(wanted) - set(STATES):
+                raise StoreError(Problem("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown)))
+            conditions.append(RUNS.c.state.in_(wanted))
+        if source is not None:
+            conditions.append(RUNS.c.source == source)
+        if batch is not None:
+            conditions.append(RUNS.c.batch == batch)
+        with self._read() as ledger:
+            return ledger.runs(sa.and_(sa.true(), *conditions))
+
+    def run(self, run_id: int) -> RunRecord:
+        """One run; StoreError when there is none."""
+        with self._read() as ledger:
+            ledger.states([run_id])
+            return ledger.runs(RUNS.c.id == run_id)[0]
+
+    def last_batch(self) -> int:
+        """Number of the latest batch; 0 before the first."""
+        with self._read() as ledger:
+            return ledger.last_batch()
+
+    def looks(self, application: str | None = None) -> tuple[LookRecord, ...]:
+        """Looks in order; only those of one application."""
+        query = sa.select(LOOKS).order_by(LOOKS.c.id)
+        if application is not None:
+            query = query.where(LOOKS.c.application == application)
+        with self._read() as ledger:
+            return tuple(LookRecord(*row) for row in ledger.connection.execute(query))
+
+    def events(self, *, run_id: int | None = None, kind: str | None = None) -> tuple[EventRecord, ...]:
+        """Events in order; only those of one run or kind."""
+        query = sa.select(EVENTS).order_by(EVENTS.c.id)
+        if run_id is not None:
+            query = query.where(EVENTS.c.run_id == run_id)
+        if kind is not None:
+            query = query.where(EVENTS.c.kind == kind)
+        with self._read() as ledger:
+            return tuple(EventRecord(*row) for row in ledger.connection.execute(query))
+
+    def files(self) -> tuple[FileRecord, ...]:
+        """Files taken in, in order."""
+        with self._read() as ledger:
+            rows = ledger.connection.execute(sa.select(FILES).order_by(FILES.c.id))
+            return tuple(FileRecord(row.name, row.sha256, row.row_count, row.ingested_at) for row in rows)
+
+    def find_file(self, sha256: str) -> FileRecord | None:
+        """The file of this content, if it was taken in already."""
+        return next((file for file in self.files() if file.sha256 == sha256), None)
+
+    def info(self) -> dict[str, str]:
+        """``campaign``, ``created_at`` and ``created_version``."""
+        with self._read() as ledger:
+            return {row.key: row.value for row in ledger.connection.execute(sa.select(META).order_by(META.c.key))}
+
+    # -- transactions ---------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _read(self) -> Iterator[Ledger]:
+        with self._database.read() as connection:
+            yield Ledger(connection, self.seed)
+
+    @contextmanager
+    def _write(self) -> Iterator[Ledger]:
+        with self._database.write() as connection:
+            yield Ledger(connection, self.seed)
+
+
+def _isoformat(moment: datetime) -> str:
+    return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def _this_process() -> str:
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+def _is_gone(owner: str) -> bool:
+    """Whether the process "host:pid" ran here and is no more; on Windows, where asking would kill, never."""
+    host, _, pid = owner.rpartition(":")
+    if host != socket.gethostname() or not pid.isdigit() or sys.platform == "win32":
+        return False
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        return False
+    return False

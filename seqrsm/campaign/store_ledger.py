@@ -1,0 +1,257 @@
+"""The changes of the campaign's tables, each within a transaction that the store opened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import sqlalchemy as sa
+
+from seqrsm import __version__
+from seqrsm.campaign.records import IngestedRun, IngestOutcome, NewRun, NewScore, RunRecord, ScoreRecord
+from seqrsm.campaign.schema import EVENTS, FILES, RUNS, SCORES, SOURCES, TRANSITIONS
+from seqrsm.campaign.store_connection import plain, utc_now
+from seqrsm.errors import Problem, StoreError
+
+_RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
+_VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
+
+
+class Ledger:
+    """Reads and writes runs, scores and events over one connection.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a transaction; for changes, one that is alone in writing.
+    seed : int or None
+        Written into every event.
+    """
+
+    def __init__(self, connection: sa.Connection, seed: int | None = None) -> None:
+        self.connection = connection
+        self.seed = seed
+
+    # -- reading --------------------------------------------------------------------------------------------------
+
+    def next_id(self) -> int:
+        """Id of the next run: one more than the last."""
+        return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.id), 0))).scalar_one()) + 1
+
+    def last_batch(self) -> int:
+        """Number of the latest batch, 0 before the first."""
+        return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.batch), 0))).scalar_one())
+
+    def states(self, run_ids: Iterable[int]) -> dict[int, str]:
+        """State of each run; StoreError for those that do not exist."""
+        ids = tuple(run_ids)
+        query = sa.select(RUNS.c.id, RUNS.c.state).where(RUNS.c.id.in_(ids)).order_by(RUNS.c.id)
+        states = {row.id: row.state for row in self.connection.execute(query)}
+        if missing := [run_id for run_id in ids if run_id not in states]:
+            remedy = "`seqrsm status` lists them."
+            raise StoreError(*(Problem("there is no such run", remedy, field="run", value=i) for i in missing))
+        return states
+
+    def runs(self, condition: sa.ColumnElement[bool]) -> tuple[RunRecord, ...]:
+        """Runs that meet the condition, by id, with their scores."""
+        scores: dict[int, list[ScoreRecord]] = {}
+        joined = sa.select(SCORES).join(RUNS, SCORES.c.run_id == RUNS.c.id).where(condition).order_by(SCORES.c.id)
+        for _, *values in self.connection.execute(joined):
+            record = ScoreRecord(*values)
+            scores.setdefault(record.run_id, []).append(record)
+        return tuple(
+            RunRecord(
+                run_id=row.id,
+                scores=tuple(scores.get(row.id, ())),
+                **{name: getattr(row, name) for name in _RUN_FIELDS},
+            )
+            for row in self.connection.execute(sa.select(RUNS).where(condition).order_by(RUNS.c.id))
+        )
+
+    # -- changing -------------------------------------------------------------------------------------------------
+
+    def log(self, kind: str, entries: Sequence[tuple[int | None, Mapping[str, Any]]]) -> None:
+        """One event of this kind for each (run id or None, detail)."""
+        if entries:
+            common = {"at": utc_now(), "version": __version__, "seed": self.seed, "kind": kind}
+            rows = [{**common, "run_id": run_id, "detail": plain(detail)} for run_id, detail in entries]
+            self.connection.execute(sa.insert(EVENTS), rows)
+
+    def add_runs(self, runs: Sequence[NewRun], *, batch: int, issue: bool = False) -> tuple[int, ...]:
+        """Insert runs with consecutive ids."""
+        state, now, first = ("issued" if issue else "proposed"), utc_now(), self.next_id()
+        rows = [
+            {
+                **_run_row(run),
+                "id": first + i,
+                "batch": batch,
+                "state": state,
+                "proposed_at": now,
+                "issued_at": now if issue else None,
+            }
+            for i, run in enumerate(runs)
+        ]
+        self.connection.execute(sa.insert(RUNS), rows)
+        self.log("proposed", [(row["id"], {"batch": batch, "purpose": row["purpose"]}) for row in rows])
+        if issue:
+            self.log("issued", [(row["id"], {"from": "proposed"}) for row in rows])
+        return tuple(row["id"] for row in rows)
+
+    def move(
+        self,
+        run_ids: Iterable[int],
+        state: str,
+        values: Mapping[str, Any],
+        *,
+        kind: str = "",
+        detail: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Bring runs into a state, with an event each; StoreError naming every run that may not go there."""
+        before = self.states(run_ids)
+        problems = [_illegal(run_id, old, state) for run_id, old in before.items() if state not in TRANSITIONS[old]]
+        if problems:
+            raise StoreError(*problems)
+        if before:
+            self.connection.execute(sa.update(RUNS).where(RUNS.c.id.in_(tuple(before))).values(state=state, **values))
+        self.log(kind or state, [(run_id, {"from": old, **(detail or {})}) for run_id, old in before.items()])
+
+    def new_scores(self, run_id: int, scores: Sequence[NewScore]) -> tuple[list[Problem], list[NewScore]]:
+        """What stands against recording these scores, and those that are not in the store yet."""
+        state = self.states([run_id])[run_id]
+        if state != "scored" and "scored" not in TRANSITIONS[state]:
+            return [_illegal(run_id, state, "scored")], []
+        rows = self.connection.execute(sa.select(SCORES).where(SCORES.c.run_id == run_id))
+        present = {row.application: row for row in rows}
+        problems: list[Problem] = []
+        fresh: list[NewScore] = []
+        for new in scores:
+            file, line = new.source_file or None, new.source_row
+            old = present.get(new.application)
+            if not math.isfinite(new.score) or (new.se is not None and not 0.0 < new.se < math.inf):
+                message = f"the score of run {run_id} or its standard error is no usable number"
+                problems.append(Problem(message, file=file, line=line, value=(new.score, new.se)))
+            elif old is None:
+                fresh.append(new)
+            elif (old.score, old.se, old.n, old.correct) != (new.score, new.se, new.n, new.correct):
+                message = f"run {run_id} is scored already for '{new.application}' ({old.score:g})"
+                problems.append(Problem(message, _VOID_FIRST, file=file, line=line, field="score", value=new.score))
+        return problems, fresh
+
+    def add_scores(self, run_id: int, scores: Sequence[NewScore], values: Mapping[str, Any]) -> None:
+        """Insert scores and make the run scored; ``values``: other columns of the run to set."""
+        now = utc_now()
+        self.connection.execute(
+            sa.insert(SCORES), [{**_score_row(score), "run_id": run_id, "scored_at": now} for score in scores]
+        )
+        update = {"state": "scored", "ended_at": now, "owner": "", "reason": "", **values}
+        self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(**update))
+        self.log("scored", [(run_id, {"application": s.application, "score": s.score, "se": s.se}) for s in scores])
+
+    def ingest(self, runs: Sequence[IngestedRun], name: str, sha256: str, row_count: int) -> IngestOutcome:
+        """Match measured scores to runs, make runs for those nobody proposed; StoreError with every problem."""
+        problems: list[Problem] = []
+        matched: list[int] = []
+        created: list[int] = []
+        replaced: list[tuple[int, int]] = []
+        unchanged: list[int] = []
+        batch = self.last_batch() + 1
+        same = self.connection.execute(sa.select(FILES).where(FILES.c.sha256 == sha256)).first()
+        if same is not None:
+            message = f"the same content was taken in already, as '{same.name}' at {same.ingested_at}"
+            raise StoreError(Problem(message, "There is nothing to do.", file=name))
+        for run in runs:
+            found = () if run.run_id is None else self.runs(RUNS.c.id == run.run_id)
+            old = found[0] if found else None
+            if run.run_id is not None and old is None:
+                problems.append(_unknown_run(run, name))
+            elif old is None or old.state == "void":
+                created.append(self._create_ingested(run, old, batch))
+                if old is not None:
+                    replaced.append((old.run_id, created[-1]))
+            elif self._match(run, old, name, problems):
+                matched.append(old.run_id)
+            else:
+                unchanged.append(old.run_id)
+        if problems:
+            raise StoreError(*problems)
+        row = {"name": name, "sha256": sha256, "row_count": row_count}
+        self.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
+        self.log("ingested", [(None, {**row, "matched": matched, "created": created})])
+        return IngestOutcome(tuple(matched), tuple(created), tuple(replaced), tuple(unchanged))
+
+    def _match(self, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> bool:
+        """Add measured scores to a proposed run; False when they are there already or cannot be added."""
+        faults, fresh = self.new_scores(old.run_id, run.scores)
+        if old.executed is not None and dict(run.settings) != old.executed:
+            message = f"run {old.run_id} was carried out with other settings"
+            faults.append(Problem(message, _VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.executed))
+        problems += faults
+        if faults or not fresh:
+            return False
+        values = {"executed": plain(run.settings), "source": run.source or old.source, "block": run.block or old.block}
+        self.add_scores(old.run_id, fresh, values)
+        return True
+
+    def _create_ingested(self, run: IngestedRun, old: RunRecord | None, batch: int) -> int:
+        if old is None:
+            new = NewRun(run.settings, "measured", "measured without a proposal", run.source or "flight")
+        else:
+            why = f"takes the place of run {old.run_id}, which is void"
+            new = NewRun(old.proposed, old.purpose, why, run.source or old.source)
+        (run_id,) = self.add_runs([new], batch=batch)
+        values = {
+            "executed": plain(run.settings),
+            "block": run.block or ("" if old is None else old.block),
+            "cost": float(run.cost),
+            "replaces": None if old is None else old.run_id,
+        }
+        self.add_scores(run_id, run.scores, values)
+        return run_id
+
+
+def _run_row(run: NewRun) -> dict[str, Any]:
+    if run.source not in SOURCES:
+        raise StoreError(Problem("no such source of scores", f"Sources: {', '.join(SOURCES)}", value=run.source))
+    return {
+        "purpose": run.purpose,
+        "why": run.why,
+        "source": run.source,
+        "proposed": plain(run.settings),
+        "executed": None,
+        "block": run.block,
+        "cost": float(run.cost),
+        "reason": "",
+        "attempts": 0,
+        "owner": "",
+        "replaces": None,
+    }
+
+
+def _score_row(score: NewScore) -> dict[str, Any]:
+    return {
+        "application": score.application,
+        "score": float(score.score),
+        "se": None if score.se is None else float(score.se),
+        "n": None if score.n is None else int(score.n),
+        "correct": None if score.correct is None else int(score.correct),
+        "metadata": plain(score.metadata),
+        "source_file": score.source_file,
+        "source_row": score.source_row,
+    }
+
+
+def _unknown_run(run: IngestedRun, name: str) -> Problem:
+    return Problem(
+        "there is no such run",
+        "Give the id of a proposed run, or leave the cell empty for a run nobody proposed.",
+        file=name,
+        line=run.scores[0].source_row,
+        field="run_id",
+        value=run.run_id,
+    )
+
+
+def _illegal(run_id: int, old: str, new: str) -> Problem:
+    allowed = ", ".join(sorted(TRANSITIONS[old])) or "nothing else"
+    return Problem(f"run {run_id} is {old} and cannot become {new}", f"From {old} it can become: {allowed}.")

@@ -1,0 +1,308 @@
+"""Start ranges of the sensor's parameters for an application, taken from what Tables A.1 to A.20 print.
+
+Each printed value is one statement. The start range of a parameter reaches from the lowest to the highest printed
+number; inside it stands the part on which most statements agree, the prior knowledge of where the optimum lies.
+Equal prints of one table count once.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import inf
+
+from seqrsm.catalog.reader import load_catalog
+from seqrsm.catalog.search import entries_about, words_of
+from seqrsm.catalog.tables import Catalog, Entry, Range
+from seqrsm.errors import Problem, UserError
+
+#: Where an open side is closed when only one number is printed: value, and the print that gives it.
+_TABLE_EDGES = {
+    ("frequency", "active", "low"): (0.4, "Table A.8: no active requirement in P-Band"),
+    ("frequency", "active", "high"): (36.0, "Table A.12: no requirements above 36 GHz were found"),
+    ("frequency", "passive", "low"): (0.4, "Table A.13: no passive requirement in P-Band"),
+    ("frequency", "passive", "high"): (100.0, "Table A.15: upper edge of W-Band"),
+    ("resolution", "active", "low"): (0.5, "Table A.17: finest resolution wanted"),
+    ("depression_angle", "active", "low"): (10.0, "Tables A.16, A.17 and A.20: largest nadir angle, 80 deg"),
+    ("depression_angle", "active", "high"): (90.0, "Tables A.16, A.17 and A.19: smallest nadir angle, 0 deg"),
+}
+
+_CHANNELS = ("HH", "HV", "VV")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One print that a start range rests on.
+
+    Attributes
+    ----------
+    table : str
+        Number of the table.
+    printed : str
+        What is printed.
+    ranges : tuple of Range
+        What it says in the parameter's unit.
+    applications : tuple of str
+        Applications it is printed for.
+    """
+
+    table: str
+    printed: str
+    ranges: tuple[Range, ...]
+    applications: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StartRange:
+    """Suggested range of one numeric factor.
+
+    Attributes
+    ----------
+    name : {"frequency", "resolution", "depression_angle"}
+        Name of the parameter in ``campaign.toml``.
+    unit : {"GHz", "m", "deg"}
+        Its unit.
+    scale : {"log", "linear"}
+        Coding of the factor.
+    low, high : float or None
+        Start range in ``unit``; both None where no number is printed; low == high where only one is.
+    agreed_low, agreed_high : float or None
+        Part of it on which most sources agree; both None where no two of several do.
+    n_agreeing : int
+        How many sources cover that part.
+    best : float or None
+        Value printed as best.
+    sources : tuple of Source
+        Every print it rests on, by table.
+    notes : tuple of str
+        How open sides were closed, and what else to know.
+    """
+
+    name: str
+    unit: str
+    scale: str
+    low: float | None
+    high: float | None
+    agreed_low: float | None
+    agreed_high: float | None
+    n_agreeing: int
+    best: float | None
+    sources: tuple[Source, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Numbers of the tables it rests on."""
+        return tuple(dict.fromkeys(source.table for source in self.sources))
+
+
+@dataclass(frozen=True, slots=True)
+class StartLevels:
+    """Suggested levels of the factor polarization.
+
+    Attributes
+    ----------
+    levels : tuple of str
+        Single channels first, then sets ("HH+HV"); empty where no channel is printed.
+    sources : tuple of Source
+        Every print on polarization, those that name no channel too.
+    notes : tuple of str
+        What else to know.
+    """
+
+    levels: tuple[str, ...]
+    sources: tuple[Source, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Numbers of the tables it rests on."""
+        return tuple(dict.fromkeys(source.table for source in self.sources))
+
+
+@dataclass(frozen=True, slots=True)
+class StartRanges:
+    """What the literature suggests for an application.
+
+    Attributes
+    ----------
+    words : str
+        The words looked up.
+    system : {"active", "passive"}
+        Radar or radiometer.
+    entries : tuple of Entry
+        The entries all numbers come from.
+    ranges : tuple of StartRange
+        frequency, resolution and, for radar, depression_angle.
+    polarization : StartLevels
+        Levels of polarization.
+    """
+
+    words: str
+    system: str
+    entries: tuple[Entry, ...]
+    ranges: tuple[StartRange, ...]
+    polarization: StartLevels
+
+
+def _sources(
+    entries: Iterable[Entry], printed: Callable[[Entry], str], ranges: Callable[[Entry], tuple[Range, ...]]
+) -> tuple[Source, ...]:
+    """Prints with their ranges, each print of a table once; entries that print nothing are left out."""
+    found: dict[tuple[str, str, tuple[Range, ...]], list[str]] = {}
+    for entry in entries:
+        if text := printed(entry):
+            names = found.setdefault((entry.table, text, ranges(entry)), [])
+            names += [] if entry.name in names else [entry.name]
+    sources = [Source(table, text, values, tuple(names)) for (table, text, values), names in found.items()]
+    return tuple(sorted(sources, key=lambda source: int(source.table.removeprefix("A."))))
+
+
+def agreement(sources: Sequence[tuple[Range, ...]]) -> tuple[float, float, int]:
+    """Interval that most sources cover; the lowest one, if several are covered equally often.
+
+    Parameters
+    ----------
+    sources : sequence of tuple of Range
+        Ranges of each source, at least one with a number; open sides reach without end.
+
+    Returns
+    -------
+    low, high : float
+        The interval.
+    count : int
+        Sources that cover it.
+    """
+    closed = [
+        [(-inf if r.low is None else r.low, inf if r.high is None else r.high) for r in ranges] for ranges in sources
+    ]
+    ends = sorted({end for ranges in closed for r in ranges for end in r})
+    # Between two neighbouring ends the count is constant. Two ranges that only touch do not agree: a single value
+    # counts where it is printed as such.
+    places = [(low, high) for low, high in pairwise(ends)]
+    places += {(low, high) for ranges in closed for low, high in ranges if low == high}
+    places.sort()
+    counts = [sum(any(r[0] <= a and b <= r[1] for r in ranges) for ranges in closed) for a, b in places]
+    most = max(counts)
+    first = last = counts.index(most)
+    while last + 1 < len(counts) and counts[last + 1] == most and places[last + 1][0] == places[last][1]:
+        last += 1
+    return places[first][0], places[last][1], most
+
+
+def _start_range(
+    name: str, unit: str, scale: str, system: str, sources: tuple[Source, ...], best: float | None
+) -> StartRange:
+    ranges = [source.ranges for source in sources if source.ranges]
+    numbers = [end for values in ranges for r in values for end in (r.low, r.high) if end is not None]
+    if not numbers:
+        none = ("no number is printed",)
+        return StartRange(name, unit, scale, None, None, None, None, 0, best, sources, none)
+    low, high, notes = min(numbers), max(numbers), []
+    for side in ("low", "high"):
+        if any(getattr(r, side) is None for values in ranges for r in values):
+            edge = _TABLE_EDGES.get((name, system, side))
+            if low == high and edge is not None:
+                low, high = (edge[0], high) if side == "low" else (low, edge[0])
+                notes.append(f"{side} end not printed; {edge[0]:g} {unit} from {edge[1]}")
+            else:
+                notes.append(f"a source prints no {side} end: the range is that of the printed numbers")
+    agreed_low, agreed_high, count = agreement(ranges)
+    agreed: tuple[float | None, float | None] = max(agreed_low, low), min(agreed_high, high)
+    if count == 1 and len(ranges) > 1:
+        agreed = None, None
+        notes.append("no two sources agree")
+    if low == high:
+        notes.append("only one value is printed")
+    return StartRange(name, unit, scale, low, high, *agreed, count, best, sources, tuple(notes))
+
+
+def _resolution_ranges(entry: Entry) -> tuple[Range, ...]:
+    ends = [r for r in (entry.resolution_wanted_m, entry.resolution_accepted_m) if r is not None]
+    if ends:
+        return (Range(min(ends), max(ends)),)
+    return (entry.resolution_class_m,) if entry.resolution_class_m else ()
+
+
+def _resolution_print(entry: Entry) -> str:
+    if entry.resolution_wanted or entry.resolution_accepted:
+        return f"wanted {entry.resolution_wanted or '-'}, accepted {entry.resolution_accepted or '-'} m"
+    return entry.heading if entry.resolution_class_m else ""
+
+
+def _depression_ranges(entry: Entry) -> tuple[Range, ...]:
+    """Depression angles [deg] of the printed nadir angles, on flat ground: one is 90 minus the other."""
+    return tuple(
+        Range(None if r.high is None else 90.0 - r.high, None if r.low is None else 90.0 - r.low)
+        for r in entry.nadir_angle_deg
+    )
+
+
+def _polarization(entries: Sequence[Entry]) -> StartLevels:
+    sources = _sources(entries, lambda entry: entry.polarization, lambda entry: ())
+    sets = {channels for entry in entries for channels in entry.channels}
+    singles = {(channel,) for channels in sets for channel in channels}
+    order = sorted(sets | singles, key=lambda channels: (len(channels), [_CHANNELS.index(c) for c in channels]))
+    notes = [] if order else ["no channel is printed"]
+    if any("cross" in source.printed.lower() for source in sources):
+        notes.append("cross is taken as HV")
+    return StartLevels(tuple("+".join(channels) for channels in order), sources, tuple(notes))
+
+
+def _none_found(words: str, system: str, catalog: Catalog) -> UserError:
+    known = {word for entry in catalog.entries if entry.system == system for word in words_of(entry.name)}
+    near = [match for word in words_of(words) for match in difflib.get_close_matches(word, known, n=2)]
+    hint = f"Near words in the tables: {', '.join(dict.fromkeys(near))}." if near else "Use fewer or other words."
+    return UserError(
+        Problem(f"no {system} application of Tables A.1 to A.20 holds all of these words", hint, value=words)
+    )
+
+
+def start_ranges(words: str, *, system: str = "active", catalog: Catalog | None = None) -> StartRanges:
+    """Suggested start ranges and prior knowledge for an application.
+
+    Parameters
+    ----------
+    words : str
+        Words of the application, "soil moisture".
+    system : {"active", "passive"}
+        Radar or radiometer.
+    catalog : Catalog, optional
+        Default is the whole catalogue.
+
+    Returns
+    -------
+    StartRanges
+        Frequency [GHz], resolution [m], for radar depression angle [deg] and, for both, levels of polarization. The
+        numbers are those of print, also where a simulator takes less (nadir is a depression angle of 90 deg).
+
+    Raises
+    ------
+    UserError
+        No words, a system that is neither, or no entry that holds them all.
+    """
+    catalog = catalog or load_catalog()
+    if system not in ("active", "passive"):
+        raise UserError(Problem("no such kind of system", "Use active or passive.", field="system", value=system))
+    if not words_of(words):
+        raise UserError(Problem("no words to look up", "Name an application, such as 'soil moisture'.", value=words))
+    entries = entries_about(words, system=system, catalog=catalog)
+    if not entries:
+        raise _none_found(words, system, catalog)
+    frequency = _sources(
+        entries,
+        lambda entry: ", ".join(filter(None, (entry.frequency, entry.wavelength))),
+        lambda entry: entry.frequency_ghz,
+    )
+    ranges = [
+        _start_range("frequency", "GHz", "log", system, frequency, None),
+        _start_range("resolution", "m", "log", system, _sources(entries, _resolution_print, _resolution_ranges), None),
+    ]
+    if system == "active":
+        angles = _sources(entries, lambda entry: entry.nadir_angle, _depression_ranges)
+        best = {90.0 - e.best_nadir_angle_deg for e in entries if e.best_nadir_angle_deg is not None}
+        only = best.pop() if len(best) == 1 else None
+        ranges.append(_start_range("depression_angle", "deg", "linear", system, angles, only))
+    return StartRanges(words, system, entries, tuple(ranges), _polarization(entries))

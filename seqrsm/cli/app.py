@@ -1,0 +1,333 @@
+"""The ``seqrsm`` command: every function parses, calls one thing, prints, and sets the exit code.
+
+Heavy libraries are imported inside the command that needs them, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from seqrsm import __version__
+from seqrsm.cli.console import EXIT_BUDGET_SPENT, guarded, print_json, progress_bar, say, stdout
+from seqrsm.errors import Problem, UserError
+
+app = typer.Typer(
+    name="seqrsm",
+    help="Find the best design of a microwave remote sensor by sequential response-surface campaigns.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+scene_app = typer.Typer(help="Ground-truth data bases.", no_args_is_help=True)
+app.add_typer(scene_app, name="scene")
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder, the one that holds campaign.toml.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
+Workers = Annotated[int, typer.Option(min=1, help="Processes that simulate at the same time.")]
+Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    app()
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"seqrsm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@guarded
+def init(
+    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder to make.")] = None,
+    template: Annotated[str | None, typer.Option(metavar="NAME", help="Which example to start from.")] = None,
+    list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
+) -> None:
+    """Make a campaign folder from a template."""
+    from seqrsm.campaign.templates import copy_template, templates
+
+    if list_templates:
+        for name, text in templates().items():
+            stdout().print(f"{name:20} {text}", markup=False)
+        return
+    if folder is None or template is None:
+        raise UserError(
+            Problem("init needs a folder and a template", "Write: seqrsm init DIR --template NAME (or --list).")
+        )
+    copy_template(template, folder)
+    say(f"made {folder} from template {template}; next: seqrsm check {folder}")
+
+
+@app.command()
+@guarded
+def check(folder: Folder, as_json: AsJson = False) -> None:
+    """Validate everything and say what a run would cost and whether the stop target can be reached; run nothing."""
+    from seqrsm.campaign.check import check_campaign
+    from seqrsm.cli.show import show_check
+
+    result = check_campaign(folder)
+    print_json(result.to_json()) if as_json else show_check(result)
+
+
+@app.command()
+@guarded
+def run(
+    folder: Folder,
+    max_runs: Annotated[int | None, typer.Option(min=1, help="Budget of runs; default is the campaign's.")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, help="Runs in a batch; default is the campaign's.")] = None,
+    workers: Workers = 1,
+    cluster: Cluster = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.cli.show import show_look, show_outcome
+
+    campaign = Campaign.open(folder)
+    with progress_bar("simulating") as progress:
+        outcome = campaign.run(
+            max_runs=max_runs,
+            batch=batch,
+            workers=workers,
+            cluster=cluster,
+            on_progress=progress,
+            on_look=(lambda look: None) if as_json else show_look,
+            say=(lambda text: None) if as_json else say,
+        )
+    print_json(outcome.to_json()) if as_json else show_outcome(outcome)
+    if not outcome.held:
+        raise typer.Exit(EXIT_BUDGET_SPENT)
+
+
+@app.command()
+@guarded
+def propose(
+    folder: Folder,
+    n: Annotated[int | None, typer.Option("-n", min=1, help="How many runs; default is the campaign's batch.")] = None,
+    source: Annotated[str, typer.Option(help="simulation or flight.")] = "simulation",
+    csv: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write them as the form a flight crew fills in.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Issue the next runs."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.cli.show import run_row, show_proposals
+
+    campaign = Campaign.open(folder)
+    runs = campaign.propose(n, source=source, csv=csv)
+    print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
+
+
+@app.command()
+@guarded
+def simulate(folder: Folder, workers: Workers = 1, cluster: Cluster = None, as_json: AsJson = False) -> None:
+    """Carry out the issued simulation runs."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.cli.show import run_row, show_runs
+
+    campaign = Campaign.open(folder)
+    with progress_bar("simulating") as progress:
+        runs = campaign.simulate(workers=workers, cluster=cluster, on_progress=progress)
+    print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
+
+
+@app.command()
+@guarded
+def ingest(
+    folder: Folder,
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of measured scores.")],
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen and change nothing.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Take measured scores in; all or nothing per file."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.cli.show import show_ingest
+
+    campaign = Campaign.open(folder)
+    reports = [campaign.ingest(file, dry_run=dry_run) for file in files]
+    if as_json:
+        print_json([asdict(report) for report in reports])
+        return
+    for report in reports:
+        show_ingest(report)
+
+
+@app.command()
+@guarded
+def void(
+    folder: Folder,
+    run_id: Annotated[int, typer.Argument(metavar="RUN_ID")],
+    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason; it stays in the history.")],
+) -> None:
+    """Take a run out of the fit; nothing is ever deleted."""
+    from seqrsm.campaign.loop import Campaign
+
+    Campaign.open(folder).void(run_id, why)
+    say(f"run {run_id} is void: {why}")
+
+
+@app.command()
+@guarded
+def fit(
+    folder: Folder,
+    application: Annotated[str | None, typer.Option(help="Which application, where there are several.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.campaign.serialise import analysis_to_json
+    from seqrsm.cli.show import show_fit
+
+    analyses = Campaign.open(folder).analyse_all(application, sampler="emcee")
+    if as_json:
+        documents = [analysis_to_json(analysis) for analysis in analyses]
+        print_json(documents[0] if len(documents) == 1 else {"applications": documents})
+    else:
+        for analysis in analyses:
+            show_fit(analysis)
+
+
+@app.command()
+@guarded
+def status(
+    folder: Folder,
+    history: Annotated[bool, typer.Option("--history", help="Every event, with time, version and seed.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Runs by state, optimum and intervals so far, stop or go on and why."""
+    from seqrsm.campaign.status import campaign_status
+    from seqrsm.cli.show import show_status
+
+    result = campaign_status(folder, history=history)
+    print_json(result) if as_json else show_status(result)
+
+
+@app.command()
+@guarded
+def rehearse(
+    folder: Folder,
+    campaigns: Annotated[int, typer.Option(min=10, help="Campaigns to simulate.")] = 200,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.cli.show import show_rehearsal
+
+    campaign = Campaign.open(folder)
+    with progress_bar("rehearsing") as progress:
+        result = campaign.rehearse(campaigns, on_progress=progress)
+    print_json(result) if as_json else show_rehearsal(result)
+
+
+@app.command()
+@guarded
+def report(
+    folder: Folder,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this HTML file.")] = None,
+    pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this PDF file.")] = None,
+) -> None:
+    """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
+    from seqrsm.campaign.assemble import assemble
+    from seqrsm.campaign.loop import Campaign
+    from seqrsm.report.write import write_report
+
+    campaign = Campaign.open(folder)
+    if html is None and pdf is None:
+        html, pdf = campaign.folder / "reports" / "report.html", campaign.folder / "reports" / "report.pdf"
+    write_report(assemble(campaign), html=html, pdf=pdf)
+    for path in (html, pdf):
+        if path is not None:
+            say(f"wrote {path}")
+
+
+@app.command()
+@guarded
+def image(
+    folder: Folder,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Image to write: .png, .tif (GeoTIFF) or .npz.")],
+    settings: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A sensor setting.")] = None,
+    run_id: Annotated[int, typer.Option(min=0, help="Whose random occasion to draw; 0 belongs to no run.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region."""
+    from seqrsm.campaign.images import write_image
+    from seqrsm.campaign.loop import Campaign
+
+    result = write_image(Campaign.open(folder), settings or [], run_id, out)
+    print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
+
+
+@scene_app.command("show")
+@guarded
+def scene_show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A scene (.npz).")],
+    as_json: AsJson = False,
+) -> None:
+    """Say what a data base holds."""
+    from seqrsm.cli.show import show_scene
+    from seqrsm.scene.scene import load_scene
+    from seqrsm.scene.statistics import scene_statistics
+
+    scene = load_scene(file)
+    statistics = asdict(scene_statistics(scene))
+    print_json(statistics) if as_json else show_scene(scene, statistics)
+
+
+@app.command()
+@guarded
+def design(
+    factors: Annotated[int, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")],
+    runs: Annotated[int, typer.Option(min=1, help="Number of runs.")],
+    criterion: Annotated[str, typer.Option(help="D, I, G or A.")] = "D",
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1979,
+    as_json: AsJson = False,
+) -> None:
+    """Search a stand-alone optimal design for the full quadratic model."""
+    from seqrsm.campaign.standalone import standalone_design
+    from seqrsm.cli.show import show_design
+
+    result: dict[str, Any] = standalone_design(factors, runs, criterion, seed, csv)
+    print_json(result) if as_json else show_design(result)
+
+
+@app.command()
+@guarded
+def export(
+    folder: Folder,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Where to: .csv (runs and scores) or .json (everything).")
+    ],
+) -> None:
+    """Write everything out."""
+    from seqrsm.campaign.loop import Campaign
+
+    Campaign.open(folder).export(file)
+    say(f"wrote {file}")
+
+
+@app.command()
+@guarded
+def doctor(as_json: AsJson = False) -> None:
+    """Check the environment and warm the compiled kernels up."""
+    from seqrsm.campaign.doctor import examine
+    from seqrsm.cli.show import show_doctor
+
+    result = examine()
+    print_json(result) if as_json else show_doctor(result)

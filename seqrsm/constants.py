@@ -1,0 +1,40 @@
+"""Physical constants, each with its unit and source.
+
+The speed of light, the Boltzmann and the Planck constant are exact in the SI since 2019 (CODATA 2018 and later,
+NIST SP 961). Derived values are computed from them here and nowhere else.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+SPEED_OF_LIGHT_M_S: Final = 299_792_458.0
+"""Speed of light in vacuum [m/s], exact (SI)."""
+
+BOLTZMANN_J_K: Final = 1.380_649e-23
+"""Boltzmann constant [J/K], exact (SI, CODATA 2018)."""
+
+PLANCK_J_S: Final = 6.626_070_15e-34
+"""Planck constant [J s], exact (SI, CODATA 2018)."""
+
+REFERENCE_TEMPERATURE_K: Final = 290.0
+"""Temperature at which a noise figure is defined [K] (IEEE Std 100, 'noise factor')."""
+
+COSMIC_BACKGROUND_K: Final = 2.725_48
+"""Temperature of the cosmic microwave background [K] (Fixsen 2009, doi 10.1088/0004-637X/707/2/916)."""
+
+ICE_POINT_K: Final = 273.15
+"""Zero of the Celsius scale [K], exact (SI)."""
+
+EARTH_RADIUS_M: Final = 6_371_008.8
+"""Mean radius of the Earth [m] (GRS 80, Moritz 2000, R1)."""
+
+
+def wavelength_m(frequency_hz: float) -> float:
+    """Wavelength in vacuum [m] at ``frequency_hz`` [Hz]."""
+    return SPEED_OF_LIGHT_M_S / frequency_hz
+
+
+def wavenumber_rad_m(frequency_hz: float) -> float:
+    """Wavenumber in vacuum [rad/m] at ``frequency_hz`` [Hz]."""
+    return 2.0 * 3.141592653589793 * frequency_hz / SPEED_OF_LIGHT_M_S

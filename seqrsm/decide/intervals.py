@@ -1,0 +1,279 @@
+"""Half-widths of the intervals at the optimum, their floors, and the exact interval of a confirmation set.
+
+All half-widths are ``t * s * sqrt(u + h)`` with ``h = z0' (Z'WZ)^-1 z0`` and ``u`` the share of a run's own noise:
+1 for one future run (RSL TR 380-1 eq. (2-23), the factor S restored), 1/m for the mean of m, 0 for the mean itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import stdtr, stdtrit
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import FitError, Problem
+
+IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
+
+
+def t_quantile(df: ArrayLike, level: float) -> FloatArray:
+    """Two-sided quantile of Student's t.
+
+    Parameters
+    ----------
+    df : array_like
+        Degrees of freedom; inf gives the normal quantile, values <= 0 give nan.
+    level : float
+        Two-sided probability, in (0, 1).
+
+    Returns
+    -------
+    ndarray, shape of ``df``
+    """
+    degrees = np.asarray(df, dtype=np.float64)
+    # stdtrit has no limit at infinity; at 1e12 the difference from the normal quantile is below 1e-12.
+    safe = np.clip(np.where(degrees > 0.0, degrees, 1.0), None, 1e12)
+    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * level), np.nan)
+    return quantile
+
+
+def noise_share(interval: IntervalKind, replicates: int) -> float:
+    """Share ``u`` of a run's own variance in the interval: 1, 1/m or 0."""
+    return {"prediction": 1.0, "prediction_mean": 1.0 / replicates, "confidence": 0.0}[interval]
+
+
+def half_width(
+    interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: float, replicates: int = 5
+) -> FloatArray:
+    """Half-width of an interval at the optimum, in score units.
+
+    Parameters
+    ----------
+    interval : "prediction", "prediction_mean" or "confidence"
+        One future run, the mean of ``replicates`` future runs, or the mean response.
+    s, df : array_like
+        Residual standard deviation and its degrees of freedom.
+    h : array_like
+        ``z0' (Z'WZ)^-1 z0``, >= 0.
+    level : float
+        Two-sided probability, in (0, 1).
+    replicates : int
+        m, for "prediction_mean" only.
+
+    Returns
+    -------
+    ndarray
+        Broadcast shape of ``s``, ``df`` and ``h``.
+    """
+    share = noise_share(interval, replicates)
+    return np.asarray(t_quantile(df, level) * np.asarray(s) * np.sqrt(share + np.asarray(h)))
+
+
+def anytime_radius(h: ArrayLike, df: ArrayLike, level: float, planned_information: float) -> FloatArray:
+    """Radius, in standard errors of the mean, of an interval that may be looked at after every run.
+
+    Lindon, Ham, Tingley & Bojinov (2022), arXiv 2210.08589. It is exact for a fixed contrast and a design fixed in
+    advance; where the optimum moves and the design adapts it is a strong heuristic.
+
+    Parameters
+    ----------
+    h : array_like
+        ``z0' (Z'WZ)^-1 z0`` > 0; its inverse is the information ``i``.
+    df : array_like
+        Residual degrees of freedom.
+    level : float
+        Two-sided probability, in (0, 1).
+    planned_information : float
+        Information at which the interval is made narrowest; fixed before the campaign.
+
+    Returns
+    -------
+    ndarray
+        inf where no finite interval exists yet.
+    """
+    alpha = 1.0 - level
+    phi = planned_information / (-2.0 * np.log(alpha) + np.log(-2.0 * np.log(alpha)) + 1.0)
+    degrees = np.asarray(df, dtype=np.float64)
+    r = phi / (phi + 1.0 / np.asarray(h, dtype=np.float64))
+    a = (r * alpha**2) ** (1.0 / (degrees + 1.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.sqrt(degrees * (1.0 - a) / (a - r))
+    return np.where((a > r) & (degrees > 0.0), radius, np.inf)
+
+
+def anytime_half_width(
+    interval: IntervalKind,
+    s: ArrayLike,
+    df: ArrayLike,
+    h: ArrayLike,
+    level: float,
+    planned_information: float,
+    replicates: int = 5,
+) -> FloatArray:
+    """Half-width whose part for the mean holds at every look.
+
+    The mean carries :func:`anytime_radius`; the own noise of future runs, which no look has seen, keeps Student's t.
+    The two are added in quadrature.
+
+    Parameters
+    ----------
+    interval, s, df, h, level, replicates
+        As for :func:`half_width`.
+    planned_information : float
+        As for :func:`anytime_radius`.
+
+    Returns
+    -------
+    ndarray
+    """
+    radius = anytime_radius(h, df, level, planned_information)
+    noise = t_quantile(df, level) ** 2 * noise_share(interval, replicates)
+    return np.asarray(np.asarray(s) * np.sqrt(radius**2 * np.asarray(h) + noise))
+
+
+def noise_floor(interval: IntervalKind, s: float, level: float, replicates: int = 5) -> float:
+    """Half-width that no number of runs can go below: the noise of the future runs themselves.
+
+    Parameters
+    ----------
+    interval, level, replicates
+        As for :func:`half_width`.
+    s : float
+        Standard deviation of one run.
+
+    Returns
+    -------
+    float
+        0 for "confidence".
+    """
+    return float(half_width(interval, s, np.inf, 0.0, level, replicates))
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmationInterval:
+    """Exact t interval of the mean of fresh runs at settings fixed before they were made.
+
+    Attributes
+    ----------
+    mean, low, high : float
+        Score units.
+    s : float
+        Standard deviation among the fresh runs.
+    n : int
+        Number of fresh runs.
+    level : float
+        Two-sided probability.
+    """
+
+    mean: float
+    low: float
+    high: float
+    s: float
+    n: int
+    level: float
+
+    @property
+    def half_width(self) -> float:
+        """Half of ``high - low``."""
+        return 0.5 * (self.high - self.low)
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Whether a confirmation mean lies in the model's prediction interval for the mean of m runs.
+
+    Attributes
+    ----------
+    agrees : bool
+        ``|difference| <= half_width``.
+    difference : float
+        Confirmation mean minus predicted mean, score units.
+    half_width : float
+        ``t * s * sqrt(1/m + h)`` of the model.
+    t, p : float
+        Test statistic and its two-sided p.
+    text : str
+        One sentence with the numbers.
+    """
+
+    agrees: bool
+    difference: float
+    half_width: float
+    t: float
+    p: float
+    text: str
+
+
+def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> ConfirmationInterval:
+    """Interval of the mean utility at the recommended settings from fresh runs alone.
+
+    Its coverage is exact for normal noise whatever the design and the stopping rule were, because the settings were
+    fixed before these runs.
+
+    Parameters
+    ----------
+    scores : array_like (m,)
+        Scores of the fresh runs, m >= 2.
+    level : float
+        Two-sided probability, in (0, 1).
+
+    Returns
+    -------
+    ConfirmationInterval
+
+    Raises
+    ------
+    FitError
+        Fewer than two scores, or scores that are not finite.
+    """
+    values = np.asarray(scores, dtype=np.float64).ravel()
+    if len(values) < 2 or not np.all(np.isfinite(values)):
+        raise FitError(
+            Problem(
+                "a confirmation interval needs at least two finite scores",
+                "Make at least five fresh runs at the recommended settings.",
+                field="scores",
+                value=values.tolist(),
+            )
+        )
+    mean, s = float(values.mean()), float(values.std(ddof=1))
+    half = float(t_quantile(len(values) - 1, level)) * s / np.sqrt(len(values))
+    return ConfirmationInterval(mean, mean - half, mean + half, s, len(values), level)
+
+
+def confirmation_agrees(
+    confirmation: ConfirmationInterval, *, predicted: float, s: float, df: float, h: float, unit: str = ""
+) -> Agreement:
+    """Test fresh runs against the model's prediction for their mean.
+
+    Parameters
+    ----------
+    confirmation : ConfirmationInterval
+        The fresh runs.
+    predicted : float
+        Estimated mean at the settings, before the fresh runs.
+    s, df, h : float
+        Of that fit.
+    unit : str
+        Unit of the score, for the sentence.
+
+    Returns
+    -------
+    Agreement
+    """
+    se = s * np.sqrt(1.0 / confirmation.n + h)
+    half = float(half_width("prediction_mean", s, df, h, confirmation.level, confirmation.n))
+    difference = confirmation.mean - predicted
+    t = float(difference / se) if se > 0.0 else float(np.sign(difference) * np.inf if difference else 0.0)
+    p = float(2.0 * stdtr(df, -abs(t)))
+    agrees = bool(abs(difference) <= half)
+    suffix = f" {unit}" if unit else ""
+    text = (
+        f"The mean of {confirmation.n} fresh runs is {confirmation.mean:.4g} ± {confirmation.half_width:.3g}{suffix}; "
+        f"the model predicted {predicted:.4g} ± {half:.3g}{suffix} for it: they "
+        f"{'agree' if agrees else 'do not agree'} (p = {p:.2g})."
+    )
+    return Agreement(agrees, difference, half, t, p, text)

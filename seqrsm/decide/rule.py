@@ -1,0 +1,157 @@
+"""The stop rule as data, and the conditions one look can judge, for one campaign or many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.decide.intervals import IntervalKind, anytime_half_width, half_width
+from seqrsm.errors import Problem, SpecError
+
+Guard = Literal["runs", "confirmation", "anytime"]
+
+_INTERVAL_NAMES = {
+    "prediction": "prediction interval of one future run",
+    "prediction_mean": "prediction interval of the mean of {m} future runs",
+    "confidence": "confidence interval of the mean",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StopRule:
+    """When a campaign may stop.
+
+    Parameters
+    ----------
+    interval : "prediction", "prediction_mean" or "confidence"
+        The interval at the optimum that must be narrow.
+    half_width : float
+        Its target half-width, score units, > 0.
+    level : float
+        Two-sided probability of the interval, in (0, 1).
+    max_runs : int
+        The budget.
+    replicates : int
+        m of "prediction_mean" and of the confirmation set, >= 2.
+    guard : "runs", "confirmation" or "anytime"
+        What guards against stopping on a lucky s: at least ``runs_per_term`` runs for each term; a set of fresh runs
+        that agrees with the model; or an interval that holds at every look.
+    runs_per_term : float
+        For the guard "runs".
+    min_df_pure_error : int
+        Degrees of freedom of pure error asked for.
+    alpha_lack_of_fit : float
+        Lack of fit with a smaller p stops the stopping.
+    looks : int
+        1 or 2: consecutive looks at which all must hold.
+
+    Raises
+    ------
+    SpecError
+        Naming every value that is impossible.
+    """
+
+    interval: IntervalKind = "prediction"
+    half_width: float = 1.0
+    level: float = 0.95
+    max_runs: int = 80
+    replicates: int = 5
+    guard: Guard = "runs"
+    runs_per_term: float = 3.0
+    min_df_pure_error: int = 4
+    alpha_lack_of_fit: float = 0.05
+    looks: int = 2
+
+    def __post_init__(self) -> None:
+        limits = {
+            "interval": (self.interval in _INTERVAL_NAMES, '"prediction", "prediction_mean" or "confidence"'),
+            "half_width": (self.half_width > 0.0 and np.isfinite(self.half_width), "a positive number of score units"),
+            "level": (0.0 < self.level < 1.0, "a probability between 0 and 1, such as 0.95"),
+            "max_runs": (self.max_runs >= 1, "at least 1"),
+            "replicates": (self.replicates >= 2, "at least 2"),
+            "guard": (self.guard in ("runs", "confirmation", "anytime"), '"runs", "confirmation" or "anytime"'),
+            "runs_per_term": (self.runs_per_term >= 0.0, "0 or more"),
+            "min_df_pure_error": (self.min_df_pure_error >= 0, "0 or more"),
+            "alpha_lack_of_fit": (0.0 <= self.alpha_lack_of_fit < 1.0, "a probability below 1, such as 0.05"),
+            "looks": (self.looks in (1, 2), "1 or 2"),
+        }
+        wrong = [
+            Problem("impossible stop rule", f"Give {limits[f.name][1]}.", field=f.name, value=getattr(self, f.name))
+            for f in fields(self)
+            if not limits[f.name][0]
+        ]
+        if wrong:
+            raise SpecError(*wrong)
+
+    @property
+    def interval_name(self) -> str:
+        """The interval in words."""
+        return _INTERVAL_NAMES[self.interval].format(m=self.replicates)
+
+    def min_runs(self, n_terms: int) -> int:
+        """Fewest runs the guard allows for a model of ``n_terms`` terms."""
+        return int(np.ceil(self.runs_per_term * n_terms)) if self.guard == "runs" else n_terms + 1
+
+    def planned_information(self, n_terms: int) -> float:
+        """Information ``1/h`` the guard "anytime" is tuned to: that of average leverage when the budget is spent."""
+        return max(self.max_runs / n_terms, 1.0)
+
+
+def rule_half_width(rule: StopRule, s: ArrayLike, df_residual: ArrayLike, h: ArrayLike, n_terms: int) -> FloatArray:
+    """Half-width the rule looks at: Student's, or for the guard "anytime" the wider one of all looks.
+
+    Parameters
+    ----------
+    rule : StopRule
+    s, df_residual, h : array_like
+        Residual standard deviation, its degrees of freedom, and ``z0' (Z'WZ)^-1 z0``.
+    n_terms : int
+        Terms of the model; ``max_runs / n_terms`` is the information planned for.
+
+    Returns
+    -------
+    ndarray
+        Score units; nan without residual degrees of freedom.
+    """
+    if rule.guard != "anytime":
+        return half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates)
+    planned = rule.planned_information(n_terms)
+    return anytime_half_width(rule.interval, s, df_residual, h, rule.level, planned, rule.replicates)
+
+
+def conditions(
+    rule: StopRule,
+    *,
+    n_runs: ArrayLike,
+    n_terms: int,
+    df_pure_error: ArrayLike,
+    lack_of_fit_p: ArrayLike,
+    half_width: ArrayLike,
+) -> Mapping[str, BoolArray]:
+    """The parts of the rule that one look can judge; arrays are broadcast, nan never holds.
+
+    Parameters
+    ----------
+    rule : StopRule
+    n_runs, df_pure_error : array_like of int
+    n_terms : int
+    lack_of_fit_p : array_like
+        nan where not testable.
+    half_width : array_like
+        From :func:`rule_half_width`.
+
+    Returns
+    -------
+    mapping of name to bool array
+    """
+    found: dict[str, BoolArray] = {"interval": np.asarray(np.asarray(half_width) <= rule.half_width)}
+    if rule.guard == "runs":
+        found["runs"] = np.asarray(np.asarray(n_runs) >= rule.min_runs(n_terms))
+    found["pure_error"] = np.asarray(np.asarray(df_pure_error) >= rule.min_df_pure_error)
+    found["lack_of_fit"] = np.asarray(np.asarray(lack_of_fit_p, dtype=np.float64) >= rule.alpha_lack_of_fit)
+    return found

@@ -1,0 +1,234 @@
+"""The decision: the chosen interval is narrow enough, and there is reason to believe it.
+
+Stopping as soon as an interval is narrow picks the moments when s happens to be too small. Therefore the rule also asks
+for a number of runs (or another guard), pure error, no significant lack of fit, and the same at two consecutive looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import BoolArray
+from seqrsm.decide.forecast import amount, forecast, futility, target_problem
+from seqrsm.decide.intervals import Agreement
+from seqrsm.decide.intervals import half_width as interval_half_width
+from seqrsm.decide.rule import Guard, StopRule, conditions, rule_half_width
+
+__all__ = ["Check", "Decision", "Guard", "StopRule", "conditions", "decide", "rule_half_width", "target_problem"]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One part of the rule.
+
+    Attributes
+    ----------
+    name : str
+        "interval", "runs", "pure_error", "lack_of_fit", "two_looks" or "confirmation".
+    holds : bool or None
+        None: it cannot be tested yet, which counts as not holding.
+    text : str
+        One sentence with the numbers.
+    """
+
+    name: str
+    holds: bool | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Stop or go on, and why.
+
+    Attributes
+    ----------
+    held : bool
+        The whole rule holds: stop.
+    conditions_hold : bool
+        All holds at this look, before "two_looks" and "confirmation"; hand it to the next look as
+        ``held_at_previous_look``.
+    checks : tuple of Check
+        Every part of the rule.
+    half_width : float
+        Half-width the rule looked at (with the guard "anytime" the wider one), score units.
+    noise_floor : float
+        Half-width that no number of runs can go below, score units.
+    attainable_half_width : float
+        Half-width expected when the budget is spent, score units.
+    attainable_mean_half_width : float
+        The same for the mean of ``replicates`` runs, score units.
+    runs_needed : int or None
+        Estimated total number of runs until the rule holds; None: out of reach.
+    budget_spent : bool
+        ``n_runs >= max_runs``.
+    wants_confirmation : bool
+        Nothing but the fresh runs is missing.
+    futility : tuple of str
+        Why going on may be useless.
+    reasons : tuple of str
+        The decision in sentences: what is missing, floors, budget, futility.
+    """
+
+    held: bool
+    conditions_hold: bool
+    checks: tuple[Check, ...]
+    half_width: float
+    noise_floor: float
+    attainable_half_width: float
+    attainable_mean_half_width: float
+    runs_needed: int | None
+    budget_spent: bool
+    wants_confirmation: bool
+    futility: tuple[str, ...]
+    reasons: tuple[str, ...]
+
+
+def decide(
+    rule: StopRule,
+    *,
+    n_runs: int,
+    n_terms: int,
+    s: float,
+    df_residual: int,
+    df_pure_error: int,
+    lack_of_fit_p: float | None,
+    h: float,
+    half_width: float | None = None,
+    held_at_previous_look: bool = False,
+    lack_of_fit_reason: str = "",
+    model_p: float | None = None,
+    confirmation: Agreement | None = None,
+    unit: str = "",
+) -> Decision:
+    """Apply the rule to one look.
+
+    Parameters
+    ----------
+    rule : StopRule
+    n_runs, n_terms : int
+        Scored runs and terms of the model.
+    s, df_residual : float, int
+        Residual standard deviation (nan without degrees of freedom) and its degrees of freedom.
+    df_pure_error : int
+        Degrees of freedom of pure error.
+    lack_of_fit_p : float or None
+        p of the lack-of-fit test; None where it cannot be made, for ``lack_of_fit_reason``.
+    h : float
+        ``z0' (Z'WZ)^-1 z0`` at the optimum.
+    half_width : float, optional
+        Half-width of the rule's Student interval in score units, where the fit is on another scale than the scores; by
+        default computed from ``s`` and ``h``. Floors and forecasts are scaled by it.
+    held_at_previous_look : bool
+        ``conditions_hold`` of the look before.
+    model_p : float, optional
+        p of the F test that no term but the intercept matters.
+    confirmation : Agreement, optional
+        Test of fresh runs at the recommended settings.
+    unit : str
+        Unit of the score, for the sentences.
+
+    Returns
+    -------
+    Decision
+    """
+    student = float(interval_half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
+    scale = 1.0
+    if half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(half_width):
+        scale = half_width / student
+    width = float(rule_half_width(rule, s, df_residual, h, n_terms)) * scale if df_residual > 0 else float("nan")
+    found = conditions(
+        rule,
+        n_runs=n_runs,
+        n_terms=n_terms,
+        df_pure_error=df_pure_error,
+        lack_of_fit_p=np.nan if lack_of_fit_p is None else lack_of_fit_p,
+        half_width=width,
+    )
+    now = all(bool(value) for value in found.values())
+    checks = [
+        _interval_check(rule, bool(found["interval"]), width, unit),
+        *_count_checks(rule, found, n_runs, n_terms, df_pure_error),
+        _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason),
+    ]
+    if rule.looks == 2:
+        checks.append(_two_looks_check(now, held_at_previous_look))
+    before_confirmation = all(check.holds is True for check in checks)
+    if rule.guard == "confirmation":
+        checks.append(_confirmation_check(rule, confirmation))
+    held = all(check.holds is True for check in checks)
+    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
+    useless = futility(rule, ahead, n_terms=n_terms, df_residual=df_residual, model_p=model_p, width=width, unit=unit)
+    budget_spent = n_runs >= rule.max_runs
+    reasons = [check.text for check in checks if check.holds is not True]
+    if held:
+        reasons = [f"The stop rule holds after {n_runs} runs.", *(check.text for check in checks)]
+    elif budget_spent:
+        reasons.append(f"The budget of {rule.max_runs} runs is spent before the stop rule held.")
+    if confirmation is not None and not confirmation.agrees and rule.guard != "confirmation":
+        reasons.append(confirmation.text)
+    return Decision(
+        held=held,
+        conditions_hold=now,
+        checks=tuple(checks),
+        half_width=width,
+        noise_floor=ahead.noise_floor,
+        attainable_half_width=ahead.attainable_half_width,
+        attainable_mean_half_width=ahead.attainable_mean_half_width,
+        runs_needed=ahead.runs_needed,
+        budget_spent=budget_spent,
+        wants_confirmation=rule.guard == "confirmation" and before_confirmation and confirmation is None,
+        futility=() if held else useless,
+        reasons=tuple(reasons if held else [*reasons, *useless]),
+    )
+
+
+def _interval_check(rule: StopRule, holds: bool, width: float, unit: str) -> Check:
+    target = f"the target is ± {amount(rule.half_width, unit)}"
+    if not np.isfinite(width):
+        return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
+    kind = ", valid at every look" if rule.guard == "anytime" else ""
+    text = (
+        f"The {rule.interval_name} at the optimum is ± {amount(width, unit)} ({100 * rule.level:g} %{kind}); {target}."
+    )
+    return Check("interval", holds, text)
+
+
+def _count_checks(
+    rule: StopRule, found: Mapping[str, BoolArray], n_runs: int, n_terms: int, df_pure_error: int
+) -> tuple[Check, ...]:
+    pure = Check(
+        "pure_error",
+        bool(found["pure_error"]),
+        f"Repeats give {df_pure_error} degrees of freedom of pure error; {rule.min_df_pure_error} are asked for.",
+    )
+    if rule.guard != "runs":
+        return (pure,)
+    asked = f"{rule.min_runs(n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
+    text = f"{n_runs} runs for {n_terms} terms; {asked}."
+    return (Check("runs", bool(found["runs"]), text), pure)
+
+
+def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str) -> Check:
+    if p is None or not np.isfinite(p):
+        return Check("lack_of_fit", None, f"Lack of fit cannot be tested{': ' + reason if reason else ''}.")
+    holds = p >= rule.alpha_lack_of_fit
+    verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
+    return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
+
+
+def _two_looks_check(now: bool, before: bool) -> Check:
+    if now and before:
+        return Check("two_looks", True, "All of this held at the look before, too.")
+    if now:
+        return Check("two_looks", False, "All of this holds for the first time; it must hold at two consecutive looks.")
+    return Check("two_looks", False, "It must hold at two consecutive looks.")
+
+
+def _confirmation_check(rule: StopRule, confirmation: Agreement | None) -> Check:
+    if confirmation is None:
+        text = f"{rule.replicates} fresh runs at the recommended settings have not been made."
+        return Check("confirmation", None, text)
+    return Check("confirmation", confirmation.agrees, confirmation.text)

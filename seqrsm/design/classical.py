@@ -1,0 +1,177 @@
+"""Classical designs in coded units: factorial, central composite, Box-Behnken, Latin hypercube, Sobol.
+
+All return points (n, k) with numeric factors in [-1, 1] unless said otherwise, in standard order.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import DesignError, Problem
+
+Axial: TypeAlias = Literal["face", "rotatable", "inscribed"]
+
+_MAX_RUNS = 1_000_000
+_WORD = re.compile(r"([+-]?)([A-Za-z]+)\Z")
+
+# Box & Behnken (1960), Technometrics 2, 455-475, table 4: which factors vary together at +-1 (others at 0), and the
+# runs at the centre.
+_BOX_BEHNKEN: dict[int, tuple[tuple[tuple[int, ...], ...], int]] = {
+    3: (((0, 1), (0, 2), (1, 2)), 3),
+    4: (((0, 1), (2, 3), (0, 3), (1, 2), (0, 2), (1, 3)), 3),
+    5: (((0, 1), (2, 3), (1, 4), (0, 2), (3, 4), (1, 2), (0, 3), (2, 4), (0, 4), (1, 3)), 6),
+    6: (((0, 1, 3), (1, 2, 4), (2, 3, 5), (0, 3, 4), (1, 4, 5), (0, 2, 5)), 6),
+    7: (((3, 4, 5), (0, 5, 6), (1, 4, 6), (0, 1, 3), (2, 3, 6), (0, 2, 4), (1, 2, 5)), 6),
+}
+
+
+def full_factorial(levels: Sequence[int]) -> FloatArray:
+    """Every combination of equally spaced levels of each factor, the first factor changing fastest.
+
+    Parameters
+    ----------
+    levels : sequence of int
+        Number of levels of each factor, at least 2.
+
+    Raises
+    ------
+    DesignError
+        No factor, fewer than two levels, or more than a million runs.
+    """
+    if not levels or any(n < 2 for n in levels):
+        raise DesignError(Problem("a factorial needs two or more levels of each factor", value=tuple(levels)))
+    if np.prod([float(n) for n in levels]) > _MAX_RUNS:
+        raise DesignError(Problem(f"the factorial has more than {_MAX_RUNS} runs", value=tuple(levels)))
+    lines = [np.linspace(-1.0, 1.0, n) for n in levels]
+    return np.array(list(itertools.product(*reversed(lines))))[:, ::-1].copy()
+
+
+def fractional_factorial(generators: str) -> FloatArray:
+    """Two-level fractional factorial from generators.
+
+    Parameters
+    ----------
+    generators : str
+        One word per column: a single letter is a basic factor, a longer word the product of basic factors, with an
+        optional sign: ``"a b c abc"`` is the 2^(4-1) of resolution IV, ``"a b -ab"`` a half fraction with D = -AB.
+
+    Raises
+    ------
+    DesignError
+        A word that is no product of the basic factors, or two equal columns.
+    """
+    words = generators.split()
+    parsed = [_WORD.match(word) for word in words]
+    if not words or not all(parsed):
+        raise DesignError(Problem("a generator is a sign and letters", 'As in "a b c -abc".', value=generators))
+    pairs = [(match.group(1), match.group(2)) for match in parsed if match]
+    basic = [letters for sign, letters in pairs if len(letters) == 1 and sign != "-"]
+    if not basic or len(set(basic)) < len(basic) or len(basic) > 20:
+        raise DesignError(Problem("the basic factors must be different single letters", value=generators))
+    unknown = sorted({letter for _, letters in pairs for letter in letters} - set(basic))
+    if unknown:
+        raise DesignError(Problem("a generator uses letters that are no basic factor", value=", ".join(unknown)))
+    base = full_factorial([2] * len(basic))
+    columns = [
+        (-1.0 if sign == "-" else 1.0) * np.prod(base[:, [basic.index(letter) for letter in letters]], axis=1)
+        for sign, letters in pairs
+    ]
+    points = np.column_stack(columns)
+    if np.unique(np.abs(points.T @ points) == points.shape[0], return_counts=True)[1][-1] > len(words):
+        raise DesignError(Problem("two columns of the fraction are equal or opposite", value=generators))
+    return points
+
+
+def central_composite(
+    k: int, axial: Axial = "face", centre_runs: int = 3, factorial: FloatArray | None = None
+) -> FloatArray:
+    """Central composite design (Box & Wilson 1951): factorial, axial and centre points.
+
+    Parameters
+    ----------
+    k : int
+        Factors, 2 or more.
+    axial : {"face", "rotatable", "inscribed"}
+        Axial distance: 1; F^(1/4) for a factorial of F runs (beyond [-1, 1]: the variance is then constant on spheres,
+        Box & Hunter 1957); the rotatable design shrunk into [-1, 1].
+    centre_runs : int
+        Runs at the centre.
+    factorial : ndarray (F, k), optional
+        Takes the place of the full two-level factorial, say a fraction of resolution V.
+    """
+    if k < 2 or centre_runs < 0:
+        raise DesignError(Problem("a central composite design needs two or more factors", value=k))
+    cube = full_factorial([2] * k) if factorial is None else np.asarray(factorial, dtype=np.float64)
+    if cube.ndim != 2 or cube.shape[1] != k:
+        raise DesignError(Problem(f"the factorial part must have {k} columns", value=cube.shape))
+    if axial not in ("face", "rotatable", "inscribed"):
+        raise DesignError(Problem("unknown axial distance", "Use face, rotatable or inscribed.", value=axial))
+    alpha = 1.0 if axial == "face" else float(cube.shape[0]) ** 0.25
+    axes = alpha * np.repeat(np.eye(k), 2, axis=0) * np.tile([-1.0, 1.0], k)[:, None]
+    points = np.vstack([cube, axes, np.zeros((centre_runs, k))])
+    return points / alpha if axial == "inscribed" else points
+
+
+def box_behnken(k: int, centre_runs: int | None = None) -> FloatArray:
+    """Box-Behnken design for 3 to 7 factors: 12, 24, 40, 48 or 56 runs and those at the centre.
+
+    Parameters
+    ----------
+    k : int
+        Factors, 3 to 7.
+    centre_runs : int, optional
+        By default as published: 3, 3, 6, 6, 6 (15, 27, 46, 54, 62 runs in all).
+    """
+    if k not in _BOX_BEHNKEN:
+        raise DesignError(Problem("Box-Behnken designs are given for 3 to 7 factors", "Use another.", value=k))
+    blocks, published = _BOX_BEHNKEN[k]
+    rows = []
+    for block in blocks:
+        cube = full_factorial([2] * len(block))
+        part = np.zeros((cube.shape[0], k))
+        part[:, list(block)] = cube
+        rows.append(part)
+    count = published if centre_runs is None else centre_runs
+    if count < 0:
+        raise DesignError(Problem("the number of centre runs is negative", value=count))
+    return np.vstack([*rows, np.zeros((count, k))])
+
+
+def latin_hypercube(n: int, k: int, seed: int, centred: bool = False) -> FloatArray:
+    """Latin hypercube (McKay, Beckman & Conover 1979): each factor once in each of n equal intervals of [-1, 1].
+
+    Parameters
+    ----------
+    n, k : int
+        Runs and factors.
+    seed : int
+        Same seed, same design.
+    centred : bool
+        Points in the middle of their intervals instead of anywhere in them.
+    """
+    if n < 1 or k < 1:
+        raise DesignError(Problem("a Latin hypercube needs a run and a factor", value=(n, k)))
+    rng = np.random.default_rng(seed)
+    cells = np.column_stack([rng.permutation(n) for _ in range(k)])
+    inside = np.full((n, k), 0.5) if centred else rng.random((n, k))
+    return 2.0 * (cells + inside) / n - 1.0
+
+
+def sobol(n: int, k: int, seed: int | None = None) -> FloatArray:
+    """First n points of the Sobol sequence on [-1, 1]^k, scrambled where a seed is given.
+
+    A power of two is best: then every factor is once in each of n equal intervals.
+    """
+    if n < 1 or k < 1:
+        raise DesignError(Problem("a Sobol sequence needs a run and a factor", value=(n, k)))
+    from scipy.stats import qmc  # scipy.stats takes half a second to import
+
+    engine = qmc.Sobol(k, scramble=seed is not None, seed=None if seed is None else np.random.default_rng(seed))
+    points: FloatArray = 2.0 * engine.random_base2(int(np.ceil(np.log2(n))))[:n] - 1.0
+    return points

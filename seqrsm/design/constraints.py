@@ -1,0 +1,296 @@
+"""Constraints between factors, written as expressions in natural units.
+
+The text is parsed with :mod:`ast`, checked node by node against a short list, and turned into nested tuples that
+:meth:`Constraint.slack` walks with numpy. Nothing is ever handed to ``eval``.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import Problem, RegionError
+
+MAX_CHARACTERS = 500
+MAX_NODES = 100
+MAX_EXPONENT = 10.0
+ALLOWED = (
+    "Allowed are names of factors, numbers, + - * / **, < <= > >= (also chained), and, or, log log10 sqrt exp min max "
+    'abs, and for a categorical factor == != in with its levels, as in: polarization in ("HH", "VV").'
+)
+
+Node: TypeAlias = tuple[Any, ...]
+# A value and a bound on the size of what was added up to reach it: cancellation is judged against the latter.
+Sized: TypeAlias = tuple[FloatArray, FloatArray]
+
+_ARITHMETIC: dict[type[ast.AST], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_ORDER: dict[type[ast.AST], int] = {ast.LtE: 1, ast.Lt: 1, ast.GtE: -1, ast.Gt: -1}
+
+
+class _Parser:
+    """Turns the text of one constraint into nested tuples, or says what is wrong and where."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.numeric: set[str] = set()
+        self.labels: list[tuple[str, tuple[str, ...]]] = []
+
+    def fail(self, message: str, node: ast.AST | None = None) -> RegionError:
+        column = getattr(node, "col_offset", None)
+        where = "" if column is None else f" at column {column + 1}"
+        return RegionError(Problem(f"{message}{where}", ALLOWED, field="constraint", value=self.text[:MAX_CHARACTERS]))
+
+    def parse(self) -> Node:
+        if len(self.text) > MAX_CHARACTERS:
+            raise self.fail(f"the expression has {len(self.text)} characters, more than {MAX_CHARACTERS}")
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                body = ast.parse(self.text.strip(), mode="eval").body
+        except SyntaxError as error:
+            column = "" if error.offset is None else f" at column {error.offset}"
+            raise self.fail(f"this is no expression ({error.msg}{column})") from None
+        except (ValueError, MemoryError, RecursionError, OverflowError):
+            raise self.fail("this is no expression, or one nested too deeply") from None
+        if sum(1 for _ in ast.walk(body)) > MAX_NODES:
+            raise self.fail(f"the expression has more than {MAX_NODES} parts")
+        return self.condition(body)
+
+    def condition(self, node: ast.AST) -> Node:
+        if isinstance(node, ast.BoolOp):
+            kind = "and" if isinstance(node.op, ast.And) else "or"
+            return (kind, *(self.condition(value) for value in node.values))
+        if not isinstance(node, ast.Compare):
+            raise self.fail("a constraint must compare two sides", node)
+        operands = [node.left, *node.comparators]
+        pairs = [
+            self.comparison(left, op, right, node)
+            for left, op, right in zip(operands[:-1], node.ops, operands[1:], strict=True)
+        ]
+        return pairs[0] if len(pairs) == 1 else ("and", *pairs)
+
+    def comparison(self, left: ast.expr, op: ast.cmpop, right: ast.expr, node: ast.AST) -> Node:
+        sign = _ORDER.get(type(op))
+        if sign is not None:
+            low, high = (left, right) if sign > 0 else (right, left)
+            return ("<=", self.number(low), self.number(high))
+        if isinstance(op, (ast.Eq, ast.NotEq)):
+            if isinstance(left, ast.Constant):
+                left, right = right, left
+            return self.membership(left, [right], isinstance(op, ast.Eq), node)
+        if isinstance(op, (ast.In, ast.NotIn)) and isinstance(right, (ast.Tuple, ast.List, ast.Set)):
+            return self.membership(left, list(right.elts), isinstance(op, ast.In), node)
+        raise self.fail(f"the comparison '{type(op).__name__}' is not allowed", node)
+
+    def membership(self, left: ast.AST, right: list[ast.expr], wanted: bool, node: ast.AST) -> Node:
+        labels = [item.value for item in right if isinstance(item, ast.Constant) and isinstance(item.value, str)]
+        if not isinstance(left, ast.Name) or len(labels) != len(right) or not labels:
+            raise self.fail("==, != and in compare a categorical factor with its levels only", node)
+        name = self.name(left)
+        self.labels.append((name, tuple(labels)))
+        return ("in", name, frozenset(labels), wanted)
+
+    def name(self, node: ast.Name) -> str:
+        if not node.id.isascii() or ast.get_source_segment(self.text.strip(), node) != node.id:
+            raise self.fail(f"the name '{node.id}' is not written in plain ASCII letters", node)
+        return node.id
+
+    def number(self, node: ast.AST) -> Node:
+        if isinstance(node, ast.Constant):
+            return ("number", self.constant(node))
+        if isinstance(node, ast.Name):
+            name = self.name(node)
+            self.numeric.add(name)
+            return ("name", name)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
+            inner = self.number(node.operand)
+            return ("negative", inner) if isinstance(node.op, ast.USub) else inner
+        if isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC:
+            return (_ARITHMETIC[type(node.op)], self.number(node.left), self.number(node.right))
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            return ("**", self.number(node.left), self.exponent(node.right))
+        if isinstance(node, ast.Call):
+            return self.call(node)
+        raise self.fail(f"'{type(node).__name__}' is not allowed", node)
+
+    def call(self, node: ast.Call) -> Node:
+        name = node.func.id if isinstance(node.func, ast.Name) else None
+        if name not in _FUNCTIONS or node.keywords:
+            raise self.fail("only log, log10, sqrt, exp, min, max and abs may be called, by plain arguments", node)
+        several = name in ("min", "max")
+        if (len(node.args) < 2) if several else (len(node.args) != 1):
+            raise self.fail(f"'{name}' takes {'two or more arguments' if several else 'one argument'}", node)
+        return (name, *(self.number(argument) for argument in node.args))
+
+    def constant(self, node: ast.Constant) -> float:
+        value = node.value
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.fail(f"{value!r:.40} is no number", node)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.fail("a number is too large", node)
+        return number
+
+    def exponent(self, node: ast.AST) -> float:
+        """Value of a constant exponent such as 2, -0.5 or (1/3)."""
+        value = self._fold(node)
+        if not math.isfinite(value) or abs(value) > MAX_EXPONENT:
+            raise self.fail(f"an exponent must be a number from -{MAX_EXPONENT:g} to {MAX_EXPONENT:g}", node)
+        return value
+
+    def _fold(self, node: ast.AST) -> float:
+        if isinstance(node, ast.Constant):
+            return self.constant(node)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
+            return -self._fold(node.operand) if isinstance(node.op, ast.USub) else self._fold(node.operand)
+        if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Mult, ast.Div)):
+            left, right = self._fold(node.left), self._fold(node.right)
+            if isinstance(node.op, ast.Mult):
+                return left * right
+            return left / right if right != 0.0 else math.inf
+        raise self.fail("an exponent must be a plain number", node)
+
+
+def _logarithm(function: Callable[[FloatArray], FloatArray]) -> Callable[[Sized], Sized]:
+    def apply(argument: Sized) -> Sized:
+        value, size = argument
+        result = function(value)
+        return result, np.abs(result) + size / np.abs(value)
+
+    return apply
+
+
+def _exponential(argument: Sized) -> Sized:
+    result = np.exp(argument[0])
+    return result, result * (1.0 + argument[1])
+
+
+def _extreme(function: Callable[..., FloatArray]) -> Callable[..., Sized]:
+    def apply(*arguments: Sized) -> Sized:
+        value, size = arguments[0]
+        for other, other_size in arguments[1:]:
+            value, size = function(value, other), np.maximum(size, other_size)
+        return value, size
+
+    return apply
+
+
+_FUNCTIONS: dict[str, Callable[..., Sized]] = {
+    "log": _logarithm(np.log),
+    "log10": _logarithm(np.log10),
+    "sqrt": lambda a: (np.sqrt(a[0]), np.sqrt(a[1])),
+    "exp": _exponential,
+    "min": _extreme(np.minimum),
+    "max": _extreme(np.maximum),
+    "abs": lambda a: (np.abs(a[0]), a[1]),
+}
+
+
+def _evaluate(node: Node, settings: Mapping[str, Any]) -> Sized:
+    kind = node[0]
+    if kind == "number":
+        return np.float64(node[1]), np.float64(abs(node[1]))  # type: ignore[return-value]
+    if kind == "name":
+        value = np.asarray(settings[node[1]], dtype=np.float64)
+        return value, np.abs(value)
+    if kind == "**":
+        (value, size), exponent = _evaluate(node[1], settings), node[2]
+        result = np.power(value, exponent)
+        slope = abs(exponent) * np.power(np.abs(value), exponent - 1.0)
+        return result, np.fmax(np.abs(result), slope * size)
+    parts = [_evaluate(part, settings) for part in node[1:]]
+    if kind == "negative":
+        return -parts[0][0], parts[0][1]
+    if kind in _FUNCTIONS:
+        return _FUNCTIONS[kind](*parts)
+    (a, size_a), (b, size_b) = parts
+    if kind == "+":
+        return a + b, size_a + size_b
+    if kind == "-":
+        return a - b, size_a + size_b
+    if kind == "*":
+        return a * b, size_a * size_b
+    return a / b, size_a / np.abs(b) * np.maximum(1.0, size_b / np.abs(b))
+
+
+def _slack(node: Node, settings: Mapping[str, Any], n: int) -> FloatArray:
+    kind = node[0]
+    if kind in ("and", "or"):
+        slacks = [_slack(part, settings, n) for part in node[1:]]
+        combined: FloatArray = np.minimum.reduce(slacks) if kind == "and" else np.maximum.reduce(slacks)
+        return combined
+    if kind == "in":
+        _, name, labels, wanted = node
+        inside = np.isin(np.asarray(settings[name]), sorted(labels))
+        return np.broadcast_to(np.where(inside == wanted, 1.0, -1.0), (n,))
+    low, size_low = _evaluate(node[1], settings)
+    high, size_high = _evaluate(node[2], settings)
+    difference, size = high - low, size_low + size_high
+    slack = np.where(difference == 0.0, 0.0, difference / size)
+    # Beyond the range of floats only the sign is known; where a side is undefined (0/0, the root of a negative number)
+    # not even that, and the setting is not allowed.
+    known = np.isfinite(size) & np.isfinite(slack)
+    return np.broadcast_to(np.where(known, slack, np.where(difference > 0.0, 1.0, -1.0)), (n,))
+
+
+@dataclass(frozen=True, slots=True)
+class Constraint:
+    """Condition on the settings, such as ``looks <= 4 * (resolution / 12.1) ** 2``.
+
+    Parameters
+    ----------
+    expr : str
+        Comparison of expressions in the factors' natural units; see ``ALLOWED``. At most 500 characters and 100 parts;
+        exponents are numbers from -10 to 10.
+
+    Raises
+    ------
+    RegionError
+        Naming the expression, the column and what is allowed.
+    """
+
+    expr: str
+    numeric_names: frozenset[str] = field(init=False, repr=False, compare=False)
+    labels: tuple[tuple[str, tuple[str, ...]], ...] = field(init=False, repr=False, compare=False)
+    _tree: Node = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.expr, str) or not self.expr.strip():
+            raise RegionError(Problem("a constraint is empty or no text", ALLOWED, value=self.expr))
+        parser = _Parser(self.expr)
+        object.__setattr__(self, "_tree", parser.parse())
+        object.__setattr__(self, "numeric_names", frozenset(parser.numeric))
+        object.__setattr__(self, "labels", tuple(parser.labels))
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of all factors in the expression."""
+        return self.numeric_names | {name for name, _ in self.labels}
+
+    def slack(self, settings: Mapping[str, Any]) -> FloatArray:
+        """How far the condition is from being violated.
+
+        Parameters
+        ----------
+        settings : mapping of name to array (n,)
+            Natural values; for a categorical factor the names of the levels.
+
+        Returns
+        -------
+        ndarray (n,)
+            Difference of the sides over the sum of the sizes of what was added up in them, in [-1, 1]; >= 0 is
+            feasible. Smallest over ``and``, largest over ``or``; -1 where a side is undefined.
+        """
+        n = max((np.asarray(settings[name]).size for name in self.names), default=1)
+        with np.errstate(all="ignore"):
+            return np.array(_slack(self._tree, settings, n), dtype=np.float64)

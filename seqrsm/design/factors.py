@@ -1,0 +1,294 @@
+"""Factors of a campaign and their coding.
+
+A numeric factor is coded onto [-1, 1] before any model matrix is formed (RSL TR 380-1 eq. (2-4)): a quadratic in coded
+factors is well conditioned where the same quadratic in hertz and seconds is not. Frequency, resolution, looks,
+bandwidth and power are naturally coded in their logarithm. A categorical factor keeps the index of its level.
+"""
+
+from __future__ import annotations
+
+import keyword
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import Problem, RegionError
+
+Scale: TypeAlias = Literal["linear", "log"]
+
+#: Functions a constraint may call; no factor may bear such a name.
+FUNCTION_NAMES = ("log", "log10", "sqrt", "exp", "min", "max", "abs")
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+# A measured 12.1 that went through a text file or single precision still is the level 12.1.
+_LEVEL_TOLERANCE = 1e-6
+
+
+def _name_problems(name: object) -> list[Problem]:
+    if not isinstance(name, str) or not _NAME.match(name) or len(name) > 64:
+        return [
+            Problem(
+                "a factor's name is not usable in constraints and term names",
+                "Use up to 64 letters, digits and underscores, not starting with a digit.",
+                field="name",
+                value=name,
+            )
+        ]
+    if keyword.iskeyword(name) or name in FUNCTION_NAMES:
+        return [Problem("a factor bears a reserved name", "Choose another name.", field="name", value=name)]
+    return []
+
+
+def _scale_problems(name: str, scale: object, smallest: float) -> list[Problem]:
+    if scale not in ("linear", "log"):
+        return [Problem("unknown scale", 'Use "linear" or "log".', field=f"{name}.scale", value=scale)]
+    if scale == "log" and smallest <= 0.0:
+        return [
+            Problem(
+                "a logarithmic factor must be positive throughout",
+                'Raise the lower end above 0 or use scale = "linear".',
+                field=name,
+                value=smallest,
+            )
+        ]
+    return []
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def _to_axis(name: str, natural: ArrayLike, scale: Scale) -> FloatArray:
+    values = np.asarray(natural, dtype=np.float64)
+    if scale == "linear":
+        return values
+    if np.any(values <= 0.0):
+        bad = float(values[values <= 0.0].flat[0])
+        raise RegionError(
+            Problem("a logarithmic factor takes positive values only", "Give a value > 0.", field=name, value=bad)
+        )
+    return np.log(values)
+
+
+def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) -> FloatArray:
+    axis = _to_axis(name, natural, scale)
+    left, right = (low, high) if scale == "linear" else (float(np.log(low)), float(np.log(high)))
+    # This form, unlike (2 x - low - high) / (high - low), gives -1 and +1 exactly at the ends.
+    return ((axis - left) - (right - axis)) / (right - left)
+
+
+def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArray:
+    t = np.asarray(coded, dtype=np.float64)
+    if scale == "linear":
+        natural = low * ((1.0 - t) / 2.0) + high * ((1.0 + t) / 2.0)
+    else:
+        natural = np.exp(np.log(low) * ((1.0 - t) / 2.0) + np.log(high) * ((1.0 + t) / 2.0))
+    # exp(log(x)) differs from x in the last digit: the ends are what the user wrote.
+    natural = np.where(t == -1.0, low, np.where(t == 1.0, high, natural))
+    inside = np.abs(t) <= 1.0
+    return np.where(inside, np.clip(natural, low, high), natural)
+
+
+@dataclass(frozen=True, slots=True)
+class ContinuousFactor:
+    """Numeric factor that takes any value of a closed interval.
+
+    Parameters
+    ----------
+    name : str
+        Identifier of letters, digits and underscores.
+    low, high : float
+        Ends of the interval in natural units, ``low < high``; coded -1 and +1.
+    unit : str
+        Unit of ``low`` and ``high``, for reports.
+    scale : {"linear", "log"}
+        Whether the value or its logarithm is coded linearly; ``"log"`` needs ``low > 0``.
+
+    Raises
+    ------
+    RegionError
+        With all that is wrong.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+    scale: Scale = "linear"
+
+    def __post_init__(self) -> None:
+        problems = _name_problems(self.name)
+        ends = [("low", self.low), ("high", self.high)]
+        broken = [
+            Problem("an end of the interval is not a finite number", field=f"{self.name}.{key}", value=end)
+            for key, end in ends
+            if not _is_number(end) or not math.isfinite(end)
+        ]
+        problems += broken
+        if not broken:
+            if not self.low < self.high or not math.isfinite(float(self.high) - float(self.low)):
+                problems.append(
+                    Problem(
+                        "the lower end is not below the upper end",
+                        "Give low < high.",
+                        field=self.name,
+                        value=(self.low, self.high),
+                    )
+                )
+            problems += _scale_problems(self.name, self.scale, float(self.low))
+        if problems:
+            raise RegionError(*problems)
+        object.__setattr__(self, "low", float(self.low))
+        object.__setattr__(self, "high", float(self.high))
+
+    def code(self, natural: ArrayLike) -> FloatArray:
+        """Coded values of natural ones, any shape; values beyond the interval give |coded| > 1."""
+        return _code(self.name, natural, self.low, self.high, self.scale)
+
+    def decode(self, coded: ArrayLike) -> FloatArray:
+        """Natural values [``unit``] of coded ones, any shape."""
+        return _decode(coded, self.low, self.high, self.scale)
+
+
+@dataclass(frozen=True, slots=True)
+class DiscreteFactor:
+    """Numeric factor that takes only the values listed.
+
+    Parameters
+    ----------
+    name : str
+        Identifier of letters, digits and underscores.
+    values : tuple of float
+        Two or more different values in natural units; kept in ascending order.
+    unit : str
+        Unit of the values, for reports.
+    scale : {"linear", "log"}
+        Whether the value or its logarithm is coded linearly from the smallest (-1) to the largest (+1).
+
+    Raises
+    ------
+    RegionError
+        With all that is wrong.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    unit: str = ""
+    scale: Scale = "linear"
+
+    def __post_init__(self) -> None:
+        problems = _name_problems(self.name)
+        values = tuple(self.values)
+        broken = [
+            Problem("a value is not a finite number", field=f"{self.name}.values", value=v)
+            for v in values
+            if not _is_number(v) or not math.isfinite(v)
+        ]
+        problems += broken
+        if not broken:
+            values = tuple(sorted(float(v) for v in values))
+            if len(values) < 2:
+                problems.append(
+                    Problem(
+                        "a factor needs at least two values",
+                        "List two or more, or make it a fixed parameter.",
+                        field=f"{self.name}.values",
+                        value=values,
+                    )
+                )
+            elif len(set(values)) < len(values):
+                problems.append(
+                    Problem("a value is listed twice", "List each once.", field=f"{self.name}.values", value=values)
+                )
+            if values:
+                problems += _scale_problems(self.name, self.scale, values[0])
+        if problems:
+            raise RegionError(*problems)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def coded_levels(self) -> FloatArray:
+        """Coded values of the levels, ascending, first -1 and last +1; shape (levels,)."""
+        return _code(self.name, self.values, self.values[0], self.values[-1], self.scale)
+
+    def code(self, natural: ArrayLike) -> FloatArray:
+        """Coded values of natural ones, any shape; a value that is a level but for rounding gets its exact code."""
+        coded = _code(self.name, natural, self.values[0], self.values[-1], self.scale)
+        index, hit = self.match(coded)
+        return np.where(hit, self.coded_levels[index], coded)
+
+    def decode(self, coded: ArrayLike) -> FloatArray:
+        """Natural values [``unit``] of coded ones, any shape; exact at the levels."""
+        t = np.asarray(coded, dtype=np.float64)
+        index, hit = self.match(t)
+        between = _decode(t, self.values[0], self.values[-1], self.scale)
+        return np.where(hit, np.asarray(self.values)[index], between)
+
+    def match(self, coded: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the nearest level of each coded value, and whether it is that level but for rounding."""
+        t = np.asarray(coded, dtype=np.float64)
+        levels = self.coded_levels
+        right = np.clip(np.searchsorted(levels, t), 1, levels.size - 1)
+        index = np.where(t - levels[right - 1] <= levels[right] - t, right - 1, right)
+        tolerance = min(_LEVEL_TOLERANCE, 1e-3 * float(np.min(np.diff(levels))))
+        return index, np.abs(t - levels[index]) <= tolerance
+
+
+@dataclass(frozen=True, slots=True)
+class CategoricalFactor:
+    """Factor whose levels have no order, such as the polarization.
+
+    Parameters
+    ----------
+    name : str
+        Identifier of letters, digits and underscores.
+    levels : tuple of str
+        Two or more different names; a point holds the index into this tuple.
+
+    Raises
+    ------
+    RegionError
+        With all that is wrong.
+    """
+
+    name: str
+    levels: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        problems = _name_problems(self.name)
+        levels = tuple(self.levels)
+        field = f"{self.name}.levels"
+        problems += [
+            Problem("a level's name is empty or has blanks or control signs at its ends", field=field, value=level)
+            for level in levels
+            if not isinstance(level, str) or not level or level != level.strip() or not level.isprintable()
+        ]
+        if len(levels) < 2:
+            problems.append(
+                Problem(
+                    "a factor needs at least two levels",
+                    "List two or more, or make it a fixed parameter.",
+                    field=field,
+                    value=levels,
+                )
+            )
+        elif len(set(levels)) < len(levels):
+            problems.append(Problem("a level is listed twice", "List each once.", field=field, value=levels))
+        if problems:
+            raise RegionError(*problems)
+        object.__setattr__(self, "levels", levels)
+
+    @property
+    def contrasts(self) -> FloatArray:
+        """Sum-to-zero contrasts: row = level, column = contrast; identity above a row of -1; shape (c, c - 1)."""
+        c = len(self.levels)
+        return np.vstack([np.eye(c - 1), -np.ones((1, c - 1))])
+
+
+Factor: TypeAlias = ContinuousFactor | DiscreteFactor | CategoricalFactor
+NumericFactor: TypeAlias = ContinuousFactor | DiscreteFactor

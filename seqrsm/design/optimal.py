@@ -1,0 +1,286 @@
+"""Optimal designs by exchange, with fixed runs, prior information, factors of any kind, and constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.evaluate import condition, continuous_bound, inestimable_terms
+from seqrsm.design.exchange import Task, search_box, search_constrained
+from seqrsm.design.moments import region_moments
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import DesignError, Problem
+
+Criterion: TypeAlias = Literal["D", "I", "A"]
+
+_START_SEARCHES = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Runs of an optimal design and how good they are.
+
+    Attributes
+    ----------
+    points : ndarray (n, k)
+        The runs chosen, coded.
+    fixed : ndarray (m, k)
+        Earlier runs that were kept; counted in every figure below.
+    criterion : {"D", "I", "A"}
+        What was optimised.
+    value : float
+        Its value: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), to be small. M = Z'Z + prior precision over all
+        N = m + n runs.
+    log_det : float
+        log|M|.
+    d_value : float
+        |M|^(1/p) / N.
+    i_value : float
+        N tr(W M^-1), the mean scaled prediction variance over the region.
+    d_efficiency, i_efficiency : float or None
+        Against the best continuous design, in (0, 1]; None where its value is not tabulated (only the full quadratic
+        in 1 to 7 continuous factors without constraints is), or with a prior.
+    condition_number, rank : float, int
+        Of the column-scaled model matrix of all runs; the rank is below p only where a prior carries the rest.
+    inestimable : tuple of str
+        Terms that the runs alone cannot estimate.
+    hits, starts : int
+        How many of the local searches ended at this value: one or two of hundreds mean that a longer search may find
+        a better design.
+    seed : int
+        Seed that gives this design again.
+    """
+
+    points: FloatArray
+    fixed: FloatArray
+    criterion: Criterion
+    value: float
+    log_det: float
+    d_value: float
+    i_value: float
+    d_efficiency: float | None
+    i_efficiency: float | None
+    condition_number: float
+    rank: int
+    inestimable: tuple[str, ...]
+    hits: int
+    starts: int
+    seed: int
+
+    @property
+    def all_points(self) -> FloatArray:
+        """Fixed and chosen runs, shape (m + n, k)."""
+        return np.vstack([self.fixed, self.points])
+
+
+def optimal_design(
+    model: QuadraticModel,
+    region: Region,
+    n_runs: int,
+    criterion: Criterion = "D",
+    *,
+    seed: int = 0,
+    starts: int | None = None,
+    fixed: FloatArray | None = None,
+    prior_precision: FloatArray | None = None,
+    weight: FloatArray | None = None,
+) -> Design:
+    """Choose the runs that estimate the model best.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+        Over the same factors.
+    n_runs : int
+        Runs to choose, beside the fixed ones; a run may be repeated.
+    criterion : {"D", "I", "A"}
+        ``"D"``: smallest confidence region of the coefficients; ``"I"``: smallest mean prediction variance over the
+        region; ``"A"``: smallest mean variance of the coefficients.
+    seed : int
+        The same seed gives the same design on any machine with IEEE arithmetic.
+    starts : int, optional
+        Local searches; by default enough to reach the best designs known up to six factors.
+    fixed : ndarray (m, k), optional
+        Runs already made or decided: counted, never moved.
+    prior_precision : ndarray (p, p), optional
+        Precision of the coefficients before the runs, over the noise variance (R = sigma^2 Sigma^-1): Bayesian
+        designs (DuMouchel & Jones 1994, Technometrics 36, 37-47), and fewer runs than terms.
+    weight : ndarray (p, p), optional
+        Takes the place of the moments of the region in criterion ``"I"``: any linear criterion tr(weight M^-1).
+
+    Raises
+    ------
+    DesignError
+        Fewer runs than terms without a prior that carries the rest, terms that no runs in the region can tell apart,
+        or arguments that do not fit.
+    """
+    prior = _checked_prior(model, region, prior_precision)
+    kept = _checked_fixed(model, fixed)
+    _check_counts(model, n_runs, criterion, kept, prior)
+    Z_fixed = model.matrix(kept)
+    precision = prior + Z_fixed.T @ Z_fixed
+    moments = region_moments(model, region) if weight is None else np.asarray(weight, dtype=np.float64)
+    weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]
+    task = Task(n_runs, np.ascontiguousarray(precision), None if weights is None else np.ascontiguousarray(weights))
+    if region.is_box:
+        chains, random_starts, moves = _effort(model, starts)
+        total = chains * (random_starts + moves)
+        points, hits = search_box(model, region, task, chains, random_starts, moves, seed)
+    else:
+        total = 12 if starts is None else max(starts, 1)
+        points, hits = search_constrained(model, region, task, total, seed)
+    if hits == 0:
+        raise _singular(model, region)
+    return _described(model, points, kept, criterion, moments, prior, (hits, total, seed), region)
+
+
+def start_design(
+    model: QuadraticModel,
+    region: Region,
+    n_runs: int,
+    centre_repeats: int = 3,
+    seed: int = 0,
+) -> FloatArray:
+    """First runs of a campaign: repeats of the central point and a D-optimal design around them.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+        Over the same factors.
+    n_runs : int
+        Runs in all, at least p + ``centre_repeats`` - 1.
+    centre_repeats : int
+        Repeats of :meth:`Region.centre` (coded 0; the discrete level nearest to it; the first level of each categorical
+        factor; a feasible point next to it where constraints cut it off). All at one setting, so that they give
+        ``centre_repeats - 1`` degrees of freedom of pure error.
+    seed : int
+        As in :func:`optimal_design`.
+
+    Returns
+    -------
+    ndarray (n_runs, k)
+        Coded points, the repeats first; the order is no run order.
+    """
+    if not 0 <= centre_repeats <= n_runs:
+        raise DesignError(Problem("the repeats at the centre are not between 0 and the runs", value=centre_repeats))
+    centre = np.tile(region.centre(), (centre_repeats, 1))
+    if centre_repeats == n_runs and n_runs > 0:
+        _check_counts(model, n_runs, "D", np.empty((0, model.k)), np.zeros((model.p, model.p)))
+    searches = _START_SEARCHES if region.is_box else 4
+    return optimal_design(model, region, n_runs - centre_repeats, seed=seed, starts=searches, fixed=centre).all_points
+
+
+def _effort(model: QuadraticModel, starts: int | None) -> tuple[int, int, int]:
+    """Chains, random starts and perturbations in each, chosen so that the best designs known are reached."""
+    if starts is not None:
+        chains = max(starts // 320, 1)
+        each = max(starts // chains, 1)
+        return chains, max(each // 5, 1), each - max(each // 5, 1)
+    p = model.p
+    if p <= 10:
+        return 1, 100, 100
+    if p <= 15:
+        return 2, 60, 300
+    if p <= 21:
+        return 3, 30, 400
+    # The landscape of six factors has deep, narrow optima: many chains find what one long chain misses.
+    return max(int(24 * min(1.0, (28.0 / p) ** 3)), 1), 20, 300
+
+
+def _checked_prior(model: QuadraticModel, region: Region, prior: FloatArray | None) -> FloatArray:
+    if model.factors != region.factors:
+        raise DesignError(Problem("model and region have different factors", "Build both from the same tuple."))
+    if prior is None:
+        return np.zeros((model.p, model.p))
+    R = np.asarray(prior, dtype=np.float64)
+    if R.shape != (model.p, model.p) or not np.all(np.isfinite(R)):
+        raise DesignError(Problem(f"the prior precision is no finite {model.p} x {model.p} matrix", value=R.shape))
+    if np.max(np.abs(R - R.T)) > 1e-9 * np.max(np.abs(R), initial=1e-300):
+        raise DesignError(Problem("the prior precision is not symmetric"))
+    if np.min(np.linalg.eigvalsh(R)) < -1e-9 * np.max(np.abs(R), initial=1e-300):
+        raise DesignError(Problem("the prior precision has a negative eigenvalue", "Give a covariance's inverse."))
+    return 0.5 * (R + R.T)
+
+
+def _checked_fixed(model: QuadraticModel, fixed: FloatArray | None) -> FloatArray:
+    if fixed is None:
+        return np.empty((0, model.k))
+    points = np.asarray(fixed, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != model.k or not np.all(np.isfinite(points)):
+        raise DesignError(Problem(f"fixed runs must be finite rows of {model.k} coded values", value=points.shape))
+    return points
+
+
+def _check_counts(model: QuadraticModel, n_runs: int, criterion: str, fixed: FloatArray, prior: FloatArray) -> None:
+    if criterion not in ("D", "I", "A"):
+        raise DesignError(Problem("unknown criterion", "Use D, I or A.", field="criterion", value=criterion))
+    if n_runs < 1:
+        raise DesignError(Problem("a design needs at least one run", "Ask for more.", field="n_runs", value=n_runs))
+    known = model.matrix(fixed)
+    carried = int(np.linalg.matrix_rank(prior + known.T @ known, hermitian=True))
+    if carried + n_runs < model.p:
+        raise DesignError(
+            Problem(
+                f"{n_runs} runs cannot estimate {model.p} terms ({carried} are carried by fixed runs or a prior)",
+                f"Ask for at least {model.p - carried} runs, use order = 1, fewer factors or levels, or give a prior.",
+                field="n_runs",
+                value=n_runs,
+            )
+        )
+
+
+def _singular(model: QuadraticModel, region: Region) -> DesignError:
+    lost = inestimable_terms(model, region.candidates(limit=5000))
+    if lost:
+        return DesignError(
+            Problem(
+                f"no runs in the region can tell these terms apart from the others: {', '.join(lost)}",
+                "Loosen the constraints or the levels, or leave the terms out.",
+            )
+        )
+    return DesignError(Problem("every design tried was singular", "Ask for more runs or more starts."))
+
+
+def _described(
+    model: QuadraticModel,
+    points: FloatArray,
+    fixed: FloatArray,
+    criterion: Criterion,
+    moments: FloatArray,
+    prior: FloatArray,
+    search: tuple[int, int, int],
+    region: Region,
+) -> Design:
+    """Figures of a design, from its rows alone: nothing of the search's running values is trusted."""
+    Z = model.matrix(np.vstack([fixed, points]))
+    n, p = Z.shape
+    M = prior + Z.T @ Z
+    log_det = float(np.linalg.slogdet(M)[1])
+    d_value = float(np.exp(log_det / p)) / n
+    inverse = np.linalg.inv(M)
+    trace = float(np.sum(moments * inverse))
+    plain = region.is_box and not np.any(prior)
+    d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
+    number, rank = condition(Z)
+    hits, starts, seed = search
+    return Design(
+        points=points,
+        fixed=fixed,
+        criterion=criterion,
+        value={"D": d_value, "I": trace, "A": float(np.trace(inverse))}[criterion],
+        log_det=log_det,
+        d_value=d_value,
+        i_value=n * trace,
+        d_efficiency=d_value / d_bound if plain and d_bound is not None else None,
+        i_efficiency=i_bound / (n * trace) if plain and i_bound is not None else None,
+        condition_number=number,
+        rank=rank,
+        inestimable=inestimable_terms(model, np.vstack([fixed, points])) if rank < p else (),
+        hits=hits,
+        starts=starts,
+        seed=seed,
+    )

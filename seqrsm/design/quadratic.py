@@ -1,0 +1,218 @@
+"""The second-order model and its matrix.
+
+RSL TR 380-1 eq. (2-2) to (2-5) with every pair of factors counted once (the printed double sum counts it twice, which
+makes Z'Z singular). A categorical factor with c levels has c - 1 sum-to-zero contrasts, their products with the other
+factors, and no square.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor
+
+TermKind: TypeAlias = Literal["intercept", "linear", "category", "interaction", "square"]
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """Column of the model matrix.
+
+    Parameters
+    ----------
+    name : str
+        ``"intercept"``, ``"frequency"``, ``"frequency^2"``, ``"frequency:resolution"``, ``"polarization[VV]"``,
+        ``"polarization[VV]:frequency"``.
+    kind : {"intercept", "linear", "category", "interaction", "square"}
+    factors : tuple of str
+        Names of the factors in it; none for the intercept.
+    """
+
+    name: str
+    kind: TermKind
+    factors: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class QuadraticModel:
+    """First- or second-order polynomial in coded factors.
+
+    Every term is a product of two base columns: column 0 is one, then come the numeric factors and the contrasts of
+    the categorical ones. ``first`` and ``second`` name the two; the exchange kernels work on them directly.
+
+    Parameters
+    ----------
+    factors : tuple of Factor
+        In the order of the columns of the points.
+    order : {1, 2}
+        1: intercept, linear terms and contrasts. 2: products of two and squares as well; a factor of two discrete
+        values has no square, as it would repeat the intercept.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        Intercept, linear in factor order, contrasts, interactions, squares.
+    first, second : ndarray (p,) of int
+        Base columns whose product is the term.
+    """
+
+    factors: tuple[Factor, ...]
+    order: int = 2
+    terms: tuple[Term, ...] = field(init=False, repr=False, compare=False)
+    first: IntArray = field(init=False, repr=False, compare=False)
+    second: IntArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.order not in (1, 2):
+            raise ValueError(f"order must be 1 or 2, not {self.order!r}")
+        object.__setattr__(self, "factors", tuple(self.factors))
+        products = _products(self.factors, self.columns, self.order)
+        object.__setattr__(self, "terms", tuple(term for term, _, _ in products))
+        object.__setattr__(self, "first", np.array([a for _, a, _ in products], dtype=np.int64))
+        object.__setattr__(self, "second", np.array([b for _, _, b in products], dtype=np.int64))
+
+    @property
+    def k(self) -> int:
+        """Number of factors."""
+        return len(self.factors)
+
+    @property
+    def p(self) -> int:
+        """Number of terms."""
+        return len(self.terms)
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Names of the terms, in column order."""
+        return tuple(term.name for term in self.terms)
+
+    @property
+    def numeric(self) -> tuple[int, ...]:
+        """Indices of the numeric factors: the coordinates of :meth:`forms`."""
+        return tuple(i for i, f in enumerate(self.factors) if not isinstance(f, CategoricalFactor))
+
+    @property
+    def categorical(self) -> tuple[int, ...]:
+        """Indices of the categorical factors."""
+        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, CategoricalFactor))
+
+    @property
+    def columns(self) -> tuple[range, ...]:
+        """Base columns of each factor: one for a numeric factor, c - 1 for a categorical one."""
+        columns, number, contrast = [], 1, 1 + len(self.numeric)
+        for factor in self.factors:
+            if isinstance(factor, CategoricalFactor):
+                columns.append(range(contrast, contrast + len(factor.levels) - 1))
+                contrast += len(factor.levels) - 1
+            else:
+                columns.append(range(number, number + 1))
+                number += 1
+        return tuple(columns)
+
+    def base(self, points: FloatArray) -> FloatArray:
+        """Return the base columns (n, m) of coded points (n, k): one, numeric factors, contrasts.
+
+        Raises
+        ------
+        ValueError
+            Wrong number of columns, or a level index that is none.
+        """
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        if points.ndim != 2 or points.shape[1] != self.k:
+            raise ValueError(f"points must have {self.k} columns, not shape {points.shape}")
+        columns = [np.ones((points.shape[0], 1)), points[:, list(self.numeric)]]
+        for i in self.categorical:
+            factor = self.factors[i]
+            assert isinstance(factor, CategoricalFactor)
+            index = points[:, i].astype(np.intp)
+            if np.any(index != points[:, i]) or np.any(index < 0) or np.any(index >= len(factor.levels)):
+                raise ValueError(f"column {i} holds a value that is no level index of '{factor.name}'")
+            columns.append(factor.contrasts[index])
+        return np.hstack(columns)
+
+    def matrix(self, points: FloatArray) -> FloatArray:
+        """Model matrix Z (n, p) of coded points (n, k), RSL TR 380-1 eq. (2-4)."""
+        base = self.base(points)
+        return base[:, self.first] * base[:, self.second]
+
+    def forms(self, beta: FloatArray, levels: tuple[int, ...] = ()) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Constant, gradient and matrix of the quadratic in the q numeric factors at given categorical levels.
+
+        Parameters
+        ----------
+        beta : ndarray (..., p)
+            Coefficients, in the order of ``terms``.
+        levels : tuple of int
+            Level index of each categorical factor, in the order of ``categorical``.
+
+        Returns
+        -------
+        c : ndarray (...), b : ndarray (..., q), B : ndarray (..., q, q), symmetric
+            The value of the model is ``c + x'b + x'Bx``.
+        """
+        beta = np.asarray(beta, dtype=np.float64)
+        if beta.shape[-1] != self.p or len(levels) != len(self.categorical):
+            raise ValueError(f"forms needs {self.p} coefficients and {len(self.categorical)} levels")
+        point = np.zeros((1, self.k))
+        point[0, list(self.categorical)] = levels
+        fixed = self.base(point)[0]
+        q = len(self.numeric)
+        c, b, B = np.zeros(beta.shape[:-1]), np.zeros((*beta.shape[:-1], q)), np.zeros((*beta.shape[:-1], q, q))
+        for t, (i, j) in enumerate(zip(self.first, self.second, strict=True)):
+            free = [int(column) - 1 for column in (i, j) if 1 <= column <= q]
+            scale = np.prod([fixed[column] for column in (i, j) if not 1 <= column <= q])
+            value = scale * beta[..., t]
+            if not free:
+                c += value
+            elif len(free) == 1:
+                b[..., free[0]] += value
+            else:
+                B[..., free[0], free[1]] += 0.5 * value
+                B[..., free[1], free[0]] += 0.5 * value
+        return c, b, B
+
+    def factor_terms(self, name: str) -> IntArray:
+        """Return the indices of all terms that hold the factor ``name``, for RSL TR 380-1 eq. (2-14)."""
+        if name not in {factor.name for factor in self.factors}:
+            raise KeyError(name)
+        return np.array([t for t, term in enumerate(self.terms) if name in term.factors], dtype=np.int64)
+
+
+def _products(factors: tuple[Factor, ...], places: tuple[range, ...], order: int) -> list[tuple[Term, int, int]]:
+    """Terms in column order, each with the two base columns whose product it is."""
+    numeric = [f for f in factors if not isinstance(f, CategoricalFactor)]
+    columns: dict[str, list[tuple[str, int]]] = {}
+    for factor, place in zip(factors, places, strict=True):
+        labels = (
+            [f"{factor.name}[{v}]" for v in factor.levels] if isinstance(factor, CategoricalFactor) else [factor.name]
+        )
+        columns[factor.name] = list(zip(labels, place, strict=False))
+    products = [(Term("intercept", "intercept", ()), 0, 0)]
+    products += [(Term(f.name, "linear", (f.name,)), 0, columns[f.name][0][1]) for f in numeric]
+    for factor in factors:
+        if isinstance(factor, CategoricalFactor):
+            products += [(Term(name, "category", (factor.name,)), 0, i) for name, i in columns[factor.name]]
+    if order == 1:
+        return products
+    for left, right in itertools.combinations(factors, 2):
+        # The contrast comes first in the name: "polarization[VV]:frequency".
+        a, b = (right, left) if _comes_second(left, right) else (left, right)
+        products += [
+            (Term(f"{name_a}:{name_b}", "interaction", (a.name, b.name)), i, j)
+            for name_a, i in columns[a.name]
+            for name_b, j in columns[b.name]
+        ]
+    for factor in numeric:
+        if not (isinstance(factor, DiscreteFactor) and len(factor.values) == 2):
+            i = columns[factor.name][0][1]
+            products.append((Term(f"{factor.name}^2", "square", (factor.name,)), i, i))
+    return products
+
+
+def _comes_second(left: Factor, right: Factor) -> bool:
+    return isinstance(right, CategoricalFactor) and not isinstance(left, CategoricalFactor)

@@ -1,0 +1,337 @@
+"""The region of allowed settings: a box of factors, cut by constraints.
+
+Points are rows of coded values in factor order (see :mod:`seqrsm.design.factors`); settings are mappings of names to
+natural values, as a user writes them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.design import search
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor
+from seqrsm.errors import Problem, RegionError
+
+_BOX_TOLERANCE = 1e-9
+
+
+def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constraint, ...]) -> list[Problem]:
+    problems = []
+    if not factors:
+        problems.append(Problem("a region needs at least one factor", "Declare a factor."))
+    names = [factor.name for factor in factors]
+    problems += [
+        Problem("two factors bear the same name", "Rename one.", field="factor", value=name)
+        for name in sorted({name for name in names if names.count(name) > 1})
+    ]
+    by_name = {factor.name: factor for factor in factors}
+    for constraint in constraints:
+        place = f"constraint '{constraint.expr}'"
+        problems += [
+            Problem("a name is no factor", f"The factors are {', '.join(names)}.", field=place, value=name)
+            for name in sorted(constraint.names - by_name.keys())
+        ]
+        problems += [
+            Problem(
+                "a categorical factor stands where a number is needed", "Use ==, != or in.", field=place, value=name
+            )
+            for name in sorted(constraint.numeric_names)
+            if isinstance(by_name.get(name), CategoricalFactor)
+        ]
+        for name, labels in constraint.labels:
+            factor = by_name.get(name)
+            if isinstance(factor, CategoricalFactor):
+                known = f"The levels are {', '.join(factor.levels)}."
+                problems += [
+                    Problem(f"'{name}' has no such level", known, field=place, value=label)
+                    for label in labels
+                    if label not in factor.levels
+                ]
+            elif factor is not None:
+                problems.append(
+                    Problem("==, != and in are for categorical factors", "Use <= or >=.", field=place, value=name)
+                )
+    return problems
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Allowed settings of the factors.
+
+    Parameters
+    ----------
+    factors : tuple of ContinuousFactor, DiscreteFactor or CategoricalFactor
+        In the order of the columns of every point.
+    constraints : tuple of Constraint
+        All must hold; in natural units.
+
+    Raises
+    ------
+    RegionError
+        Names that do not fit, or constraints that leave no setting (naming those in conflict).
+    """
+
+    factors: tuple[Factor, ...]
+    constraints: tuple[Constraint, ...] = ()
+    #: Some feasible points (m, k), kept from the check at creation; empty for a box.
+    anchors: FloatArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factors", tuple(self.factors))
+        object.__setattr__(self, "constraints", tuple(self.constraints))
+        problems = _declaration_problems(self.factors, self.constraints)
+        if problems:
+            raise RegionError(*problems)
+        anchors = np.empty((0, self.k)) if self.is_box else search.feasible_anchors(self.axes, self._slacks)
+        if not self.is_box and anchors.shape[0] == 0:
+            conflict = search.conflicting(self.axes, self._slacks, len(self.constraints))
+            raise RegionError(
+                *(
+                    Problem(
+                        "no setting of the factors satisfies this constraint"
+                        if len(conflict) == 1
+                        else "no setting of the factors satisfies these constraints together",
+                        "Widen a factor's range or loosen the constraint.",
+                        field="constraint",
+                        value=self.constraints[index].expr,
+                    )
+                    for index in conflict
+                )
+            )
+        object.__setattr__(self, "anchors", anchors)
+
+    @property
+    def k(self) -> int:
+        """Number of factors."""
+        return len(self.factors)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the factors."""
+        return tuple(factor.name for factor in self.factors)
+
+    @property
+    def numeric(self) -> tuple[int, ...]:
+        """Indices of the continuous and discrete numeric factors."""
+        return tuple(i for i, f in enumerate(self.factors) if not isinstance(f, CategoricalFactor))
+
+    @property
+    def continuous(self) -> tuple[int, ...]:
+        """Indices of the continuous factors."""
+        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, ContinuousFactor))
+
+    @property
+    def discrete(self) -> tuple[int, ...]:
+        """Indices of the discrete numeric factors."""
+        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, DiscreteFactor))
+
+    @property
+    def categorical(self) -> tuple[int, ...]:
+        """Indices of the categorical factors."""
+        return tuple(i for i, f in enumerate(self.factors) if isinstance(f, CategoricalFactor))
+
+    @property
+    def is_box(self) -> bool:
+        """Whether no constraint cuts the product of the factors' ranges and levels."""
+        return not self.constraints
+
+    @property
+    def axes(self) -> search.Axes:
+        """Per factor the array of its coded levels, or None for a continuous one."""
+        levels: list[FloatArray | None] = []
+        for factor in self.factors:
+            if isinstance(factor, ContinuousFactor):
+                levels.append(None)
+            elif isinstance(factor, DiscreteFactor):
+                levels.append(factor.coded_levels)
+            else:
+                levels.append(np.arange(len(factor.levels), dtype=np.float64))
+        return tuple(levels)
+
+    def code(self, settings: Sequence[Mapping[str, float | str]]) -> FloatArray:
+        """Coded points (n, k) of settings in natural units.
+
+        Settings need not be feasible: a run that was flown is a fact. Numbers may come as text; further keys are left
+        alone.
+
+        Raises
+        ------
+        RegionError
+            Every factor that is missing, every unknown level and every value that is no finite number.
+        """
+        points = np.empty((len(settings), self.k))
+        problems: list[Problem] = []
+        for row, setting in enumerate(settings):
+            for column, factor in enumerate(self.factors):
+                try:
+                    points[row, column] = _code_one(factor, setting)
+                except RegionError as error:
+                    problems += [Problem(p.message, p.remedy, None, row + 1, p.field, p.value) for p in error.problems]
+        if problems:
+            raise RegionError(*problems)
+        return points
+
+    def decode(self, points: FloatArray) -> list[dict[str, float | str]]:
+        """Return settings in natural units of coded points (n, k) or (k,): one mapping of names to values per point."""
+        columns = list(self._natural(points).values())
+        return [
+            {
+                factor.name: str(value) if isinstance(factor, CategoricalFactor) else float(value)
+                for factor, value in zip(self.factors, row, strict=True)
+            }
+            for row in zip(*columns, strict=True)
+        ]
+
+    def slack(self, points: FloatArray) -> FloatArray:
+        """Smallest slack over the constraints, shape (n,), >= 0 where all hold; +inf for a box. Levels must be levels.
+
+        Bounds and discrete levels are not looked at: see :meth:`feasible`.
+        """
+        slacks = self._slacks(np.atleast_2d(points))
+        smallest: FloatArray = np.min(slacks, axis=1, initial=np.inf)
+        return smallest
+
+    def inside_box(self, points: FloatArray, tol: float = _BOX_TOLERANCE) -> BoolArray:
+        """Which points (n, k) lie within the bounds and on the levels; constraints are not looked at."""
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        inside: BoolArray = np.all(np.isfinite(points), axis=1)
+        for column, factor in enumerate(self.factors):
+            values = np.where(np.isfinite(points[:, column]), points[:, column], 0.0)
+            if isinstance(factor, ContinuousFactor):
+                inside &= np.abs(values) <= 1.0 + tol
+            elif isinstance(factor, DiscreteFactor):
+                inside &= factor.match(values)[1]
+            else:
+                inside &= (values == np.rint(values)) & (values >= 0) & (values < len(factor.levels))
+        return inside
+
+    def feasible(self, points: FloatArray, tol: float = 1e-9) -> BoolArray:
+        """Which points (n, k) lie within the bounds, on the levels and inside all constraints, to ``tol``."""
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        feasible = self.inside_box(points, max(tol, 0.0))
+        if not self.is_box and np.any(feasible):
+            feasible[feasible] = self.slack(points[feasible]) >= -tol
+        return feasible
+
+    def sample(self, n: int, rng: np.random.Generator) -> FloatArray:
+        """Feasible random points (n, k), uniform in coded factors and over levels.
+
+        Uniform by rejection; where less than about one in 10^4 of the box is feasible, the rest comes from a
+        coordinate-wise hit-and-run walk through the feasible set, which is uniform in the limit only.
+        """
+        if self.is_box:
+            return search.uniform(self.axes, n, rng)
+        return search.sample(self.axes, n, rng, self.slack, self.line_intervals, self.anchors)
+
+    def candidates(self, n_continuous_levels: int = 5, limit: int = 20_000) -> FloatArray:
+        """Feasible points that cover the region, shape (m, k), without repeats.
+
+        Parameters
+        ----------
+        n_continuous_levels : int
+            Levels of each continuous factor in the grid; odd, so that the centre belongs to it.
+        limit : int
+            Largest grid; beyond it face centres, a coarser grid that fits and an even sequence of this length.
+
+        Returns
+        -------
+        ndarray (m, k)
+            Grid or sequence points, and for a constrained region points on the boundaries of the constraints, found
+            by bisection along each continuous coordinate: optima lie there.
+        """
+        points = search.cover(self.axes, n_continuous_levels, limit)
+        if self.is_box:
+            return points
+        good = points[self.slack(points) >= 0.0]
+        inner = np.vstack([good, self.anchors])
+        boundary = search.boundary_points(self.continuous, inner, self.slack, limit)
+        return search.distinct(np.vstack([inner, boundary]))
+
+    def level_combinations(self) -> tuple[tuple[int, ...], ...]:
+        """All combinations of level indices of the categorical factors; ``((),)`` where there is none."""
+        return tuple(itertools.product(*(range(len(self.axes[i])) for i in self.categorical)))  # type: ignore[arg-type]
+
+    def line_intervals(self, point: FloatArray, j: int) -> FloatArray:
+        """Feasible intervals of factor ``j`` with the other factors as in ``point`` (k,).
+
+        Returns
+        -------
+        ndarray (m, 2)
+            Ascending, disjoint, both ends feasible; a level of a discrete or categorical factor is an interval of no
+            length. Intervals of a continuous factor shorter than 1/32 may be missed unless ``point`` lies in them.
+        """
+        spans, counts = self.line_intervals_of(np.asarray(point, dtype=np.float64)[None, :], j)
+        intervals: FloatArray = spans[0, : counts[0]]
+        return intervals
+
+    def line_intervals_of(self, points: FloatArray, j: int) -> tuple[FloatArray, IntArray]:
+        """Feasible intervals of factor ``j`` through each of the points (n, k): spans (n, m, 2) and counts (n,)."""
+        return search.line_intervals(points, j, self.axes[j], self._line_slack)
+
+    def centre(self) -> FloatArray:
+        """Central point (k,): coded 0, the discrete level nearest to 0, first level of each categorical factor.
+
+        In a constrained region where that is not feasible: the feasible candidate nearest to it among those at least
+        half as far inside the constraints as the best.
+        """
+        target = np.array([0.0 if levels is None else levels[np.argmin(np.abs(levels))] for levels in self.axes])
+        target[list(self.categorical)] = 0.0
+        if self.is_box or self.feasible(target, tol=0.0)[0]:
+            return target
+        points = self.candidates(limit=4000)
+        slack = self.slack(points)
+        points = points[slack >= 0.5 * np.max(slack)]
+        numeric = list(self.numeric)
+        distance = np.linalg.norm(points[:, numeric] - target[numeric], axis=1)
+        chosen: FloatArray = points[np.argmin(distance)]
+        return chosen
+
+    def _natural(self, points: FloatArray) -> dict[str, np.ndarray]:
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        natural: dict[str, np.ndarray] = {}
+        for column, factor in enumerate(self.factors):
+            if isinstance(factor, CategoricalFactor):
+                natural[factor.name] = np.array(factor.levels)[points[:, column].astype(np.intp)]
+            else:
+                natural[factor.name] = factor.decode(points[:, column])
+        return natural
+
+    def _slacks(self, points: FloatArray) -> FloatArray:
+        settings = self._natural(points)
+        slacks = np.empty((points.shape[0], len(self.constraints)))
+        for column, constraint in enumerate(self.constraints):
+            slacks[:, column] = constraint.slack(settings)
+        return slacks
+
+    def _line_slack(self, points: FloatArray) -> FloatArray:
+        return np.full(points.shape[0], np.inf) if self.is_box else self.slack(points)
+
+
+def _code_one(factor: Factor, setting: Mapping[str, float | str]) -> float:
+    if factor.name not in setting:
+        raise RegionError(Problem("a factor has no value", "Give one for every factor.", field=factor.name))
+    value = setting[factor.name]
+    if isinstance(factor, CategoricalFactor):
+        label = value.strip() if isinstance(value, str) else str(value)
+        if label not in factor.levels:
+            remedy = f"The levels are {', '.join(factor.levels)}."
+            raise RegionError(Problem("unknown level", remedy, field=factor.name, value=value))
+        return float(factor.levels.index(label))
+    return _code_number(factor, value)
+
+
+def _code_number(factor: NumericFactor, value: float | str) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise RegionError(Problem("a value is no finite number", "Give a number.", field=factor.name, value=value))
+    return float(factor.code(number))

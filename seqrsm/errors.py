@@ -1,0 +1,133 @@
+"""Exceptions of seqrsm, each named for its meaning.
+
+::
+
+    SeqrsmError
+    ├── UserError                  the user can mend it; exit code 2
+    │   ├── SpecError              campaign.toml
+    │   ├── ScoresFileError        a file of measured scores
+    │   ├── SceneError             a ground-truth data base
+    │   ├── ScatteringDataError    a sigma0 or emissivity table
+    │   ├── ConfigurationError     a sensor that cannot be built or flown
+    │   ├── RegionError            factors and constraints
+    │   ├── DesignError            a design that cannot be made
+    │   ├── FitError               too few or unusable scores
+    │   └── StoreError             the campaign's data base
+    └── ConvergenceError           the sampler did not reach its rule; carries what was reached
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong, where it stands, and what would be right.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, in a sentence without the place and the remedy.
+    remedy : str
+        What would be right.
+    file, line, field, value : optional
+        The place: file name, 1-based line, key or column, and the offending value as it was read.
+    """
+
+    message: str
+    remedy: str = ""
+    file: str | None = None
+    line: int | None = None
+    field: str | None = None
+    value: object | None = None
+
+    def __str__(self) -> str:
+        place = self.file or ""
+        if self.line is not None:
+            place += f":{self.line}" if place else f"line {self.line}"
+        parts = [place] if place else []
+        if self.field is not None:
+            parts.append(self.field)
+        text = ": ".join([*parts, self.message])
+        if self.value is not None:
+            text += f" (got {self.value!r})"
+        return f"{text.rstrip('.')}. {self.remedy}" if self.remedy else text
+
+
+class SeqrsmError(Exception):
+    """Base of every exception that seqrsm raises on purpose."""
+
+
+class UserError(SeqrsmError):
+    """Something the user can mend; nothing was changed. The command line exits with 2.
+
+    Parameters
+    ----------
+    *problems : Problem or str
+        All that is wrong, not only the first.
+    """
+
+    def __init__(self, *problems: Problem | str) -> None:
+        self.problems: Sequence[Problem] = tuple(p if isinstance(p, Problem) else Problem(p) for p in problems)
+        super().__init__("\n".join(str(p) for p in self.problems))
+
+
+class SpecError(UserError):
+    """``campaign.toml`` is wrong."""
+
+
+class ScoresFileError(UserError):
+    """A file of measured scores is wrong."""
+
+
+class SceneError(UserError):
+    """A ground-truth data base is wrong."""
+
+
+class ScatteringDataError(UserError):
+    """A sigma0 or emissivity table is wrong or lacks what was asked of it."""
+
+
+class ConfigurationError(UserError):
+    """The sensor's parameters contradict each other or physics."""
+
+
+class RegionError(UserError):
+    """Factors or constraints do not describe a region."""
+
+
+class DesignError(UserError):
+    """The design asked for cannot be made."""
+
+
+class FitError(UserError):
+    """The scores do not allow the fit asked for."""
+
+
+class StoreError(UserError):
+    """The campaign's data base cannot be used."""
+
+
+class ConvergenceError(SeqrsmError):
+    """The sampler ended before its convergence rule held.
+
+    Attributes
+    ----------
+    steps : int
+        Steps made in each ensemble.
+    tau : float
+        Largest integrated autocorrelation time estimated, in steps.
+    r_hat : float
+        Largest rank-normalised R-hat over ensembles.
+    ess : float
+        Smallest effective sample size reached.
+    """
+
+    def __init__(self, message: str, *, steps: int, tau: float, r_hat: float, ess: float) -> None:
+        super().__init__(message)
+        self.steps = steps
+        self.tau = tau
+        self.r_hat = r_hat
+        self.ess = ess

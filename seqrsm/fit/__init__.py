@@ -1,0 +1,1 @@
+"""Estimation: least squares, the exact conjugate posterior, ensemble sampling, diagnostics and the optimum."""

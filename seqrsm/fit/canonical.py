@@ -1,0 +1,203 @@
+"""Shape of a fitted quadratic: stationary point and canonical axes.
+
+Notation: the quadratic in the q numeric factors (coded) is ``c + x'b + x'Bx`` with symmetric B. Eigenvalues smaller
+than a share ``threshold`` (0.1, as in R's rsm) of the largest are taken as flat: the surface then is a ridge, and the
+stationary point reported is the one nearest to the centre along it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+
+Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class CanonicalForm:
+    """Canonical analysis of ``c + x'b + x'Bx``.
+
+    Attributes
+    ----------
+    point : ndarray (q,)
+        Stationary point with flat directions left out (minimum norm); nan when the quadratic has no curvature.
+    exact_point : ndarray (q,)
+        Solution of ``2Bx = -b`` with every eigenvalue kept; nan where B is singular to working precision.
+    value : float
+        Value at ``point``.
+    kind : str
+        "maximum", "minimum" or "saddle" by the signs of the eigenvalues that are not flat; "ridge" when these agree in
+        sign but others are flat; "none" without curvature.
+    eigenvalues : ndarray (q,)
+        In falling order, unrounded.
+    eigenvectors : ndarray (q, q)
+        Columns, largest component positive.
+    flat : ndarray (q,) of bool
+        Which eigenvalues are below the threshold.
+    """
+
+    point: FloatArray
+    exact_point: FloatArray
+    value: float
+    kind: Kind
+    eigenvalues: FloatArray
+    eigenvectors: FloatArray
+    flat: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class StationaryPoint:
+    """Stationary point of a fitted model at given category levels.
+
+    Attributes
+    ----------
+    point : ndarray (k,)
+        Coded, in factor order; category columns hold the level index. Numeric entries are nan without curvature.
+    value : float
+        Fitted value there.
+    kind : str
+        "maximum", "minimum", "saddle", "ridge" or "none": see :class:`CanonicalForm`.
+    eigenvalues : ndarray (q,)
+        Of B, falling.
+    eigenvectors : ndarray (q, q)
+        Columns, over the numeric factors in order.
+    inside_region : bool
+        Inside the bounds and the constraints. Whether a discrete factor's value is one of its levels is not asked:
+        canonical analysis treats it as continuous.
+    exact_point : ndarray (k,)
+        The same with no eigenvalue taken as flat.
+    flat : ndarray (q,) of bool
+        Directions along which the surface is a ridge.
+    threshold : float
+        Share of the largest absolute eigenvalue below which a direction counts as flat.
+    warning : str
+        A sentence when the surface is a ridge or has no curvature; else empty.
+    """
+
+    point: FloatArray
+    value: float
+    kind: Kind
+    eigenvalues: FloatArray
+    eigenvectors: FloatArray
+    inside_region: bool
+    exact_point: FloatArray
+    flat: BoolArray
+    threshold: float
+    warning: str
+
+
+def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray, threshold: float = 0.1) -> CanonicalForm:
+    """Canonical analysis of a quadratic.
+
+    Parameters
+    ----------
+    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
+        ``c + x'b + x'Bx``, B symmetric.
+    threshold : float
+        In [0, 1); eigenvalues with ``|l| < threshold * max|l|`` are flat. 0 keeps all.
+
+    Returns
+    -------
+    CanonicalForm
+    """
+    values, vectors = np.linalg.eigh(quadratic)
+    values, vectors = values[::-1].copy(), vectors[:, ::-1].copy()
+    q = len(values)
+    if q:
+        largest = np.argmax(np.abs(vectors), axis=0)
+        vectors *= np.where(vectors[largest, np.arange(q)] < 0.0, -1.0, 1.0)
+    size = np.abs(values)
+    top = float(size.max(initial=0.0))
+    singular = size <= q * np.finfo(float).eps * top
+    flat: BoolArray = singular | (size < threshold * top)
+    projected = vectors.T @ linear
+    if top == 0.0:
+        nothing = np.full(q, np.nan)
+        return CanonicalForm(nothing, nothing.copy(), float("nan"), "none", values, vectors, flat)
+    point: FloatArray = vectors @ np.where(flat, 0.0, -0.5 * projected / np.where(flat, 1.0, values))
+    exact: FloatArray = np.full(q, np.nan) if singular.any() else vectors @ (-0.5 * projected / values)
+    kept = values[~flat]
+    kind: Kind
+    if kept.max() > 0.0 > kept.min():
+        kind = "saddle"
+    elif flat.any():
+        kind = "ridge"
+    else:
+        kind = "maximum" if kept.max() < 0.0 else "minimum"
+    value = float(constant + point @ linear + point @ quadratic @ point)
+    return CanonicalForm(point, exact, value, kind, values, vectors, flat)
+
+
+def stationary_point(
+    model: QuadraticModel, region: Region, beta: FloatArray, levels: tuple[int, ...] = (), threshold: float = 0.1
+) -> StationaryPoint:
+    """Stationary point and canonical analysis of a fitted model.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+        The model and where it may be used.
+    beta : ndarray (p,)
+        Coded coefficients.
+    levels : tuple of int
+        Level index of each categorical factor, in factor order.
+    threshold : float
+        See :func:`canonical_form`.
+
+    Returns
+    -------
+    StationaryPoint
+    """
+    constant, linear, quadratic = model.forms(beta, levels)
+    form = canonical_form(float(constant), linear, quadratic, threshold)
+    point = _full_point(region, form.point, levels)
+    inside = bool(np.all(np.isfinite(form.point)) and _inside(region, point))
+    names = [region.names[i] for i in region.numeric]
+    return StationaryPoint(
+        point=point,
+        value=form.value,
+        kind=form.kind,
+        eigenvalues=form.eigenvalues,
+        eigenvectors=form.eigenvectors,
+        inside_region=inside,
+        exact_point=_full_point(region, form.exact_point, levels),
+        flat=form.flat,
+        threshold=threshold,
+        warning=_ridge_warning(form, names, threshold),
+    )
+
+
+def _full_point(region: Region, numeric: FloatArray, levels: tuple[int, ...]) -> FloatArray:
+    point = np.empty(region.k)
+    point[list(region.numeric)] = numeric
+    point[list(region.categorical)] = levels
+    return point
+
+
+def _inside(region: Region, point: FloatArray) -> bool:
+    # Bounds and constraints only; a point computed to lie on a bound may miss it by rounding.
+    inside = bool(np.all(np.abs(point[list(region.numeric)]) <= 1.0 + 1e-9))
+    return inside and bool(region.slack(point[None, :])[0] >= -1e-9)
+
+
+def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float) -> str:
+    if form.kind == "none":
+        return "The fitted surface has no curvature: it has no stationary point, and its optimum lies at the bounds."
+    if not form.flat.any():
+        return ""
+    axes = []
+    for j in np.flatnonzero(form.flat):
+        strongest = np.argsort(-np.abs(form.eigenvectors[:, j]))[:2]
+        axes.append(" and ".join(names[i] for i in strongest if abs(form.eigenvectors[i, j]) > 0.3))
+    share = 100.0 * float(np.abs(form.eigenvalues[form.flat]).max() / np.abs(form.eigenvalues).max())
+    return (
+        f"The surface is a ridge: its curvature along {'; '.join(axes)} is at most {share:.2g} % of the largest "
+        f"(threshold {100.0 * threshold:g} %). Moving along it changes the response little, and the place of the "
+        "stationary point along it is poorly known."
+    )

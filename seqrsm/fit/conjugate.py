@@ -1,0 +1,262 @@
+"""Exact posterior of the normal linear model: the normal-inverse-gamma family.
+
+    beta | sigma^2 ~ N(m0, sigma^2 Lambda0^-1),   sigma^2 ~ InverseGamma(a0, b0)
+
+The posterior is of the same form, with Lambda = Lambda0 + Z'WZ, and every margin is a Student t with 2a degrees of
+freedom. It is the reference that the ensemble sampler is checked against, and the posterior itself where the model is
+normal. It is computed by orthogonal factorisation of the stacked rows [W^(1/2) Z; Lambda0^(1/2)]: Z'WZ is never formed.
+
+References
+----------
+Gelman et al., Bayesian Data Analysis, 3rd ed., section 14.2 (flat prior) and chapter 14.8 (prior as extra rows).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit import linear_system
+from seqrsm.fit.checks import check_runs
+from seqrsm.fit.intervals import Interval, Prediction, student_quantile
+
+
+@dataclass(frozen=True, slots=True)
+class Flat:
+    """The prior p(beta, sigma^2) proportional to 1 / sigma^2: its intervals are those of least squares."""
+
+
+@dataclass(frozen=True, slots=True)
+class NormalInverseGamma:
+    """Conjugate prior.
+
+    Attributes
+    ----------
+    m0 : ndarray (p,)
+        Prior mean of the coefficients.
+    Lambda0 : ndarray (p, p)
+        Prior precision relative to sigma^2, positive semidefinite; null directions are flat.
+    a0, b0 : float
+        Shape and scale of the inverse gamma of sigma^2, >= 0; the prior counts as 2 a0 runs that found b0 / a0.
+    """
+
+    m0: FloatArray
+    Lambda0: FloatArray
+    a0: float
+    b0: float
+
+
+Prior = Flat | NormalInverseGamma
+
+
+@dataclass(frozen=True, slots=True)
+class ConjugatePosterior:
+    """Normal-inverse-gamma posterior.
+
+    Attributes
+    ----------
+    mean : ndarray (p,)
+        Posterior mean of the coefficients.
+    factor : ndarray (p, p)
+        L with Lambda^-1 = LL'.
+    a, b : float
+        Shape and scale of the inverse gamma of sigma^2.
+    log_evidence : float
+        Log of the marginal density of the scores; nan for an improper prior.
+    n_runs : int
+    """
+
+    mean: FloatArray
+    factor: FloatArray
+    a: float
+    b: float
+    log_evidence: float
+    n_runs: int
+
+    @property
+    def df(self) -> float:
+        """Degrees of freedom 2a of the Student-t margins."""
+        return 2.0 * self.a
+
+    @property
+    def scale(self) -> float:
+        """Scale sqrt(b / a) of a run of weight 1; the residual standard deviation s under the flat prior."""
+        return float(np.sqrt(self.b / self.a))
+
+    @property
+    def precision(self) -> FloatArray:
+        """Lambda (p, p), relative to sigma^2."""
+        inverse = np.linalg.inv(self.factor)
+        return np.asarray(inverse.T @ inverse, dtype=np.float64)
+
+    @property
+    def marginal_scale(self) -> FloatArray:
+        """Student-t scale (p,) of every coefficient; the standard error under the flat prior."""
+        return np.asarray(self.scale * np.sqrt(np.sum(np.square(self.factor), axis=1)))
+
+    @property
+    def marginal_sd(self) -> FloatArray:
+        """Posterior standard deviation (p,); nan for 2 or fewer degrees of freedom, where it does not exist."""
+        if self.a <= 1.0:
+            return np.full(self.mean.shape, np.nan)
+        return np.asarray(self.marginal_scale * np.sqrt(self.a / (self.a - 1.0)))
+
+    def marginal_interval(self, level: float = 0.95) -> Interval:
+        """Equal-tailed credible interval of every coefficient."""
+        half = student_quantile(self.df, level) * self.marginal_scale
+        return Interval(self.mean - half, self.mean + half)
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """Value of z' Lambda^-1 z for rows (m, p) -> (m,)."""
+        return np.asarray(np.sum(np.square(np.atleast_2d(rows) @ self.factor), axis=1))
+
+    def predict(
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Credible interval of the mean response and predictive interval of the mean of ``replicates`` new runs.
+
+        Both are exact Student-t intervals; arguments as in ``LeastSquaresFit.predict``. The standard errors in the
+        result are the Student-t scales.
+        """
+        rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
+        mean, h = rows @ self.mean, self.variance_unscaled(rows)
+        se_mean = self.scale * np.sqrt(h)
+        se_new = self.scale * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)
+        quantile = student_quantile(self.df, level)
+        return Prediction(
+            mean,
+            Interval(mean - quantile * se_mean, mean + quantile * se_mean),
+            Interval(mean - quantile * se_new, mean + quantile * se_new),
+            se_mean,
+            se_new,
+            level,
+            "",
+        )
+
+    def interval(self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray | None = None) -> Interval:
+        """Credible interval of the mean response, or predictive interval of one run when ``weight`` is given."""
+        both = self.predict(rows, level, 1.0 if weight is None else weight)
+        return both.confidence if weight is None else both.prediction
+
+    def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Independent draws: beta (n, p) and sigma (n,)."""
+        sigma = np.sqrt(self.b / rng.standard_gamma(self.a, size=n))
+        normal = rng.standard_normal((n, self.factor.shape[1]))
+        return self.mean + sigma[:, None] * (normal @ self.factor.T), sigma
+
+
+def posterior(
+    Z: FloatArray, y: FloatArray, weights: FloatArray | None = None, prior: Prior | None = None
+) -> ConjugatePosterior:
+    """Exact posterior of ``y = Z beta + e``, e_i ~ N(0, sigma^2 / weight_i).
+
+    Parameters
+    ----------
+    Z : ndarray (n, p)
+        Coded model matrix. n <= p is allowed when the prior determines what the runs do not.
+    y : ndarray (n,)
+    weights : ndarray (n,), optional
+        Inverse relative variances, > 0; default 1.
+    prior : Flat or NormalInverseGamma, optional
+        Default flat.
+
+    Raises
+    ------
+    FitError
+        Runs and prior together leave a coefficient or sigma undetermined, or a score is not finite.
+    """
+    Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    n, p = Z.shape
+    w = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
+    check_runs(Z, y, w, p)
+    if prior is None or isinstance(prior, Flat):
+        prior = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0)
+    root = np.sqrt(w)
+    K = _root(prior.Lambda0)
+    stacked = np.vstack([Z * root[:, None], K])
+    target = np.concatenate([y * root, K @ prior.m0])
+    factors = linear_system.factorise(stacked)
+    if factors.rank < p:
+        raise FitError(Problem("runs and prior leave some terms undetermined", "add runs or use an informative prior"))
+    mean, residual = linear_system.solve(factors, target)
+    if np.linalg.norm(residual) <= max(stacked.shape) * linear_system.EPSILON * np.linalg.norm(target):
+        residual = np.zeros_like(residual)  # below the rounding of the scores as stored
+    # A flat direction of Lambda0 adds no power of sigma to the density and so costs half a degree of shape.
+    a = prior.a0 + 0.5 * (n + K.shape[0] - p)
+    b = prior.b0 + 0.5 * float(residual @ residual)
+    if a <= 0.0:
+        problem = Problem(f"{n} runs and {p} terms leave no degrees of freedom for sigma", "use an informative prior")
+        raise FitError(problem)
+    log_det = 2.0 * float(np.sum(np.log(np.abs(np.diagonal(factors.R)))) - np.sum(np.log(factors.scale)))
+    evidence = _log_evidence(prior, K.shape[0] == p, n, w, a, b, log_det)
+    return ConjugatePosterior(mean, linear_system.covariance_factor(factors), a, b, evidence, n)
+
+
+def weakly_informative(
+    kinds: Sequence[str], y: FloatArray, *, scale: float | None = None, noise: float | None = None
+) -> NormalInverseGamma:
+    """Proper prior on the natural scale of the scores: wide beside the data, finite where the data are silent.
+
+    Parameters
+    ----------
+    kinds : sequence of str (p,)
+        Kind of each term ("intercept", "linear", ...), in coded units where one step spans half the region.
+    y : ndarray (n,)
+        Scores; they fix the centre, and the scale unless that is given.
+    scale : float, optional
+        Natural scale of the scores, > 0: what changing one factor across the region might well do. Default: their
+        standard deviation.
+    noise : float, optional
+        Prior guess of sigma, > 0, worth three runs. Default: a quarter of ``scale``.
+
+    Returns
+    -------
+    NormalInverseGamma
+        Prior standard deviations, with sigma at ``noise``: 10 ``scale`` for the intercept about the mean score and
+        2.5 ``scale`` for every other coefficient about 0.
+    """
+    y = np.asarray(y, dtype=np.float64)
+    spread = float(np.std(y, ddof=1)) if y.size > 1 else 0.0
+    scale = scale if scale is not None else (spread if spread > 0.0 else 1.0)
+    noise = noise if noise is not None else 0.25 * scale
+    if not (scale > 0.0 and noise > 0.0):
+        raise ValueError("scale and noise must be positive")
+    intercept = np.array(kinds) == "intercept"
+    sd = np.where(intercept, 10.0, 2.5) * scale
+    a0 = 1.5
+    return NormalInverseGamma(
+        np.where(intercept, np.mean(y) if y.size else 0.0, 0.0), np.diag(np.square(noise / sd)), a0, a0 * noise**2
+    )
+
+
+def _root(Lambda0: FloatArray) -> FloatArray:
+    """K (r, p) with K'K = Lambda0 and r its rank; diagonal matrices exactly."""
+    if not np.any(Lambda0 - np.diag(np.diagonal(Lambda0))):
+        diagonal = np.diagonal(Lambda0)
+        return np.diag(np.sqrt(diagonal))[diagonal > 0.0]
+    scale = np.sqrt(np.maximum(np.diagonal(Lambda0), np.finfo(np.float64).tiny))
+    values, vectors = np.linalg.eigh(Lambda0 / np.outer(scale, scale))
+    keep = values > Lambda0.shape[0] * linear_system.EPSILON * values[-1]
+    return np.asarray((np.sqrt(values[keep]) * vectors[:, keep]).T * scale)
+
+
+def _log_evidence(
+    prior: NormalInverseGamma, proper: bool, n: int, w: FloatArray, a: float, b: float, log_det: float
+) -> float:
+    if not proper or prior.a0 <= 0.0 or prior.b0 <= 0.0:
+        return float("nan")
+    _, log_det0 = np.linalg.slogdet(prior.Lambda0)
+    return float(
+        -0.5 * n * np.log(2.0 * np.pi)
+        + 0.5 * np.sum(np.log(w))
+        + 0.5 * (log_det0 - log_det)
+        + prior.a0 * np.log(prior.b0)
+        - a * np.log(b)
+        + gammaln(a)
+        - gammaln(prior.a0)
+    )

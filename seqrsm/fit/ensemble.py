@@ -1,0 +1,278 @@
+"""Ensemble sampling of the posterior with emcee, run until its own convergence rule holds or refused.
+
+Several independent ensembles advance together in one emcee sampler. Half of the moves are independence proposals from
+a normal-inverse-gamma distribution, the others differential evolution and snooker moves. For normal errors and a
+conjugate prior that distribution is the exact posterior (``seqrsm.fit.conjugate``), and the sampler can be checked
+against it; otherwise it is fitted to a pilot run that is then forgotten.
+
+References
+----------
+Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125, 306-312.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import emcee
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import ConvergenceError, FitError, Problem
+from seqrsm.fit import diagnostics
+from seqrsm.fit.conjugate import Flat
+from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
+from seqrsm.fit.target import GammaPrior, Proposal, SamplerPrior, Target, WeakPrior, build_target
+
+__all__ = ["EnsemblePosterior", "GammaPrior", "WeakPrior", "sample_posterior"]
+
+_FIRST_BLOCK = 200
+_PILOT = 300  # steps that tune the independence proposal and are then forgotten
+_TAUS = 50.0  # steps kept must exceed this many autocorrelation times
+_BURN_TAUS = 5.0
+_R_HAT = 1.01
+_STORE_BYTES = 96 * 2**20  # beyond this every second stored step is dropped
+_TAU_WALKERS = 128  # walkers that the autocorrelation time is averaged over
+_R_HAT_DRAWS = 2000  # draws of each ensemble that R-hat is computed from
+
+Progress = Callable[[int, float, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class EnsemblePosterior:
+    """Draws from the posterior and the evidence that they are such.
+
+    Attributes
+    ----------
+    beta : ndarray (draws, p)
+        Coefficients.
+    sigma : ndarray (draws,)
+        Standard deviation (scale, for Student-t errors) of a run of weight 1.
+    nu : ndarray (draws,) or None
+        Degrees of freedom of Student-t errors when they were estimated.
+    tau : ndarray (d,)
+        Integrated autocorrelation time of every coordinate (coefficients whitened, log sigma, log nu) [steps].
+    ess : ndarray (d,)
+        Effective sample size of every coordinate among the draws handed out.
+    r_hat : ndarray (d,)
+        Rank-normalised split R-hat across the independent ensembles.
+    acceptance : dict
+        Accepted share by move.
+    steps, walkers, ensembles : int
+        Steps made by every walker; walkers of one ensemble; number of ensembles.
+    errors : str
+        "normal" or "student_t".
+    seed : int
+    """
+
+    beta: FloatArray
+    sigma: FloatArray
+    nu: FloatArray | None
+    tau: FloatArray
+    ess: FloatArray
+    r_hat: FloatArray
+    acceptance: dict[str, float]
+    steps: int
+    walkers: int
+    ensembles: int
+    errors: str
+    seed: int
+
+
+@dataclass(slots=True)
+class _Reached:
+    """Where a run stands."""
+
+    tau: FloatArray
+    r_hat: FloatArray
+    ess: FloatArray
+    kept: FloatArray
+    long_enough: bool
+
+
+def sample_posterior(
+    Z: FloatArray,
+    y: FloatArray,
+    weights: FloatArray | None = None,
+    *,
+    errors: Literal["normal", "student_t"] = "normal",
+    prior: SamplerPrior | None = None,
+    nu: float | GammaPrior = 4.0,
+    seed: int,
+    walkers: int = 128,
+    ensembles: int = 4,
+    min_ess: float = 4000.0,
+    max_draws: int = 50_000,
+    max_steps: int = 50_000,
+    max_seconds: float = 120.0,
+    progress: Progress | None = None,
+) -> EnsemblePosterior:
+    """Sample the posterior of ``y = Z beta + e`` until the convergence rule holds.
+
+    The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has ``min_ess``
+    effective draws among those handed out, and R-hat across ensembles is at most 1.01.
+
+    Parameters
+    ----------
+    Z : ndarray (n, p)
+        Coded model matrix.
+    y : ndarray (n,)
+        Scores.
+    weights : ndarray (n,), optional
+        Inverse relative variances, > 0; default 1.
+    errors : str
+        Normal, or Student-t with ``nu`` degrees of freedom (> 0, or a :class:`GammaPrior` when unknown).
+    prior : Flat, NormalInverseGamma or WeakPrior, optional
+        Default flat: p(beta, sigma) proportional to 1 / sigma.
+    seed : int
+        The same seed gives the same draws; no global random state is read or changed.
+    walkers : int
+        Of each ensemble; raised to twice the dimensions where that is more, and to an even number.
+    ensembles : int
+        Independent ensembles, >= 2.
+    max_draws, max_steps, max_seconds : optional
+        Bounds on what is handed out and on the work [steps of every walker, s of wall clock].
+    progress : callable, optional
+        Called as ``progress(steps, largest tau, smallest ess)`` after each block.
+
+    Raises
+    ------
+    ConvergenceError
+        The bounds came first; it carries steps, tau, R-hat and ess reached.
+    FitError
+        Scores that cannot be used, or that the model reproduces exactly.
+    """
+    if errors not in ("normal", "student_t") or ensembles < 2:
+        raise ValueError("errors must be 'normal' or 'student_t' and ensembles at least 2")
+    Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
+    target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu)
+    walkers = max(walkers + walkers % 2, 2 * target.d)
+    chain = _Chain(target, ensembles, walkers, seed)
+    reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
+    beta, sigma, nu_draws = target.unpack(reached.kept.reshape(-1, target.d))
+    acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
+    return EnsemblePosterior(
+        beta,
+        sigma,
+        nu_draws,
+        reached.tau,
+        reached.ess,
+        reached.r_hat,
+        acceptance,
+        chain.steps,
+        walkers,
+        ensembles,
+        errors,
+        seed,
+    )
+
+
+class _Chain:
+    """The sampler with its store: every ``thin``-th step, thinned further when memory runs short."""
+
+    def __init__(self, target: Target, ensembles: int, walkers: int, seed: int) -> None:
+        self.ensembles = ensembles
+        self._target = target
+        self._n = ensembles * walkers
+        random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
+        start = target.proposal.draw(random, self._n)
+        log_prob = target.log_prob(start)
+        if not np.all(np.isfinite(log_prob)):
+            raise FitError(Problem("the posterior density is not finite where it is expected to lie"))
+        self._state = emcee.State(start, log_prob=log_prob, random_state=random.get_state())
+        self._start([target.proposal], [1.0])
+        if not target.exact:
+            self.advance(_PILOT, np.inf)
+            late = self.stored[_PILOT // 2 :: 10].reshape(-1, target.d)
+            self._start([target.proposal.tuned(late), target.proposal], [0.8, 0.2])
+
+    def _start(self, proposals: list[Proposal], shares: list[float]) -> None:
+        """Begin to count afresh from the present state, with these independence proposals from now on."""
+        self.moves: dict[str, Move] = {
+            "independence": IndependenceMove(proposals, shares),
+            "differential evolution": DifferentialMove(self.ensembles),
+            "snooker": SnookerMove(self.ensembles),
+        }
+        self._sampler = emcee.EnsembleSampler(
+            self._n,
+            self._target.d,
+            self._target.log_prob,
+            moves=list(zip(self.moves.values(), (0.5, 0.3, 0.2), strict=True)),
+            vectorize=True,
+        )
+        self.stored = np.empty((0, self._n, self._target.d))
+        self.thin = 1
+        self.steps = 0
+
+    def advance(self, steps: int, deadline: float) -> None:
+        """Make about ``steps`` more steps, fewer when the deadline passes."""
+        limit = max(_STORE_BYTES // (8 * self.stored.shape[1] * self.stored.shape[2]), 64)
+        while (self.stored.shape[0] + steps // self.thin) > limit:
+            self.stored = self.stored[1::2].copy()
+            self.thin *= 2
+        block = []
+        iterations = max(steps // self.thin, 1)
+        for state in self._sampler.sample(
+            self._state, iterations=iterations, thin_by=self.thin, store=False, skip_initial_state_check=self.steps > 0
+        ):
+            block.append(state.coords.copy())
+            self._state = state
+            if time.monotonic() > deadline:
+                break
+        self.steps += len(block) * self.thin
+        self.stored = np.concatenate([self.stored, np.stack(block)])
+
+    def judge(self, max_draws: int) -> _Reached:
+        """Autocorrelation time, R-hat and effective sample size of what is stored so far."""
+        n, walkers, d = self.stored.shape
+        some = np.linspace(0, walkers - 1, min(_TAU_WALKERS, walkers)).astype(np.int64)
+        tau = diagnostics.autocorrelation_time(self.stored[:, some])
+        largest = float(np.max(tau))
+        burn = min(int(np.ceil(_BURN_TAUS * largest)), n // 2) if np.isfinite(largest) else n // 2
+        after = self.stored[burn:]
+        stride = max(int(largest / 2.0) if np.isfinite(largest) else 1, -(-after.shape[0] * walkers // max_draws), 1)
+        kept = after[::-1][::stride][::-1]
+        kept_tau = np.maximum(diagnostics.autocorrelation_time(kept[:, some]), 1.0)
+        ess = kept.shape[0] * walkers / kept_tau
+        long_enough = after.shape[0] > _TAUS * largest and kept.shape[0] >= 4
+        chains = after.reshape(after.shape[0], self.ensembles, -1, d)
+        every = max(after.shape[0] * chains.shape[2] // _R_HAT_DRAWS, 1)
+        r_hat = np.array([diagnostics.r_hat(_thinned(chains[:, :, :, j], every)) for j in range(d)])
+        return _Reached(tau * self.thin, r_hat, ess, kept, long_enough)
+
+
+def _thinned(chains: FloatArray, every: int) -> FloatArray:
+    """Steps x ensembles x walkers -> ensembles x draws in the order of time, every ``every``-th of them."""
+    flat = np.moveaxis(chains, 1, 0).reshape(chains.shape[1], -1)
+    return flat[:, ::every]
+
+
+def _run(
+    chain: _Chain, min_ess: float, max_draws: int, max_steps: int, max_seconds: float, progress: Progress | None
+) -> _Reached:
+    deadline = time.monotonic() + max_seconds
+    block = _FIRST_BLOCK
+    while True:
+        chain.advance(min(block, max_steps - chain.steps), deadline)
+        reached = chain.judge(max_draws)
+        tau, r_hat, ess = float(np.max(reached.tau)), float(np.max(reached.r_hat)), float(np.min(reached.ess))
+        if progress is not None:
+            progress(chain.steps, tau, ess)
+        if reached.long_enough and ess >= min_ess and r_hat <= _R_HAT:
+            return reached
+        if chain.steps >= max_steps or time.monotonic() > deadline:
+            raise ConvergenceError(
+                f"the sampler made {chain.steps} steps: autocorrelation time {tau:.3g} steps (the rule asks for more "
+                f"than {_TAUS:.0f} of them), {ess:.0f} of {min_ess:.0f} effective draws, R-hat {r_hat:.4f}",
+                steps=chain.steps,
+                tau=tau,
+                r_hat=r_hat,
+                ess=ess,
+            )
+        # Straight to the length that the present estimate of tau asks for, with a margin, but no leaps of faith.
+        wanted = int(1.1 * (_TAUS + _BURN_TAUS) * tau) - chain.steps if np.isfinite(tau) else block
+        block = int(np.clip(wanted, _FIRST_BLOCK // 2, 2 * chain.steps))

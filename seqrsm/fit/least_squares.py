@@ -1,0 +1,369 @@
+"""Weighted least squares: coefficients, standard errors, intervals and tests (RSL TR 380-1 chapter 2.2).
+
+Rows of the model matrix ``Z`` are runs in coded units. Weights are inverse *relative* variances: run i has variance
+sigma^2 / weight_i. Nothing is dropped silently: terms that the runs cannot tell apart are named in ``aliased``, their
+estimates are nan, and predictions are given only where they do not depend on the choice among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.special import stdtr
+
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit import anova as _anova
+from seqrsm.fit import influence, linear_system
+from seqrsm.fit.anova import AnovaRow, LackOfFit
+from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.checks import check_runs
+from seqrsm.fit.intervals import FTest, Interval, Prediction, f_ratio, student_quantile
+
+__all__ = [
+    "AnovaRow",
+    "FTest",
+    "Interval",
+    "LackOfFit",
+    "LeastSquaresFit",
+    "Prediction",
+    "TermLike",
+    "block_columns",
+    "fit_least_squares",
+]
+
+_ESTIMABLE = 1e-9  # relative size of the null-space component below which a function counts as estimable
+
+
+class TermLike(Protocol):
+    """What the fit needs to know of a term; ``seqrsm.design.quadratic.Term`` has it."""
+
+    @property
+    def name(self) -> str:
+        """Name of the column."""
+
+    @property
+    def kind(self) -> str:
+        """One of "intercept", "linear", "category", "interaction", "square"."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeastSquaresFit:
+    """A fitted model; see :func:`fit_least_squares`.
+
+    Attributes
+    ----------
+    names, kinds : tuple of str
+        Of the p columns.
+    estimate, se : ndarray (p,)
+        Coefficients and standard errors; nan for aliased terms (``se`` also when saturated).
+    covariance_unscaled : ndarray (p, p)
+        (Z'WZ)^-1; rows and columns of aliased terms are nan.
+    s : float
+        Residual standard deviation of a run of weight 1 (RSL TR 380-1 eq. 2-13); nan when ``df_residual`` is 0.
+    n_runs, n_terms, rank, df_residual : int
+    sse, sst : float
+        Weighted residual and total sum of squares, the latter about the mean when there is an intercept.
+    r2, r2_adjusted, press, r2_predicted : float
+    fitted, residuals, leverage, studentised, cooks_distance : ndarray (n,)
+        ``residuals`` are unweighted; ``studentised`` externally; nan where undefined.
+    condition_number : float
+        Of the weighted model matrix with columns of unit length.
+    aliased : tuple of str
+        Every term that takes part in an exact linear dependence.
+    leverage_one_runs : tuple of int
+        Indices of runs that the model must pass through; PRESS is undefined when there are any.
+    reason : str
+        Why s, standard errors or tests are undefined; empty when they are not.
+    Z, y, weights, setting_ids, block_ids
+        The data as fitted.
+    basis_estimate, factor, null : ndarray
+        Basic solution (p,), L with (Z'WZ)^-1 = LL' on the basis columns (p, rank), null space (p, p - rank).
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    estimate: FloatArray
+    se: FloatArray
+    covariance_unscaled: FloatArray
+    s: float
+    n_runs: int
+    n_terms: int
+    rank: int
+    df_residual: int
+    sse: float
+    sst: float
+    r2: float
+    r2_adjusted: float
+    press: float
+    r2_predicted: float
+    fitted: FloatArray
+    residuals: FloatArray
+    leverage: FloatArray
+    studentised: FloatArray
+    cooks_distance: FloatArray
+    condition_number: float
+    aliased: tuple[str, ...]
+    leverage_one_runs: tuple[int, ...]
+    reason: str
+    Z: FloatArray
+    y: FloatArray
+    weights: FloatArray
+    setting_ids: IntArray | None
+    block_ids: IntArray | None
+    basis_estimate: FloatArray
+    factor: FloatArray
+    null: FloatArray
+
+    @property
+    def t(self) -> FloatArray:
+        """Student-t statistic of every coefficient (p,); nan where the standard error is 0 or undefined."""
+        return _ratio(self.estimate, self.se)
+
+    @property
+    def p_value(self) -> FloatArray:
+        """Two-sided p value of every coefficient (p,)."""
+        if self.df_residual == 0:
+            return np.full(self.n_terms, np.nan)
+        return np.asarray(2.0 * stdtr(float(self.df_residual), -np.abs(self.t)), dtype=np.float64)
+
+    def interval(self, level: float = 0.95) -> Interval:
+        """Confidence interval of every coefficient at ``level`` in (0, 1)."""
+        half = student_quantile(self.df_residual, level) * self.se
+        return Interval(self.estimate - half, self.estimate + half)
+
+    def rows_with_mean_block(self, rows: FloatArray) -> FloatArray:
+        """Rows (m, p) from rows without block columns, which are set to 0: the mean of the blocks."""
+        rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
+        model = np.array([kind != "block" for kind in self.kinds])
+        if rows.shape[1] == self.n_terms:
+            return rows
+        if rows.shape[1] != np.count_nonzero(model):
+            raise ValueError(f"rows have {rows.shape[1]} columns, the model has {self.n_terms} terms")
+        full = np.zeros((rows.shape[0], self.n_terms))
+        full[:, model] = rows
+        return full
+
+    def estimable(self, rows: FloatArray) -> BoolArray:
+        """Whether the runs determine the mean response at each row (m, p) -> (m,)."""
+        rows = self.rows_with_mean_block(rows)
+        if self.null.shape[1] == 0:
+            return np.ones(rows.shape[0], dtype=np.bool_)
+        scale = np.abs(rows) @ np.abs(self.null)
+        return np.asarray(np.all(np.abs(rows @ self.null) <= _ESTIMABLE * scale, axis=1))
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """z'(Z'WZ)^-1 z at each row (m, p) -> (m,); nan where not estimable (RSL TR 380-1 eq. 2-17)."""
+        rows = self.rows_with_mean_block(rows)
+        h = np.sum(np.square(rows @ self.factor), axis=1)
+        return np.where(self.estimable(rows), h, np.nan)
+
+    def predict(
+        self,
+        rows: FloatArray,
+        level: float = 0.95,
+        weight: float | FloatArray = 1.0,
+        replicates: int = 1,
+    ) -> Prediction:
+        """Estimated response, confidence and prediction interval.
+
+        Parameters
+        ----------
+        rows : ndarray (m, p)
+            Model rows; without the block columns they mean the average block.
+        level : float
+            Coverage, in (0, 1).
+        weight : float or ndarray (m,)
+            Weight of a future run, > 0.
+        replicates : int
+            Number of future runs whose mean is to be covered, >= 1. The variance of that mean about the true mean
+            response is sigma^2 / (replicates * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
+        """
+        if replicates < 1 or np.any(np.asarray(weight) <= 0.0):
+            raise ValueError("replicates must be at least 1 and weight positive")
+        rows = self.rows_with_mean_block(rows)
+        estimable = self.estimable(rows)
+        mean = np.where(estimable, rows @ self.basis_estimate, np.nan)
+        h = self.variance_unscaled(rows)
+        se_mean = self.s * np.sqrt(h)
+        se_prediction = self.s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
+        quantile = student_quantile(self.df_residual, level)
+        reason = self.reason if self.df_residual == 0 else ""
+        if not np.all(estimable):
+            reason = f"{reason} not estimable at {np.count_nonzero(~estimable)} points: {_alias_text(self.aliased)}"
+        return Prediction(
+            mean,
+            Interval(mean - quantile * se_mean, mean + quantile * se_mean),
+            Interval(mean - quantile * se_prediction, mean + quantile * se_prediction),
+            se_mean,
+            se_prediction,
+            level,
+            reason.strip(),
+        )
+
+    def partial_f(self, indices: Sequence[int] | IntArray) -> FTest:
+        """F test that all coefficients in ``indices`` are zero, given the other terms (RSL TR 380-1 eq. 2-14).
+
+        The extra sum of squares is b'(C_gg)^-1 b over the group; with short rank it is the squared projection of y
+        on what the group adds to the other columns, which is the same thing where both exist.
+        """
+        group = np.unique(np.asarray(indices, dtype=np.int64))
+        if group.size == 0 or group[0] < 0 or group[-1] >= self.n_terms:
+            raise ValueError(f"indices must name terms 0 ... {self.n_terms - 1}")
+        if self.rank == self.n_terms:
+            _, R = np.linalg.qr(self.factor[group].T)
+            df, ss = int(group.size), float(np.sum(np.square(np.linalg.solve(R.T, self.estimate[group]))))
+        else:
+            root = np.sqrt(self.weights)
+            others = np.setdiff1d(np.arange(self.n_terms), group)
+            X = self.Z * root[:, None]
+            df, ss = _anova.sequential_ss([X[:, others], X[:, group]], self.y * root)[1]
+        if df == 0:
+            nan = float("nan")
+            return FTest(0, 0.0, nan, nan, nan, "the group is aliased with the other terms")
+        f, p, reason = f_ratio(ss, df, self.sse, self.df_residual)
+        return FTest(df, ss, ss / df, f, p, reason)
+
+    def lack_of_fit(self) -> LackOfFit | str:
+        """Lack-of-fit test against pure error, or the reason why there is none."""
+        return _anova.lack_of_fit(
+            self.y, self.weights, self.sse, self.rank, self.setting_ids, self.block_ids, self.df_residual
+        )
+
+    def anova(self) -> tuple[AnovaRow, ...]:
+        """Sequential analysis of variance: blocks, first order, categories, interactions, squares, residual, total."""
+        return _anova.table(self.Z, self.y, self.weights, self.kinds, self.sse, self.df_residual, self.lack_of_fit())
+
+    def vif(self) -> FloatArray:
+        """Variance inflation factors (p,): variance over that of the column alone; nan for intercept and aliased."""
+        w = self.weights[:, None]
+        has_intercept = "intercept" in self.kinds
+        centre = np.sum(w * self.Z, axis=0) / np.sum(w) if has_intercept else np.zeros(self.n_terms)
+        own = np.sum(w * np.square(self.Z - centre), axis=0)
+        vif = np.diagonal(self.covariance_unscaled) * own
+        return np.where(np.array(self.kinds) == "intercept", np.nan, vif)
+
+
+def fit_least_squares(
+    Z: FloatArray,
+    y: FloatArray,
+    terms: Sequence[TermLike | str],
+    *,
+    weights: FloatArray | None = None,
+    setting_ids: Sequence[object] | IntArray | None = None,
+    block_ids: Sequence[object] | IntArray | None = None,
+) -> LeastSquaresFit:
+    """Fit ``y = Z b + e``, Var e_i = sigma^2 / weight_i, by refined orthogonal factorisation.
+
+    Parameters
+    ----------
+    Z : ndarray (n, p)
+        Model matrix in coded units, n >= p.
+    y : ndarray (n,)
+        Scores.
+    terms : sequence (p,)
+        Terms of the columns; a plain string names a block column (see :func:`block_columns`).
+    weights : ndarray (n,), optional
+        Inverse relative variances, > 0; default 1.
+    setting_ids : sequence (n,), optional
+        Equal for runs with the same *executed* settings; needed for pure error.
+    block_ids : sequence (n,), optional
+        Pure error is taken within blocks.
+
+    Raises
+    ------
+    FitError
+        Fewer runs than terms, or a score, weight or setting that is not a finite number; all such runs are named.
+    """
+    Z = np.ascontiguousarray(Z, dtype=np.float64)
+    y = np.ascontiguousarray(y, dtype=np.float64)
+    w = np.ones(y.shape[0]) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
+    names, kinds = _names_and_kinds(terms)
+    check_runs(Z, y, w, len(names))
+    if y.size < len(names):
+        remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
+        raise FitError(Problem(f"{y.size} runs cannot determine {len(names)} terms", remedy))
+    n, p = Z.shape
+    root = np.sqrt(w)
+    factors = linear_system.factorise(Z * root[:, None])
+    basic, r = linear_system.solve(factors, y * root)
+    # Residuals below the rounding of the scores as stored carry no information: the fit is exact.
+    if np.linalg.norm(r) <= max(n, p) * linear_system.EPSILON * np.linalg.norm(y * root) or n == factors.rank:
+        r = np.zeros(n)
+    rank, df = factors.rank, n - factors.rank
+    L = linear_system.covariance_factor(factors)
+    C = linear_system.covariance(factors, L)
+    bad = np.any(np.abs(factors.null) > _ESTIMABLE, axis=1)
+    C = np.where(bad[:, None] | bad[None, :], np.nan, C)
+    aliased = tuple(name for name, b in zip(names, bad, strict=True) if b)
+    sse = float(r @ r)
+    s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
+    leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
+    sst = _anova.total_ss(y, w, "intercept" in kinds)
+    diagnostics = influence.run_diagnostics(r, leverage, df, rank)
+    r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
+    df_total = n - (1 if "intercept" in kinds else 0)
+    return LeastSquaresFit(
+        names=names,
+        kinds=kinds,
+        estimate=np.where(bad, np.nan, basic),
+        se=s * np.sqrt(np.diagonal(C)),
+        covariance_unscaled=C,
+        s=s,
+        n_runs=n,
+        n_terms=p,
+        rank=rank,
+        df_residual=df,
+        sse=sse,
+        sst=sst,
+        r2=r2,
+        r2_adjusted=1.0 - (1.0 - r2) * df_total / df if df > 0 else float("nan"),
+        press=diagnostics.press,
+        r2_predicted=1.0 - diagnostics.press / sst if sst > 0.0 else float("nan"),
+        fitted=y - r / root,
+        residuals=r / root,
+        leverage=leverage,
+        studentised=diagnostics.studentised,
+        cooks_distance=diagnostics.cooks_distance,
+        condition_number=factors.condition_number,
+        aliased=aliased,
+        leverage_one_runs=diagnostics.leverage_one_runs,
+        reason=_reason(n, rank, sse, aliased),
+        Z=Z,
+        y=y,
+        weights=w,
+        setting_ids=_anova.group_index(setting_ids, n),
+        block_ids=_anova.group_index(block_ids, n),
+        basis_estimate=basic,
+        factor=L,
+        null=factors.null * factors.scale[:, None],
+    )
+
+
+def _names_and_kinds(terms: Sequence[TermLike | str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    pairs = [(term, "block") if isinstance(term, str) else (term.name, term.kind) for term in terms]
+    return tuple(name for name, _ in pairs), tuple(kind for _, kind in pairs)
+
+
+def _alias_text(aliased: tuple[str, ...]) -> str:
+    return f"the runs cannot tell these terms apart: {', '.join(aliased)}"
+
+
+def _reason(n: int, rank: int, sse: float, aliased: tuple[str, ...]) -> str:
+    reasons = []
+    if n == rank:
+        reasons.append("as many terms as runs: no residual degrees of freedom, so s and intervals are undefined")
+    elif sse == 0.0:
+        reasons.append("the model reproduces every score exactly: s is 0 and F tests are undefined")
+    if aliased:
+        reasons.append(_alias_text(aliased))
+    return "; ".join(reasons)
+
+
+def _ratio(a: FloatArray, b: FloatArray) -> FloatArray:
+    ratio = np.full(a.shape, np.nan)
+    np.divide(a, b, out=ratio, where=b > 0.0)
+    return ratio

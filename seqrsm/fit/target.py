@@ -1,0 +1,230 @@
+"""Log posterior densities for the sampler, in whitened coordinates, and the proposal they are sampled with.
+
+Coordinates of a walker: u (p,), log sigma, and log nu when the degrees of freedom of Student-t errors are unknown, with
+beta = mean + scale * L u. ``mean``, ``L`` and ``scale`` come from a conjugate posterior, the *base*; for normal errors
+and a conjugate prior the base is the target itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import gammaln
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
+
+# Share of the base's degrees of freedom kept by the proposal for Student-t errors: heavier tails than the target.
+_TAIL = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class WeakPrior:
+    """Coefficients and sigma independent: beta_j ~ N(mean_j, sd_j^2), sigma ~ half-normal(sigma_scale).
+
+    Attributes
+    ----------
+    mean, sd : ndarray (p,)
+        In score units; an infinite ``sd`` is a flat prior.
+    sigma_scale : float
+        Score units, > 0.
+    """
+
+    mean: FloatArray
+    sd: FloatArray
+    sigma_scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class GammaPrior:
+    """Prior of the degrees of freedom nu of Student-t errors, density nu^(shape - 1) exp(-rate nu).
+
+    The default, shape 2 and rate 0.1 (mean 20), is that of Juarez and Steel (2010), J. Bus. Econ. Stat. 28, 52-66.
+    """
+
+    shape: float = 2.0
+    rate: float = 0.1
+
+
+SamplerPrior = Flat | NormalInverseGamma | WeakPrior
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Normal-inverse-gamma distribution of (u, log sigma), with an independent normal for log nu when there is one.
+
+    sigma^2 ~ InverseGamma(a, b), u | sigma ~ N(centre, sigma^2 MM'), log nu ~ N(nu_centre, nu_width^2).
+
+    Attributes
+    ----------
+    centre : ndarray (p,)
+    M : ndarray (p, p)
+        Lower triangular.
+    a, b : float
+    nu_centre, nu_width : float
+        ``nu_width`` 0: no such coordinate.
+    """
+
+    centre: FloatArray
+    M: FloatArray
+    a: float
+    b: float
+    nu_centre: float
+    nu_width: float
+
+    def draw(self, random: Any, n: int) -> FloatArray:
+        """Draw (n, d) with a ``numpy.random.RandomState``."""
+        p = self.centre.size
+        sigma = np.sqrt(self.b / random.standard_gamma(self.a, size=n))
+        u = self.centre + sigma[:, None] * (random.standard_normal((n, p)) @ self.M.T)
+        columns = [u, np.log(sigma)[:, None]]
+        if self.nu_width > 0.0:
+            columns.append(self.nu_centre + self.nu_width * random.standard_normal((n, 1)))
+        return np.hstack(columns)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Normalised log density (n, d) -> (n,)."""
+        p = self.centre.size
+        g = solve_triangular(self.M, (x[:, :p] - self.centre).T, lower=True, check_finite=False)
+        value = -(p + 2.0 * self.a) * x[:, p] - (0.5 * np.sum(np.square(g), axis=0) + self.b) * np.exp(-2.0 * x[:, p])
+        value += self.a * np.log(self.b) - gammaln(self.a) + np.log(2.0)
+        value -= np.sum(np.log(np.diagonal(self.M))) + 0.5 * p * np.log(2.0 * np.pi)
+        if self.nu_width > 0.0:
+            value -= 0.5 * np.square((x[:, p + 1] - self.nu_centre) / self.nu_width)
+            value -= np.log(self.nu_width) + 0.5 * np.log(2.0 * np.pi)
+        return np.asarray(value)
+
+    def tuned(self, draws: FloatArray) -> Proposal:
+        """The member of the family with the moments of ``draws`` (n, d), n well above d."""
+        p = self.centre.size
+        precision = np.exp(-2.0 * draws[:, p])
+        centre = np.sum(draws[:, :p] * precision[:, None], axis=0) / np.sum(precision)
+        residual = (draws[:, :p] - centre) * np.sqrt(precision)[:, None]
+        M = np.linalg.cholesky(residual.T @ residual / draws.shape[0])
+        rate = float(np.mean(precision) / np.var(precision))
+        nu = draws[:, p + 1] if self.nu_width > 0.0 else np.zeros(2)
+        return Proposal(centre, M, float(np.mean(precision)) * rate, rate, float(np.mean(nu)), float(np.std(nu)))
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What the sampler needs.
+
+    Attributes
+    ----------
+    log_prob : callable
+        (n, d) -> (n,), up to a constant.
+    proposal : Proposal
+        From the base: the target itself for normal errors and a conjugate prior.
+    exact : bool
+        Whether it is.
+    d : int
+        Dimensions.
+    unpack : callable
+        (n, d) -> beta (n, p), sigma (n,), nu (n,) or None.
+    """
+
+    log_prob: Callable[[FloatArray], FloatArray]
+    proposal: Proposal
+    exact: bool
+    d: int
+    unpack: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray | None]]
+
+
+def build_target(
+    Z: FloatArray, y: FloatArray, w: FloatArray, errors: str, prior: SamplerPrior, nu: float | GammaPrior
+) -> Target:
+    """Assemble the target; arguments as in ``sample_posterior``."""
+    student = errors == "student_t"
+    free_nu = student and isinstance(nu, GammaPrior)
+    nu_start = (nu.shape / nu.rate if isinstance(nu, GammaPrior) else nu) if student else np.inf
+    base = _base(Z, y, w, prior, nu_start)
+    if base.b == 0.0:
+        raise FitError(Problem("the model reproduces every score exactly, so sigma has no posterior to sample"))
+    p, scale = Z.shape[1], base.scale
+    tail = _TAIL if student or isinstance(prior, WeakPrior) else 1.0
+    root = np.sqrt(w)
+    A = np.ascontiguousarray(((Z * root[:, None]) @ base.factor * scale).T)
+    r0 = root * (y - Z @ base.mean)
+    log_prior = _log_prior(prior, base)
+    nu_prior = nu if isinstance(nu, GammaPrior) else None
+    half_log_w = 0.5 * float(np.sum(np.log(w)))
+
+    def log_prob(x: FloatArray) -> FloatArray:
+        with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+            log_sigma = x[:, p]
+            square = np.square(r0 - x[:, :p] @ A) * np.exp(-2.0 * log_sigma)[:, None]
+            value = half_log_w - r0.size * log_sigma
+            if not student:
+                value -= 0.5 * np.sum(square, axis=1)
+            elif nu_prior is None:
+                value -= 0.5 * (nu_start + 1.0) * np.sum(np.log1p(square / nu_start), axis=1)
+            else:
+                degrees = np.exp(x[:, p + 1])
+                value -= 0.5 * (degrees + 1.0) * np.sum(np.log1p(square / degrees[:, None]), axis=1)
+                value += r0.size * (gammaln(0.5 * (degrees + 1.0)) - gammaln(0.5 * degrees) - 0.5 * np.log(degrees))
+                value += nu_prior.shape * x[:, p + 1] - nu_prior.rate * degrees  # with the Jacobian of log nu
+            value += log_prior(x[:, :p], log_sigma)
+        return np.where(np.isfinite(value), value, -np.inf)
+
+    centre, width = (float(np.log(nu_start)) - 0.5, 1.2) if free_nu else (0.0, 0.0)
+    proposal = Proposal(np.zeros(p), np.eye(p) / scale, tail * base.a, tail * base.b, centre, width)
+
+    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        beta = base.mean + scale * (x[:, :p] @ base.factor.T)
+        return beta, np.exp(x[:, p]), np.exp(x[:, p + 1]) if free_nu else None
+
+    return Target(log_prob, proposal, tail == 1.0, p + 2 if free_nu else p + 1, unpack)
+
+
+def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: SamplerPrior, nu: float) -> ConjugatePosterior:
+    """Conjugate posterior near the target: reweighted for Student-t errors, sigma fixed in a non-conjugate prior."""
+    weights = w
+    base = posterior(Z, y, w, _conjugate(prior, None))
+    for _ in range(0 if np.isinf(nu) and not isinstance(prior, WeakPrior) else 30):
+        sigma2 = base.b / base.a
+        residual = w * np.square(y - Z @ base.mean) / max(sigma2, np.finfo(np.float64).tiny)
+        weights = w * (nu + 1.0) / (nu + residual) if np.isfinite(nu) else w
+        new = posterior(Z, y, weights, _conjugate(prior, float(np.sqrt(sigma2))))
+        change = abs(new.scale - base.scale)
+        base = new
+        if change < 1e-3 * base.scale:
+            break
+    return base
+
+
+def _conjugate(prior: SamplerPrior, sigma: float | None) -> Flat | NormalInverseGamma:
+    if not isinstance(prior, WeakPrior):
+        return prior
+    sigma = prior.sigma_scale if sigma is None else sigma
+    return NormalInverseGamma(prior.mean, np.diag(np.square(sigma / prior.sd)), 0.5, 0.125 * prior.sigma_scale**2)
+
+
+def _log_prior(prior: SamplerPrior, base: ConjugatePosterior) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Log prior of (u, log sigma), with the Jacobian of log sigma."""
+    if isinstance(prior, Flat):
+        return lambda u, log_sigma: np.zeros(log_sigma.shape)
+    if isinstance(prior, WeakPrior):
+        to_z = (base.scale * base.factor / prior.sd[:, None]).T
+        z0 = (base.mean - prior.mean) / prior.sd
+        scale = prior.sigma_scale
+
+        def weak(u: FloatArray, log_sigma: FloatArray) -> FloatArray:
+            quadratic = np.sum(np.square(z0 + u @ to_z), axis=1)
+            return np.asarray(log_sigma - 0.5 * (quadratic + np.exp(2.0 * log_sigma) / scale**2))
+
+        return weak
+    m0, Lambda0, a0, b0 = prior.m0, prior.Lambda0, prior.a0, prior.b0
+    rank = int(np.linalg.matrix_rank(Lambda0, hermitian=True))
+
+    def conjugate(u: FloatArray, log_sigma: FloatArray) -> FloatArray:
+        deviation = base.mean - m0 + base.scale * (u @ base.factor.T)
+        quadratic = np.sum((deviation @ Lambda0) * deviation, axis=1)
+        return np.asarray(-(2.0 * a0 + rank) * log_sigma - (b0 + 0.5 * quadratic) * np.exp(-2.0 * log_sigma))
+
+    return conjugate

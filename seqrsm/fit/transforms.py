@@ -1,0 +1,128 @@
+"""The logit of percent scores, with the weights that go with it, and the way back.
+
+A percent score is bounded, and its scatter shrinks towards 0 and 100. On the logit scale a quadratic cannot leave the
+bounds, and the optimum stays where it was, since the logit is monotone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.intervals import Interval
+
+NOMINAL_COUNT = 200.0  # a score of unknown count is clipped to 0.25 % ... 99.75 %
+
+
+@dataclass(frozen=True, slots=True)
+class LogitScores:
+    """Scores on the logit scale.
+
+    Attributes
+    ----------
+    value : ndarray (n,)
+        Logits, always finite.
+    weight : ndarray (n,)
+        Inverse relative variances, mean 1.
+    variance_unit : float
+        Logit variance that weight 1 stands for; a run expected at ``percent`` has
+        weight ``variance_unit / logit_variance(percent, ...)``.
+    """
+
+    value: FloatArray
+    weight: FloatArray
+    variance_unit: float
+
+
+def logit_scores(
+    percent: FloatArray, *, counts: FloatArray | None = None, se_percent: FloatArray | None = None
+) -> LogitScores:
+    """Logit of percent scores and delta-method weights.
+
+    Parameters
+    ----------
+    percent : ndarray (n,)
+        Scores [%], 0 ... 100, both ends included.
+    counts : ndarray (n,), optional
+        Independent trials behind each score, > 0; nan where unknown. The empirical logit
+        log((c + 1/2) / (m - c + 1/2)) with variance 1 / (c + 1/2) + 1 / (m - c + 1/2) is used for them.
+    se_percent : ndarray (n,), optional
+        Standard error of each score [%], > 0; nan where unknown. Used where no count is known, as
+        (se / 100)^2 / (p (1 - p))^2.
+
+    Returns
+    -------
+    LogitScores
+        Where neither is known the variance is taken as equal on the percent scale, with the median of the standard
+        errors that are known (1 point if none is). Proportions without a count are clipped to 0.5 / n from the ends,
+        n = 200, so that 0 and 100 have finite logits and small weights.
+
+    Raises
+    ------
+    FitError
+        Scores outside 0 ... 100; the runs are named.
+    """
+    percent = np.asarray(percent, dtype=np.float64)
+    bad = ~((percent >= 0.0) & (percent <= 100.0))
+    if np.any(bad):
+        runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
+        message = f"run {runs} (counted from 1) has a score outside 0 to 100 percent"
+        raise FitError(Problem(message, 'use response = "identity" or correct the scores'))
+    m = _or_nan(counts, percent)
+    se = _or_nan(se_percent, percent)
+    known = np.isfinite(se)
+    se = np.where(known, se, float(np.median(se[known])) if np.any(known) else 1.0)
+    counted = np.isfinite(m)
+    correct = percent / 100.0 * np.where(counted, m, NOMINAL_COUNT)
+    wrong = np.where(counted, m, NOMINAL_COUNT) - correct
+    p = clip_percent(percent) / 100.0
+    value = np.where(counted, np.log((correct + 0.5) / (wrong + 0.5)), np.log(p / (1.0 - p)))
+    variance = np.where(counted, 1.0 / (correct + 0.5) + 1.0 / (wrong + 0.5), np.square(se / 100.0 / (p * (1.0 - p))))
+    unit = float(1.0 / np.mean(1.0 / variance))
+    return LogitScores(value, unit / variance, unit)
+
+
+def logit_variance(percent: FloatArray, *, count: float | None = None, se_percent: float = 1.0) -> FloatArray:
+    """Delta-method variance of the logit of a score expected at ``percent`` [%], by count or by standard error [%]."""
+    p = clip_percent(percent) / 100.0
+    if count is not None:
+        return np.asarray(1.0 / (count * p + 0.5) + 1.0 / (count * (1.0 - p) + 0.5))
+    return np.asarray(np.square(se_percent / 100.0 / (p * (1.0 - p))))
+
+
+def clip_percent(percent: FloatArray) -> FloatArray:
+    """Scores [%] kept half a trial in ``NOMINAL_COUNT`` away from 0 and 100."""
+    edge = 50.0 / NOMINAL_COUNT
+    return np.clip(np.asarray(percent, dtype=np.float64), edge, 100.0 - edge)
+
+
+def logit_to_percent(logit: FloatArray) -> FloatArray:
+    """Back-transform [%]: of an estimate it is the median response, of an interval's end the end."""
+    return np.asarray(100.0 * expit(logit), dtype=np.float64)
+
+
+def interval_to_percent(interval: Interval) -> Interval:
+    """Interval [%] with the ends back-transformed: the same coverage, no longer symmetric."""
+    return Interval(logit_to_percent(interval.low), logit_to_percent(interval.high))
+
+
+def mean_percent(logit: FloatArray, sd: FloatArray) -> FloatArray:
+    """Mean response [%] when the logit is normal with the given mean and standard deviation.
+
+    The probit approximation expit(mu / sqrt(1 + (16 sqrt(3) / (15 pi))^2 sd^2)), within 1 point for sd up to 2
+    (Zeger, Liang, Albert 1988, Biometrics 44, 1049-1060).
+    """
+    constant = (16.0 * np.sqrt(3.0) / (15.0 * np.pi)) ** 2
+    return logit_to_percent(logit / np.sqrt(1.0 + constant * np.square(sd)))
+
+
+def _or_nan(values: FloatArray | None, like: FloatArray) -> FloatArray:
+    """Positive values kept, everything else nan."""
+    if values is None:
+        return np.full(like.shape, np.nan)
+    values = np.asarray(values, dtype=np.float64)
+    return np.where(values > 0.0, values, np.nan)

@@ -1,0 +1,53 @@
+"""The one numba decorator of the package and the place of its compile cache.
+
+numba's file cache does not see an edit in another file, so each kernel file is complete in itself and the cache folder
+is named by the version of the package and the content of all kernel files: an edited or upgraded kernel never meets a
+stale binary.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from seqrsm import __version__
+
+_PACKAGE = Path(__file__).parent
+_KERNEL_FILES = ("design/kernels.py", "simulate/kernels.py")
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def cache_directory() -> Path:
+    """Folder of the compiled kernels, unique to this version and content, writable or in the temporary folder."""
+    digest = hashlib.sha256()
+    for name in _KERNEL_FILES:
+        path = _PACKAGE / name
+        if path.exists():
+            digest.update(path.read_bytes())
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seqrsm"
+    folder = root / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        folder = Path(tempfile.gettempdir()) / f"seqrsm-{os.getuid()}" / folder.name
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def kernel(function: F) -> F:
+    """Compile ``function`` with numba: cached on disk, without the interpreter lock, IEEE arithmetic kept.
+
+    ``error_model="numpy"`` lets a division by zero give inf or nan instead of raising, as in numpy; no fast-math flag
+    is set, so results are the same bits for any vector width.
+    """
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))
+    import numba
+
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))

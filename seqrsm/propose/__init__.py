@@ -1,0 +1,1 @@
+"""The next runs: criteria, and the greedy batch built from them."""

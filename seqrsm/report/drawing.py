@@ -1,0 +1,151 @@
+"""Drawings as SVG text that is the same bytes every time, without pyplot and without global state.
+
+Colours are a fixed palette (after Okabe and Ito, "Color Universal Design", 2008: told apart with any colour vision and
+in grey by their lightness), so that the HTML face can exchange them for brighter ones on a dark ground.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK = "#1b1f24"
+MUTED = "#5c6670"
+GRID = "#d5dae0"
+BLUE = "#0072b2"
+ORANGE = "#d55e00"
+GREEN = "#009e73"
+PAPER = "#fefefe"
+
+PALETTE = {
+    INK: "--ink",
+    MUTED: "--muted",
+    GRID: "--grid",
+    BLUE: "--blue",
+    ORANGE: "--orange",
+    GREEN: "--green",
+    PAPER: "--paper",
+}
+"""Colour of a drawing to the name of the CSS variable that takes its place in HTML."""
+
+SURFACE_COLORS = "cividis"
+"""Colour map of fitted surfaces: even steps of lightness for every kind of colour vision."""
+
+PANEL_WIDTH_IN = 3.7
+PANEL_HEIGHT_IN = 2.85
+
+_STYLE: Any = {
+    "svg.fonttype": "path",
+    "svg.hashsalt": "seqrsm",
+    "font.family": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "font.size": 8.5,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 7.5,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.5,
+    "text.usetex": False,
+    # Names that users wrote may hold a dollar sign: they are text, never formulas.
+    "text.parse_math": False,
+    "axes.formatter.use_mathtext": False,
+    "hatch.linewidth": 0.6,
+    "hatch.color": MUTED,
+    "path.simplify": True,
+    "contour.negative_linestyle": "solid",
+}
+
+_PROLOGUE = re.compile(r"^.*?(?=<svg\b)", re.DOTALL)
+_METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+_ID = re.compile(r'\bid="([^"]+)"')
+_LINK = re.compile(r'(xlink:href|href)="#([^"]+)"')
+_URL = re.compile(r"url\(#([^)]+)\)")
+# It would hold for the whole page; style.css has the same rule for drawings alone.
+_STYLE_ELEMENT = re.compile(r"<style\b.*?</style>", re.DOTALL)
+_WIDTH = re.compile(r'\swidth="([\d.]+)pt"')
+_NAMESPACE = re.compile(r'\sxmlns(?::\w+)?="[^"]*"')
+
+
+def draw(paint: Callable[[Figure], None], width_in: float = PANEL_WIDTH_IN, height_in: float = PANEL_HEIGHT_IN) -> str:
+    """Let ``paint`` fill an empty figure and return it as SVG.
+
+    Parameters
+    ----------
+    paint : callable
+        Adds axes and artists to the figure it is given.
+    width_in, height_in : float
+        Size [in].
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element without prologue, metadata and date: equal input gives equal bytes.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        FigureCanvasSVG(figure)
+        paint(figure)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    return _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue())).strip()
+
+
+def svg_for_html(svg: str, prefix: str) -> str:
+    """Make a drawing fit to stand inside an HTML page beside others.
+
+    Identifiers get a prefix (or drawings would steal each other's clip paths), palette colours become CSS variables,
+    and the namespace declarations that HTML does not need go.
+
+    Parameters
+    ----------
+    svg : str
+        From ``draw``.
+    prefix : str
+        Unique in the page.
+    """
+    svg = _ID.sub(lambda m: f'id="{prefix}{m[1]}"', svg)
+    svg = _LINK.sub(lambda m: f'href="#{prefix}{m[2]}"', svg)
+    svg = _URL.sub(lambda m: f"url(#{prefix}{m[1]})", svg)
+    head, body = svg.split(">", 1)
+    width = _WIDTH.search(head)
+    # A point is 4/3 of a CSS pixel; a fifth larger than drawn is still in proportion with the text.
+    limit = f' style="max-width:{float(width[1]) * 1.6:.0f}px"' if width else ""
+    head = re.sub(r'\s(?:width|height)="[^"]*"', "", _NAMESPACE.sub("", head)) + limit
+    svg = f"{head}>{_STYLE_ELEMENT.sub('', body)}"
+    for color, variable in PALETTE.items():
+        svg = svg.replace(color, f"var({variable})")
+    return svg
+
+
+def light_grid(axes: Axes) -> None:
+    """Put a thin grid behind the data."""
+    axes.grid(visible=True, zorder=0)

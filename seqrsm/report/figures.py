@@ -1,0 +1,260 @@
+"""Response surfaces, slices and posterior of the optimum: results in, drawings out; nothing is estimated here."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.campaign.analysis import Analysis
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor
+from seqrsm.report import drawing
+from seqrsm.report.surfaces import Line, Surface, numeric_factor
+from seqrsm.report.wording import axis_label, level_labels, span
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_CLOUD_POINTS = 220
+_WHITE = "#ffffff"
+_BLACK = "#000000"
+
+
+def contour_panel(analysis: Analysis, surface: Surface, limits: tuple[float, float]) -> str:
+    """Draw contours of the fitted mean over two factors with runs, posterior cloud and optimum.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    surface : Surface
+        Of the same analysis.
+    limits : (float, float)
+        Scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
+    """
+    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=3.0)
+
+
+def _paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    x_factor, y_factor = numeric_factor(analysis, surface.x_index), numeric_factor(analysis, surface.y_index)
+    levels = np.linspace(limits[0], limits[1], 17)
+    if np.all(np.isfinite(surface.mean)):
+        filled = axes.contourf(
+            surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
+        )
+        bar = figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
+        bar.outline.set_visible(False)
+        bar.ax.tick_params(labelsize=7)
+        bar.set_ticks(_round_ticks(limits))
+        lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6)
+        axes.clabel(lines, fontsize=7, inline_spacing=2)
+    if np.any(surface.slack < 0.0):
+        axes.contourf(
+            surface.x, surface.y, surface.slack, levels=[-2.0, 0.0], colors=[drawing.PAPER], hatches=["////"], alpha=1.0
+        )
+        axes.contour(surface.x, surface.y, surface.slack, levels=[0.0], colors=[drawing.INK], linewidths=1.2)
+    set_numeric_axis(axes, "x", x_factor)
+    set_numeric_axis(axes, "y", y_factor)
+    _scatter_over_surface(axes, analysis, surface)
+
+
+def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> None:
+    pair = [surface.x_index, surface.y_index]
+    x_factor, y_factor = (numeric_factor(analysis, index) for index in pair)
+    cloud = thinned(analysis.posterior.optimum_points)[:, pair]
+    layers: tuple[tuple[FloatArray, dict[str, Any]], ...] = (
+        (cloud, {"s": 5, "color": drawing.ORANGE, "alpha": 0.55, "linewidths": 0, "zorder": 3}),
+        (
+            np.unique(analysis.data.points[:, pair], axis=0),
+            {"s": 20, "facecolor": _WHITE, "edgecolor": _BLACK, "linewidths": 0.8, "zorder": 4},
+        ),
+        (
+            analysis.optimum.point[None, pair],
+            {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": _BLACK, "linewidths": 0.9, "zorder": 5},
+        ),
+    )
+    for coded, style in layers:
+        axes.scatter(x_factor.decode(coded[:, 0]), y_factor.decode(coded[:, 1]), clip_on=False, **style)
+
+
+def slice_panel(analysis: Analysis, line: Line) -> str:
+    """Draw mean, confidence and prediction band along one factor through the optimum, with the runs moved there."""
+    factor = analysis.region.factors[line.index]
+    stepwise = isinstance(factor, (CategoricalFactor, DiscreteFactor))
+    return drawing.draw(partial(_paint_levels if stepwise else _paint_bands, analysis, line))
+
+
+def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = numeric_factor(analysis, line.index)
+    hidden = ~line.allowed
+    mean = np.where(hidden, np.nan, line.mean)
+    axes.fill_between(
+        line.x,
+        line.prediction_low,
+        line.prediction_high,
+        where=line.allowed,
+        color=drawing.BLUE,
+        alpha=0.14,
+        linewidth=0,
+    )
+    axes.fill_between(
+        line.x,
+        line.confidence_low,
+        line.confidence_high,
+        where=line.allowed,
+        color=drawing.BLUE,
+        alpha=0.32,
+        linewidth=0,
+    )
+    axes.plot(line.x, mean, color=drawing.BLUE)
+    axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
+    set_numeric_axis(axes, "x", factor)
+    axes.set_xlabel(axis_label(factor))
+    axes.set_ylabel(score_label(analysis))
+    drawing.light_grid(axes)
+
+
+def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = analysis.region.factors[line.index]
+    assert isinstance(factor, (CategoricalFactor, DiscreteFactor))
+    position = np.arange(line.x.size, dtype=np.float64)
+    order = {float(value): place for place, value in enumerate(line.x)}
+    shown = np.array([order.get(float(value), np.nan) for value in line.run_x])
+    for low, high, width, alpha in (
+        (line.prediction_low, line.prediction_high, 7.0, 0.25),
+        (line.confidence_low, line.confidence_high, 7.0, 0.6),
+    ):
+        axes.vlines(position, low, high, color=drawing.BLUE, alpha=alpha, linewidth=width)
+    axes.scatter(
+        position[line.allowed], line.mean[line.allowed], s=34, marker="D", color=drawing.BLUE, zorder=4, linewidths=0
+    )
+    axes.scatter(
+        position[~line.allowed], line.mean[~line.allowed], s=34, marker="D", facecolor="none", edgecolor=drawing.BLUE
+    )
+    axes.scatter(shown + 0.16, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    best = analysis.optimum.settings[factor.name]
+    labels = level_labels(factor)
+    here = labels.index(str(best)) if isinstance(factor, CategoricalFactor) else order.get(float(best))
+    if here is not None:
+        axes.axvline(here, color=drawing.ORANGE, linestyle="--", linewidth=1.2, zorder=1)
+    axes.set_xticks(position, labels, **_label_style(labels))
+    axes.set_xlim(-0.6, line.x.size - 0.4)
+    axes.set_xlabel(axis_label(factor))
+    axes.set_ylabel(score_label(analysis))
+    drawing.light_grid(axes)
+
+
+def optimum_posterior_panel(analysis: Analysis, index: int) -> str:
+    """Draw the posterior of one factor's optimal setting: histogram, or probabilities of its levels."""
+    return drawing.draw(partial(_paint_optimum_posterior, analysis, index), height_in=2.3)
+
+
+def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = analysis.region.factors[index]
+    draws = analysis.posterior.optimum_points[:, index]
+    if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
+        labels = level_labels(factor)
+        coded = np.arange(len(labels)) if isinstance(factor, CategoricalFactor) else factor.coded_levels
+        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in coded])
+        axes.bar(np.arange(len(labels)), share, color=drawing.BLUE, width=0.6)
+        axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
+        axes.set_ylim(0.0, 1.0)
+        axes.set_ylabel("probability")
+    else:
+        edges = np.linspace(-1.0, 1.0, 33)
+        share = np.histogram(draws, edges)[0] / max(draws.size, 1)
+        natural = factor.decode(edges)
+        axes.bar(natural[:-1], share, np.diff(natural), align="edge", color=drawing.BLUE, linewidth=0)
+        axes.axvline(
+            float(factor.decode(analysis.optimum.point[index])), color=drawing.ORANGE, linestyle="--", linewidth=1.2
+        )
+        set_numeric_axis(axes, "x", factor)
+        axes.set_ylabel("share of draws")
+    axes.set_xlabel(axis_label(factor))
+    drawing.light_grid(axes)
+
+
+def optimum_value_panel(analysis: Analysis) -> str:
+    """Draw the posterior of the score at the optimum."""
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        values = analysis.posterior.optimum_values
+        low, high = np.quantile(values, [0.002, 0.998]) if values.size else (0.0, 1.0)
+        margin = 0.5 if high <= low else 0.0
+        share, edges = np.histogram(values, bins=40, range=(low - margin, high + margin))
+        axes.bar(edges[:-1], share / max(values.size, 1), np.diff(edges), align="edge", color=drawing.BLUE, linewidth=0)
+        axes.axvline(analysis.optimum.mean, color=drawing.ORANGE, linestyle="--", linewidth=1.2)
+        axes.set_xlabel(f"mean {score_label(analysis)} at the optimum")
+        axes.set_ylabel("share of draws")
+        drawing.light_grid(axes)
+
+    return drawing.draw(paint, height_in=2.3)
+
+
+def score_label(analysis: Analysis) -> str:
+    """Return the label of an axis of scores."""
+    return f"score [{analysis.score_unit}]" if analysis.score_unit else "score"
+
+
+def _label_style(labels: list[str]) -> dict[str, Any]:
+    """Slant labels that would run into each other."""
+    if sum(len(label) for label in labels) + 2 * len(labels) <= 42:
+        return {}
+    return {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
+
+
+def thinned(draws: FloatArray, count: int = _CLOUD_POINTS) -> FloatArray:
+    """Evenly spaced rows of draws, at most ``count``."""
+    if draws.shape[0] <= count:
+        return draws
+    return draws[np.linspace(0, draws.shape[0] - 1, count).astype(np.intp)]
+
+
+def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor) -> None:
+    """Limits, scale, label and plain ticks of a numeric factor's axis."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    low, high = span(factor)
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    if factor.scale == "log":
+        (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+        axis.set_minor_locator(NullLocator())
+    ticks = list(factor.values) if isinstance(factor, DiscreteFactor) and len(factor.values) <= 8 else None
+    if ticks is None and factor.scale == "log":
+        ticks = _log_ticks(low, high)
+    if ticks is not None:
+        axis.set_major_locator(FixedLocator(ticks))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
+    axis.set_label_text(axis_label(factor))
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    """Round numbers between two ends of a logarithmic axis: from 1, 2, 5 to powers of ten as the span grows."""
+    decades = np.log10(high / low)
+    if decades < 0.7:
+        step = 10.0 ** np.floor(np.log10((high - low) / 3.0))
+        for factor in (1.0, 2.0, 5.0, 10.0):
+            if (high - low) / (step * factor) <= 6.0:
+                step *= factor
+                break
+        return [float(f"{value:.6g}") for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
+    mantissas = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0, 3.0) if decades < 3.2 else (1.0,)
+    exponents = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    ticks = [float(f"{mantissa * 10.0**exponent:.6g}") for exponent in exponents for mantissa in mantissas]
+    return [tick for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+
+
+def _round_ticks(limits: tuple[float, float]) -> list[float]:
+    from matplotlib.ticker import MaxNLocator
+
+    ticks = MaxNLocator(6).tick_values(*limits)
+    return [float(tick) for tick in ticks if limits[0] <= tick <= limits[1]]

@@ -1,0 +1,103 @@
+"""Simulated images and ground truth as small PNG bitmaps with a scale bar."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+
+MAX_WIDTH = 600
+MAX_HEIGHT = 900
+NO_DATA = 255
+NO_DATA_COLOR = "#ffffff"
+
+CATEGORY_COLORS = (
+    "#332288", "#ddcc77", "#117733", "#cc6677", "#88ccee", "#aa4499", "#999933", "#44aa99", "#882255",
+    "#661100", "#6699cc", "#bbbbbb", "#e69f00", "#000000", "#f0e442", "#7f3f3f",
+)  # fmt: skip
+"""Paul Tol's "muted" scheme (SRON/EPS/TN/09-002), then further colours told apart by lightness."""
+
+
+def category_color(index: int) -> str:
+    """Colour of a cover category; they repeat after the last."""
+    return CATEGORY_COLORS[index % len(CATEGORY_COLORS)]
+
+
+def reduction(rows: int, columns: int) -> int:
+    """Whole factor by which a bitmap is reduced so that it stays within ``MAX_WIDTH`` and ``MAX_HEIGHT``."""
+    return max(1, -(-columns // MAX_WIDTH), -(-rows // MAX_HEIGHT))
+
+
+def reduce_grey(grey: AnyArray, factor: int) -> AnyArray:
+    """Mean over blocks of ``factor`` pixels; blocks at the far edges may be smaller."""
+    if factor == 1:
+        return np.asarray(grey, dtype=np.uint8)
+    sums = _block_sums(np.asarray(grey, dtype=np.float64), factor)
+    counts = _block_sums(np.ones(grey.shape), factor)
+    return np.rint(sums / counts).astype(np.uint8)
+
+
+def _block_sums(values: FloatArray, factor: int) -> FloatArray:
+    by_row = np.add.reduceat(values, np.arange(0, values.shape[0], factor), axis=0)
+    total: FloatArray = np.add.reduceat(by_row, np.arange(0, values.shape[1], factor), axis=1)
+    return total
+
+
+def grey_png(grey: AnyArray, pixel_m: float) -> bytes:
+    """Encode a greytone image (rows, columns) of uint8 with a scale bar under it."""
+    factor = reduction(*grey.shape)
+    small = reduce_grey(grey, factor)
+    bar = _scale_bar(small.shape[1], pixel_m * factor, background=255, ink=0)
+    return _png(np.vstack([small, bar]), color_type=0)
+
+
+def cover_png(cover: AnyArray, cell_m: float) -> bytes:
+    """Encode a cover map (rows, columns) of category indices as a palette image with a scale bar under it."""
+    factor = reduction(*cover.shape)
+    small = np.asarray(cover, dtype=np.uint8)[::factor, ::factor]
+    # 254 is the bar's ink: no scene has that many categories.
+    bar = _scale_bar(small.shape[1], cell_m * factor, background=NO_DATA, ink=NO_DATA - 1)
+    palette = np.empty((256, 3), dtype=np.uint8)
+    for index in range(256):
+        palette[index] = _rgb(category_color(index))
+    palette[NO_DATA - 1] = 0
+    palette[NO_DATA] = _rgb(NO_DATA_COLOR)
+    return _png(np.vstack([small, bar]), color_type=3, palette=palette)
+
+
+def bar_length_m(columns: int, pixel_m: float) -> float:
+    """Length [m] of the scale bar: the largest 1, 2 or 5 times a power of ten within a third of the width."""
+    third = columns * pixel_m / 3.0
+    power = 10.0 ** np.floor(np.log10(third))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= third * (1.0 + 1e-12)))
+
+
+def _scale_bar(columns: int, pixel_m: float, background: int, ink: int) -> AnyArray:
+    height = max(3, columns // 100)
+    strip = np.full((3 * height, columns), background, dtype=np.uint8)
+    strip[height : 2 * height, : max(1, round(bar_length_m(columns, pixel_m) / pixel_m))] = ink
+    return strip
+
+
+def _rgb(color: str) -> tuple[int, int, int]:
+    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+
+
+def _png(pixels: AnyArray, color_type: int, palette: AnyArray | None = None) -> bytes:
+    """Encode 8-bit pixels as PNG (ISO/IEC 15948): no metadata, so equal input gives equal bytes."""
+    rows, columns = pixels.shape
+    filtered = np.empty((rows, columns + 1), dtype=np.uint8)
+    # The filter helps grey levels; palette indices have no order, so they stay as they are.
+    filtered[:, 0] = 2 if color_type == 0 else 0
+    filtered[:, 1:] = np.diff(pixels, axis=0, prepend=np.zeros((1, columns), np.uint8)) if color_type == 0 else pixels
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, color_type, 0, 0, 0))]
+    if palette is not None:
+        chunks.append((b"PLTE", palette.tobytes()))
+    chunks += [(b"IDAT", zlib.compress(filtered.tobytes(), 9)), (b"IEND", b"")]
+    body = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + body

@@ -1,0 +1,358 @@
+"""The optimum: response surfaces around it, its posterior, and how its interval narrowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.spec import StopSpec
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Column,
+    Definitions,
+    Details,
+    Equation,
+    FigureBlock,
+    Panel,
+    Paragraph,
+    Section,
+    Table,
+)
+from seqrsm.report.figures import contour_panel, optimum_posterior_panel, optimum_value_panel, slice_panel
+from seqrsm.report.figures_fit import half_width_panel, mean_history_panel, setting_history_panel
+from seqrsm.report.history import Look, read_looks
+from seqrsm.report.phrases import (
+    half_width_text,
+    interval_text,
+    level_phrase,
+    no_error_estimate,
+    number_cell,
+    optimum_setting_text,
+    score_decimals,
+    score_text,
+    setting_posterior,
+    setting_range_text,
+    setting_spread,
+    watched_interval,
+    whole_cell,
+)
+from seqrsm.report.rounding import decimals_for, format_number, format_percent, format_plain, format_significant
+from seqrsm.report.surfaces import MAX_PAIRS, Surface, chosen_pairs, line, numeric_factor, surface
+from seqrsm.report.wording import axis_label, format_setting, listing, readable, with_unit
+
+PREDICTION_EQUATION = Equation(
+    "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
+    "y hat at x zero plus or minus t with N minus p degrees of freedom at alpha over two, times s, times the square "
+    "root of one plus z zero transposed times the inverse of Z transposed Z times z zero",
+)
+
+
+def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
+    """Return the optimum with its three intervals and the shape of the surface."""
+    optimum = analysis.optimum
+    level = level_phrase(analysis)
+    rows = tuple(
+        (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
+        for name, interval in (
+            ("Confidence: mean score at these settings", optimum.confidence),
+            ("Prediction: score of one future run", optimum.prediction),
+            (f"Prediction: mean of {optimum.replicates} future runs", optimum.prediction_mean),
+        )
+    )
+    columns = (Column("Interval"), Column("From, to"), Column("Half-width", align="right"))
+    blocks: list[Block] = [
+        Paragraph(
+            f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. The prediction interval of "
+            "one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in print; z\u2080 is the full "
+            "model row) is"
+        ),
+        PREDICTION_EQUATION,
+        Table(columns, rows, f"Intervals at the optimum, {level}"),
+    ]
+    floor = analysis.decision.noise_floor
+    if math.isfinite(floor) and floor > 0.0:
+        text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
+        blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks += _shape(analysis)
+    return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+
+
+def _shape(analysis: Analysis) -> list[Block]:
+    """Canonical analysis in words and as a table."""
+    stationary = analysis.stationary
+    numeric = analysis.region.numeric
+    if stationary is None or not numeric:
+        return []
+    if stationary.kind == "none" or not np.all(np.isfinite(stationary.point[list(numeric)])):
+        return [Paragraph(stationary.warning or "The fitted surface has no stationary point.")]
+    where = "inside" if stationary.inside_region else "outside"
+    settings = []
+    for index in numeric:
+        factor = numeric_factor(analysis, index)
+        value = float(factor.decode(stationary.point[index]))
+        settings.append(f"{readable(factor.name)} {with_unit(format_significant(value, 3), factor.unit)}")
+    text = (
+        "At the optimal levels of the categorical factors the fitted surface "
+        if analysis.region.categorical
+        else "The fitted surface "
+    )
+    text += f"has a {stationary.kind} {where} the region, at {listing(settings)}."
+    blocks: list[Block] = [Paragraph(text)]
+    if stationary.warning:
+        blocks.append(Paragraph(stationary.warning, "note"))
+    rows = tuple(
+        (
+            number_cell(format_significant(float(value), 3), float(value)),
+            *(number_cell(format_number(float(x), 2), float(x)) for x in stationary.eigenvectors[:, j]),
+        )
+        for j, value in enumerate(stationary.eigenvalues)
+    )
+    columns = (
+        Column("Curvature", align="right"),
+        *(Column(readable(analysis.region.names[index]), align="right") for index in numeric),
+    )
+    table = Table(columns, rows, "Principal curvatures of the fitted surface and their directions, in coded units")
+    return [*blocks, Details("Canonical analysis", (table,))]
+
+
+def surface_section(analysis: Analysis, key: str) -> Section:
+    """Return contours of pairs of numeric factors and slices through the optimum."""
+    blocks: list[Block] = []
+    pairs = chosen_pairs(analysis)
+    if pairs:
+        blocks.append(_contours(analysis, pairs))
+    blocks.append(_slices(analysis))
+    return Section(f"{key}-surfaces", "Response surfaces", tuple(blocks))
+
+
+def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> FigureBlock:
+    surfaces = [surface(analysis, x, y) for x, y in pairs]
+    panels = tuple(
+        Panel(
+            f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
+            _contour_alt(analysis, s),
+            svg=contour_panel(analysis, s, _limits(surfaces)),
+        )
+        for s in surfaces
+    )
+    all_pairs = math.comb(len(analysis.region.numeric), 2)
+    unit = f" in {analysis.score_unit}" if analysis.score_unit else ""
+    caption = (
+        f"Contours of the fitted mean score{unit} over pairs of factors, all others at the optimum; one colour scale "
+        "for all. "
+        "White circles: runs (at any setting of the other factors); orange dots: posterior draws of the optimum; star: "
+        "recommended settings."
+    )
+    if not analysis.region.is_box:
+        caption += " Hatched: settings that the constraints do not allow."
+    if len(pairs) < all_pairs:
+        caption += f" Of {all_pairs} pairs the {MAX_PAIRS} of the most important factors are drawn."
+    return FigureBlock(panels, caption)
+
+
+def _limits(surfaces: Sequence[Surface]) -> tuple[float, float]:
+    """Ends of the common colour scale: the range of the allowed settings, a little widened where it is flat."""
+    values = np.concatenate([s.mean[s.slack >= 0.0].ravel() for s in surfaces])
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    margin = max(1e-9, 1e-6 * abs(low)) if high - low <= 1e-9 * max(abs(low), abs(high)) else 0.0
+    return low - margin, high + margin
+
+
+def _contour_alt(analysis: Analysis, s: Surface) -> str:
+    names = f"{_name(analysis, s.x_index)} (across) and {_name(analysis, s.y_index)} (up)"
+    allowed = np.where(s.slack >= 0.0, s.mean, np.nan)
+    if not np.any(np.isfinite(allowed)):
+        return f"Contours over {names}: the runs do not determine the surface here."
+    low, high = (score_text(analysis, float(f(allowed))) for f in (np.nanmin, np.nanmax))
+    x, y = (optimum_setting_text(analysis, analysis.region.factors[i]) for i in (s.x_index, s.y_index))
+    return f"Contours of the fitted mean score over {names}, from {low} to {high}; the optimum is at {x} and {y}."
+
+
+def _name(analysis: Analysis, index: int) -> str:
+    return readable(analysis.region.names[index])
+
+
+def _slices(analysis: Analysis) -> FigureBlock:
+    panels = []
+    for index, factor in enumerate(analysis.region.factors):
+        here = line(analysis, index)
+        ends = [v for v in here.mean[here.allowed] if np.isfinite(v)]
+        spread = f" from {score_text(analysis, min(ends))} to {score_text(analysis, max(ends))}" if ends else ""
+        alt = (
+            f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
+            f"{optimum_setting_text(analysis, factor)}."
+        )
+        panels.append(Panel(readable(factor.name), alt, svg=slice_panel(analysis, here)))
+    level = level_phrase(analysis)
+    caption = (
+        f"Slices through the optimum, marked by the dashed line. Line or diamonds: fitted mean; dark band: confidence "
+        f"({level}); light band: prediction of one run ({level}); grey dots: runs, moved along the fitted surface to "
+        "the optimal setting of the other factors."
+    )
+    missing = no_error_estimate(analysis)
+    if missing:
+        caption += f" There are no bands: {missing}."
+    if not analysis.region.is_box:
+        caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
+    return FigureBlock(tuple(panels), caption)
+
+
+def posterior_section(analysis: Analysis, key: str) -> Section:
+    """Return the posterior of the optimum."""
+    posterior = analysis.posterior
+    rows = []
+    for factor in analysis.region.factors:
+        item = setting_posterior(analysis, factor)
+        mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
+        text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
+        at_bound = "" if item is None or math.isnan(item.p_at_bound) else format_percent(item.p_at_bound)
+        rows.append(
+            (
+                Cell(axis_label(factor)),
+                Cell(text),
+                Cell(setting_range_text(analysis, factor)),
+                Cell(at_bound),
+            )
+        )
+    level = level_phrase(analysis)
+    columns = (
+        Column("Factor"),
+        Column("Mean", align="right"),
+        Column(f"{level} interval, or probability of each level"),
+        Column("Probability at a bound", align="right"),
+    )
+    blocks: list[Block] = [
+        Paragraph(
+            f"Posterior mean of the score at the optimum: {score_text(analysis, posterior.mean)}; credible interval "
+            f"({level}): {interval_text(analysis, posterior.credible)}; one future score at the recommended settings "
+            f"({level}): {interval_text(analysis, posterior.predictive)}."
+        ),
+        Table(columns, tuple(rows), "Posterior of the optimal settings"),
+        _posterior_figure(analysis),
+        Details("How the posterior was computed", (Definitions(_sampler(analysis)),)),
+    ]
+    return Section(f"{key}-posterior", "Posterior of the optimum", tuple(blocks))
+
+
+def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
+    sampler = analysis.posterior.sampler
+    items = [
+        (readable(name), format_significant(value, 4) if isinstance(value, float) else str(value))
+        for name, value in sampler.items()
+    ]
+    return tuple(items)
+
+
+def _posterior_figure(analysis: Analysis) -> FigureBlock:
+    panels = []
+    for index, factor in enumerate(analysis.region.factors):
+        alt = f"Posterior of the optimal {readable(factor.name)}: {setting_range_text(analysis, factor)}."
+        panels.append(Panel(readable(factor.name), alt, svg=optimum_posterior_panel(analysis, index)))
+    credible = interval_text(analysis, analysis.posterior.credible)
+    alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
+    panels.append(Panel("score at the optimum", alt, svg=optimum_value_panel(analysis)))
+    caption = (
+        "Posterior of the optimal setting of every factor and of the mean score there. Dashed: least-squares estimate."
+    )
+    return FigureBlock(tuple(panels), caption)
+
+
+def history_section(dossier: Dossier, analysis: Analysis, key: str) -> Section:
+    """Return how interval and optimum moved with the runs, and the parts of the stop rule."""
+    stop = dossier.spec.stop
+    looks = read_looks(dossier.looks, analysis.application)
+    blocks: list[Block] = []
+    if looks:
+        blocks.append(_history_figure(analysis, looks, stop.half_width))
+        blocks.append(Details(f"All {len(looks)} looks", (_look_table(analysis, looks),)))
+    else:
+        blocks.append(Paragraph("No look at the data is recorded."))
+    rows = tuple((Cell(readable(c.name)), Cell(_holds(c.holds)), Cell(c.text)) for c in analysis.decision.checks)
+    columns = (Column("Part of the stop rule"), Column("Holds"), Column("Finding"))
+    blocks.append(Table(columns, rows, "The stop rule at the last look"))
+    if analysis.decision.futility:
+        blocks.append(Bullets(tuple(analysis.decision.futility)))
+    if analysis.confirmation is not None:
+        blocks += _confirmation(analysis)
+    return Section(f"{key}-history", "Interval and optimum against the number of runs", tuple(blocks))
+
+
+def _holds(holds: bool | None) -> str:
+    return {True: "yes", False: "no", None: "not testable"}[holds]
+
+
+def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) -> FigureBlock:
+    known = [look for look in looks if math.isfinite(look.half_width)]
+    target_text = with_unit(format_plain(target), analysis.score_unit)
+    panels = []
+    if known:
+        alt = (
+            f"Half-width against scored runs: {half_width_text(analysis, known[0].half_width)} after "
+            f"{known[0].n_runs} runs, {half_width_text(analysis, known[-1].half_width)} after "
+            f"{known[-1].n_runs}; the target is {target_text}."
+        )
+        panels.append(Panel("Half-width that decides", alt, svg=half_width_panel(analysis, looks, target)))
+    if any(math.isfinite(look.mean) for look in looks):
+        alt = f"Estimated mean score at the optimum of each look, last {score_text(analysis, looks[-1].mean)}."
+        panels.append(Panel("Mean score at the optimum", alt, svg=mean_history_panel(analysis, looks)))
+    for index, factor in enumerate(analysis.region.factors):
+        if any(factor.name in look.settings for look in looks):
+            alt = f"Optimal {readable(factor.name)} of each look, last {optimum_setting_text(analysis, factor)}."
+            panels.append(Panel(readable(factor.name), alt, svg=setting_history_panel(analysis, index, looks)))
+    caption = (
+        "What each look at the data found. Dashed green: target of the stop rule; dotted grey: noise floor, below "
+        "which no number of runs can bring the half-width. Band: confidence interval of the mean."
+    )
+    return FigureBlock(tuple(panels), caption)
+
+
+def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
+    factors = analysis.region.factors
+    columns = [Column("Runs", align="right"), Column("Half-width", analysis.score_unit, "right")]
+    columns += [Column("Mean at the optimum", analysis.score_unit, "right")]
+    columns += [Column(readable(f.name), "" if isinstance(f, CategoricalFactor) else f.unit, "right") for f in factors]
+    columns.append(Column("Rule held"))
+    rows = []
+    for look in looks:
+        settings = [
+            format_setting(f, look.settings[f.name], setting_spread(setting_posterior(analysis, f)), unit=False)
+            if f.name in look.settings
+            else ""
+            for f in factors
+        ]
+        width = format_significant(look.half_width, 3) if math.isfinite(look.half_width) else "none"
+        mean = format_number(look.mean, score_decimals(analysis)) if math.isfinite(look.mean) else ""
+        rows.append(
+            (
+                whole_cell(look.n_runs),
+                number_cell(width, look.half_width),
+                number_cell(mean, look.mean),
+                *(Cell(text) for text in settings),
+                Cell("" if look.held is None else _holds(look.held)),
+            )
+        )
+    return Table(tuple(columns), tuple(rows), "Interval and optimum at every look", sortable=True)
+
+
+def _confirmation(analysis: Analysis) -> list[Block]:
+    confirmation = analysis.confirmation
+    assert confirmation is not None
+    places = decimals_for(confirmation.interval.half_width)
+    runs = listing([str(run) for run in confirmation.run_ids])
+    scores = ", ".join(format_number(score, places) for score in confirmation.scores)
+    text = (
+        f"Confirmation: runs {runs} were made afresh at the recommended settings and scored {scores}. Their mean is "
+        f"{with_unit(format_number(confirmation.mean, places), analysis.score_unit)}, with an interval that does not "
+        f"rest on the model: {interval_text(analysis, confirmation.interval)} ({level_phrase(analysis)})."
+    )
+    return [Paragraph(text), Paragraph(confirmation.text)]

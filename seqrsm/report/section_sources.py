@@ -1,0 +1,210 @@
+"""Simulated images and ground truth, assumptions and limits, provenance and how to reproduce."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Column,
+    Definitions,
+    Details,
+    FigureBlock,
+    LegendEntry,
+    Panel,
+    Paragraph,
+    Section,
+    Table,
+)
+from seqrsm.report.images import NO_DATA, bar_length_m, category_color, cover_png, grey_png, reduction
+from seqrsm.report.phrases import whole_cell
+from seqrsm.report.rounding import format_number, format_plain, format_plus_minus
+from seqrsm.report.wording import format_settings, format_value, listing, readable, with_unit
+
+LIMITS = (
+    "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
+    "Intervals take the errors of different runs as independent and normal with one variance, on the scale of the fit.",
+    "The optimum is that of the fitted surface; how far the true one may lie from it is said by its posterior.",
+    "Stopping on the width of an interval makes it a little too narrow on average; the guards of the stop rule limit "
+    "this, and only fresh runs at the recommended settings give an interval of exact coverage.",
+)
+
+
+def image_section(dossier: Dossier) -> Section | None:
+    """Return the simulated images beside the ground truth; None where there are none."""
+    if not dossier.images and dossier.truth is None:
+        return None
+    unit = dossier.analyses[0].score_unit if dossier.analyses else ""
+    panels = [_truth_panel(dossier.truth)] if dossier.truth is not None else []
+    for image in dossier.images:
+        panels += _image_panels(dossier, image, unit)
+    legend = () if dossier.truth is None else _legend(dossier.truth)
+    caption = (
+        "Range runs down the pictures, near range on top; azimuth runs across. The black bar under each picture is its "
+        "scale, given in the table."
+    )
+    blocks: list[Block] = [FigureBlock(tuple(panels), caption, legend=legend), _picture_table(dossier, unit)]
+    if dossier.truth is not None:
+        text = (
+            f"Ground truth: {dossier.truth.name}. {_ended(dossier.truth.provenance)} Licence: {dossier.truth.licence}"
+        )
+        blocks.append(Paragraph(_ended(text), "note"))
+    captioned = [image for image in dossier.images if image.caption.strip()]
+    blocks += [Paragraph(f"{image.title}: {_ended(image.caption)}", "note") for image in captioned]
+    return Section("images", "Simulated images and ground truth", tuple(blocks))
+
+
+def _covers(truth: TruthPanel) -> list[int]:
+    """Cover categories that occur, the commonest first."""
+    index, count = np.unique(truth.cover, return_counts=True)
+    known = [(int(c), int(i)) for i, c in zip(index, count, strict=True) if i != NO_DATA and i < len(truth.categories)]
+    return [i for _, i in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
+
+
+def _legend(truth: TruthPanel) -> tuple[LegendEntry, ...]:
+    return tuple(LegendEntry(category_color(i), readable(truth.categories[i])) for i in sorted(_covers(truth)))
+
+
+def _truth_panel(truth: TruthPanel) -> Panel:
+    main = listing([readable(truth.categories[i]) for i in _covers(truth)[:3]])
+    alt = f"Map of the ground truth of {truth.name}; the largest covers are {main}."
+    return Panel("Ground truth", alt, png=cover_png(truth.cover, truth.cell_m))
+
+
+def _image_panels(dossier: Dossier, image: ImagePanel, unit: str) -> list[Panel]:
+    settings = format_settings(dossier.spec.factors, image.settings)
+    score = _score(image, unit)
+    return [
+        Panel(
+            f"{image.title}: {channel}" if channel else image.title,
+            f"Simulated image, channel {channel}, {image.title}: {settings}; score {score}.",
+            png=grey_png(image.greytone[index], image.pixel_m),
+        )
+        for index, channel in enumerate(image.channels)
+    ]
+
+
+def _score(image: ImagePanel, unit: str) -> str:
+    return with_unit(format_plus_minus(image.score, image.score_se), unit)
+
+
+def _picture_table(dossier: Dossier, unit: str) -> Table:
+    rows = []
+    if dossier.truth is not None:
+        size = _size_cells(dossier.truth.cover.shape, dossier.truth.cell_m)
+        rows.append((Cell("Ground truth"), Cell(""), Cell(""), *size))
+    for image in dossier.images:
+        settings = format_settings(dossier.spec.factors, image.settings)
+        size = _size_cells(image.greytone.shape[1:], image.pixel_m)
+        rows.append((Cell(image.title), Cell(settings), Cell(_score(image, unit)), *size))
+    columns = (
+        Column("Picture"),
+        Column("Settings"),
+        Column("Score \u00b1 s.e.", align="right"),
+        Column("Azimuth by range"),
+        Column("Cell or pixel", align="right"),
+        Column("Reduced", align="right"),
+        Column("Bar", align="right"),
+    )
+    return Table(columns, tuple(rows), "What the pictures show; the score is that of the one image shown")
+
+
+def _size_cells(shape: tuple[int, ...], pixel_m: float) -> tuple[Cell, Cell, Cell, Cell]:
+    """Extent, pixel, reduction and length of the scale bar of a picture."""
+    rows, columns = shape
+    factor = reduction(rows, columns)
+    return (
+        Cell(f"{_length(columns * pixel_m)} by {_length(rows * pixel_m)}"),
+        Cell(_metres(pixel_m)),
+        Cell("no" if factor == 1 else f"{factor} times"),
+        Cell(_length(bar_length_m(-(-columns // factor), pixel_m * factor))),
+    )
+
+
+def _length(metres: float) -> str:
+    return f"{format_plain(float(f'{metres / 1000.0:.3g}'))} km" if metres >= 1000.0 else _metres(metres)
+
+
+def _metres(metres: float) -> str:
+    return f"{format_plain(float(f'{metres:.3g}'))} m"
+
+
+def _ended(text: str) -> str:
+    text = text.strip()
+    return text if not text or text[-1] in ".!?" else f"{text}."
+
+
+def assumption_section(dossier: Dossier) -> Section:
+    """Return assumptions of the simulation and limits of the method."""
+    blocks: list[Block] = []
+    if dossier.assumptions:
+        blocks += [Paragraph("Assumed in the simulation:"), Bullets(dossier.assumptions)]
+    blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
+    return Section("assumptions", "Assumptions and limits", tuple(blocks))
+
+
+def provenance_section(dossier: Dossier) -> Section:
+    """Return versions, seed, data sources, history, and the commands that make this report again."""
+    blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
+    if dossier.analyses:
+        blocks.append(_exact_settings(dossier))
+    if dossier.reproduce:
+        blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
+    if dossier.events:
+        blocks.append(Details(f"History: {len(dossier.events)} events", (_event_table(dossier),)))
+    return Section("provenance", "Provenance and how to reproduce", tuple(blocks))
+
+
+def _exact_settings(dossier: Dossier) -> Table:
+    rows = tuple(
+        (Cell(analysis.application), Cell(readable(factor.name)), Cell(_exact(analysis.optimum.settings[factor.name])))
+        for analysis in dossier.analyses
+        for factor in analysis.region.factors
+    )
+    columns = (Column("Application"), Column("Factor"), Column("Setting", align="right"))
+    return Table(columns, rows, "Recommended settings to six digits, for making the same run again")
+
+
+def _exact(value: float | str) -> str:
+    return format_value(value if isinstance(value, str) else float(f"{value:.6g}"))
+
+
+def _event_table(dossier: Dossier) -> Table:
+    rows = []
+    kept = dossier.events if len(dossier.events) <= 60 else (*dossier.events[:30], *dossier.events[-30:])
+    for event in kept:
+        detail = "; ".join(f"{readable(str(name))}: {_detail(value)}" for name, value in event.detail.items())
+        run = "" if event.run_id is None else str(event.run_id)
+        rows.append(
+            (
+                whole_cell(event.event),
+                Cell(_moment(event.at)),
+                Cell(readable(event.kind)),
+                Cell(run),
+                Cell(_short(detail)),
+            )
+        )
+    columns = (Column("Event", align="right"), Column("Time (UTC)"), Column("Kind"), Column("Run"), Column("Details"))
+    caption = "History of the campaign"
+    if len(kept) < len(dossier.events):
+        caption += f": the first and the last 30 of {len(dossier.events)} events; the data base holds all"
+    return Table(columns, tuple(rows), caption)
+
+
+def _detail(value: object) -> str:
+    if isinstance(value, float):
+        return format_number(value, 4).rstrip("0").rstrip(".")
+    return str(value)
+
+
+def _moment(text: str) -> str:
+    """Return an ISO 8601 time to the minute."""
+    return text[:16].replace("T", " ")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 160 else f"{text[:157]}\u2026"

@@ -1,0 +1,126 @@
+"""Names, settings and lists as a reader wants them: "depression angle", "9.4 GHz", "a, b and c"."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor
+from seqrsm.report.rounding import decimals_for, format_number, format_plain
+
+
+def readable(name: str) -> str:
+    """Return a factor's name without underscores."""
+    return name.replace("_", " ")
+
+
+def readable_term(name: str) -> str:
+    """Return a term's name as it is written in text: ``"frequency²"``, ``"frequency × resolution"``."""
+    if name.endswith("^2"):
+        return readable(name[:-2]) + "\u00b2"
+    parts: list[str] = []
+    depth, start = 0, 0
+    for index, sign in enumerate(name):
+        depth += (sign == "[") - (sign == "]")
+        # A level may itself hold a colon: only those outside brackets separate factors.
+        if sign == ":" and depth == 0:
+            parts.append(name[start:index])
+            start = index + 1
+    parts.append(name[start:])
+    return " \u00d7 ".join(_readable_part(part) for part in parts)
+
+
+def _readable_part(part: str) -> str:
+    head, bracket, tail = part.partition("[")
+    return readable(head) + bracket + tail
+
+
+def with_unit(text: str, unit: str) -> str:
+    """Append a unit, if there is one, on the same line."""
+    return f"{text}\u00a0{unit}" if unit else text
+
+
+def axis_label(factor: Factor) -> str:
+    """Return name and unit of a factor for an axis."""
+    unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
+    return f"{readable(factor.name)} [{unit}]" if unit else readable(factor.name)
+
+
+def listing(items: Sequence[str], last: str = "and") -> str:
+    """Join items: ``"a"``, ``"a and b"``, ``"a, b and c"``."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def span(factor: NumericFactor) -> tuple[float, float]:
+    """Smallest and largest natural value of a numeric factor."""
+    if isinstance(factor, ContinuousFactor):
+        return factor.low, factor.high
+    return factor.values[0], factor.values[-1]
+
+
+def setting_decimals(factor: NumericFactor, value: float, spread: float = math.nan) -> int:
+    """Decimal places of a setting: those that ``spread`` supports, else one part in 100 of the factor's range.
+
+    ``spread`` is half the width of the credible interval of the optimal setting [unit of the factor]. On a
+    logarithmic axis the range is taken locally, so that small settings keep their digits.
+    """
+    low, high = span(factor)
+    local = (high - low) if factor.scale == "linear" else abs(value) * math.log(high / low)
+    finest = decimals_for(local / 100.0)
+    if not math.isfinite(spread) or spread <= 0.0:
+        return finest
+    # Half of the half-width is about a standard error: it decides the digits, up to those that a sensor can be set to.
+    return min(decimals_for(spread / 2.0), finest + 3)
+
+
+def format_setting(factor: Factor, value: float | str, spread: float = math.nan, *, unit: bool = True) -> str:
+    """Format one setting of a factor; levels of discrete factors and bounds keep all digits that the user gave."""
+    if isinstance(factor, CategoricalFactor):
+        return str(value)
+    number = float(value)
+    low, high = span(factor)
+    exact = isinstance(factor, DiscreteFactor) or number in (low, high)
+    if exact and len(f"{number:.12g}") <= 8:
+        text = format_plain(number)
+    else:
+        text = format_number(number, setting_decimals(factor, number, spread))
+    return with_unit(text, factor.unit if unit else "")
+
+
+def format_settings(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
+    """Format all settings in one line: ``"frequency 9.4 GHz, polarization HV"``."""
+    return ", ".join(
+        f"{readable(factor.name)} {format_setting(factor, settings[factor.name])}"
+        for factor in factors
+        if factor.name in settings
+    )
+
+
+def describe_factor(factor: Factor) -> tuple[str, str]:
+    """Kind and allowed values of a factor in words."""
+    if isinstance(factor, CategoricalFactor):
+        return "categorical", ", ".join(factor.levels)
+    scale = "logarithmic" if factor.scale == "log" else "linear"
+    if isinstance(factor, DiscreteFactor):
+        values = ", ".join(format_plain(value) for value in factor.values)
+        return f"discrete, {scale}", values
+    return f"continuous, {scale}", f"{format_plain(factor.low)} to {format_plain(factor.high)}"
+
+
+def level_text(level: float) -> str:
+    """Return a probability such as 0.95 as ``"95 %"``."""
+    return f"{format_plain(round(100.0 * level, 6))}\u00a0%"
+
+
+def format_value(value: float | str) -> str:
+    """Format a value that a person wrote: text as it is, a number with all its digits."""
+    return value if isinstance(value, str) else format_plain(float(value))
+
+
+def level_labels(factor: CategoricalFactor | DiscreteFactor) -> list[str]:
+    """Levels of a categorical or discrete factor as text."""
+    if isinstance(factor, CategoricalFactor):
+        return list(factor.levels)
+    return [format_plain(value) for value in factor.values]

@@ -1,0 +1,57 @@
+"""Keys and generators of every random number, addressed by what the number is for.
+
+A number is a function of (campaign seed, run id, purpose) and, in the kernels, of the counter of its pixel. It does not
+depend on the worker, the order of calls, the number of threads or the platform.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray
+
+
+def _digest(seed: int, run_id: int, purpose: str, size: int) -> bytes:
+    # Decimal text with separators cannot make two different triples equal; blake2b spreads them over the key space.
+    text = f"seqrsm|{operator.index(seed)}|{operator.index(run_id)}|{purpose}"
+    return hashlib.blake2b(text.encode("utf-8"), digest_size=size).digest()
+
+
+def stream_key(seed: int, run_id: int, purpose: str) -> tuple[np.uint32, np.uint32]:
+    """Key of a Philox4x32-10 stream for the kernels.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the campaign, any integer.
+    run_id : int
+        Run within the campaign, any integer. The same id gives the same draws.
+    purpose : str
+        What the numbers are for, such as ``"speckle"``. Streams of different purposes are unrelated.
+
+    Returns
+    -------
+    tuple of two uint32
+        The 64-bit key of Salmon et al. (2011), Parallel random numbers: as easy as 1, 2, 3.
+    """
+    words: AnyArray = np.frombuffer(_digest(seed, run_id, purpose, 8), dtype="<u4")
+    return np.uint32(words[0]), np.uint32(words[1])
+
+
+def generator(seed: int, run_id: int, purpose: str) -> np.random.Generator:
+    """Numpy generator for the draws outside the kernels, keyed as `stream_key`.
+
+    Parameters
+    ----------
+    seed, run_id, purpose
+        As in `stream_key`.
+
+    Returns
+    -------
+    numpy.random.Generator
+        On numpy's Philox4x64-10 with a 128-bit key.
+    """
+    return np.random.Generator(np.random.Philox(key=int.from_bytes(_digest(seed, run_id, purpose, 16), "little")))

@@ -1,0 +1,1 @@
+"""Backscatter of the ground: tables with provenance and the published models that fill them."""

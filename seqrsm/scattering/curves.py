@@ -1,0 +1,332 @@
+"""Mean backscatter of each category at its node frequencies, made from the shipped tables and models.
+
+A curve is a dense array over wind, node frequency, polarization and incidence angle 0, 1, ..., 90 degrees, in dB.
+What the published formulas do not say near nadir and near grazing is settled by `limit_db`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import wavenumber_rad_m
+from seqrsm.scattering.dielectrics import permittivity_soil_dobson85
+from seqrsm.scattering.models import (
+    Backscatter,
+    backscatter_layer_ulaby14,
+    backscatter_oh04,
+    backscatter_oh92,
+    backscatter_ulaby89_db,
+    reflectivity_fresnel,
+)
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, Row, read_rows
+from seqrsm.units import db_to_linear, deg_to_rad, ghz_to_hz, linear_to_db
+
+THETA_DEG: Final[FloatArray] = np.arange(91.0)
+"""Incidence angles of every table [deg]."""
+
+FLOOR_DB: Final = -60.0
+"""Smallest backscatter kept [dB]: below it any receiver's noise rules."""
+
+_GRAZING_DEG: Final = 75
+_LAND_CAP_DB, _WATER_CAP_DB, _CROSS_CAP_DB = 12.0, 20.0, -3.0
+_CROSS_BELOW_CO_DB: Final = 3.0
+_MODEL_NODES_GHZ: Final = (1.25, 3.0, 5.4, 9.6)
+_OH04_MOISTURE, _OH04_KS, _OH04_THETA_DEG = (0.04, 0.291), (0.13, 6.98), (10.0, 70.0)
+_THETA: Final[FloatArray] = deg_to_rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Mean backscatter of one category in one season.
+
+    Attributes
+    ----------
+    category, season : str
+        Key of the curve.
+    frequency_ghz : float64 array (n_frequency,)
+        Node frequencies [GHz], rising.
+    wind_m_s : float64 array (n_wind,)
+        Node winds [m/s]; one entry when wind does not matter.
+    value_db : float64 array (n_wind, n_frequency, 3, 91)
+        sigma0 [dB] at HH, HV, VV; nan for a channel the source lacks.
+    surface : bool
+        A bare surface, whose HV stays 3 dB below both co-polarized channels.
+    water : bool
+        Water, with its higher cap at nadir.
+    soil_rms_height_m : float or None
+        Roughness with which soil moisture is taken into account [m]; None if it does not matter.
+    reference_moisture : float
+        Soil moisture the curve holds for [m^3/m^3].
+    status : tuple of str
+        What the values at each node frequency rest on: the weakest status of the rows used there.
+    sources : tuple of str
+        Keys of the sources used.
+    notes : tuple of str
+        Source and assumptions, without the category's name.
+    rows : tuple of str
+        File, line and status of every row used.
+    """
+
+    category: str
+    season: str
+    frequency_ghz: FloatArray
+    wind_m_s: FloatArray
+    value_db: FloatArray
+    surface: bool
+    water: bool
+    soil_rms_height_m: float | None
+    reference_moisture: float
+    status: tuple[str, ...]
+    sources: tuple[str, ...]
+    notes: tuple[str, ...]
+    rows: tuple[str, ...]
+
+
+def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
+    """Backscatter with its behaviour at the ends of the angle range settled.
+
+    Parameters
+    ----------
+    value_db : float64 array (..., 3, 91)
+        sigma0 [dB] at HH, HV, VV against `THETA_DEG`.
+    surface, water : bool
+        See `Curve`.
+
+    Returns
+    -------
+    float64 array (..., 3, 91)
+        Capped near nadir (+20 dB water, +12 dB land, HV -3 dB), continued from 75 degrees on as constant gamma, HV of a
+        surface at least 3 dB below HH and VV, and never below -60 dB. A nan channel stays nan.
+    """
+    cap = np.full((3, 1), _WATER_CAP_DB if water else _LAND_CAP_DB)
+    cap[POLARIZATIONS.index("HV")] = _CROSS_CAP_DB
+    value = np.minimum(value_db, cap)
+    grazing = np.cos(np.deg2rad(THETA_DEG[_GRAZING_DEG:])) / np.cos(np.deg2rad(_GRAZING_DEG))
+    value[..., _GRAZING_DEG:] = value[..., _GRAZING_DEG, np.newaxis] + linear_to_db(np.maximum(grazing, 1e-30))
+    if surface:
+        value[..., 1, :] = np.minimum(
+            value[..., 1, :], np.fmin(value[..., 0, :], value[..., 2, :]) - _CROSS_BELOW_CO_DB
+        )
+    return np.asarray(np.maximum(value, FLOOR_DB))
+
+
+def moisture_change_db(frequency_ghz: float, rms_height_m: float, moisture: float, reference: float) -> FloatArray:
+    """Change of bare-soil backscatter from ``reference`` to ``moisture`` by Oh 2004: float64 array (3, 91) [dB].
+
+    Moisture, roughness and angle are held at the edges of the model's range (0.04 to 0.291, ks 0.13 to 6.98, 10 to 70
+    degrees).
+    """
+    ks = float(np.clip(wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * rms_height_m, *_OH04_KS))
+    theta = deg_to_rad(np.clip(THETA_DEG, *_OH04_THETA_DEG))
+    wet = backscatter_oh04(float(np.clip(moisture, *_OH04_MOISTURE)), ks, theta)
+    dry = backscatter_oh04(float(np.clip(reference, *_OH04_MOISTURE)), ks, theta)
+    return linear_to_db(np.stack(wet) / np.stack(dry))
+
+
+@dataclass(frozen=True, slots=True)
+class _Parameters:
+    """The rows of model_parameters.csv that belong to one category."""
+
+    rows: tuple[Row, ...]
+
+    def get(self, name: str, frequency_ghz: float | None = None, polarization: str = "") -> float:
+        for row in self.rows:
+            frequency, channel = row.text("frequency_ghz"), row.text("polarization")
+            fits = not frequency or (frequency_ghz is not None and float(frequency) == frequency_ghz)
+            if row.text("parameter") == name and fits and channel in ("", polarization):
+                return float(row.text("value"))
+        raise KeyError(name)  # a gap in the shipped file, not a user's error
+
+    def note(self) -> str:
+        return ", ".join(
+            f"{row.text('parameter')} {row.text('value')}"
+            + (f" at {row.text('frequency_ghz')} GHz" if row.text("frequency_ghz") else "")
+            + (f" {row.text('polarization')}" if row.text("polarization") else "")
+            + f" ({row.text('status')})"
+            for row in self.rows
+        )
+
+
+def shipped_curves() -> dict[tuple[str, str], Curve]:
+    """Curves of the shipped categories by (category, season)."""
+    parameters = read_parameters()
+    regressions = read_rows(
+        DATA / "ulaby_dobson.csv",
+        ("class", "band", "frequency_ghz", "polarization", "p1", "p2", "p3", "p4", "p5", "p6", "status", "source"),
+    )
+    offsets = read_rows(
+        DATA / "category_offsets.csv",
+        ("category", "frequency_ghz", "polarization", "offset_db", "status", "source"),
+    )
+    curves = {}
+    for row in read_rows(DATA / "categories.csv", ("category", "season", "model", "base", "status", "source", "note")):
+        category = row.text("category")
+        own = _Parameters(tuple(p for p in parameters if p.text("category") == category))
+        match row.text("model"):
+            case "ulaby_dobson":
+                classes = [r for r in regressions if r.text("class") == row.text("base")]
+                curve = _regression_curve(row, classes, [r for r in offsets if r.text("category") == category], own)
+            case "oh92":
+                curve = _ground_curve(row, own)
+            case "layer":
+                curve = _forest_curve(row, own)
+            case "water":
+                curve = _water_curve(row, own)
+            case _:
+                curve = _gamma_curve(row, own)
+        curves[category, curve.season] = curve
+    return curves
+
+
+def node_status(rows: Sequence[Row], frequency_ghz: float) -> str:
+    """Weakest status among the rows that hold at a node frequency; a row without a frequency holds at all."""
+    here = [r.text("status") for r in rows if r.text("frequency_ghz") in ("", f"{frequency_ghz:g}", str(frequency_ghz))]
+    return max(here, key=STATUSES.index)
+
+
+def read_parameters() -> list[Row]:
+    """Rows of model_parameters.csv."""
+    columns = ("category", "parameter", "frequency_ghz", "polarization", "value", "unit", "status", "source")
+    return read_rows(DATA / "model_parameters.csv", columns)
+
+
+def _curve(
+    row: Row,
+    frequency_ghz: Sequence[float] | FloatArray,
+    value_db: FloatArray,
+    *,
+    surface: bool = False,
+    wind_m_s: Sequence[float] = (0.0,),
+    soil: _Parameters | None = None,
+    notes: Sequence[str] = (),
+    rows: Sequence[Row] = (),
+) -> Curve:
+    """Curve of a row of categories.csv with its limits applied."""
+    water = row.text("model") == "water"
+    value = np.asarray(value_db).reshape(len(wind_m_s), len(frequency_ghz), 3, THETA_DEG.size)
+    return Curve(
+        category=row.text("category"),
+        season=row.text("season"),
+        frequency_ghz=np.asarray(frequency_ghz, dtype=np.float64),
+        wind_m_s=np.asarray(wind_m_s, dtype=np.float64),
+        value_db=limit_db(value, surface=surface, water=water),
+        surface=surface,
+        water=water,
+        soil_rms_height_m=soil.get("rms_height_m") if soil else None,
+        reference_moisture=soil.get("reference_moisture") if soil else 0.2,
+        status=tuple(node_status([row, *rows], float(frequency)) for frequency in frequency_ghz),
+        sources=tuple(dict.fromkeys(r.text("source") for r in (row, *rows))),
+        notes=(f"{row.text('note')} ({row.text('status')}: {row.text('source')})", *notes),
+        rows=tuple(f"{r.file.rsplit('/', 1)[-1]}:{r.line} ({r.text('status')})" for r in (row, *rows)),
+    )
+
+
+def _regression_curve(row: Row, classes: list[Row], offsets: list[Row], own: _Parameters) -> Curve:
+    """Ulaby and Dobson's class mean plus the category's offset."""
+    nodes = sorted({float(r.text("frequency_ghz")) for r in classes})
+    value = np.full((len(nodes), 3, THETA_DEG.size), np.nan)
+    for r in classes:
+        at = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
+        value[at] = backscatter_ulaby89_db([float(r.text(f"p{i}")) for i in range(1, 7)], _THETA)
+    for r in offsets:
+        at = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
+        value[at] += float(r.text("offset_db"))
+    notes = []
+    if offsets:
+        kinds = sorted({f"{r.text('status')}: {r.text('source')}" for r in offsets})
+        notes.append(f"offset from the class mean, the same at all angles ({'; '.join(kinds)})")
+    soil = own if row.text("base") == "soil" else None
+    if soil:
+        notes.append("HV held 3 dB below HH and VV")
+    return _curve(row, nodes, value, surface=soil is not None, soil=soil, notes=notes, rows=[*classes, *offsets])
+
+
+def _ground_curve(row: Row, own: _Parameters) -> Curve:
+    """Rough ground by Oh 1992 with a floor."""
+    permittivity = complex(own.get("permittivity_real"), own.get("permittivity_imaginary"))
+    floor = np.array([[own.get("floor_db", None, channel)] for channel in POLARIZATIONS])
+    value = [
+        np.maximum(_db(backscatter_oh92(permittivity, _ks(frequency, own), _THETA)), floor)
+        for frequency in _MODEL_NODES_GHZ
+    ]
+    return _curve(row, _MODEL_NODES_GHZ, np.stack(value), surface=True, notes=(own.note(),), rows=own.rows)
+
+
+def _forest_curve(row: Row, own: _Parameters) -> Curve:
+    """Layer of scatterers over soil; HV from an assumed ratio to HH."""
+    moisture = own.get("soil_moisture")
+    value = []
+    for frequency in _MODEL_NODES_GHZ:
+        permittivity = complex(permittivity_soil_dobson85(frequency, moisture))
+        reflectivity = reflectivity_fresnel(permittivity, _THETA)
+        ground = backscatter_oh04(moisture, _ks(frequency, own), _THETA)
+        layer = own.get("albedo", frequency), own.get("optical_depth", frequency)
+        hh = backscatter_layer_ulaby14(ground.hh, reflectivity.h, *layer, _THETA)
+        vv = backscatter_layer_ulaby14(ground.vv, reflectivity.v, *layer, _THETA)
+        hv = hh * db_to_linear(own.get("cross_ratio_db", frequency, "HV"))
+        value.append(_db(Backscatter(hh, hv, vv)))
+    return _curve(row, _MODEL_NODES_GHZ, np.stack(value), notes=(own.note(),), rows=own.rows)
+
+
+def _water_curve(row: Row, own: _Parameters) -> Curve:
+    """Composite water surface by wind, HV from the C-band function."""
+    columns = ("frequency_ghz", "wind_m_s", "theta_deg", "hh_db", "vv_db", "status", "source")
+    rows = read_rows(DATA / "water_composite_sigma0.csv", columns)
+    data = np.array([[float(r.text(name)) for name in columns[:5]] for r in rows])
+    frequencies, winds = np.unique(data[:, 0]), np.unique(data[:, 1])
+    value = np.full((winds.size, frequencies.size, 3, THETA_DEG.size), np.nan)
+    for w, wind in enumerate(winds):
+        cross = _water_cross_db(float(wind))
+        for f, frequency in enumerate(frequencies):
+            block = data[(data[:, 0] == frequency) & (data[:, 1] == wind)]
+            vv = _resampled(block[:, 2], block[:, 4])
+            hh = np.maximum(_resampled(block[:, 2], block[:, 3]), vv - own.get("hh_below_vv_limit_db", None, "HH"))
+            value[w, f] = np.stack([hh, cross, vv])
+    notes = (own.note(), "HV of C band used at every frequency (assumed)", "HV held 3 dB below HH and VV")
+    # one line a node would be 500 lines of provenance: the category's own row stands for the file
+    return _curve(row, frequencies, value, surface=True, wind_m_s=list(winds), notes=notes, rows=own.rows)
+
+
+def _resampled(theta_deg: FloatArray, value_db: FloatArray) -> FloatArray:
+    """Values on the 1-degree grid; the last slope goes on up to grazing, where constant gamma takes over."""
+    value = np.interp(THETA_DEG, theta_deg, value_db)
+    slope = (value_db[-1] - value_db[-2]) / (theta_deg[-1] - theta_deg[-2])
+    beyond = theta_deg[-1] < THETA_DEG
+    value[beyond] = value_db[-1] + slope * (THETA_DEG[beyond] - theta_deg[-1])
+    return value
+
+
+def _water_cross_db(wind_m_s: float) -> FloatArray:
+    """HV of water [dB] at one wind: straight lines in log wind, and in angle with the end slopes going on."""
+    columns = ("frequency_ghz", "wind_m_s", "theta_deg", "hv_db", "status", "source")
+    data = np.array(
+        [[float(r.text(n)) for n in columns[1:4]] for r in read_rows(DATA / "water_cross_sigma0.csv", columns)]
+    )
+    winds, angles = np.unique(data[:, 0]), np.unique(data[:, 1])
+    grid = data[np.lexsort((data[:, 1], data[:, 0])), 2].reshape(winds.size, angles.size)
+    lower = int(np.clip(np.searchsorted(winds, wind_m_s, side="right") - 1, 0, winds.size - 2))
+    share = np.log(wind_m_s / winds[lower]) / np.log(winds[lower + 1] / winds[lower])
+    at_wind = grid[lower] + share * (grid[lower + 1] - grid[lower])
+    slope, level = np.polyfit(angles, at_wind, 1)  # the function is a straight line in angle to 0.01 dB
+    return np.asarray(level + slope * THETA_DEG)
+
+
+def _gamma_curve(row: Row, own: _Parameters) -> Curve:
+    """Constant gamma: sigma0 = gamma cos theta."""
+    gamma = np.array([[own.get("gamma_db", None, channel)] for channel in POLARIZATIONS])
+    value = gamma + linear_to_db(np.cos(_THETA))
+    return _curve(row, _MODEL_NODES_GHZ, np.stack([value] * len(_MODEL_NODES_GHZ)), notes=(own.note(),), rows=own.rows)
+
+
+def _ks(frequency_ghz: float, own: _Parameters) -> float:
+    return wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * own.get("rms_height_m")
+
+
+def _db(backscatter: Backscatter) -> FloatArray:
+    """Decibels (3, 91) of a model's result, with values under the floor lifted to it."""
+    return np.maximum(linear_to_db(np.stack(backscatter)), FLOOR_DB)

@@ -1,0 +1,90 @@
+"""Relative permittivity of water and soil, with a positive imaginary part for loss."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from seqrsm.arrays import FloatArray
+
+_VACUUM_F_M: Final = 8.854e-12  # as in the soil model's own constants
+_ALPHA: Final = 0.65
+_QUARTZ_DENSITY: Final = 2.65
+_BRANCH_GHZ: Final = 1.3
+
+
+def permittivity_water_ulaby14(frequency_ghz: ArrayLike, temperature_c: ArrayLike) -> NDArray[np.complex128]:
+    """Permittivity of pure water by a double Debye spectrum.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 0.1 to 1000.
+    temperature_c : float array
+        Temperature [deg C], 0 to 30.
+
+    Notes
+    -----
+    Ulaby and Long 2014, "Microwave Radar and Radiometric Remote Sensing", section 4-1 (double Debye form).
+    """
+    f, t = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(temperature_c, dtype=np.float64)
+    static = 87.85306 * np.exp(-0.00456992 * t)
+    middle = 0.63000075e1 * np.exp(-0.26242021e-2 * t)
+    high = 0.37245044e1 + 0.92609781e-2 * t
+    slow_ns = 0.17667420e-3 * np.exp(0.58366888e3 / (t + 0.12634992e3))
+    fast_ns = 0.69227972e-4 * np.exp(0.30742330e3 / (t + 0.12634992e3))
+    debye = (static - middle) / (1.0 - 2j * np.pi * f * slow_ns) + (middle - high) / (1.0 - 2j * np.pi * f * fast_ns)
+    return np.asarray(debye + high, dtype=np.complex128)
+
+
+def permittivity_soil_dobson85(
+    frequency_ghz: ArrayLike,
+    moisture: ArrayLike,
+    *,
+    sand: float = 0.3,
+    clay: float = 0.3,
+    bulk_density_g_cm3: float = 1.7,
+    temperature_c: float = 23.0,
+) -> NDArray[np.complex128]:
+    """Permittivity of moist soil, semi-empirical mixing model.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 0.3 to 18.
+    moisture : float array
+        Volumetric moisture [m^3/m^3], above 0.
+    sand, clay : float
+        Mass fractions [1].
+    bulk_density_g_cm3 : float
+        Density of the dry soil [g/cm^3].
+    temperature_c : float
+        Temperature [deg C].
+
+    Notes
+    -----
+    Dobson, Ulaby, Hallikainen and El-Rayes 1985, IEEE TGRS 23(1); below 1.3 GHz the conductivity of Peplinski, Ulaby
+    and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long 2014 section 4-8.
+    Free water: Debye with the relaxation time of Stogryn 1971.
+    """
+    f, mv = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(moisture, dtype=np.float64)
+    low = 0.0467 + 0.22 * bulk_density_g_cm3 - 0.411 * sand + 0.661 * clay
+    high = -1.645 + 1.939 * bulk_density_g_cm3 - 2.256 * sand + 1.594 * clay
+    conductivity = np.where(f < _BRANCH_GHZ, low, high)
+    water_real, water_imag = _free_water_stogryn71(f, temperature_c)
+    pore = (_QUARTZ_DENSITY - bulk_density_g_cm3) / (_QUARTZ_DENSITY * mv)
+    water_imag = water_imag + pore * conductivity / (2.0 * np.pi * _VACUUM_F_M * f * 1e9)
+    b_real = 1.27 - 0.519 * sand - 0.152 * clay
+    b_imag = 2.06 - 0.928 * sand - 0.255 * clay
+    real = (1.0 + 0.66 * bulk_density_g_cm3 + mv**b_real * water_real**_ALPHA - mv) ** (1.0 / _ALPHA)
+    return np.asarray(real + 1j * mv**b_imag * water_imag, dtype=np.complex128)
+
+
+def _free_water_stogryn71(frequency_ghz: FloatArray, t: float) -> tuple[FloatArray, FloatArray]:
+    """Real and imaginary permittivity of the free water in soil at ``t`` [deg C]."""
+    static = 88.045 - 0.4147 * t + 6.295e-4 * t**2 + 1.075e-5 * t**3
+    relaxation = (1.1109e-10 - 3.824e-12 * t + 6.938e-14 * t**2 - 5.096e-16 * t**3) * frequency_ghz * 1e9
+    fall = (static - 4.9) / (1.0 + relaxation**2)
+    return 4.9 + fall, relaxation * fall

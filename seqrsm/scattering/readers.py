@@ -1,0 +1,130 @@
+"""Reading of the scattering tables: CSV with a header, comment lines that begin with #, every fault with its place."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from seqrsm.errors import Problem, ScatteringDataError
+
+STATUSES: Final = ("public", "public_code", "public_code_refit", "measured", "computed", "assumed")
+"""What a row may rest on: a publication or public code, a measurement, a computation, or an assumption."""
+
+POLARIZATIONS: Final = ("HH", "HV", "VV")
+"""Channels of a table, in the order of its arrays; VH is HV."""
+
+DATA: Final = Path(__file__).parent / "data"
+"""Folder of the shipped tables."""
+
+_MAX_BYTES: Final = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of a table.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    line : int
+        1-based line number.
+    cells : Mapping[str, str]
+        Text by column.
+    """
+
+    file: str
+    line: int
+    cells: Mapping[str, str]
+
+    def text(self, column: str) -> str:
+        """Text of a column, "" if the table lacks it."""
+        return self.cells.get(column, "").strip()
+
+    def problem(self, column: str, message: str, remedy: str = "") -> Problem:
+        """Problem at this line and column."""
+        return Problem(message, remedy, self.file, self.line, column, self.text(column))
+
+    def number(self, column: str, problems: list[Problem], low: float, high: float) -> float:
+        """Number of a column between ``low`` and ``high``; a fault is appended to ``problems`` and gives nan."""
+        try:
+            value = float(self.text(column))
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            problems.append(self.problem(column, f"not a number from {low:g} to {high:g}"))
+            return math.nan
+        return value
+
+    def choice(self, column: str, problems: list[Problem], choices: Sequence[str]) -> str:
+        """Text of a column, which must be one of ``choices``."""
+        value = self.text(column)
+        if value not in choices:
+            problems.append(self.problem(column, "unknown or missing", f"One of: {', '.join(choices)}"))
+        return value
+
+
+def read_rows(path: str | Path, required: Sequence[str], optional: Sequence[str] = ()) -> list[Row]:
+    """Rows of a CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file: UTF-8 with or without byte-order mark, comma-separated.
+    required, optional : sequence of str
+        Columns that must and may be there; others are refused.
+
+    Raises
+    ------
+    ScatteringDataError
+        No such file, wrong columns, or a line with a wrong number of cells.
+    """
+    file = str(path)
+    try:
+        if Path(path).stat().st_size > _MAX_BYTES:
+            raise ScatteringDataError(Problem(f"larger than {_MAX_BYTES / 1e6:.0f} MB", "Cut the table", file))
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ScatteringDataError(Problem(f"cannot read the table: {error.strerror}", file=file)) from error
+    except UnicodeDecodeError as error:
+        raise ScatteringDataError(Problem("not UTF-8 text", "Save it as UTF-8", file)) from error
+    lines = list(_lines(text, file))
+    if not lines:
+        raise ScatteringDataError(Problem("the table is empty", f"Columns: {', '.join(required)}", file))
+    header = [name.strip() for name in lines[0][1]]
+    problems = [
+        Problem("the column is missing", "", file, lines[0][0], name) for name in required if name not in header
+    ]
+    known = {*required, *optional}
+    problems += [
+        Problem("no such column", f"Known: {', '.join([*required, *optional])}", file, lines[0][0], name)
+        for name in header
+        if name not in known
+    ]
+    problems += [
+        Problem(f"{len(cells)} cells, the header has {len(header)}", "", file, line)
+        for line, cells in lines[1:]
+        if len(cells) != len(header)
+    ]
+    if problems:
+        raise ScatteringDataError(*problems)
+    return [Row(file, line, dict(zip(header, cells, strict=True))) for line, cells in lines[1:]]
+
+
+def _lines(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of each line that is neither empty nor a comment."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip() and not line.startswith("#"):
+            try:
+                yield number, next(csv.reader([line], strict=True))
+            except csv.Error as error:
+                raise ScatteringDataError(Problem(f"not a CSV line: {error}", "", file, number)) from error
+
+
+def read_citations() -> dict[str, str]:
+    """Full citation of each source key of the shipped tables."""
+    return {row.text("source"): row.text("citation") for row in read_rows(DATA / "sources.csv", ("source", "citation"))}

@@ -1,0 +1,375 @@
+"""The table of backscatter: sigma0(category, frequency, polarization, incidence angle, season), RSL TR 380-1 3.2.2.3.
+
+Rules of interpolation, with their measured errors over the published formulas: linear in dB over a 1-degree grid of
+incidence angle (0.12 dB at most), linear in dB over the logarithm of frequency between nodes (1.2 dB rms).
+Extrapolation reaches at most one octave and is assumed: below the lowest node the first slope goes on, above the
+highest half the slope of the straight line through all nodes, since canopies and rough ground saturate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, read_parameters, shipped_curves
+from seqrsm.scattering.longtable import read_long_table
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, read_citations, read_rows
+from seqrsm.units import db_to_linear
+
+DEFAULT_SEASON: Final = "spring_summer"
+DEFAULT_WIND_M_S: Final = 5.0
+DEFAULT_SOIL_MOISTURE: Final = 0.2
+
+INTERPOLATION_SD_DB: Final = 1.2
+"""Error of sigma0 interpolated between node frequencies [dB rms], from predicting S band by L and C (60 cases)."""
+
+_EXTRAPOLATION_SD_DB: Final = 2.4  # assumed: twice the interpolation's
+_OCTAVE: Final = 2.0
+_AT_NODE_OCTAVES: Final = 0.01
+_MOISTURE_RANGE: Final = (0.0, 0.6)
+_OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
+_UNKNOWN_SD_DB: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Variability:
+    """Natural variability of one category at one polarization.
+
+    Attributes
+    ----------
+    field_sd_db : float
+        Standard deviation from field to field on one date [dB].
+    date_sd_db : float
+        Standard deviation from date to date, common to all fields [dB].
+    note : str
+        Status of both.
+    sources : tuple of str
+        Keys of the sources of both.
+    """
+
+    field_sd_db: float
+    date_sd_db: float
+    note: str
+    sources: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sigma0Lookup:
+    """Backscatter of some categories for one channel.
+
+    Attributes
+    ----------
+    categories : tuple of str
+        The categories asked for.
+    theta_deg : float64 array (91,)
+        Incidence angles 0, 1, ..., 90 [deg].
+    sigma0 : float64 array (n_categories, 91)
+        Mean backscatter coefficient, linear [1].
+    field_sd_db, date_sd_db : float64 arrays (n_categories,)
+        Standard deviation from field to field, and from date to date common to all fields of the category [dB].
+    table_sd_db : float64 array (n_categories,)
+        Error of the mean that interpolation in frequency adds [dB]; 0 at a node.
+    channel_correlation : float
+        Correlation of the field-to-field draws of two channels.
+    status : tuple of str
+        What each category rests on.
+    notes : tuple of str
+        Every source and assumption used, one a line.
+    rows : tuple of str
+        File, line and status of every row used.
+    citations : tuple of str
+        ``key: full citation`` of every source used.
+    """
+
+    categories: tuple[str, ...]
+    theta_deg: FloatArray
+    sigma0: FloatArray
+    field_sd_db: FloatArray
+    date_sd_db: FloatArray
+    table_sd_db: FloatArray
+    channel_correlation: float
+    status: tuple[str, ...]
+    notes: tuple[str, ...]
+    rows: tuple[str, ...]
+    citations: tuple[str, ...]
+
+    @property
+    def sd_db(self) -> FloatArray:
+        """Standard deviation of one field on one date about the table's mean [dB], (n_categories,)."""
+        return np.hypot(self.field_sd_db, self.date_sd_db)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sigma0Table:
+    """All curves and variabilities; made by `load_sigma0_table`.
+
+    Attributes
+    ----------
+    curves : Mapping
+        Curve by (category, season).
+    variability : Mapping
+        Variability by (category, polarization).
+    channel_correlation : float
+        Correlation of the field-to-field draws of two channels.
+    citations : Mapping
+        Full citation by source key.
+    file : str
+        The user's file, or "" for the shipped table.
+    """
+
+    curves: Mapping[tuple[str, str], Curve]
+    variability: Mapping[tuple[str, str], Variability]
+    channel_correlation: float
+    citations: Mapping[str, str]
+    file: str = ""
+
+    @property
+    def categories(self) -> tuple[str, ...]:
+        """Names of all categories."""
+        return tuple(dict.fromkeys(category for category, _ in self.curves))
+
+    def frequency_range_ghz(self, categories: Sequence[str], season: str = DEFAULT_SEASON) -> tuple[float, float]:
+        """Lowest and highest frequency [GHz] at which all ``categories`` can be looked up."""
+        curves = [self._curve(category, season) for category in categories]
+        low = max(float(curve.frequency_ghz[0]) for curve in curves) / _OCTAVE
+        return low, min(float(curve.frequency_ghz[-1]) for curve in curves) * _OCTAVE
+
+    def lookup(
+        self,
+        categories: Sequence[str],
+        frequency_ghz: float,
+        polarization: str,
+        *,
+        season: str = DEFAULT_SEASON,
+        wind_m_s: float = DEFAULT_WIND_M_S,
+        soil_moisture: float = DEFAULT_SOIL_MOISTURE,
+    ) -> Sigma0Lookup:
+        """Backscatter of ``categories`` for one channel.
+
+        Parameters
+        ----------
+        categories : sequence of str
+            Category names, repeats allowed.
+        frequency_ghz : float
+            Frequency [GHz], at most one octave beyond a category's nodes.
+        polarization : str
+            HH, HV, VH (the same as HV) or VV.
+        season : str
+            Season of the curves.
+        wind_m_s : float
+            Wind at 10 m [m/s], which only water feels: 2 to 10.
+        soil_moisture : float
+            Volumetric moisture [m^3/m^3], which only bare soil feels: 0 to 0.6, effective from 0.04 to 0.291.
+
+        Raises
+        ------
+        ScatteringDataError
+            Unknown category, season, polarization, or a frequency, wind or moisture out of range: all at once.
+        """
+        channel = "HV" if polarization == "VH" else polarization
+        if channel not in POLARIZATIONS:
+            remedy = f"One of: {', '.join(POLARIZATIONS)}"
+            raise ScatteringDataError(Problem("no such polarization", remedy, field="polarization", value=polarization))
+        state = _State(float(frequency_ghz), float(wind_m_s), float(soil_moisture))
+        problems: list[Problem] = []
+        found: dict[str, _Found] = {}
+        for category in dict.fromkeys(categories):
+            try:
+                found[category] = _evaluate(self._curve(category, season), channel, state)
+            except ScatteringDataError as error:
+                problems.extend(error.problems)
+        if problems:
+            raise ScatteringDataError(*dict.fromkeys(problems))
+        spread = {category: self._variability(category, channel) for category in found}
+        notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
+        notes += [f"{category} {channel}: {v.note}" for category, v in spread.items()]
+        notes.append(f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} (assumed)")
+        used = [self._curve(category, season) for category in found]
+        groups = [*(curve.sources for curve in used), *(v.sources for v in spread.values())]
+        keys = dict.fromkeys(key for group in groups for key in group)
+        names = tuple(categories)
+        return Sigma0Lookup(
+            categories=names,
+            theta_deg=THETA_DEG,
+            sigma0=db_to_linear(np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)),
+            field_sd_db=np.array([spread[name].field_sd_db for name in names]),
+            date_sd_db=np.array([spread[name].date_sd_db for name in names]),
+            table_sd_db=np.array([found[name].table_sd_db for name in names]),
+            channel_correlation=self.channel_correlation,
+            status=tuple(found[name].status for name in names),
+            notes=tuple(notes),
+            rows=tuple(dict.fromkeys(row for curve in used for row in curve.rows)),
+            citations=tuple(f"{key}: {self.citations.get(key, 'user')}" for key in keys),
+        )
+
+    def _curve(self, category: str, season: str) -> Curve:
+        curve = self.curves.get((category, season))
+        if curve is not None:
+            return curve
+        if category not in self.categories:
+            remedy = f"The table has: {', '.join(self.categories)}"
+            raise ScatteringDataError(
+                Problem("no such category in the table", remedy, self.file or None, field="category", value=category)
+            )
+        seasons = ", ".join(s for c, s in self.curves if c == category)
+        message = f"the table has no backscatter of {category} in this season"
+        raise ScatteringDataError(
+            Problem(message, f"It has: {seasons}", self.file or None, field="season", value=season)
+        )
+
+    def _variability(self, category: str, channel: str) -> Variability:
+        assumed = Variability(_UNKNOWN_SD_DB, 0.0, f"field sd {_UNKNOWN_SD_DB:g} dB (assumed: none is given)")
+        return self.variability.get((category, channel), assumed)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What a look-up asks of a curve."""
+
+    frequency_ghz: float
+    wind_m_s: float
+    soil_moisture: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What a look-up finds for one category: sigma0 [dB] (91,), error of interpolation [dB], status, notes."""
+
+    value_db: FloatArray
+    table_sd_db: float
+    status: str
+    notes: tuple[str, ...]
+
+
+def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
+    """One curve at one state."""
+    notes = list(curve.notes)
+    value, sd, status = _at_frequency(curve, _at_wind(curve, state.wind_m_s), state.frequency_ghz, notes)
+    if curve.soil_rms_height_m is not None and state.soil_moisture != curve.reference_moisture:
+        value = value + _moisture(curve, state, notes)
+        status = "assumed"  # the roughness is
+    if curve.wind_m_s.size > 1:
+        notes.append(f"wind {state.wind_m_s:g} m/s")
+    at_channel = limit_db(value, surface=curve.surface, water=curve.water)[POLARIZATIONS.index(channel)]
+    if np.isnan(at_channel).any():
+        raise ScatteringDataError(
+            Problem(f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization")
+        )
+    return _Found(at_channel, sd, status, tuple(notes))
+
+
+def _at_wind(curve: Curve, wind_m_s: float) -> FloatArray:
+    """Values (n_frequency, 3, 91) at a wind, linear in dB between node winds."""
+    winds = curve.wind_m_s
+    if winds.size == 1:
+        return np.asarray(curve.value_db[0])
+    if not winds[0] <= wind_m_s <= winds[-1]:
+        message = f"{curve.category} is known for winds of {winds[0]:g} to {winds[-1]:g} m/s"
+        raise ScatteringDataError(Problem(message, "Stay inside", field="wind_m_s", value=wind_m_s))
+    lower = int(np.clip(np.searchsorted(winds, wind_m_s) - 1, 0, winds.size - 2))
+    share = (wind_m_s - winds[lower]) / (winds[lower + 1] - winds[lower])
+    return np.asarray((1.0 - share) * curve.value_db[lower] + share * curve.value_db[lower + 1])
+
+
+def _at_frequency(
+    curve: Curve, value_db: FloatArray, frequency_ghz: float, notes: list[str]
+) -> tuple[FloatArray, float, str]:
+    """Values (3, 91) at a frequency from those at the nodes (n_frequency, 3, 91), error [dB] and status."""
+    nodes = curve.frequency_ghz
+    low, high = float(nodes[0]) / _OCTAVE, float(nodes[-1]) * _OCTAVE
+    if not low <= frequency_ghz <= high:
+        message = f"sigma0 of {curve.category} is known at {nodes[0]:g} to {nodes[-1]:g} GHz"
+        remedy = f"Stay within one octave of that: {low:g} to {high:g} GHz, or give a table that covers it"
+        raise ScatteringDataError(Problem(message, remedy, field="frequency", value=frequency_ghz))
+    position = np.log2(nodes / frequency_ghz)
+    near = int(np.argmin(np.abs(position)))
+    if abs(position[near]) < _AT_NODE_OCTAVES:
+        return value_db[near], 0.0, curve.status[near]
+    if nodes[0] < frequency_ghz < nodes[-1]:
+        upper = int(np.searchsorted(nodes, frequency_ghz))
+        share = -position[upper - 1] / (position[upper] - position[upper - 1])
+        value = (1.0 - share) * value_db[upper - 1] + share * value_db[upper]
+        notes.append(
+            f"{frequency_ghz:g} GHz interpolated between {nodes[upper - 1]:g} and {nodes[upper]:g} GHz "
+            f"(rms error {INTERPOLATION_SD_DB:g} dB)"
+        )
+        status = max(curve.status[upper - 1 : upper + 1], key=STATUSES.index)
+        return value, INTERPOLATION_SD_DB, status
+    notes.append(f"{frequency_ghz:g} GHz extrapolated beyond the node at {nodes[near]:g} GHz (assumed)")
+    return value_db[near] - position[near] * _end_slope(position, value_db, near), _EXTRAPOLATION_SD_DB, "assumed"
+
+
+def _end_slope(position: FloatArray, value_db: FloatArray, end: int) -> FloatArray:
+    """Slope (3, 91) [dB/octave] beyond the node ``end``, the first or the last; see the module's head."""
+    if position.size == 1:
+        return np.zeros(value_db.shape[1:])
+    if end == 0:
+        return np.asarray((value_db[1] - value_db[0]) / (position[1] - position[0]))
+    deviation = position - position.mean()
+    return np.asarray(0.5 * np.tensordot(deviation, value_db, axes=1) / np.sum(deviation**2))
+
+
+def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
+    """Change (3, 91) [dB] that soil moisture makes."""
+    mv, reference = state.soil_moisture, curve.reference_moisture
+    if not _MOISTURE_RANGE[0] <= mv <= _MOISTURE_RANGE[1]:
+        message = f"soil moisture lies between {_MOISTURE_RANGE[0]:g} and {_MOISTURE_RANGE[1]:g} m3/m3"
+        raise ScatteringDataError(Problem(message, "", field="soil_moisture", value=mv))
+    low, high = _OH04_MOISTURE_RANGE
+    held = "" if low <= mv <= high else f", held at {low if mv < low else high:g}"
+    notes.append(f"soil moisture {mv:g} against {reference:g} by Oh 2004{held} (rms height assumed)")
+    return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
+
+
+@lru_cache(maxsize=1)
+def _shipped_table() -> Sigma0Table:
+    """The shipped table, read once in a process."""
+    correlation = next(r for r in read_parameters() if r.text("parameter") == "channel_correlation")
+    columns = ("category", "polarization", "field_sd_db", "field_status", "field_source", "date_sd_db", "date_status",
+               "date_source")  # fmt: skip
+    variability = {
+        (row.text("category"), row.text("polarization")): Variability(
+            float(row.text("field_sd_db")),
+            float(row.text("date_sd_db")),
+            f"field sd {row.text('field_sd_db')} dB ({row.text('field_status')}: {row.text('field_source')}), "
+            f"date sd {row.text('date_sd_db')} dB ({row.text('date_status')}: {row.text('date_source')})",
+            (row.text("field_source"), row.text("date_source")),
+        )
+        for row in read_rows(DATA / "variability.csv", columns)
+    }
+    return Sigma0Table(shipped_curves(), variability, float(correlation.text("value")), read_citations())
+
+
+def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
+    """The shipped table, or the shipped table with the categories of a user's file in place of its own.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        Long CSV; its columns are in `seqrsm.scattering.longtable`.
+
+    Raises
+    ------
+    ScatteringDataError
+        The file cannot be read or holds wrong rows: all of them, each with line and column.
+    """
+    shipped = _shipped_table()
+    if path is None:
+        return shipped
+    curves, field_sd_db = read_long_table(path)
+    replaced = {category for category, _ in curves}
+    variability = dict(shipped.variability)
+    for key, sd in field_sd_db.items():
+        date = shipped.variability[key].date_sd_db if key in shipped.variability else 0.0
+        variability[key] = Variability(
+            sd, date, f"field sd {sd:g} dB (from {Path(path).name}), date sd {date:g} dB (assumed)"
+        )
+    kept = {key: curve for key, curve in shipped.curves.items() if key[0] not in replaced}
+    return Sigma0Table({**kept, **curves}, variability, shipped.channel_correlation, shipped.citations, str(path))

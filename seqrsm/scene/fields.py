@@ -1,0 +1,121 @@
+"""Division of land into fields: reproducible draws, Voronoi pieces and connected patches.
+
+Draws come from an integer hash and distances are integers, so a division is the same on every platform and with every
+version of numpy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+def hash_uniform(keys: ArrayLike, seed: int) -> FloatArray:
+    """Uniform numbers in [0, 1), one for each integer key, from the splitmix64 finaliser.
+
+    Parameters
+    ----------
+    keys : integer array
+        Any shape.
+    seed : int
+        Non-negative; another seed gives independent numbers.
+
+    Notes
+    -----
+    Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators", doi 10.1145/2660193.2660195.
+    """
+    with np.errstate(over="ignore"):
+        state = np.asarray(keys).astype(np.uint64) * _GOLDEN + _mix(np.asarray(seed, dtype=np.uint64) + _GOLDEN)
+        word = _mix(state + _GOLDEN)
+    return np.asarray((word >> np.uint64(11)).astype(np.float64) * 2.0**-53)
+
+
+def _mix(z: NDArray[np.uint64] | np.uint64) -> NDArray[np.uint64]:
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(z ^ (z >> np.uint64(31)))
+
+
+def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> IntArray:
+    """Voronoi pieces around one drawn centre in each square of ``spacing`` cells.
+
+    Parameters
+    ----------
+    rows, cols : int
+        Size of the grid [cells].
+    spacing : int
+        Side of the squares [cells], so that a piece has ``spacing``**2 cells on average.
+    seed : int
+        Seed of the centres.
+
+    Returns
+    -------
+    int64 array (rows, cols)
+        Number of the piece. A piece may fall apart where a mask cuts it; see `connected_patches`.
+    """
+    n_rows, n_cols = -(-rows // spacing) + 4, -(-cols // spacing) + 4
+    number = np.arange(n_rows * n_cols)
+    square_row, square_col = np.divmod(number, n_cols)
+    centre_row = (square_row - 2) * spacing + np.floor(hash_uniform(2 * number, seed) * spacing).astype(np.int64)
+    centre_col = (square_col - 2) * spacing + np.floor(hash_uniform(2 * number + 1, seed) * spacing).astype(np.int64)
+    row, col = np.ogrid[0:rows, 0:cols]
+    best = np.full((rows, cols), np.iinfo(np.int64).max)
+    label = np.zeros((rows, cols), dtype=np.int64)
+    for d_row in range(-2, 3):  # the nearest centre lies within two squares
+        for d_col in range(-2, 3):
+            candidate = (row // spacing + 2 + d_row) * n_cols + (col // spacing + 2 + d_col)
+            distance = (row - centre_row[candidate]) ** 2 + (col - centre_col[candidate]) ** 2
+            nearer = distance < best
+            best[nearer] = distance[nearer]
+            label[nearer] = candidate[nearer]
+    return label
+
+
+def rectangle_labels(rows: int, cols: int, height: int, width: int) -> IntArray:
+    """Rectangles of ``height`` x ``width`` cells, numbered row by row: int64 array (rows, cols)."""
+    across = -(-cols // width)
+    row, col = np.ogrid[0:rows, 0:cols]
+    return np.asarray((row // height) * across + col // width, dtype=np.int64)
+
+
+def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
+    """Number the patches of cells that touch by a side and agree in every key.
+
+    Parameters
+    ----------
+    *keys : arrays (rows, cols)
+        Category, parcel number, piece: a patch has one value of each.
+
+    Returns
+    -------
+    int32 array (rows, cols)
+        0, 1, 2, ... in the order in which patches first appear row by row.
+    """
+    rows, cols = keys[0].shape
+    cell = np.arange(rows * cols).reshape(rows, cols)
+    down, right = np.ones((rows - 1, cols), dtype=bool), np.ones((rows, cols - 1), dtype=bool)
+    for key in keys:
+        down &= key[1:] == key[:-1]
+        right &= key[:, 1:] == key[:, :-1]
+    one = np.concatenate([cell[:-1][down], cell[:, :-1][right]])
+    other = np.concatenate([cell[1:][down], cell[:, 1:][right]])
+    graph = coo_array((np.ones(one.size, dtype=bool), (one, other)), shape=(cell.size, cell.size))
+    label = connected_components(graph, directed=False)[1]
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    order = np.empty(first.size, dtype=np.int32)
+    order[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
+    return np.asarray(order[inverse].reshape(rows, cols))
+
+
+def draw_index(keys: ArrayLike, shares: Sequence[float], *, seed: int) -> IntArray:
+    """Draw an index 0 .. len(shares) - 1 for each key with probability proportional to its share."""
+    edges = np.cumsum(np.asarray(shares, dtype=np.float64))
+    return np.searchsorted(edges[:-1] / edges[-1], hash_uniform(keys, seed), side="right")

@@ -1,0 +1,1 @@
+"""Utility scores of images, each with its standard error."""

@@ -1,0 +1,305 @@
+"""Percent of ground classified correctly: the utility of an image for mapping cover.
+
+Every scored cell of the data base counts, so an image whose pixels straddle field borders pays for them. Pixels are
+trained on and tested in disjoint pieces of ground.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.rng import generator
+from seqrsm.simulate.kernels import count_classes
+
+if TYPE_CHECKING:
+    from seqrsm.scene.scene import Scene
+    from seqrsm.simulate.psm import RadarImage
+
+Likelihood = Literal["gaussian", "gamma"]
+Priors = Literal["equal", "area"]
+
+TILE_M = 250.0
+"""Side of a tile [m]: about the size of a farm's block of fields."""
+
+TRAINING_PURITY = 0.8
+"""Least share of one class in a pixel that trains it: training fields are chosen inside fields, not across borders."""
+
+_ENOUGH_PIXELS = 10.0  # a class with fewer pure pixels than this is taught by all pixels that hold it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UtilityScore:
+    """One value of a utility measure.
+
+    Attributes
+    ----------
+    value : float
+        Percent of scored cells classified correctly.
+    se : float
+        Standard error of `value` over pieces of ground within this run [percent]; nan with fewer than two tiles. The
+        spread between runs is larger: it also holds the occasion.
+    n_cells : int
+        Scored cells.
+    n_clusters : int
+        Tiles with scored cells.
+    confusion : int64 array (n_classes, n_classes)
+        Cells of class (row) that were given class (column).
+    details : dict
+        ``not_predicted``: classes that no training half could teach; ``per_class_percent``: share correct by class.
+    """
+
+    value: float
+    se: float
+    n_cells: int
+    n_clusters: int
+    confusion: IntArray
+    details: dict[str, object]
+
+
+def percent_correct(
+    image: RadarImage,
+    scene: Scene,
+    *,
+    seed: int,
+    run_id: int,
+    tile_m: float = TILE_M,
+    likelihood: Likelihood = "gaussian",
+    priors: Priors = "equal",
+    training_purity: float = TRAINING_PURITY,
+) -> UtilityScore:
+    """Percent of scored cells that a maximum likelihood classifier names rightly.
+
+    The classifier sees decibels of the calibrated image (range dependence of flat ground removed, noise left in) in all
+    channels together. Tiles of ground are split at random into two halves; each half is classified by what the other
+    taught, so all ground is tested once. A class is taught by the pixels that it fills to `training_purity`, or where
+    they are fewer than ten by all pixels that hold it; a pixel's weight is its cells. A class absent from the teaching
+    half cannot be named in the other. Neighbouring tiles may share a field, so fields never seen would score lower.
+
+    Priors are equal by default: a classifier with the area's priors can score well by naming the commonest class
+    everywhere, which tells little about the sensor.
+
+    Parameters
+    ----------
+    image : RadarImage
+    scene : Scene
+        The scene the image was made of.
+    seed, run_id : int
+        Key of the split into halves: the sample of training fields is part of the run's randomness.
+    tile_m : float
+        Side of a tile [m], > 0. A pixel belongs to the tile of its centre.
+    likelihood : {"gaussian", "gamma"}
+        Gaussian with each class's own mean and covariance, or a gamma law with the pixel's looks about the class's mean
+        power, channels independent.
+    priors : {"equal", "area"}
+    training_purity : float
+        0 to 1; 0 trains on every pixel.
+
+    Returns
+    -------
+    UtilityScore
+
+    Raises
+    ------
+    SceneError
+        No scored cell lies in the image.
+    """
+    n_classes = len(scene.categories)
+    _, n_range, n_azimuth = image.intensity.shape
+    counts = count_classes(image.pixel_of_cell, scene.cover, scene.scored, n_range * n_azimuth, n_classes)
+    used = np.flatnonzero(counts.any(axis=1))
+    if used.size == 0:
+        raise SceneError(
+            Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
+        )
+    row, column = np.divmod(used, n_azimuth)
+    tile = _tiles(image, row, column, tile_m)
+    power = image.apparent_sigma0().reshape(len(image.intensity), -1)[:, used].T.astype(np.float64)
+    looks = image.looks[row]
+    score = score_pixels(
+        power,
+        looks,
+        counts[used],
+        tile,
+        seed=seed,
+        run_id=run_id,
+        likelihood=likelihood,
+        priors=priors,
+        training_purity=training_purity,
+    )
+    named = score.details["not_predicted"]
+    assert isinstance(named, tuple)
+    per_class = score.details["per_class_percent"]
+    assert isinstance(per_class, dict)
+    details: dict[str, object] = {
+        "not_predicted": tuple(scene.categories[k] for k in named),
+        "per_class_percent": {scene.categories[k]: value for k, value in per_class.items()},
+    }
+    return UtilityScore(score.value, score.se, score.n_cells, score.n_clusters, score.confusion, details)
+
+
+def score_pixels(
+    power: FloatArray,
+    looks: FloatArray,
+    counts: AnyArray,
+    tile: IntArray,
+    *,
+    seed: int,
+    run_id: int,
+    likelihood: Likelihood = "gaussian",
+    priors: Priors = "equal",
+    training_purity: float = TRAINING_PURITY,
+) -> UtilityScore:
+    """`percent_correct` on bare arrays: pixels with the cells of each class in them.
+
+    Parameters
+    ----------
+    power : float64 array (n_pixels, n_channels)
+        Linear power, >= 0.
+    looks : float64 array (n_pixels,)
+        Independent samples; used by the gamma law only.
+    counts : int array (n_pixels, n_classes)
+        Scored cells of each class.
+    tile : int64 array (n_pixels,)
+        Tile number, 0 .. n_tiles - 1 without gaps.
+    seed, run_id, likelihood, priors, training_purity
+        As in `percent_correct`.
+
+    Returns
+    -------
+    UtilityScore
+        Classes by number in `details`.
+    """
+    n_classes = counts.shape[1]
+    n_tiles = int(tile.max()) + 1
+    order = generator(seed, run_id, "training tiles").permutation(n_tiles)
+    half_of_tile = np.zeros(n_tiles, dtype=np.int64)
+    half_of_tile[order[: n_tiles // 2]] = 1
+    half = half_of_tile[tile]
+    named = np.zeros(len(tile), dtype=np.int64)
+    taught = np.zeros(n_classes, dtype=bool)
+    features = power if likelihood == "gamma" else _decibels(power)
+    for tested in (0, 1):
+        test = half == tested
+        # With a single tile there is no other ground to learn from.
+        train = test if n_tiles == 1 else ~test
+        if not test.any():
+            continue
+        weights = _training_weights(counts[train], training_purity)
+        known = weights.any(axis=0)
+        taught |= known
+        if likelihood == "gamma":
+            log_likelihood = _gamma_log_likelihood(features[train], weights, features[test], looks[test])
+        else:
+            log_likelihood = _gaussian_log_likelihood(features[train], weights, features[test])
+        if priors == "area":
+            area = counts[train].sum(axis=0)
+            log_likelihood += np.log(np.maximum(area, 1) / area.sum())
+        log_likelihood[:, ~known] = -np.inf
+        named[test] = np.argmax(log_likelihood, axis=1)
+    correct = counts[np.arange(len(tile)), named]
+    value, se = cluster_ratio(correct, counts.sum(axis=1), tile)
+    confusion = np.zeros((n_classes, n_classes), dtype=np.int64)
+    for k in range(n_classes):
+        confusion[:, k] = counts[named == k].sum(axis=0)
+    total = confusion.sum(axis=1)
+    shares = {k: 100.0 * float(confusion[k, k]) / float(total[k]) for k in range(n_classes) if total[k]}
+    details: dict[str, object] = {
+        "not_predicted": tuple(int(k) for k in np.flatnonzero(~taught & (total > 0))),
+        "per_class_percent": shares,
+    }
+    return UtilityScore(100.0 * value, 100.0 * se, int(total.sum()), n_tiles, confusion, details)
+
+
+def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tuple[float, float]:
+    """Share of correct cells and its standard error over clusters.
+
+    Ratio estimator of cluster sampling: Cochran (1977), Sampling Techniques, 3rd ed., eq. (6.13) without finite
+    population correction. Cells of one cluster err together, so a binomial error over cells would be far too small.
+
+    Parameters
+    ----------
+    correct, cells : int array (n,)
+        Correct and all cells of each unit.
+    cluster : int64 array (n,)
+        Cluster of each unit, numbered without gaps.
+
+    Returns
+    -------
+    tuple of float
+        Share in [0, 1]; standard error, nan with fewer than two clusters.
+    """
+    right = np.bincount(cluster, weights=correct)
+    size = np.bincount(cluster, weights=cells)
+    n = len(size)
+    share = float(right.sum() / size.sum())
+    if n < 2:
+        return share, math.nan
+    residual = right - share * size
+    return share, math.sqrt(n / (n - 1.0) * float(residual @ residual)) / float(size.sum())
+
+
+def _tiles(image: RadarImage, row: IntArray, column: IntArray, tile_m: float) -> IntArray:
+    """Tile of each pixel by its centre, numbered without gaps; squares on the ground in either range format."""
+    along = (column + 0.5) * image.azimuth_spacing_m
+    across = image.ground_range_m[row] - image.ground_range_m[0]
+    code = np.floor(across / tile_m).astype(np.int64) * 1_000_003 + np.floor(along / tile_m).astype(np.int64)
+    return np.asarray(np.unique(code, return_inverse=True)[1], dtype=np.int64).ravel()
+
+
+def _training_weights(counts: AnyArray, purity: float) -> FloatArray:
+    """Cells with which each pixel teaches each class (n_pixels, n_classes)."""
+    cells = counts.astype(np.float64)
+    pure = np.where(cells >= purity * cells.sum(axis=1, keepdims=True), cells, 0.0)
+    few = _effective_pixels(pure) < _ENOUGH_PIXELS
+    pure[:, few] = cells[:, few]
+    return pure
+
+
+def _effective_pixels(weights: FloatArray) -> FloatArray:
+    """Number of equally weighted pixels that carry as much, (sum w)**2 / sum w**2, for each class."""
+    squares = (weights**2).sum(axis=0)
+    return np.asarray(weights.sum(axis=0) ** 2 / np.where(squares > 0.0, squares, 1.0))
+
+
+def _decibels(power: FloatArray) -> FloatArray:
+    """Decibels; exact zeros, which only a noiseless radar has, take the least positive value of their channel."""
+    floor = np.where(power > 0.0, power, np.inf).min(axis=0)
+    return np.asarray(10.0 * np.log10(np.maximum(power, np.where(np.isfinite(floor), floor, 1.0))))
+
+
+def _gaussian_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray) -> FloatArray:
+    """Log likelihood (n_test, n_classes) under each class's Gaussian, its moments weighted by cells.
+
+    A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d
+    being the number of channels.
+    """
+    n_classes, d = weights.shape[1], train.shape[1]
+    total = weights.sum(axis=0)
+    safe = np.where(total > 0.0, total, 1.0)
+    mean = (weights.T @ train) / safe[:, None]
+    second = np.einsum("nk,ni,nj->kij", weights, train, train, optimize=True) / safe[:, None, None]
+    covariance = second - mean[:, :, None] * mean[:, None, :]
+    pooled = np.tensordot(total, covariance, axes=1) / total.sum() + 1e-6 * np.eye(d)
+    effective = _effective_pixels(weights)
+    prior_pixels = 2.0 * (d + 1)
+    out = np.empty((len(test), n_classes))
+    for k in range(n_classes):
+        own = (effective[k] * covariance[k] + prior_pixels * pooled) / (effective[k] + prior_pixels)
+        root = np.linalg.cholesky(own)
+        scaled = np.linalg.solve(root, (test - mean[k]).T)
+        out[:, k] = -0.5 * np.einsum("in,in->n", scaled, scaled) - np.log(np.diag(root)).sum()
+    return out
+
+
+def _gamma_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray, looks: FloatArray) -> FloatArray:
+    """Log likelihood (n_test, n_classes) of gamma power with the pixel's looks about the class's mean, eq. (3-11)."""
+    total = weights.sum(axis=0)
+    mean = (weights.T @ train) / np.where(total > 0.0, total, 1.0)[:, None]
+    mean = np.maximum(mean, np.finfo(np.float64).tiny)
+    return np.asarray(-looks[:, None] * (np.log(mean).sum(axis=1) + test @ (1.0 / mean).T))

@@ -1,0 +1,200 @@
+"""What makes a radar impossible: values alone, values against each other, the radar against the extent of a scene.
+
+Every check returns all it finds as `Problem`, with the numbers that would do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
+from seqrsm.errors import Problem
+
+if TYPE_CHECKING:
+    from seqrsm.sensor.radar import RadarConfiguration
+
+CHANNELS: Final = ("HH", "HV", "VV")
+"""Polarization channels in the order of every draw; the first letter is transmitted."""
+
+SEASONS: Final = ("spring_summer", "fall", "winter")
+
+TEXT_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "aperture": ("synthetic", "real"),
+    "range_format": ("ground", "slant"),
+    "season": SEASONS,
+}
+"""Fields that hold a word, and the words."""
+
+_LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
+    "frequency_ghz": (0.1, 100.0, "GHz"),
+    "resolution_m": (0.05, 1e5, "m"),
+    "bandwidth_mhz": (1e-3, 1e4, "MHz"),
+    "peak_power_w": (1e-6, 1e9, "W"),
+    "depression_angle_deg": (0.5, 89.5, "deg"),
+    "altitude_m": (1.0, 2e6, "m"),
+    "antenna_length_m": (1e-2, 1e3, "m"),
+    "antenna_gain_db": (-10.0, 80.0, "dB"),
+    "pulse_length_us": (1e-3, 1e5, "us"),
+    "prf_hz": (1.0, 1e6, "Hz"),
+    "speed_m_s": (1.0, 1e4, "m/s"),
+    "noise_figure_db": (0.0, 40.0, "dB"),
+    "loss_db": (0.0, 60.0, "dB"),
+    "n_bits": (1, 32, ""),
+    "dynamic_range_db": (0.1, 200.0, "dB"),
+    "soil_moisture_low": (0.01, 0.6, "m3/m3"),
+    "soil_moisture_high": (0.01, 0.6, "m3/m3"),
+    "wind_low_m_s": (0.0, 40.0, "m/s"),
+    "wind_high_m_s": (0.0, 40.0, "m/s"),
+}
+
+
+def _down(value: float) -> str:
+    """Five digits, never above `value`: what a message allows must be allowed."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 4)
+    return f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.5g}"
+
+
+def _up(value: float) -> str:
+    """Five digits, never below `value`."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 4)
+    return f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.5g}"
+
+
+def value_problems(radar: RadarConfiguration) -> list[Problem]:
+    """Every value that is impossible alone.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+        Perhaps with values of a wrong type.
+
+    Returns
+    -------
+    list of Problem
+    """
+    problems = []
+    for name, (low, high, unit) in _LIMITS.items():
+        value = getattr(radar, name)
+        if not (isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high):
+            remedy = f"Give a number from {low:g} to {high:g} {unit}".rstrip()
+            problems.append(Problem("out of range", remedy, field=name, value=value))
+    for name, allowed in TEXT_FIELDS.items():
+        if getattr(radar, name) not in allowed:
+            problems.append(Problem("unknown", f"Known: {', '.join(allowed)}", field=name, value=getattr(radar, name)))
+    known = isinstance(radar.channels, tuple) and all(channel in CHANNELS for channel in radar.channels)
+    if not known or not radar.channels or len(set(radar.channels)) != len(radar.channels):
+        remedy = f"Name one or more of {', '.join(CHANNELS)}, each once, as in HH+HV"
+        problems.append(Problem("not a set of channels", remedy, field="polarization", value=radar.channels))
+    if radar.looks is not None and not (isinstance(radar.looks, int | float) and 1.0 <= radar.looks <= 1e6):
+        problems.append(Problem("out of range", "Give a number from 1 to 1e6", field="looks", value=radar.looks))
+    if radar.heading_deg not in (0.0, 90.0, 180.0, 270.0):
+        remedy = "Give 0, 90, 180 or 270 deg: rows of the scene must be lines of range"
+        problems.append(Problem("not along the grid", remedy, field="heading_deg", value=radar.heading_deg))
+    return problems
+
+
+def set_problems(radar: RadarConfiguration) -> list[Problem]:
+    """Every contradiction between values that are possible alone; needs no scene.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+
+    Returns
+    -------
+    list of Problem
+    """
+    problems = []
+    theta = radar.centre_incidence_rad
+    across = radar.ground_resolution_m(theta)
+    if radar.resolution_m < across * (1.0 - 1e-9):
+        needed = radar.bandwidth_mhz * across / radar.resolution_m
+        problems.append(
+            Problem(
+                f"{radar.bandwidth_mhz:g} MHz at an incidence of {math.degrees(theta):.4g} deg resolve {across:.4g} m "
+                "in ground range, no finer",
+                f"Use at least {_up(needed)} MHz or a resolution of at least {_up(across)} m",
+                field="resolution",
+                value=radar.resolution_m,
+            )
+        )
+    along = 0.5 * radar.antenna_length_m
+    if radar.resolution_m < along * (1.0 - 1e-9):
+        remedy = f"Use a resolution of at least {_up(along)} m or a shorter antenna"
+        text = f"an antenna of {radar.antenna_length_m:g} m resolves {along:g} m in azimuth, no finer"
+        problems.append(Problem(text, remedy, field="resolution", value=radar.resolution_m))
+    available = radar.looks_available(theta)
+    if not problems and radar.looks is not None and radar.looks > available * (1.0 + 1e-9):
+        text = (
+            f"a cell of {radar.resolution_m:g} m holds {available:.4g} independent samples at the centre of the scene"
+        )
+        remedy = f"Ask for at most {_down(available)} looks, or more bandwidth, or a coarser resolution"
+        problems.append(Problem(text, remedy, field="looks", value=radar.looks))
+    sampled = radar.prf_hz / radar.n_transmit
+    if sampled < 2.0 * radar.speed_m_s / radar.antenna_length_m:
+        need = radar.n_transmit * 2.0 * radar.speed_m_s / radar.antenna_length_m
+        text = f"{radar.n_transmit} transmit polarizations need two pulses each per antenna length flown"
+        problems.append(Problem(text, f"Use at least {_up(need)} Hz", field="prf_hz", value=radar.prf_hz))
+    if radar.pulse_length_us * 1e-6 * radar.prf_hz >= 1.0:
+        text = "the pulse is longer than the time to the next one"
+        problems.append(Problem(text, f"Keep it below {_down(1e6 / radar.prf_hz)} us", field="pulse_length_us"))
+    for low, high in (("soil_moisture_low", "soil_moisture_high"), ("wind_low_m_s", "wind_high_m_s")):
+        if getattr(radar, low) > getattr(radar, high):
+            problems.append(Problem("above the high end", f"Keep it at or below {high}", field=low))
+    return problems
+
+
+def swath_problems(
+    radar: RadarConfiguration, y: FloatArray, cell_m: float, height_m: float, highest_m: float
+) -> list[Problem]:
+    """Every contradiction between the radar and the extent of a scene.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+    y : float64 array (n_rows,)
+        Ground range of each row's centre [m].
+    cell_m, height_m, highest_m : float
+        Side of a cell; flight line above the mean elevation; highest elevation of the scene [m].
+
+    Returns
+    -------
+    list of Problem
+    """
+    if radar.altitude_m <= highest_m:
+        remedy = f"Fly above {_up(highest_m)} m"
+        return [Problem("the flight line is not above the ground", remedy, field="altitude_m", value=radar.altitude_m)]
+    problems = []
+    near, far = float(y[0]) - 0.5 * cell_m, float(y[-1]) + 0.5 * cell_m
+    if near <= 0.0:
+        limit = math.degrees(math.atan(height_m / (0.5 * (far - near))))
+        text = f"the near edge of the swath lies {-near:.0f} m behind nadir"
+        remedy = f"Use less than {_down(limit)} deg, or fly higher"
+        problems.append(Problem(text, remedy, field="depression_angle", value=radar.depression_angle_deg))
+    horizon = math.sqrt(2.0 * EARTH_RADIUS_M * height_m)
+    if far > horizon:
+        text = f"the far edge of the swath at {far / 1e3:.4g} km lies beyond the horizon at {horizon / 1e3:.4g} km"
+        problems.append(Problem(text, "Use a larger depression angle", field="depression_angle"))
+    if problems:
+        return problems
+    r_near, r_far = math.hypot(near, height_m), math.hypot(far, height_m)
+    if radar.aperture == "real":
+        widest = float(radar.azimuth_resolution_m(r_far))
+        if radar.resolution_m < widest * (1.0 - 1e-9):
+            text = f"the real beam is {widest:.4g} m wide at the far edge, {r_far:.0f} m away"
+            remedy = f"Use a resolution of at least {_up(widest)} m, a longer antenna or a higher frequency"
+            problems.append(Problem(text, remedy, field="resolution", value=radar.resolution_m))
+    pulse_m = 0.5e-6 * SPEED_OF_LIGHT_M_S * radar.pulse_length_us
+    if pulse_m >= r_near:
+        text = f"the pulse ends after the echo from the near edge, {r_near:.0f} m away, has begun"
+        limit_us = 2e6 * r_near / SPEED_OF_LIGHT_M_S
+        problems.append(Problem(text, f"Keep it below {_down(limit_us)} us", field="pulse_length_us"))
+    window = 0.5 * SPEED_OF_LIGHT_M_S / radar.prf_hz
+    if r_far - r_near + pulse_m > window:
+        limit_hz = 0.5 * SPEED_OF_LIGHT_M_S / (r_far - r_near + pulse_m)
+        text = f"echoes of two pulses overlap: the swath and the pulse take {r_far - r_near + pulse_m:.0f} m of range"
+        problems.append(Problem(text, f"Use at most {_down(limit_hz)} Hz", field="prf_hz", value=radar.prf_hz))
+    return problems

@@ -1,0 +1,64 @@
+"""The command line starts without the heavy libraries, and each library stays where DESIGN puts it."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "seqrsm"
+HEAVY = ("numpy", "scipy", "pandas", "numba", "matplotlib", "emcee", "sqlalchemy", "alembic", "pydantic", "jinja2")
+
+# third-party package -> files that may import it, relative to the package
+HOMES = {
+    "matplotlib": ("report/",),
+    "jinja2": ("report/",),
+    "typst": ("report/",),
+    "typer": ("cli/",),
+    "rich": ("cli/",),
+    "sqlalchemy": ("campaign/store", "campaign/schema", "campaign/migrations/"),
+    "alembic": ("campaign/store", "campaign/schema", "campaign/migrations/"),
+    "pydantic": ("campaign/spec",),
+    "emcee": ("fit/ensemble",),
+    "numba": ("jit.py", "simulate/kernels.py", "design/kernels.py"),
+    "pandas": ("campaign/", "score/flight.py", "report/"),
+    "distributed": ("simulate/runner.py",),
+    "tifffile": ("scene/", "campaign/", "simulate/", "cli/"),
+}
+
+
+def loaded_by(code: str) -> set[str]:
+    script = f"import sys\n{code}\nprint()\nprint(','.join(sorted({{m.split('.')[0] for m in sys.modules}})))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return set(done.stdout.strip().splitlines()[-1].split(","))
+
+
+def test_help_loads_no_heavy_library() -> None:
+    code = """
+from seqrsm.cli.app import main
+sys.argv = ["seqrsm", "--help"]
+try:
+    main()
+except SystemExit:
+    pass
+"""
+    assert not loaded_by(code) & set(HEAVY)
+
+
+def test_the_probe_would_see_a_heavy_library() -> None:
+    assert "numpy" in loaded_by("import seqrsm.design.factors")
+
+
+@pytest.mark.parametrize("library", HOMES)
+def test_library_stays_at_home(library: str) -> None:
+    strays = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        if name.startswith(HOMES[library]):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            modules = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            strays += [f"{name}:{node.lineno}" for m in modules if m.split(".")[0] == library]
+    assert not strays

@@ -1,0 +1,99 @@
+"""Small scenes and tables whose echoes are known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.scene.scene import Scene
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.frame import RadarFrame
+from seqrsm.simulate.psm import LUT_STEPS, PowerMap, power_map
+
+
+@dataclass
+class Lookup:
+    sigma0: np.ndarray
+    theta_deg: np.ndarray
+    field_sd_db: np.ndarray
+    date_sd_db: np.ndarray
+    channel_correlation: float = 0.0
+    notes: tuple = ()
+
+
+@dataclass
+class Table:
+    """sigma0 in dB at 0 deg of each category, falling by a slope; no natural variability unless told."""
+
+    level_db: tuple
+    slope_db_deg: float = 0.0
+    field_sd_db: float = 0.0
+    date_sd_db: float = 0.0
+    channel_correlation: float = 0.0
+
+    def lookup(self, categories, frequency_ghz, polarization, *, season, wind_m_s, soil_moisture):  # noqa: ARG002
+        theta = np.arange(91.0)
+        n = len(categories)
+        level = np.array(self.level_db[:n], dtype=float) - (6.0 if polarization == "HV" else 0.0)
+        sigma0 = 10.0 ** (0.1 * (level[:, None] - self.slope_db_deg * theta))
+        spread = np.full(n, self.field_sd_db)
+        return Lookup(sigma0, theta, spread, np.full(n, self.date_sd_db), self.channel_correlation, ("made",))
+
+
+def radar(**changes) -> RadarConfiguration:
+    given = {
+        "frequency_ghz": 5.3,
+        "channels": ("VV",),
+        "resolution_m": 20.0,
+        "bandwidth_mhz": 50.0,
+        "peak_power_w": 100.0,
+        "depression_angle_deg": 45.0,
+        "altitude_m": 6000.0,
+    }
+    return RadarConfiguration(**{**given, **changes})
+
+
+def scene(elevation, cell_m=5.0, cover=None, field=None, categories=None) -> Scene:
+    elevation = np.asarray(elevation, dtype=np.float32)
+    cover = np.zeros(elevation.shape, dtype=np.uint8) if cover is None else np.asarray(cover, dtype=np.uint8)
+    n = int(cover[cover != 255].max()) + 1
+    categories = tuple(f"class {k}" for k in range(n)) if categories is None else categories
+    field = np.where(cover == 255, n, cover).astype(np.int32) if field is None else np.asarray(field, dtype=np.int32)
+    return Scene(
+        elevation_m=elevation,
+        cover=cover,
+        categories=categories,
+        field_id=field,
+        scored=(cover != 255) & np.isfinite(elevation),
+        cell_m=cell_m,
+    )
+
+
+def frame(z, y0, height, cell, dtype=np.float64) -> RadarFrame:
+    """Frame of elevations about the datum, without margins, its first row at ground range ``y0``."""
+    z = np.atleast_2d(np.asarray(z, dtype=dtype))
+    y = y0 + np.arange(z.shape[0]) * cell
+    return RadarFrame(
+        elevation_m=z,
+        cover=np.zeros(z.shape, dtype=np.uint8),
+        field=np.zeros(z.shape, dtype=np.int32),
+        ground_range_m=y,
+        height_m=height,
+        cell_m=cell,
+        near_edge_m=y0 - 0.5 * cell,
+        centre_m=0.5 * float(y[0] + y[-1]),
+        pad_near=0,
+        n_rows=z.shape[0],
+        quarter_turns=0,
+    )
+
+
+def lut_of(function) -> np.ndarray:
+    """Look-up table of one channel and one category from sigma0(theta in rad)."""
+    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * np.sqrt(0.5)
+    return np.asarray(function(2.0 * np.arcsin(q)), dtype=float)[None, None, :] * np.ones((1, 1, 1))
+
+
+def mapped(z, y0, height, cell, configuration, dtype=np.float64, sigma0=lambda theta: 0.0 * theta + 0.1) -> PowerMap:
+    return power_map(frame(z, y0, height, cell, dtype), configuration, lut_of(sigma0), np.ones((1, 1)))

@@ -1,0 +1,158 @@
+"""Laws that any backscatter obeys, held against the models and the whole table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seqrsm.scattering.curves import limit_db, moisture_change_db
+from seqrsm.scattering.models import (
+    backscatter_layer_ulaby14,
+    backscatter_oh04,
+    backscatter_oh92,
+    reflectivity_fresnel,
+)
+from seqrsm.scattering.sigma0 import load_sigma0_table
+
+TABLE = load_sigma0_table()
+FREQUENCIES = (0.65, 1.25, 2.0, 3.0, 5.4, 9.6, 10.7)
+SURFACES = ("Bareground", "Gravel", "Asphalt", "Water")
+THETA = np.deg2rad(np.arange(0.0, 90.0, 0.5))
+
+
+def db(category: str, frequency: float, channel: str, **state: float) -> np.ndarray:
+    return 10.0 * np.log10(TABLE.lookup([category], frequency, channel, **state).sigma0[0])
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.parametrize("category", SURFACES)
+@pytest.mark.parametrize("moisture", [0.05, 0.2, 0.29])
+def test_surfaces_depolarize_little(category: str, frequency: float, moisture: float) -> None:
+    hh, hv, vv = (db(category, frequency, p, soil_moisture=moisture) for p in ("HH", "HV", "VV"))
+    free = hv > -59.999
+    assert np.all(hv[free] <= np.minimum(hh, vv)[free] - 3.0 + 1e-9)
+
+
+@pytest.mark.parametrize("frequency", FREQUENCIES)
+@pytest.mark.parametrize("category", TABLE.categories)
+def test_cross_stays_below_co_and_caps_hold(category: str, frequency: float) -> None:
+    hh, hv, vv = (db(category, frequency, p) for p in ("HH", "HV", "VV"))
+    free = hv > -59.999
+    assert np.all(hv[free] < np.minimum(hh, vv)[free])
+    cap = 20.0 if category == "Water" else 12.0
+    assert max(hh.max(), vv.max()) <= cap + 1e-9
+    assert hv.max() <= -3.0 + 1e-9
+    assert min(hh.min(), hv.min(), vv.min()) >= -60.0 - 1e-9
+
+
+@pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
+@pytest.mark.parametrize("category", ["Gravel", "Asphalt", "Trees", "Buildings", "Water"])
+def test_polarizations_meet_at_nadir(category: str, frequency: float) -> None:
+    assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < 0.2
+
+
+@pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
+@pytest.mark.parametrize("category", ["Bareground", "Scrub"])
+def test_regressions_nearly_meet_at_nadir(category: str, frequency: float) -> None:
+    """The published regressions are fits: soil at L band is 1.24 dB apart at nadir, all others less than 0.5."""
+    limit = 1.3 if (category, frequency) == ("Bareground", 1.25) else 0.5
+    assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < limit
+
+
+@pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
+@pytest.mark.parametrize("category", TABLE.categories)
+@pytest.mark.parametrize("channel", ["HH", "HV", "VV"])
+def test_backscatter_falls_with_incidence(category: str, frequency: float, channel: str) -> None:
+    value = db(category, frequency, channel)
+    rise = value[:61] - np.minimum.accumulate(value[:61])
+    assert rise.max() < 1.6  # what the published regressions allow themselves
+
+
+@pytest.mark.parametrize("category", TABLE.categories)
+def test_grazing_is_constant_gamma(category: str) -> None:
+    sigma0 = TABLE.lookup([category], 3.0, "VV").sigma0[0]
+    angle = np.arange(75, 88)
+    gamma = sigma0[angle] / np.cos(np.deg2rad(angle))
+    assert gamma == pytest.approx(np.full(angle.size, gamma[0]), rel=1e-9)
+    assert sigma0[90] == pytest.approx(1e-6)
+
+
+@pytest.mark.parametrize("epsilon", [2.0 + 0j, 4.0 - 0.1j, 9.0 - 0.9j, 60.0 + 30.0j])
+def test_fresnel(epsilon: complex) -> None:
+    r = reflectivity_fresnel(epsilon, THETA)
+    assert np.all(r.v <= r.h + 1e-12)  # emissivity e_v >= e_h
+    assert r.h[0] == pytest.approx(r.v[0], rel=1e-12)
+    assert np.all(np.diff(r.h) > 0)
+    assert np.all((r.h >= 0) & (r.h <= 1) & (r.v >= 0) & (r.v <= 1))
+
+
+def test_brewster_angle() -> None:
+    brewster = np.arctan(np.sqrt(5.0))
+    assert reflectivity_fresnel(5.0 + 0j, brewster).v == pytest.approx(0.0, abs=1e-20)
+
+
+def test_reflection_and_transmission_add_up_to_one() -> None:
+    """Energy flux through a lossless boundary, from the transmitted amplitudes (an independent formula)."""
+    n, theta = 2.5, np.deg2rad(40.0)
+    inner = np.arcsin(np.sin(theta) / n)
+    ratio = n * np.cos(inner) / np.cos(theta)
+    t_h = 2.0 * np.cos(theta) / (np.cos(theta) + n * np.cos(inner))
+    t_v = 2.0 * np.cos(theta) / (n * np.cos(theta) + np.cos(inner))
+    r = reflectivity_fresnel(n**2 + 0j, theta)
+    assert r.h + ratio * t_h**2 == pytest.approx(1.0)
+    assert r.v + ratio * t_v**2 == pytest.approx(1.0)
+
+
+def test_rough_surface_models() -> None:
+    theta = np.deg2rad(np.arange(5.0, 71.0))
+    for model in (backscatter_oh92(9.0 - 0.9j, 0.8, theta), backscatter_oh04(0.2, 0.8, theta)):
+        assert np.all(model.hh <= model.vv)
+        assert np.all(model.hv < model.hh)
+        assert np.all(np.diff(model.vv) < 0)
+    smooth, rough = (backscatter_oh92(9.0 - 0.9j, ks, theta) for ks in (0.3, 1.5))
+    assert np.all(rough.vv > smooth.vv)
+
+
+def test_layer_limits() -> None:
+    theta = np.deg2rad(40.0)
+    assert backscatter_layer_ulaby14(0.07, 0.4, 0.1, 0.0, theta) == pytest.approx(0.07)  # no layer: the ground
+    deep = 0.75 * 0.1 * np.cos(theta)  # opaque layer: half-space of Rayleigh scatterers
+    assert backscatter_layer_ulaby14(0.07, 0.4, 0.1, 50.0, theta) == pytest.approx(deep)
+
+
+def test_wetter_soil_is_brighter() -> None:
+    values = [db("Bareground", 3.0, "VV", soil_moisture=mv)[40] for mv in (0.05, 0.1, 0.2, 0.29)]
+    assert np.all(np.diff(values) > 0)
+    assert db("Bareground", 3.0, "VV", soil_moisture=0.29)[40] == pytest.approx(
+        db("Bareground", 3.0, "VV", soil_moisture=0.5)[40], abs=0.02
+    )
+    ks = 2.0 * np.pi * 3e9 / 299792458.0 * 0.01
+    change = backscatter_oh04(0.1, ks, np.deg2rad(40.0)).hh / backscatter_oh04(0.2, ks, np.deg2rad(40.0)).hh
+    assert moisture_change_db(3.0, 0.01, 0.1, 0.2)[0, 40] == pytest.approx(10.0 * np.log10(change))
+
+
+def test_rougher_water_is_brighter_away_from_nadir_and_darker_at_it() -> None:
+    calm, windy = (db("Water", 5.4, "VV", wind_m_s=w) for w in (3.0, 10.0))
+    assert windy[40] > calm[40] + 3.0
+    assert windy[0] < calm[0]
+
+
+def test_forest_anchor() -> None:
+    """L-HH of forest: -6 to -7 dB near 38 degrees (JERS-1)."""
+    assert -7.0 < db("Trees", 1.25, "HH")[38] < -6.0
+
+
+def test_mixture_is_linear_in_power() -> None:
+    """Half a cell of each category: the mean of the powers, which in dB exceeds the mean of the dB (Jensen)."""
+    found = TABLE.lookup(["Trees", "Asphalt"], 1.25, "HH")
+    mixed = 10.0 * np.log10(found.sigma0[:, 40].mean())
+    each = 10.0 * np.log10(found.sigma0[:, 40])
+    assert mixed == pytest.approx(each.max() - 3.0, abs=0.02)
+    assert mixed > each.mean() + 10.0
+
+
+def test_limits_settle_the_ends() -> None:
+    flat = np.full((3, 91), 30.0)
+    land, sea = limit_db(flat, surface=False, water=False), limit_db(flat, surface=True, water=True)
+    assert (land[0, 0], land[1, 0], sea[0, 0]) == (12.0, -3.0, 20.0)
+    assert np.isnan(limit_db(np.full((3, 91), np.nan), surface=False, water=False)).all()

@@ -1,0 +1,149 @@
+"""Stationary points, eigenvalues, ridge and steepest paths of R's rsm 2.10.6 and of 60-digit arithmetic.
+
+The numbers and their provenance are in tests/reference/data/rsm. rsm rounds path coordinates to three decimals and stops
+its root search early, hence the tolerance of 2e-3 for paths; stationary points and eigenvalues agree to 1e-10.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.canonical import stationary_point
+from seqrsm.fit.ridge import canonical_path, ridge_path, steepest_path
+
+DATA = Path(__file__).parent / "data" / "rsm"
+
+
+def load(name: str) -> Any:
+    return json.loads((DATA / f"{name}_expected.json").read_text(encoding="utf-8"))
+
+
+def beta_from(coefficients: dict[str, dict[str, float]], k: int, block: str = "") -> tuple[QuadraticModel, np.ndarray]:
+    """Coefficients of an rsm fit in the order of QuadraticModel, at the mean of two blocks if there are any."""
+    model = QuadraticModel(tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(k)))
+    values = {name: float(row["estimate"]) for name, row in coefficients.items()}
+    values["intercept"] = values["(Intercept)"] + (0.5 * values[block] if block else 0.0)
+    return model, np.array([values[name] for name in model.term_names])
+
+
+def check_canonical(model: QuadraticModel, beta: np.ndarray, expected: Any, threshold: float = 0.1) -> None:
+    found = stationary_point(model, Region(model.factors), beta, threshold=threshold)
+    names = expected["variable_order"]
+    want = np.array([expected["stationary_point_coded"][name] for name in names])
+    np.testing.assert_allclose(found.point, want, rtol=1e-10, atol=1e-11)
+    eigenvalues = np.where(found.flat, 0.0, found.eigenvalues)
+    np.testing.assert_allclose(eigenvalues, expected["eigenvalues"], rtol=1e-10, atol=1e-12)
+    for j, vector in enumerate(expected["eigenvectors_columns"]):
+        mine = found.eigenvectors[:, j] * np.sign(found.eigenvectors[:, j] @ np.array(vector))
+        np.testing.assert_allclose(mine, vector, atol=1e-10)
+
+
+def check_path(path: Any, expected: dict[str, list[float]], k: int) -> None:
+    want = np.column_stack([expected[f"x{i + 1}"] for i in range(k)])
+    np.testing.assert_allclose(path.points, want, atol=2e-3)
+    # rsm's fitted values are those at its rounded coordinates, off ours by the slope of up to some fifty units
+    np.testing.assert_allclose(path.values, expected["yhat"], atol=4e-2)
+
+
+def forms(model: QuadraticModel, beta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    c, b, B = model.forms(beta)
+    return float(c), b, B
+
+
+def test_chemreact_second_order() -> None:
+    expected = load("ChemReact")["second_order_blocked"]
+    model, beta = beta_from(expected["coefficients"], 2)
+    check_canonical(model, beta, expected["canonical"])
+    point = stationary_point(model, Region(model.factors), beta)
+    assert point.kind == "maximum"
+    assert point.inside_region
+    assert point.value == pytest.approx(expected["predicted_at_stationary"]["1"], abs=1e-10)
+    c, b, B = forms(model, beta)
+    steps = np.array(expected["ridge_from_origin_steepest"]["dist"])
+    check_path(steepest_path(c, b, B, steps), expected["ridge_from_origin_steepest"], 2)
+    check_path(steepest_path(c, b, B, steps, "minimize"), expected["ridge_descent"], 2)
+    # rsm draws its first eigenvector with the other sign: its path is ours run backwards
+    check_path(canonical_path(c, b, B, -np.array(expected["canonical_path"]["dist"])), expected["canonical_path"], 2)
+
+
+def test_chemreact_in_natural_units() -> None:
+    expected = load("ChemReact")["second_order_blocked"]
+    factors = (ContinuousFactor("Time", 80.0, 90.0), ContinuousFactor("Temp", 170.0, 180.0))
+    _, beta = beta_from(expected["coefficients"], 2)
+    region = Region(factors)
+    found = stationary_point(QuadraticModel(factors), region, beta)
+    natural = region.decode(found.point)[0]
+    for name, value in expected["stationary_point_natural"].items():
+        assert natural[name] == pytest.approx(value, rel=1e-12)
+
+
+def test_chemreact_first_order_steepest_ascent() -> None:
+    expected = load("ChemReact")["first_order"]
+    b = np.array([expected["coefficients"][name]["estimate"] for name in ("x1", "x2")])
+    c = expected["coefficients"]["(Intercept)"]["estimate"]
+    path = steepest_path(c, b, np.zeros((2, 2)), np.array(expected["steepest_ascent"]["dist"]))
+    check_path(path, expected["steepest_ascent"], 2)
+
+
+def test_heli_saddle() -> None:
+    expected = load("heli")
+    model, beta = beta_from(expected["coefficients"], 4)
+    check_canonical(model, beta, expected["canonical"])
+    point = stationary_point(model, Region(model.factors), beta)
+    assert point.kind == "saddle"
+    assert point.value == pytest.approx(expected["predicted_at_stationary"]["1"], abs=1e-9)
+    c, b, B = forms(model, beta)
+    up, down = expected["steepest_ascent_ridge"], expected["steepest_descent_ridge"]
+    check_path(steepest_path(c, b, B, np.array(up["dist"])), up, 4)
+    check_path(steepest_path(c, b, B, np.array(down["dist"]), "minimize"), down, 4)
+    check_path(canonical_path(c, b, B, np.array(expected["canonical_path"]["dist"])), expected["canonical_path"], 4)
+    at_mean = beta_from(expected["coefficients"], 4, "block2")[1]
+    both = expected["predicted_at_stationary"]
+    mean = stationary_point(model, Region(model.factors), at_mean).value
+    assert mean == pytest.approx(0.5 * (both["1"] + both["2"]), abs=1e-9)
+
+
+def test_codata_ridge_with_and_without_threshold() -> None:
+    expected = load("codata")
+    model, beta = beta_from(expected["coefficients"], 2)
+    check_canonical(model, beta, expected["canonical_rsm_default_threshold"]["canonical"])
+    check_canonical(model, beta, expected["canonical_threshold0"], threshold=0.0)
+    ridge = stationary_point(model, Region(model.factors), beta)
+    assert ridge.kind == "ridge"
+    assert ridge.inside_region
+    far = expected["canonical_threshold0"]["stationary_point_coded"]
+    np.testing.assert_allclose(ridge.exact_point, [far["x1"], far["x2"]], rtol=1e-10)
+    assert stationary_point(model, Region(model.factors), beta, threshold=0.0).kind == "saddle"
+    c, b, B = forms(model, beta)
+    steps = np.array(expected["canonical_path_default"]["dist"])
+    # our eigenvector's largest component is positive; rsm's points the other way
+    check_path(canonical_path(c, b, B, -steps), expected["canonical_path_default"], 2)
+    check_path(canonical_path(c, b, B, -steps, threshold=0.0), expected["canonical_path_threshold0"], 2)
+    up = expected["steepest_ascent_ridge"]
+    check_path(steepest_path(c, b, B, np.array(up["dist"])), up, 2)
+
+
+def test_chemical_process_to_ten_digits() -> None:
+    expected = load("chemical")
+    model = QuadraticModel(tuple(ContinuousFactor(name, -1.0, 1.0) for name in ("x1", "x2")))
+    values = dict(zip(expected["terms"], expected["coefficients"], strict=True))
+    values["intercept"] = values["1"]
+    beta = np.array([values[name] for name in model.term_names])
+    found = stationary_point(model, Region(model.factors), beta)
+    np.testing.assert_allclose(found.point, expected["stationary_point"], rtol=1e-12)
+    np.testing.assert_allclose(found.eigenvalues, expected["eigenvalues"], rtol=1e-13)
+    np.testing.assert_allclose(found.eigenvectors.T, expected["eigenvectors_rows_sign_largest_positive"], atol=1e-13)
+    assert found.value == pytest.approx(expected["predicted_at_stationary"], rel=1e-14)
+    rows = expected["ridge_maximum_path"]
+    path = ridge_path(*forms(model, beta), np.array([row["R"] for row in rows]))
+    np.testing.assert_allclose(path.points, [row["x"] for row in rows], rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(path.multipliers, [row["mu"] for row in rows], rtol=1e-10)
+    np.testing.assert_allclose(path.values, [row["yhat"] for row in rows], rtol=1e-13)

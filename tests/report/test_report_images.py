@@ -1,0 +1,49 @@
+"""Bitmaps: read back by an independent decoder."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from seqrsm.report.images import MAX_HEIGHT, MAX_WIDTH, bar_length_m, category_color, cover_png, grey_png, reduction
+
+
+def test_grey_pixels_survive():
+    grey = np.random.default_rng(0).integers(0, 256, (40, 50)).astype(np.uint8)
+    with Image.open(io.BytesIO(grey_png(grey, 10.0))) as image:
+        assert np.array_equal(np.asarray(image)[:40], grey)
+
+
+def test_large_images_are_block_means():
+    grey = np.random.default_rng(1).integers(0, 256, (901, 1250)).astype(np.uint8)
+    factor = reduction(*grey.shape)
+    assert factor == 3
+    with Image.open(io.BytesIO(grey_png(grey, 10.0))) as image:
+        pixels = np.asarray(image)
+    assert pixels.shape[1] == 417
+    assert pixels.shape[1] <= MAX_WIDTH
+    assert pixels.shape[0] <= MAX_HEIGHT + 40
+    assert pixels[5, 7] == round(float(grey[15:18, 21:24].mean()))
+    assert pixels[0, 416] == round(float(grey[0:3, 1248:1250].mean()))
+
+
+def test_cover_has_the_colours_of_its_legend():
+    cover = np.tile(np.array([0, 1, 2, 255], dtype=np.uint8), (20, 30))
+    with Image.open(io.BytesIO(cover_png(cover, 5.0))) as image:
+        colors = np.asarray(image.convert("RGB"))
+    for column, index in enumerate((0, 1, 2)):
+        assert "#{:02x}{:02x}{:02x}".format(*colors[0, column]) == category_color(index)
+    assert tuple(colors[0, 3]) == (255, 255, 255)
+
+
+@pytest.mark.parametrize(("columns", "pixel", "bar"), [(300, 10.0, 1000.0), (600, 10.0, 2000.0), (100, 3.0, 100.0)])
+def test_scale_bar_is_a_round_length_within_a_third(columns, pixel, bar):
+    assert bar_length_m(columns, pixel) == bar
+    grey = np.full((30, columns), 128, dtype=np.uint8)
+    with Image.open(io.BytesIO(grey_png(grey, pixel))) as image:
+        pixels = np.asarray(image)
+    drawn = np.count_nonzero(pixels[30 + max(3, columns // 100)] == 0)
+    assert drawn == round(bar / pixel)

@@ -1,0 +1,173 @@
+"""The exact posterior: against least squares, other formulas, draws, and by simulation-based calibration."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import simpson
+
+from seqrsm.errors import FitError
+from seqrsm.fit.conjugate import Flat, NormalInverseGamma, posterior, weakly_informative
+from seqrsm.fit.least_squares import fit_least_squares
+
+KINDS = ["intercept", "linear", "linear", "interaction", "square", "square"]
+
+
+def problem(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(-1, 1, (2, n))
+    Z = np.column_stack([np.ones(n), a, b, a * b, a * a, b * b])
+    w = rng.uniform(0.3, 3.0, n)
+    return Z, 70 + Z @ np.array([0, 4, -3, 2, -6, -5]) + 2 * rng.normal(size=n) / np.sqrt(w), w
+
+
+def prior(p: int = 6, seed: int = 1) -> NormalInverseGamma:
+    rng = np.random.default_rng(seed)
+    K = rng.normal(size=(p, p))
+    return NormalInverseGamma(rng.normal(0, 5, p), K.T @ K / 10, 2.5, 6.0)
+
+
+@pytest.mark.parametrize("n", [7, 9, 30])
+def test_flat_prior_reproduces_least_squares(n: int) -> None:
+    Z, y, w = problem(n)
+    terms = [SimpleNamespace(name=f"z{i}", kind=k) for i, k in enumerate(KINDS)]
+    fit, exact = fit_least_squares(Z, y, terms, weights=w), posterior(Z, y, w, Flat())
+    assert (exact.df, np.isnan(exact.log_evidence)) == (n - 6, True)
+    np.testing.assert_allclose(exact.mean, fit.estimate, rtol=1e-13)
+    np.testing.assert_allclose(exact.marginal_scale, fit.se, rtol=1e-12)
+    for level in (0.5, 0.95):
+        np.testing.assert_allclose(exact.marginal_interval(level).low, fit.interval(level).low, rtol=1e-11)
+        rows = np.random.default_rng(3).uniform(-1, 1, (5, 6))
+        ours, theirs = exact.predict(rows, level, 2.0, 3), fit.predict(rows, level, 2.0, 3)
+        np.testing.assert_allclose(ours.confidence.high, theirs.confidence.high, rtol=1e-11)
+        np.testing.assert_allclose(ours.prediction.low, theirs.prediction.low, rtol=1e-11)
+
+
+def test_formulas_of_the_update() -> None:
+    """Lambda = Lambda0 + Z'WZ, m, a, b as printed in the textbooks, on a well-conditioned problem."""
+    Z, y, w = problem(20)
+    p0 = prior()
+    found = posterior(Z, y, w, p0)
+    precision = p0.Lambda0 + (Z.T * w) @ Z
+    m = np.linalg.solve(precision, p0.Lambda0 @ p0.m0 + Z.T @ (w * y))
+    b = p0.b0 + 0.5 * (y @ (w * y) + p0.m0 @ p0.Lambda0 @ p0.m0 - m @ precision @ m)
+    np.testing.assert_allclose(found.mean, m, rtol=1e-10)
+    np.testing.assert_allclose(found.precision, precision, rtol=1e-9, atol=1e-9)
+    assert found.a == p0.a0 + 10
+    assert found.b == pytest.approx(b, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 4, 20])
+def test_evidence_is_the_multivariate_t_density_of_the_scores(n: int) -> None:
+    Z, y, w = problem(n)
+    p0 = prior()
+    shape = p0.b0 / p0.a0 * (np.diag(1 / w) + Z @ np.linalg.solve(p0.Lambda0, Z.T))
+    expected = stats.multivariate_t(Z @ p0.m0, shape, df=2 * p0.a0).logpdf(y)
+    assert posterior(Z, y, w, p0).log_evidence == pytest.approx(float(expected), rel=1e-10)
+
+
+def test_evidence_by_quadrature() -> None:
+    """One coefficient: integrate likelihood times prior over beta and log sigma."""
+    y = np.array([1.2, 0.4, 2.0])
+    p0 = NormalInverseGamma(np.array([0.5]), np.array([[0.8]]), 1.5, 0.7)
+
+    beta, log_sigma = np.linspace(-25, 25, 4001)[:, None], np.linspace(-4, 6, 601)[None, :]
+    sigma = np.exp(log_sigma)
+    density = stats.norm.pdf(beta, 0.5, sigma / np.sqrt(0.8)) * stats.invgamma.pdf(sigma**2, 1.5, scale=0.7) * sigma**2
+    for value in y:
+        density = density * stats.norm.pdf(value, beta, sigma)
+    total = 2 * simpson(simpson(density, x=log_sigma[0], axis=1), x=beta[:, 0])
+    assert posterior(np.ones((3, 1)), y, None, p0).log_evidence == pytest.approx(np.log(total), rel=1e-5)
+
+
+def test_updating_in_two_steps_is_updating_at_once() -> None:
+    Z, y, w = problem(20)
+    p0 = prior()
+    first = posterior(Z[:4], y[:4], w[:4], p0)
+    second = posterior(Z[4:], y[4:], w[4:], NormalInverseGamma(first.mean, first.precision, first.a, first.b))
+    once = posterior(Z, y, w, p0)
+    np.testing.assert_allclose(second.mean, once.mean, rtol=1e-9)
+    assert (second.a, second.b) == (once.a, pytest.approx(once.b, rel=1e-10))
+    assert first.log_evidence + second.log_evidence == pytest.approx(once.log_evidence, rel=1e-10)
+
+
+def test_prior_flat_in_some_directions() -> None:
+    """A precision of rank r counts r, not p, half degrees: with an infinitely wide slope, as least squares on it."""
+    Z, y, _ = problem(10)
+    p0 = NormalInverseGamma(np.zeros(6), np.diag([0.0, 0, 0, 1e12, 1e12, 1e12]), 0.0, 0.0)
+    found = posterior(Z, y, None, p0)
+    terms = [SimpleNamespace(name=f"z{i}", kind="linear") for i in range(3)]
+    reduced = fit_least_squares(Z[:, :3], y, terms)
+    np.testing.assert_allclose(found.mean[:3], reduced.estimate, rtol=1e-9)
+    assert found.df == 10 + 3 - 6 == reduced.df_residual
+    assert found.scale == pytest.approx(reduced.s, rel=1e-6)
+
+
+def test_draws_have_the_exact_margins() -> None:
+    Z, y, w = problem(12)
+    exact = posterior(Z, y, w)
+    beta, sigma = exact.draws(40_000, np.random.default_rng(0))
+    for j in range(6):
+        margin = stats.t(exact.df, exact.mean[j], exact.marginal_scale[j])
+        assert stats.kstest(beta[:, j], margin.cdf).pvalue > 1e-4
+    assert stats.kstest(sigma**2, stats.invgamma(exact.a, scale=exact.b).cdf).pvalue > 1e-4
+    np.testing.assert_allclose(np.std(beta, axis=0), exact.marginal_sd, rtol=0.05)
+    row = Z[:1]
+    new = beta @ row[0] + sigma / np.sqrt(2.0) * np.random.default_rng(1).normal(size=40_000)
+    interval = exact.interval(row, 0.9, weight=2.0)
+    assert np.mean((new > interval.low) & (new < interval.high)) == pytest.approx(0.9, abs=0.006)
+
+
+def test_fewer_runs_than_terms_with_the_default_prior() -> None:
+    Z, y, _ = problem(4)
+    found = posterior(Z, y, None, weakly_informative(KINDS, y))
+    assert np.isfinite(found.mean).all()
+    assert np.isfinite(found.log_evidence)
+    assert found.df == 7.0
+    none = posterior(np.zeros((0, 6)), np.zeros(0), None, weakly_informative(KINDS, y, scale=10.0))
+    assert none.mean[0] == pytest.approx(y.mean())
+    wide, narrow = none.predict(Z), found.predict(Z)
+    assert (wide.prediction.half_width > narrow.prediction.half_width).all()
+
+
+def test_default_prior_is_overruled_by_data() -> None:
+    Z, y, w = problem(60)
+    found, flat = posterior(Z, y, w, weakly_informative(KINDS, y)), posterior(Z, y, w)
+    assert np.max(np.abs(found.mean - flat.mean) / flat.marginal_scale) < 0.1
+    constant = weakly_informative(KINDS, np.full(5, 40.0))
+    assert np.isfinite(constant.Lambda0).all()
+    assert constant.b0 > 0
+
+
+def test_refused() -> None:
+    Z, y, _ = problem(6)
+    for bad in (lambda: posterior(Z, y), lambda: posterior(Z[:4], y[:4])):
+        with pytest.raises(FitError):
+            bad()
+    y[2] = np.nan
+    with pytest.raises(FitError, match="run 3 "):
+        posterior(Z, y, None, prior())
+
+
+def test_simulation_based_calibration() -> None:
+    """Truths drawn from the prior rank uniformly in their posteriors (Cook, Gelman, Rubin 2006)."""
+    rng = np.random.default_rng(4)
+    Z, _, w = problem(9)
+    p0 = prior()
+    L = np.linalg.cholesky(np.linalg.inv(p0.Lambda0))
+    t, precision = np.empty((2000, 6)), np.empty(2000)
+    for i in range(len(t)):
+        sigma = np.sqrt(p0.b0 / rng.standard_gamma(p0.a0))
+        beta = p0.m0 + sigma * (L @ rng.normal(size=6))
+        found = posterior(Z, Z @ beta + sigma / np.sqrt(w) * rng.normal(size=9), w, p0)
+        t[i] = (beta - found.mean) / found.marginal_scale
+        precision[i] = found.b / sigma**2
+    df = 2 * (p0.a0 + 4.5)
+    p = [stats.kstest(column, stats.t(df).cdf).pvalue for column in t.T]
+    assert min(*p, stats.kstest(precision, stats.gamma(df / 2).cdf).pvalue) > 1e-3
+    # Controls: intervals a quarter too narrow, or sigma with two degrees of freedom too many, must be seen.
+    assert min(stats.kstest(column, stats.t(df, scale=0.75).cdf).pvalue for column in t.T) < 1e-3
+    assert stats.kstest(precision, stats.gamma(df / 2 + 1).cdf).pvalue < 1e-3

@@ -1,0 +1,182 @@
+"""The ensemble sampler against exact posteriors, with a control that it must miss."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import simpson
+
+from seqrsm.errors import ConvergenceError, FitError
+from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, posterior
+from seqrsm.fit.ensemble import EnsemblePosterior, GammaPrior, WeakPrior, sample_posterior
+from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
+
+
+def problem(n: int = 14, k: int = 2, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(-1, 1, (n, k))
+    products = [X[:, i] * X[:, j] for i in range(k) for j in range(i, k)]
+    Z = np.column_stack([np.ones(n), X, *products])
+    w = rng.uniform(0.3, 3.0, n)
+    return Z, 60 + Z @ rng.normal(0, 3, Z.shape[1]) + 1.5 * rng.normal(size=n) / np.sqrt(w), w
+
+
+def standard_scores(sample: EnsemblePosterior, exact: ConjugatePosterior) -> np.ndarray:
+    """(draws - exact) / Monte Carlo error of means, standard deviations and 2.5 / 97.5 % points of all margins."""
+    sd, df = exact.marginal_sd, exact.df
+    ess = float(sample.ess.min())
+    kurtosis = 3 + 6 / (df - 4)
+    scores = [
+        (sample.beta.mean(axis=0) - exact.mean) / (sd / np.sqrt(ess)),
+        (sample.beta.std(axis=0) - sd) / (sd * np.sqrt((kurtosis - 1) / (4 * ess))),
+    ]
+    for level in (0.025, 0.975):
+        t = stats.t.ppf(level, df)
+        error = np.sqrt(0.025 * 0.975 / ess) / stats.t.pdf(t, df) * exact.marginal_scale
+        found = np.quantile(sample.beta, level, axis=0)
+        scores.append((found - exact.mean - t * exact.marginal_scale) / error)
+    margin = stats.invgamma(exact.a, scale=exact.b)
+    for level in (0.025, 0.5, 0.975):
+        q = margin.ppf(level)
+        error = np.sqrt(level * (1 - level) / ess) / margin.pdf(q)
+        scores.append(np.array([(np.quantile(sample.sigma**2, level) - q) / error]))
+    return np.concatenate(scores)
+
+
+@pytest.mark.parametrize("k", [2, 5])
+@pytest.mark.parametrize("informative", [False, True])
+def test_normal_model_against_the_exact_posterior(k: int, informative: bool) -> None:
+    Z, y, w = problem(40 if k == 5 else 14, k)
+    p = Z.shape[1]
+    prior = NormalInverseGamma(np.full(p, 0.5), 0.3 * np.eye(p), 3.0, 8.0) if informative else None
+    sample = sample_posterior(Z, y, w, prior=prior, seed=5, min_ess=20_000)
+    exact = posterior(Z, y, w, prior)
+    scores = standard_scores(sample, exact)
+    assert np.max(np.abs(scores)) < 4.5
+    assert sample.acceptance["independence"] == 1.0  # the proposal is the target, constants included
+    assert np.max(sample.r_hat) < 1.01
+    # Control: the posterior of other weights must be seen to differ.
+    assert np.max(np.abs(standard_scores(sample, posterior(Z, y, np.sqrt(w), prior)))) > 6
+
+
+class _Model:
+    """What emcee hands to a move."""
+
+    def __init__(self, log_prob_fn: object, random: np.random.RandomState) -> None:
+        self.log_prob_fn = log_prob_fn
+        self.random = random
+
+
+class _State:
+    def __init__(self, coords: np.ndarray, log_prob: np.ndarray) -> None:
+        self.coords, self.log_prob = coords, log_prob
+
+
+class _Wide:
+    def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
+        return 3.0 * random.standard_normal((n, 3))
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        return -0.5 * np.sum(x**2, axis=1) / 3.0**2
+
+
+@pytest.mark.parametrize("move", ["independence", "differential", "snooker"])
+def test_each_move_alone_leaves_its_target_invariant(move: str) -> None:
+    """A skewed target with known moments: independent Gumbel coordinates, mean gamma, variance pi^2 / 6."""
+
+    def log_prob(x: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore"):
+            return -np.sum(x + np.exp(-x), axis=1)
+
+    random = np.random.RandomState(3)
+    walkers = 2000
+    coords = random.gumbel(size=(walkers, 3))
+    made = {"independence": IndependenceMove([_Wide()], [1.0]), "differential": DifferentialMove(2)}.get(move)
+    made = made or SnookerMove(2)
+    state, model = _State(coords, log_prob(coords)), _Model(log_prob, random)
+    moments = []
+    for _ in range(300):
+        state, _ = made.propose(model, state)
+        moments.append([state.coords.mean(), state.coords.var(), np.mean(state.coords**3)])
+    np.testing.assert_array_equal(state.log_prob, log_prob(state.coords))
+    euler = 0.5772156649015329
+    third = 2 * 1.2020569031595942 + 3 * euler * np.pi**2 / 6 + euler**3
+    np.testing.assert_allclose(np.mean(moments, axis=0), [euler, np.pi**2 / 6, third], rtol=0.03)
+    assert 0.05 < made.accepted / made.proposed < 0.95
+
+
+def test_student_t_errors_against_quadrature() -> None:
+    """One mean, t(4) errors, weak priors: margins by a grid over (beta, log sigma)."""
+    y = np.array([1.0, 1.4, 0.7, 1.2, 6.0, 0.9])
+    w = np.array([1.0, 2.0, 0.5, 1.0, 1.0, 1.0])
+    weak = WeakPrior(np.array([0.0]), np.array([3.0]), 2.0)
+    sample = sample_posterior(np.ones((6, 1)), y, w, errors="student_t", prior=weak, seed=1, min_ess=20_000)
+    beta, log_sigma = np.linspace(-3, 7, 801)[:, None], np.linspace(-5, 3, 601)[None, :]
+    sigma = np.exp(log_sigma)
+    log_density = stats.norm.logpdf(beta, 0, 3) + stats.halfnorm.logpdf(sigma, scale=2) + log_sigma
+    for value, weight in zip(y, w, strict=True):
+        log_density = log_density + stats.t.logpdf(value, 4, beta, sigma / np.sqrt(weight))
+    density = np.exp(log_density - log_density.max())
+    margin = simpson(density, x=log_sigma[0], axis=1)
+    cumulative = np.cumsum(margin) / np.sum(margin)
+    for level in (0.025, 0.25, 0.5, 0.75, 0.975):
+        exact = np.interp(level, cumulative, beta[:, 0])
+        share = np.mean(sample.beta[:, 0] <= exact)
+        assert share == pytest.approx(level, abs=4.5 * np.sqrt(level * (1 - level) / sample.ess.min()) + 1e-3)
+    mean = float(np.sum(margin * beta[:, 0]) / np.sum(margin))
+    assert sample.beta.mean() == pytest.approx(mean, abs=4.5 * sample.beta.std() / np.sqrt(sample.ess.min()) + 1e-3)
+    spread = simpson(density, x=beta[:, 0], axis=0)
+    median = np.exp(np.interp(0.5, np.cumsum(spread) / np.sum(spread), log_sigma[0]))
+    assert np.mean(sample.sigma <= median) == pytest.approx(0.5, abs=4.5 * 0.5 / np.sqrt(sample.ess.min()) + 2e-3)
+
+
+def test_many_degrees_of_freedom_are_normal_errors() -> None:
+    Z, y, w = problem()
+    sample = sample_posterior(Z, y, w, errors="student_t", nu=1e7, seed=2, min_ess=8000)
+    assert np.max(np.abs(standard_scores(sample, posterior(Z, y, w)))) < 4.5
+
+
+def test_an_outlier_moves_student_t_errors_less() -> None:
+    Z, y, w = problem(30)
+    bad = y.copy()
+    bad[3] += 25.0
+    clean, flat = posterior(Z, y, w), posterior(Z, bad, w)
+    robust = sample_posterior(Z, bad, w, errors="student_t", nu=GammaPrior(), seed=3, min_ess=2000)
+    assert np.linalg.norm(robust.beta.mean(axis=0) - clean.mean) < 0.5 * np.linalg.norm(flat.mean - clean.mean)
+    assert robust.nu is not None
+    assert np.median(robust.nu) < 10.0
+
+
+def test_reproducible_and_alone_with_its_random_numbers() -> None:
+    Z, y, w = problem()
+    np.random.seed(11)  # noqa: NPY002
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    first = sample_posterior(Z, y, w, errors="student_t", seed=9, min_ess=1000)
+    after = np.random.get_state()[1]  # noqa: NPY002
+    np.testing.assert_array_equal(before, after)
+    np.random.seed(12)  # noqa: NPY002
+    second = sample_posterior(Z, y, w, errors="student_t", seed=9, min_ess=1000)
+    other = sample_posterior(Z, y, w, errors="student_t", seed=10, min_ess=1000)
+    np.testing.assert_array_equal(first.beta, second.beta)
+    assert not np.array_equal(first.beta[:100], other.beta[:100])
+
+
+def test_not_converged_says_how_far_it_came() -> None:
+    Z, y, w = problem()
+    calls: list[tuple[int, float, float]] = []
+    with pytest.raises(ConvergenceError, match="autocorrelation time") as caught:
+        sample_posterior(
+            Z, y, w, errors="student_t", seed=1, max_steps=120, min_ess=1e9, progress=lambda *a: calls.append(a)
+        )
+    assert caught.value.steps == 120
+    assert caught.value.tau > 1.0
+    assert 0 < caught.value.ess < 1e9
+    assert caught.value.r_hat > 0.9
+    assert calls[-1][0] == 120
+
+
+def test_scores_without_noise_are_refused() -> None:
+    Z, _, w = problem()
+    with pytest.raises(FitError, match="exactly"):
+        sample_posterior(Z, np.full(14, 3.0), w, seed=1)

@@ -1,0 +1,109 @@
+"""Fading: the generator against published vectors, its law against the gamma law, pixels against each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from seqrsm.rng import generator, stream_key
+from seqrsm.simulate import kernels
+
+# Known answers of the Random123 library, file kat_vectors, philox4x32 with 10 rounds (Salmon et al. 2011).
+VECTORS = [
+    ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+    ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+    (
+        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+        (0xA4093822, 0x299F31D0),
+        (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+    ),
+]
+
+
+@pytest.mark.parametrize(("counter", "key", "expected"), VECTORS)
+def test_philox_gives_the_published_words(counter, key, expected):
+    words = kernels.philox4x32(*(np.uint32(x) for x in (*counter, *key)))
+    assert tuple(int(w) for w in words) == expected
+
+
+def speckled(looks, shape=(1, 400, 500), key=(1, 2), noise=0.0, mean=1.0):
+    n_range = shape[1]
+    out = np.empty(shape)
+    looks = np.broadcast_to(np.asarray(looks, dtype=float), (n_range,)).copy()
+    kernels.add_speckle(
+        np.full(shape, mean),
+        np.full(n_range, noise),
+        looks,
+        np.arange(shape[0]),
+        np.uint32(key[0]),
+        np.uint32(key[1]),
+        out,
+    )
+    return out
+
+
+@pytest.mark.parametrize("looks", [1.0, 1.7, 4.0, 40.5, 1e4, 1e6])
+def test_fading_is_gamma_with_any_real_number_of_looks(looks):
+    x = speckled(looks).ravel()
+    n = x.size
+    assert x.min() > 0.0
+    assert x.mean() == pytest.approx(1.0, abs=4.0 / np.sqrt(n * looks))
+    # Variance of a sample variance: (kurtosis + 2) var**2 / n with excess kurtosis 6/N.
+    assert x.var() * looks == pytest.approx(1.0, abs=4.0 * np.sqrt((2.0 + 6.0 / looks) / n))
+    distance, p = stats.kstest(x, stats.gamma(looks, scale=1.0 / looks).cdf)
+    assert p > 1e-3, distance
+
+
+def test_the_tails_are_right():
+    x = speckled(1.0, (1, 1000, 1000)).ravel()
+    for level in (1e-4, 1e-3, 0.999, 0.9999):
+        share = np.mean(x < -np.log1p(-level))
+        assert share == pytest.approx(level, abs=4.5 * np.sqrt(level * (1 - level) / x.size))
+
+
+def test_neighbours_channels_and_keys_are_independent():
+    x = speckled(4.0, (2, 300, 400)) - 1.0
+    other = speckled(4.0, (2, 300, 400), key=(1, 3)) - 1.0
+    limit = 4.5 * 0.25 / np.sqrt(x[0].size)
+    for a, b in (
+        (x[0, 1:], x[0, :-1]),
+        (x[0, :, 1:], x[0, :, :-1]),
+        (x[0, 1:, 1:], x[0, :-1, :-1]),
+        (x[0], x[1]),
+        (x[0], other[0]),
+    ):
+        assert abs(np.mean(a * b)) < limit * 1.1
+        assert abs(np.mean(a**2 * b**2) - np.mean(a**2) * np.mean(b**2)) < 30.0 * limit * 0.25
+
+
+def test_a_pixel_does_not_depend_on_the_size_of_the_image():
+    large = speckled(2.5, (2, 60, 70))
+    small = speckled(2.5, (1, 20, 30))
+    np.testing.assert_array_equal(large[:1, :20, :30], small)
+
+
+def test_looks_and_noise_go_by_row():
+    looks = np.repeat([1.0, 100.0], 200)
+    x = speckled(looks, (1, 400, 500), noise=3.0)
+    assert x.mean() == pytest.approx(4.0, rel=0.01)
+    assert (x[0, :200] / 4).var() == pytest.approx(1.0, rel=0.03)
+    assert (x[0, 200:] / 4).var() == pytest.approx(0.01, rel=0.03)
+
+
+def test_keys_tell_runs_and_purposes_apart():
+    keys = {
+        tuple(int(w) for w in stream_key(seed, run, purpose))
+        for seed in (-1, 0, 1, 11)
+        for run in (0, 1, 11, 2**40)
+        for purpose in ("speckle", "field", "1")
+    }
+    assert len(keys) == 48
+    a = generator(1, 2, "x").standard_normal(5)
+    np.testing.assert_array_equal(a, generator(1, 2, "x").standard_normal(5))
+    assert not np.array_equal(a, generator(1, 3, "x").standard_normal(5))
+
+
+def test_keys_are_the_same_on_every_platform():
+    # printf 'seqrsm|1979|3|speckle' | b2sum -l 64  ->  165e577e1c1bceeb, taken as two little-endian words.
+    assert [int(w) for w in stream_key(1979, 3, "speckle")] == [0x7E575E16, 0xEBCE1B1C]

@@ -1,0 +1,101 @@
+"""The export holds everything, reads back, and runs nothing in a spreadsheet."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import asdict
+
+import pytest
+
+from seqrsm.campaign.export import export
+from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.store import NewRun, NewScore
+from seqrsm.errors import StoreError
+
+SPEC = """\
+[campaign]
+name = "test"
+[[factor]]
+name = "x"
+low = -1
+high = 1
+[[factor]]
+name = "kind"
+levels = ["=1+1", "plain"]
+[[application]]
+name = "a"
+utility = "measured"
+[[application]]
+name = "b"
+utility = "measured"
+[stop]
+half_width = 1
+"""
+
+
+@pytest.fixture
+def filled(store, tmp_path):
+    (tmp_path / "campaign.toml").write_text(SPEC)
+    store.add_batch(
+        [NewRun({"x": -0.1, "kind": "=1+1"}, "start", "=cmd|' /C calc'!A0"), NewRun({"x": 1, "kind": "plain"})]
+    )
+    scores = [NewScore("a", 0.1 + 0.2, metadata={"q": [1]}), NewScore("b", -2.0, 0.5)]
+    store.record_scores(1, scores, executed={"x": -0.2, "kind": "=1+1"})
+    store.void(2, "@home")
+    store.record_look(1, "a", {"half_width": math.inf})
+    return store, load_spec(tmp_path), tmp_path
+
+
+def rows(path):
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_json_holds_everything(filled):
+    store, spec, folder = filled
+    assert export(store, spec, folder / "all.json") == (folder / "all.json",)
+    document = json.loads((folder / "all.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert document["format"] == "seqrsm-export-1"
+    assert document["runs"] == json.loads(json.dumps([asdict(run) for run in store.runs()]))
+    assert document["events"] == [asdict(event) for event in store.events()]
+    assert document["looks"] == [asdict(look) for look in store.looks()]
+    assert document["spec_hash"] == spec.spec_hash
+
+
+def test_csv_has_a_row_for_each_score(filled):
+    store, spec, folder = filled
+    paths = export(store, spec, folder / "all.csv")
+    assert [path.name for path in paths] == ["all.csv", "all.looks.csv", "all.events.csv", "all.files.csv"]
+    first, second, third = rows(paths[0])
+    assert (first["run_id"], second["run_id"], third["run_id"]) == ("1", "1", "2")
+    assert float(first["score"]) == 0.1 + 0.2
+    assert (first["application"], second["application"], third["score"], third["state"]) == ("a", "b", "", "void")
+    assert (first["x"], first["proposed_x"], second["score"]) == ("-0.2", "-0.1", "-2.0")  # numbers stay numbers
+    assert json.loads(first["metadata"]) == {"q": [1]}
+    assert len(rows(paths[2])) == len(store.events())
+    assert len(rows(paths[1])) == 1
+    assert paths[3].read_text().startswith("name,sha256")
+
+
+def test_no_cell_is_a_formula(filled):
+    store, spec, folder = filled
+    for path in export(store, spec, folder / "all.csv"):
+        for row in rows(path):
+            for value in row.values():
+                if value[:1] in "=+-@\t\r":
+                    float(value or 0)
+    first, _, third = rows(folder / "all.csv")
+    assert first["kind"] == "'=1+1"
+    assert first["why"].startswith("'=cmd")
+    assert third["reason"] == "'@home"
+
+
+def test_unknown_kind_and_unwritable_place(filled):
+    store, spec, folder = filled
+    with pytest.raises(StoreError, match=r"\.csv or \.json"):
+        export(store, spec, folder / "all.xlsx")
+    with pytest.raises(StoreError, match="cannot be written"):
+        export(store, spec, folder / "absent" / "all.json")
+    assert not list(folder.glob("*.part"))

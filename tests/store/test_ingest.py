@@ -1,0 +1,249 @@
+"""Measured scores and runs: matched, added, recognised, refused as a whole."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from seqrsm.campaign.export import write_form
+from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.store import NewRun
+from seqrsm.errors import ScoresFileError, StoreError
+
+SPEC = """\
+[campaign]
+name = "test"
+[[factor]]
+name = "frequency"
+unit = "GHz"
+low = 1
+high = 10
+scale = "log"
+[[factor]]
+name = "looks"
+values = [1, 4, 16]
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV"]
+[[constraint]]
+expr = "looks <= 3 * frequency"
+[[application]]
+name = "crops"
+utility = "percent_correct"
+{more}
+[cost]
+flight = 250
+simulation = 2
+[stop]
+half_width = 2
+"""
+HEADER = "frequency,looks,polarization,score"
+
+
+@pytest.fixture
+def campaign(tmp_path, store):
+    """Ingest text into the store; ``more`` goes into campaign.toml."""
+
+    def ingest(text, more="", name="scores.csv", **options):
+        (tmp_path / "campaign.toml").write_text(SPEC.format(more=more))
+        path = tmp_path / name
+        path.write_text(text)
+        return ingest_file(store, load_spec(tmp_path), path, **options)
+
+    return ingest
+
+
+def snapshot(store):
+    return store.runs(), store.events(), store.files()
+
+
+def test_new_runs_are_flights(campaign, store):
+    report = campaign(HEADER + ",se,block,date,camera\n2,4,HH,70,1.5,day 1,1979-05-01,A\n2,4,HH,71,,day 1,,\n")
+    assert (report.created, report.matched, report.n_scores, report.messages) == ((1, 2), (), 2, ())
+    first, second = store.runs()
+    assert (first.source, first.state, first.cost, first.block, first.purpose) == (
+        "flight",
+        "scored",
+        250.0,
+        "day 1",
+        "measured",
+    )
+    assert first.proposed == first.executed == {"frequency": 2.0, "looks": 4.0, "polarization": "HH"}
+    score = first.score_of("crops")
+    assert (score.score, score.se, score.source_file, score.source_row) == (70.0, 1.5, "scores.csv", 2)
+    assert score.metadata == {"camera": "A", "date": "1979-05-01"}
+    assert second.settings == first.settings  # a repeat is a run of its own
+    assert [file.row_count for file in store.files()] == [2]
+
+
+def test_proposed_runs_keep_both_settings(campaign, store):
+    proposed = {"frequency": 2.0, "looks": 4.0, "polarization": "HH"}
+    ids = store.add_batch([NewRun(proposed, "optimum", "why", "flight", 250.0, "day 1")] * 3)
+    store.issue(ids[:1])
+    report = campaign("run_id," + HEADER + "\n1,2.1,4,HH,70\n2,2,4,HH,71\n3,2,4,HH,\n")
+    assert (report.matched, report.created, report.unscored) == ((1, 2), (), (4,))
+    run = store.run(1)
+    assert (run.proposed, run.executed) == (proposed, {**proposed, "frequency": 2.1})
+    assert (run.purpose, run.block, run.source) == ("optimum", "day 1", "flight")
+    assert store.run(3).state == "proposed"
+
+
+def test_the_form_goes_out_and_comes_back(campaign, store, tmp_path):
+    settings = [{"frequency": 10 / 3, "looks": 4.0, "polarization": p} for p in ("HH", "VV")]
+    ids = store.add_batch([NewRun(s, source="flight") for s in settings], issue=True)
+    (tmp_path / "campaign.toml").write_text(SPEC.format(more=""))
+    write_form(tmp_path / "form.csv", load_spec(tmp_path), store.runs())
+    with (tmp_path / "form.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert ",".join(rows[0]) == "run_id,frequency [GHz],looks,polarization,score,se,block,date,note"
+    with (tmp_path / "filled.csv").open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows([row | {"score": 60 + i, "se": 2} for i, row in enumerate(rows)])
+    report = campaign((tmp_path / "filled.csv").read_text(), name="filled.csv")
+    assert report.matched == ids
+    assert [run.executed for run in store.runs()] == settings
+
+
+def test_outside_the_region_is_kept_with_a_remark(campaign, store):
+    report = campaign(HEADER + "\n2,4,HH,70\n20,4,HH,71\n2,5,HH,72\n1,16,HH,73\n")
+    assert report.outside_region == (3, 4, 5)
+    assert "3 scores lie outside" in report.messages[0]
+    assert len(store.runs("scored")) == 4
+
+
+def test_no_place_on_the_scale(campaign, store):
+    before = snapshot(store)
+    with pytest.raises(ScoresFileError) as caught:
+        campaign(HEADER + "\n2,4,HH,70\n0,4,HH,71\n-1,4,HH,71\n")
+    assert [problem.line for problem in caught.value.problems] == [3, 4]
+    assert snapshot(store) == before
+
+
+def test_same_content_again(campaign, store):
+    text = HEADER + "\n2,4,HH,70\n"
+    campaign(text)
+    before = snapshot(store)
+    report = campaign(text, name="copy.csv")
+    assert report.already is not None
+    assert "already, as 'scores.csv'" in report.messages[0]
+    assert snapshot(store) == before
+    assert report.to_json()["already"]["name"] == "scores.csv"
+
+
+def test_a_file_that_has_grown(campaign, store):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})] * 2, issue=True)
+    text = "run_id," + HEADER + "\n1,2,4,HH,70\n"
+    campaign(text)
+    report = campaign(text + "2,2,4,HH,71\n")
+    assert (report.matched, report.unchanged) == ((2,), (1,))
+    assert len(store.run(1).scores) == 1
+
+
+def test_doubles_without_run_id_are_remarked(campaign):
+    campaign(HEADER + "\n2,4,HH,70\n")
+    report = campaign(HEADER + "\n2,4,HH,70\n2,4,HH,71\n")
+    assert "1 scores without a run id equal earlier ones" in report.messages[0]
+
+
+@pytest.mark.parametrize("state", ["new", "grown"])
+def test_dry_run_reports_the_same_and_writes_nothing(campaign, store, state):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})])
+    if state == "grown":
+        campaign(HEADER + "\n3,4,HH,70\n")
+    before = snapshot(store)
+    text = "run_id," + HEADER + "\n1,2,4,HH,70\n,20,4,HH,71\n"
+    dry = campaign(text, dry_run=True)
+    assert snapshot(store) == before
+    wet = campaign(text)
+    assert dry.dry_run
+    assert dry.to_json() | {"dry_run": False} == wet.to_json()
+    assert len(store.runs()) == len(before[0]) + 1
+
+
+def test_all_or_nothing(campaign, store):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})] * 2)
+    store.record_score(1, "crops", 50.0)
+    before = snapshot(store)
+    with pytest.raises(StoreError) as caught:
+        campaign("run_id," + HEADER + "\n2,2,4,HH,70\n1,2,4,HH,71\n99,2,4,HH,72\n,2,4,HH,73\n")
+    first, second = caught.value.problems
+    assert (first.line, first.field, "scored already" in first.message) == (3, "score", True)
+    assert (second.line, second.field, second.value) == (4, "run_id", 99)
+    assert "seqrsm void" in first.remedy
+    assert snapshot(store) == before
+
+
+def test_other_settings_for_a_scored_run(campaign):
+    campaign(HEADER + "\n2,4,HH,70\n")
+    with pytest.raises(StoreError, match="other settings"):
+        campaign("run_id," + HEADER + "\n1,2,4,VV,70\n")
+
+
+def test_a_void_run_is_replaced_and_kept(campaign, store):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, "repeat", block="b")])
+    store.record_score(1, "crops", 50.0)
+    store.void(1, "wrong field")
+    report = campaign("run_id," + HEADER + "\n1,2.5,4,HH,70\n")
+    assert (report.created, report.replaced, report.matched) == ((2,), ((1, 2),), ())
+    old, new = store.runs()
+    assert (old.state, old.scores[0].score) == ("void", 50.0)
+    assert (new.replaces, new.purpose, new.block, new.scores[0].score) == (1, "repeat", "b", 70.0)
+    assert (new.proposed["frequency"], new.executed["frequency"]) == (2.0, 2.5)
+
+
+SECOND = '[[application]]\nname = "ice"\nutility = "measured"'
+
+
+def test_several_applications_of_one_run(campaign, store):
+    text = HEADER + ",application\n2,4,HH,70,crops\n2,4,HH,-5,ice\n2,4,HH,71,crops\n3,4,HH,-6,ice\n"
+    report = campaign(text, SECOND)
+    assert report.created == (1, 2, 3)
+    assert [[s.application for s in run.scores] for run in store.runs()] == [["crops", "ice"], ["crops"], ["ice"]]
+
+
+def test_second_application_later(campaign, store):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})])
+    campaign("run_id," + HEADER + ",application\n1,2,4,HH,70,crops\n", SECOND)
+    campaign("run_id," + HEADER + ",application\n1,2,4,HH,-5,ice\n", SECOND)
+    assert [score.score for score in store.run(1).scores] == [70.0, -5.0]
+
+
+def test_one_run_with_two_settings_in_a_file(campaign, store):
+    store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})])
+    text = "run_id," + HEADER + ",application\n1,2,4,HH,70,crops\n1,3,4,HH,-5,ice\n"
+    with pytest.raises(ScoresFileError, match="other settings, block or source in line 2"):
+        campaign(text, SECOND)
+
+
+@pytest.mark.parametrize("column", ["block", "date", "day"])
+def test_block_column(campaign, store, column):
+    report = campaign(HEADER + f",{column}\n2,4,HH,70,May 1\n2,4,HH,70,\n", f'[model]\nblock = "{column}"')
+    assert [run.block for run in store.runs()] == ["May 1", ""]
+    assert any("block column" in message for message in report.messages)
+
+
+def test_simulated_scores_of_another_program(campaign, store):
+    campaign(HEADER + ",source\n2,4,HH,70,simulation\n")
+    assert (store.run(1).source, store.run(1).cost) == ("simulation", 2.0)
+
+
+def test_flevoland(store):
+    """The real scores: 224 rows, as counted by `wc -l`, none outside the region."""
+    folder = Path(__file__).parents[2] / "campaigns" / "flevoland"
+    spec = load_spec(folder)
+    report = ingest_file(store, spec, folder / "flight_scores.csv")
+    assert (report.n_scores, len(report.created), report.outside_region) == (224, 224, ())
+    lines = (folder / "flight_scores.csv").read_text().splitlines()[1:]
+    for run, line in zip(store.runs(), lines, strict=True):
+        polarization, looks, resolution, score, n = line.split(",")
+        assert run.settings == {
+            "polarization": polarization,
+            "looks": float(looks),
+            "resolution": float(resolution),
+        }
+        assert run.scores[0].score == float(score)
+        assert (run.scores[0].n, run.scores[0].metadata) == (None, {"n_test_pixels": n})

@@ -1,0 +1,264 @@
+"""Stores that cannot be opened say why and what to do; migrations."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from seqrsm.campaign import store_connection
+from seqrsm.campaign.schema import HEAD, METADATA, REVISIONS
+from seqrsm.campaign.store import STORE_NAME, NewRun, Store
+from seqrsm.campaign.store_connection import MIGRATIONS, Database
+from seqrsm.errors import StoreError
+
+RUN = NewRun({"x": 1.0})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    with Store.open(tmp_path, create=True, campaign="test") as store:
+        store.add_batch([RUN] * 300)
+        store.record_score(1, "crops", 3.0)
+    return tmp_path
+
+
+def test_durability_settings(folder):
+    with Store.open(folder) as store, store._database.read() as connection:
+        pragma = {
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
+            for name in ("journal_mode", "synchronous", "foreign_keys", "busy_timeout")
+        }
+    assert pragma == {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "busy_timeout": 30000}
+
+
+@pytest.mark.parametrize("create", [False, True])
+def test_absent(tmp_path, create):
+    with pytest.raises(StoreError, match=r"no such folder.*seqrsm init"):
+        Store.open(tmp_path / "absent", create=create)
+    if not create:
+        with pytest.raises(StoreError, match=r"no data base yet.*seqrsm run"):
+            Store.open(tmp_path)
+        assert not (tmp_path / STORE_NAME).exists()
+
+
+def test_a_folder_in_its_place(tmp_path):
+    (tmp_path / STORE_NAME).mkdir()
+    with pytest.raises(StoreError, match="a folder stands"):
+        Store.open(tmp_path, create=True)
+
+
+def test_empty_file_is_an_unfinished_creation(tmp_path):
+    (tmp_path / STORE_NAME).touch()
+    with pytest.raises(StoreError, match="no tables"):
+        Store.open(tmp_path)
+    with Store.open(tmp_path, create=True, campaign="a") as store:
+        assert store.runs() == ()
+
+
+def test_no_data_base(tmp_path):
+    (tmp_path / STORE_NAME).write_text("name = 'x'\n" * 100)
+    with pytest.raises(StoreError, match=r"not a data base.*copy"):
+        Store.open(tmp_path, create=True)
+    assert (tmp_path / STORE_NAME).read_text() == "name = 'x'\n" * 100
+
+
+def test_truncated(folder):
+    path = folder / STORE_NAME
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(StoreError, match=r"damaged.*copy"), Store.open(folder) as store:
+        store.events()
+
+
+def test_overwritten_page(folder):
+    path = folder / STORE_NAME
+    data = bytearray(path.read_bytes())
+    data[4096:] = b"\xa5" * (len(data) - 4096)
+    path.write_bytes(data)
+    with pytest.raises(StoreError, match=r"damaged.*copy"), Store.open(folder) as store:
+        store.runs()
+
+
+def test_newer_schema(folder):
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+    connection.close()
+    with pytest.raises(StoreError, match=r"newer seqrsm.*9999.*pip install --upgrade"):
+        Store.open(folder)
+
+
+def test_another_campaign(folder):
+    with pytest.raises(StoreError, match="belongs to the campaign 'test', not 'other'"):
+        Store.open(folder, campaign="other")
+
+
+def test_read_only_folder(folder):
+    """As a user who may read but not write; root may write everywhere, so it becomes nobody first."""
+    place = Path(tempfile.mkdtemp())
+    try:
+        shutil.copy(folder / STORE_NAME, place / STORE_NAME)
+        (place / STORE_NAME).chmod(0o444)
+        place.chmod(0o555)
+        script = (
+            "import os; from seqrsm.campaign.store import Store, NewRun\n"
+            "from seqrsm.errors import StoreError\n"
+            "if os.geteuid() == 0: os.setuid(65534)\n"
+            "try:\n"
+            f"    with Store.open({str(place)!r}) as s: s.add_batch([NewRun({{}})])\n"
+            "except StoreError as error: print(error)\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=os.getcwd()
+        )
+        assert "may be written" in done.stdout or "right to write" in done.stdout
+    finally:
+        place.chmod(0o755)
+        shutil.rmtree(place)
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("nonsense", "not usable"),
+        ("nodialect+x://u:secret@h/n", "not usable"),
+        ("postgresql+psycopg://u:secret@127.0.0.1:1/n?connect_timeout=2", "server does not answer"),
+    ],
+)
+def test_unusable_addresses_and_no_password_in_the_message(tmp_path, url, says):
+    with pytest.raises(StoreError, match=says) as caught:
+        Store.open(tmp_path, url=url, create=True)
+    assert "secret" not in str(caught.value)
+
+
+def test_a_held_lock_is_reported(folder, monkeypatch):
+    monkeypatch.setattr(store_connection, "BUSY_TIMEOUT_S", 0.2)
+    holder = sqlite3.connect(folder / STORE_NAME, isolation_level=None)
+    holder.execute("BEGIN IMMEDIATE")
+    with Store.open(folder) as store:
+        with pytest.raises(StoreError, match=r"another process held"):
+            store.add_batch([RUN])
+        assert len(store.runs()) == 300  # readers are not held up
+    holder.close()
+
+
+def test_opening_does_not_import_alembic(folder):
+    script = f"import sys; from seqrsm.campaign.store import Store; Store.open({str(folder)!r}).close()\n"
+    script += "sys.exit('alembic' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+# -- migrations -------------------------------------------------------------------------------------------------------
+
+
+def columns(path: Path) -> dict[str, object]:
+    """What SQLite itself says about the tables."""
+    engine = sa.create_engine(f"sqlite:///{path}")
+    found: dict[str, object] = {}
+    inspector = sa.inspect(engine)
+    for table in sorted(inspector.get_table_names()):
+        if table != "alembic_version":
+            found[table] = (
+                [(c["name"], str(c["type"]), c["nullable"], c["primary_key"]) for c in inspector.get_columns(table)],
+                inspector.get_pk_constraint(table),
+                sorted(map(str, inspector.get_foreign_keys(table))),
+                sorted(map(str, inspector.get_unique_constraints(table))),
+                sorted(map(str, inspector.get_indexes(table))),
+                sorted(map(str, inspector.get_check_constraints(table))),
+            )
+    engine.dispose()
+    return found
+
+
+def upgrade(path: Path, revision: str) -> None:
+    from alembic import command
+    from alembic.config import Config
+
+    engine = sa.create_engine(f"sqlite:///{path}")
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    with engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, revision)
+    engine.dispose()
+
+
+def test_migrating_from_nothing_gives_the_tables_of_the_schema(tmp_path):
+    upgrade(tmp_path / "migrated.db", "head")
+    engine = sa.create_engine(f"sqlite:///{tmp_path / 'made.db'}")
+    METADATA.create_all(engine)
+    engine.dispose()
+    assert columns(tmp_path / "migrated.db") == columns(tmp_path / "made.db")
+    assert set(columns(tmp_path / "made.db")) == set(METADATA.tables)
+
+
+def test_revisions_are_those_of_the_folder():
+    from alembic.config import Config
+    from alembic.script import ScriptDirectory
+
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    scripts = list(ScriptDirectory.from_config(config).walk_revisions())
+    assert tuple(script.revision for script in reversed(scripts)) == REVISIONS
+    assert REVISIONS[-1] == HEAD
+
+
+NEXT = """
+import sqlalchemy as sa
+from alembic import op
+revision = "0002"
+down_revision = "0001"
+def upgrade():
+    with op.batch_alter_table("runs", recreate="always") as batch:
+        batch.add_column(sa.Column("pilot", sa.Text, nullable=False, server_default="nobody"))
+    {last}
+"""
+
+
+@pytest.fixture
+def next_version(tmp_path):
+    def make(last: str = "pass"):
+        scripts = tmp_path / "next"
+        shutil.copytree(MIGRATIONS, scripts, ignore=shutil.ignore_patterns("__pycache__"))
+        (scripts / "versions" / "0002_next.py").write_text(NEXT.format(last=last))
+        return {"migrations": scripts, "revisions": ("0001", "0002")}
+
+    return make
+
+
+def test_an_older_store_is_copied_and_migrated(folder, next_version):
+    with Store.open(folder) as store:
+        before = store.runs()
+    Database(folder / STORE_NAME, **next_version()).close()
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0002",)
+        assert connection.execute("SELECT DISTINCT pilot FROM runs").fetchall() == [("nobody",)]
+        assert connection.execute("SELECT count(*) FROM scores").fetchone() == (1,)
+    connection.close()
+    (backup,) = folder.glob("*.bak")
+    (folder / "old").mkdir()
+    backup.rename(folder / "old" / STORE_NAME)
+    with Store.open(folder / "old") as store:
+        assert store.runs() == before
+
+
+def test_a_migration_that_fails_changes_nothing(folder, next_version):
+    broken = next_version(last='op.execute("INSERT INTO absent VALUES (1)")')
+    with pytest.raises(StoreError, match="lacks a table"):
+        Database(folder / STORE_NAME, **broken)
+    with Store.open(folder) as store:
+        assert len(store.runs()) == 300
+
+
+def test_a_migration_that_breaks_references_is_undone(folder, next_version):
+    broken = next_version(last='op.execute("DELETE FROM runs WHERE id = 1")')
+    with pytest.raises(StoreError, match="break references"):
+        Database(folder / STORE_NAME, **broken)
+    with Store.open(folder) as store:
+        assert len(store.runs()) == 300

@@ -1,0 +1,209 @@
+"""States, scores, looks and events."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from seqrsm import __version__
+from seqrsm.campaign.schema import STATES, TRANSITIONS
+from seqrsm.campaign.store import NewRun, NewScore, Store
+from seqrsm.errors import StoreError
+
+HERE = {"frequency": 1.25, "polarization": "HH"}
+RUN = NewRun(HERE, "start", "first design")
+
+
+def bring(store: Store, state: str) -> int:
+    """A new run in this state."""
+    (run_id,) = store.add_batch([RUN], issue=state in ("issued", "running", "failed"))
+    if state == "running":
+        store.claim([run_id])
+    elif state == "failed":
+        store.fail(run_id, "no fuel")
+    elif state == "scored":
+        store.record_score(run_id, "crops", 50.0)
+    elif state == "void":
+        store.void(run_id, "wrong day")
+    assert store.run(run_id).state == state
+    return run_id
+
+
+def test_ids_count_from_one_and_repeats_stay_apart(store):
+    assert store.add_batch([RUN, RUN, NewRun({**HERE, "frequency": 9.0})]) == (1, 2, 3)
+    assert store.add_batch([RUN]) == (4,)
+    assert store.add_batch([]) == ()
+    runs = store.runs()
+    assert [run.run_id for run in runs] == [1, 2, 3, 4]
+    assert [run.batch for run in runs] == [1, 1, 1, 2]
+    assert runs[0].proposed == runs[1].proposed == HERE
+    assert store.last_batch() == 2
+    assert [run.run_id for run in store.runs(batch=2)] == [4]
+
+
+def test_settings_come_back_as_the_same_numbers(store):
+    values = {"a": 0.1 + 0.2, "b": 1e-300, "c": math.pi, "d": -0.0, "name": "HH+HV \u00fc '\";--"}
+    (run_id,) = store.add_batch([NewRun(values)])
+    assert store.run(run_id).settings == values
+    assert list(store.run(run_id).settings) == list(values)
+    (run_id,) = store.add_batch([NewRun({"a": np.float64(0.1), "b": np.str_("x")})])
+    assert store.run(run_id).settings == {"a": 0.1, "b": "x"}
+
+
+def test_the_ordinary_way(store):
+    (run_id,) = store.add_batch([NewRun(HERE, "optimum", "narrows the interval", "simulation", 2.5, "day 1")])
+    store.issue([run_id])
+    (claimed,) = store.claim(limit=5)
+    assert (claimed.run_id, claimed.state, claimed.attempts) == (run_id, "running", 1)
+    assert store.record_score(run_id, "crops", 71.5, se=1.5, n=10, correct=7, metadata={"a": [1, math.nan]})
+    run = store.run(run_id)
+    assert (run.state, run.purpose, run.why, run.cost, run.block) == (
+        "scored",
+        "optimum",
+        "narrows the interval",
+        2.5,
+        "day 1",
+    )
+    assert run.owner == ""
+    score = run.score_of("crops")
+    assert (score.score, score.se, score.n, score.correct, score.metadata) == (71.5, 1.5, 10, 7, {"a": [1, None]})
+    assert run.score_of("ice") is None
+    assert run.proposed_at <= run.issued_at <= run.started_at <= run.ended_at
+    events = store.events(run_id=run_id)
+    assert [event.kind for event in events] == ["proposed", "issued", "running", "scored"]
+    assert {(event.version, event.seed) for event in events} == {(__version__, 7)}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("target", ["issued", "scored", "failed", "void"])
+def test_only_legal_transitions(store, state, target):
+    run_id = bring(store, state)
+    before = store.run(run_id), store.events()
+    action = {
+        "issued": lambda: store.issue([run_id]),
+        "scored": lambda: store.record_score(run_id, "ice", 1.0),
+        "failed": lambda: store.fail(run_id, "why"),
+        "void": lambda: store.void(run_id, "why"),
+    }[target]
+    # A scored run takes the score of another application.
+    if target in TRANSITIONS[state] or state == target == "scored":
+        action()
+        assert store.run(run_id).state == target
+    else:
+        with pytest.raises(StoreError, match=f"run {run_id} is {state} and cannot become {target}"):
+            action()
+        assert (store.run(run_id), store.events()) == before
+
+
+def test_one_illegal_run_stops_the_whole_change(store):
+    good, bad = bring(store, "proposed"), bring(store, "void")
+    with pytest.raises(StoreError, match=f"run {bad} is void"):
+        store.issue([good, bad])
+    assert store.run(good).state == "proposed"
+    with pytest.raises(StoreError, match="no such run"):
+        store.issue([good, 99])
+    assert store.run(good).state == "proposed"
+
+
+def test_a_score_is_recorded_once(store):
+    run_id = bring(store, "scored")
+    assert not store.record_score(run_id, "crops", 50.0)
+    with pytest.raises(StoreError, match="scored already"):
+        store.record_score(run_id, "crops", 50.5)
+    assert len(store.run(run_id).scores) == 1
+
+
+@pytest.mark.parametrize("score", [NewScore("a", math.nan), NewScore("a", math.inf), NewScore("a", 1.0, 0.0)])
+def test_numbers_that_are_no_scores(store, score):
+    run_id = bring(store, "issued")
+    with pytest.raises(StoreError, match="no usable number"):
+        store.record_scores(run_id, [score])
+    assert store.run(run_id).state == "issued"
+
+
+def test_a_failed_run_can_be_tried_again(store):
+    run_id = bring(store, "failed")
+    assert store.run(run_id).reason == "no fuel"
+    store.issue([run_id])
+    (run,) = store.claim()
+    assert (run.run_id, run.reason, run.attempts) == (run_id, "", 1)
+
+
+def test_void_needs_a_reason_and_keeps_the_score(store):
+    run_id = bring(store, "scored")
+    with pytest.raises(StoreError, match="without a reason"):
+        store.void(run_id, "  ")
+    store.void(run_id, "cloud")
+    assert (store.run(run_id).reason, len(store.run(run_id).scores)) == ("cloud", 1)
+
+
+def test_claim_takes_issued_runs_of_its_source_only(store):
+    ids = store.add_batch([RUN, RUN, NewRun(HERE, source="flight"), RUN], issue=True)
+    bring(store, "proposed")
+    assert [run.run_id for run in store.claim(limit=1)] == [ids[0]]
+    assert [run.run_id for run in store.claim([ids[0], ids[3]])] == [ids[3]]
+    assert [run.run_id for run in store.claim()] == [ids[1]]
+    assert store.claim() == ()
+    assert [run.run_id for run in store.claim(source="flight")] == [ids[2]]
+    with pytest.raises(StoreError, match="no such run"):
+        store.claim([99])
+
+
+def test_runs_of_dead_processes_are_released(store, tmp_path, url):
+    ids = store.add_batch([RUN, RUN], issue=True)
+    script = (
+        "import sys; from seqrsm.campaign.store import Store\n"
+        f"with Store.open({str(tmp_path)!r}, url={url!r}) as s: s.claim([{ids[0]}])"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+    store.claim([ids[1]])
+    assert store.release_stale() == (ids[0],)
+    assert [run.state for run in store.runs()] == ["issued", "running"]
+    assert store.release_stale(older_than_s=-1.0) == (ids[1],)
+    assert store.release_stale() == ()
+    assert [event.kind for event in store.events(run_id=ids[0])][-1] == "released"
+
+
+def test_selection_of_runs(store):
+    ids = {state: bring(store, state) for state in STATES}
+    assert [run.run_id for run in store.runs(["scored", "void"])] == [ids["scored"], ids["void"]]
+    assert [run.run_id for run in store.runs("failed")] == [ids["failed"]]
+    assert store.runs(source="flight") == ()
+    with pytest.raises(StoreError, match="no such state"):
+        store.runs("done")
+    with pytest.raises(StoreError, match="no such run"):
+        store.run(99)
+
+
+def test_unknown_source_is_refused(store):
+    with pytest.raises(StoreError, match="no such source"):
+        store.add_batch([RUN, NewRun(HERE, source="moon")])
+    assert store.runs() == ()
+
+
+def test_looks(store):
+    assert store.record_look(8, "crops", {"half_width": np.float64(2.5), "x": (1, 2), "s": math.nan}) == 1
+    assert store.record_look(12, "crops", {}) == 2
+    store.record_look(12, "ice", {})
+    first, second = store.looks("crops")
+    assert (first.look, first.after_run, first.summary) == (1, 8, {"half_width": 2.5, "x": [1, 2], "s": None})
+    assert (second.after_run, len(store.looks())) == (12, 3)
+
+
+def test_events_that_are_no_runs(store):
+    store.add_event("stop", {"held": True})
+    (event,) = store.events(kind="stop")
+    assert (event.run_id, event.detail) == (None, {"held": True})
+
+
+def test_everything_is_there_after_reopening(store, tmp_path, url):
+    bring(store, "scored")
+    before = store.runs(), store.events()
+    store.close()
+    with Store.open(tmp_path, url=url, campaign="test") as again:
+        assert (again.runs(), again.events()) == before
+        assert again.info()["created_version"] == __version__

@@ -1,0 +1,156 @@
+"""Canonical analysis and ridge paths against closed forms and conditions of optimality."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.canonical import canonical_form, stationary_point
+from seqrsm.fit.ridge import canonical_path, ridge_path, steepest_path
+
+
+@pytest.mark.parametrize(
+    ("diagonal", "kind"),
+    [
+        ((-1.0, -2.0), "maximum"),
+        ((1.0, 2.0), "minimum"),
+        ((1.0, -2.0), "saddle"),
+        ((-2.0, 0.05), "ridge"),
+        ((-2.0, 0.0), "ridge"),
+        ((2.0, 0.1), "ridge"),
+        ((0.0, 0.0), "none"),
+    ],
+)
+def test_kind_follows_the_signs_of_the_eigenvalues(diagonal: tuple[float, float], kind: str) -> None:
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    B = turn @ np.diag(diagonal) @ turn.T
+    form = canonical_form(1.0, np.array([0.3, 0.1]), B)
+    assert form.kind == kind
+    np.testing.assert_allclose(form.eigenvalues, sorted(diagonal, reverse=True), atol=1e-14)
+    np.testing.assert_allclose(form.eigenvectors @ np.diag(form.eigenvalues) @ form.eigenvectors.T, B, atol=1e-14)
+
+
+def test_gradient_vanishes_at_the_stationary_point() -> None:
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(5, 5))
+    b, B = rng.normal(size=5), A + A.T
+    form = canonical_form(0.0, b, B, threshold=0.0)
+    np.testing.assert_allclose(b + 2.0 * B @ form.point, 0.0, atol=1e-11)
+    np.testing.assert_array_equal(form.point, form.exact_point)
+
+
+def test_ridge_point_has_no_part_along_the_flat_axis() -> None:
+    B = np.diag([-4.0, -0.1])
+    form = canonical_form(0.0, np.array([1.0, 1.0]), B)
+    np.testing.assert_allclose(form.point, [0.125, 0.0], atol=1e-15)
+    np.testing.assert_allclose(form.exact_point, [0.125, 5.0])
+    assert form.flat.tolist() == [True, False]
+
+
+def test_singular_surface_has_no_exact_point() -> None:
+    form = canonical_form(0.0, np.array([1.0, 0.0]), np.diag([-4.0, 0.0]), threshold=0.0)
+    assert np.isnan(form.exact_point).all()
+    np.testing.assert_allclose(form.point, [0.125, 0.0])
+
+
+def test_stationary_point_of_a_model_with_categories_and_constraints() -> None:
+    factors = (
+        ContinuousFactor("x", 0.0, 10.0),
+        CategoricalFactor("e", ("u", "v")),
+        DiscreteFactor("d", (1.0, 2.0, 4.0)),
+    )
+    model = QuadraticModel(factors)
+    beta = np.zeros(model.p)
+    for name, value in {"x": 0.4, "e[u]:x": 0.2, "x^2": -1.0, "d^2": -1.0, "intercept": 2.0}.items():
+        beta[model.term_names.index(name)] = value
+    region = Region(factors)
+    # d/dx (0.4 +- 0.2) x - x^2 = 0
+    for level, x in ((0, 0.3), (1, 0.1)):
+        found = stationary_point(model, region, beta, (level,))
+        np.testing.assert_allclose(found.point, [x, level, 0.0], atol=1e-14)
+        assert found.kind == "maximum"
+        assert found.inside_region
+        assert found.warning == ""
+        assert found.value == pytest.approx(2.0 + x**2)
+    cut = Region(factors, (Constraint("x <= 6"),))
+    assert not stationary_point(model, cut, beta, (0,)).inside_region  # x = 6.5 in natural units
+    assert stationary_point(model, cut, beta, (1,)).inside_region
+    beta[model.term_names.index("x")] = 4.0
+    assert not stationary_point(model, region, beta, (0,)).inside_region
+
+
+def test_ridge_and_plane_are_told_in_words() -> None:
+    factors = (ContinuousFactor("x", -1.0, 1.0), ContinuousFactor("y", -1.0, 1.0))
+    model, region = QuadraticModel(factors), Region(factors)
+    beta = np.array([0.0, 1.0, 1.0, 0.0, -2.0, -0.02])
+    ridge = stationary_point(model, region, beta)
+    assert ridge.kind == "ridge"
+    assert "y" in ridge.warning
+    assert "1 %" in ridge.warning
+    plane = stationary_point(model, region, np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    assert plane.kind == "none"
+    assert not plane.inside_region
+    assert "no curvature" in plane.warning
+
+
+@pytest.mark.parametrize("goal", ["maximize", "minimize"])
+def test_ridge_path_is_best_on_every_sphere(goal: str) -> None:
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(4, 4))
+    b, B = rng.normal(size=4), A + A.T
+    radii = np.array([0.0, 0.01, 0.3, 1.0, 4.0, 100.0])
+    path = ridge_path(2.0, b, B, radii, goal)  # type: ignore[arg-type]
+    np.testing.assert_allclose(np.linalg.norm(path.points, axis=1), radii, rtol=1e-12)
+    sphere = rng.normal(size=(200_000, 4))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    sign = 1.0 if goal == "maximize" else -1.0
+    for radius, x, value, mu in zip(radii, path.points, path.values, path.multipliers, strict=True):
+        if radius == 0.0:
+            assert value == 2.0
+            continue
+        trial = radius * sphere
+        assert sign * value >= (sign * (2.0 + trial @ b + np.sum((trial @ B) * trial, axis=1))).max()
+        # Lagrange: b + 2Bx = 2 mu x
+        np.testing.assert_allclose(b + 2.0 * B @ x, 2.0 * mu * x, atol=1e-10 * (1 + radius))
+
+
+def test_hard_case_adds_the_leading_eigenvector() -> None:
+    # b has no part along the leading axis: |x| = 1 cannot be reached by (B - mu I)^-1 b with mu > l_max.
+    b, B = np.array([0.0, 1.0]), np.diag([2.0, -1.0])
+    path = ridge_path(0.0, b, B, np.array([0.1, 1.0]))
+    # below the critical radius 1/6 the ordinary solution, straight along b
+    np.testing.assert_allclose(path.points[0], [0.0, 0.1], atol=1e-14)
+    np.testing.assert_allclose(path.points[1], [np.sqrt(1.0 - 1.0 / 36.0), 1.0 / 6.0], atol=1e-14)
+    assert path.multipliers[1] == pytest.approx(2.0)
+    best = max(
+        -minimize(lambda t: -(np.sin(t[0]) + 2 * np.cos(t[0]) ** 2 - np.sin(t[0]) ** 2), [t0]).fun for t0 in (0.1, 1.4)
+    )
+    assert path.values[1] == pytest.approx(best, abs=1e-8)
+
+
+def test_without_slope_the_path_runs_along_the_leading_axis() -> None:
+    path = ridge_path(0.0, np.zeros(3), np.diag([-3.0, -1.0, -2.0]), np.array([0.5]))
+    np.testing.assert_allclose(path.points[0], [0.0, 0.5, 0.0], atol=1e-15)
+
+
+def test_steepest_ascent_of_a_plane_is_straight() -> None:
+    b = np.array([3.0, -4.0])
+    up = steepest_path(1.0, b, np.zeros((2, 2)), np.array([0.0, 2.0]))
+    np.testing.assert_allclose(up.points, [[0.0, 0.0], [1.2, -1.6]])
+    np.testing.assert_allclose(up.values, [1.0, 11.0])
+    down = steepest_path(1.0, b, np.zeros((2, 2)), np.array([2.0]), "minimize")
+    np.testing.assert_allclose(down.values, [-9.0])
+
+
+def test_canonical_path_passes_through_the_stationary_point() -> None:
+    b, B = np.array([0.4, 0.2]), np.array([[-1.0, 0.2], [0.2, -2.0]])
+    path = canonical_path(0.0, b, B, np.array([-1.0, 0.0, 1.0]), axis=1)
+    form = canonical_form(0.0, b, B)
+    np.testing.assert_allclose(path.points[1], form.point)
+    # along an axis the surface is value + eigenvalue * distance^2
+    np.testing.assert_allclose(path.values, form.value + form.eigenvalues[1] * np.array([1.0, 0.0, 1.0]))

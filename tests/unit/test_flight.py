@@ -1,0 +1,218 @@
+"""Bad files are refused with line, column and remedy; good ones of every dialect are read alike."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from seqrsm.errors import ScoresFileError
+from seqrsm.score import flight
+from seqrsm.score.flight import FactorColumn, Measure, binomial_percent, read_scores, unit_factor
+
+FACTORS = (
+    FactorColumn("frequency", "GHz"),
+    FactorColumn("looks"),
+    FactorColumn("polarization", levels=("HH", "VV", "HH+HV")),
+)
+CROPS = (Measure("crops", is_percent=True),)
+HEADER = "frequency,looks,polarization,score"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reader(content, measures=CROPS, factors=FACTORS):
+        path = tmp_path / "scores.csv"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return read_scores(path, factors, measures)
+
+    return reader
+
+
+PLAIN = "frequency,looks,polarization,score,pilot\n1.5,4,HH+HV,73.25,Ann\n9.6,2,VV,60,\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        PLAIN,
+        "\ufeff" + PLAIN,
+        PLAIN.replace("\n", "\r\n"),
+        PLAIN.replace("\n", "\r"),
+        PLAIN.replace(",", "\t"),
+        PLAIN.replace(",", ";"),
+        PLAIN.replace(",", ";").replace("1.5", "1,5").replace("73.25", "73,25").replace("9.6", "9,6"),
+        PLAIN.replace("HH+HV", '"HH+HV"').replace("1.5", '" 1.5 "'),
+        "\n\n" + PLAIN.replace("\n9", "\n,,,,\n9"),
+        PLAIN.replace(",pilot\n", ",pilot,,\n").replace("Ann\n", "Ann,,\n").replace("60,\n", "60,,,\n"),
+        PLAIN.replace("frequency", "frequency [MHz]").replace("1.5", "1500").replace("9.6", "9.6e3"),
+        "pilot,score,polarization,looks,frequency\nAnn,73.25,HH+HV,4,1.5\n,60,VV,2,9.6",
+    ],
+)
+def test_dialects_say_the_same(read, content):
+    first, second = read(content).scores
+    assert list(first.settings) == ["frequency", "looks", "polarization"]
+    assert first.settings["frequency"] == pytest.approx(1.5, rel=1e-15)
+    assert (first.settings["looks"], first.settings["polarization"]) == (4.0, "HH+HV")
+    assert (first.score, first.se, first.n, first.correct, first.run_id) == (73.25, None, None, None, None)
+    assert first.metadata == {"pilot": "Ann"}
+    assert first.application == "crops"
+    assert second.settings["frequency"] == pytest.approx(9.6)
+    assert second.score == 60.0
+
+
+def test_lines_count_blank_lines_and_quoted_breaks(read):
+    content = "\n" + HEADER + ',note\n1,4,HH,50,"two\nlines"\n\n1,4,VV,51,\n'
+    assert [score.line for score in read(content).scores] == [3, 6]
+    assert read(content).scores[0].note == "two\nlines"
+
+
+def test_counts_give_score_and_standard_error(read):
+    (score,) = read("frequency,looks,polarization,n,correct\n1,4,HH,400,300\n").scores
+    # p = 3/4, n = 400: sqrt(3/16/400) = sqrt(3)/80.
+    assert score.score == 75.0
+    assert score.se == pytest.approx(100 * math.sqrt(3) / 80)
+    assert binomial_percent(10, 10) == (100.0, pytest.approx(100 * math.sqrt(0.05 * 0.95 / 10)))
+    assert binomial_percent(10, 0)[1] == pytest.approx(binomial_percent(10, 10)[1])
+
+
+def test_given_standard_error_is_kept_beside_counts(read):
+    (score,) = read(HEADER + ",se,n,correct\n1,4,HH,75.2,2.5,400,300\n").scores
+    assert (score.score, score.se, score.n, score.correct) == (75.2, 2.5, 400, 300)
+
+
+def test_counts_of_another_utility_are_only_kept(read):
+    (score,) = read(HEADER + ",n,correct\n1,4,HH,-3,400,300\n", [Measure("rank")]).scores
+    assert (score.score, score.se, score.n) == (-3.0, None, 400)
+
+
+def test_several_applications(read):
+    measures = [Measure("crops", True), Measure("ice")]
+    content = HEADER + ",application\n1,4,HH,50,crops\n1,4,HH,-7,ice\n"
+    assert [score.application for score in read(content, measures).scores] == ["crops", "ice"]
+
+
+def test_unscored_rows_of_proposed_runs_are_left_for_later(read):
+    file = read("run_id," + HEADER + "\n7,1,4,HH,50\n8,1,4,VV,\n")
+    assert [score.run_id for score in file.scores] == [7]
+    assert file.unscored == (3,)
+
+
+def test_whole_numbers_written_as_floats(read):
+    assert read("run_id," + HEADER + "\n7.0,1,4,HH,50\n").scores[0].run_id == 7
+
+
+def test_content_hash_is_sha256(read):
+    # Printed by coreutils: printf 'frequency,looks,polarization,score\\n1,2,HH,3\\n' | sha256sum
+    assert (
+        read("frequency,looks,polarization,score\n1,2,HH,3\n").sha256
+        == "098477c82ec184306a06bedf37c87d34d5114ff22c264dbc8c7049a4887f2bb8"
+    )
+
+
+ROW = HEADER + "\n{}\n"
+BAD = [
+    # content, line, column, what the message or the remedy says
+    (b"", None, None, "empty"),
+    (b"\xef\xbb\xbf \n", None, None, "empty"),
+    (HEADER, 1, None, "no scores"),
+    ("run_id," + HEADER + "\n1,1,4,HH,\n", 1, None, "Fill in"),
+    (PLAIN.encode("utf-16"), 1, None, "UTF-16"),
+    (PLAIN.encode("utf-16-le"), 1, None, "zero bytes"),
+    ((HEADER + ",note\n1,4,HH,5,gr\u00fcn\n").encode("latin-1"), 2, None, "Latin-1"),
+    (b"PK\x03\x04....", 1, None, "spreadsheet"),
+    (b"\x1f\x8b....", 1, None, "compressed"),
+    (HEADER + '\n1,4,HH,"5\n', 2, None, "quote"),
+    ("freqency,looks,polarization,score\n1,4,HH,5\n", 1, "frequency", "Rename the column 'freqency'"),
+    ("looks,polarization,score\n4,HH,5\n", 1, "frequency", "no column"),
+    ("frequency,looks,polarization,score_percent\n1,4,HH,5\n", 1, "score", "Rename the column 'score_percent'"),
+    ("frequency,looks,polarization\n1,4,HH\n", 1, "score", "no column"),
+    (HEADER + ",score\n1,4,HH,5,6\n", 1, "score", "two columns"),
+    (HEADER + ",\n1,4,HH,5,6\n", 1, None, "has no name"),
+    ("frequency [K],looks,polarization,score\n1,4,HH,5\n", 1, "frequency", "cannot be converted"),
+    ("frequency,looks [m],polarization,score\n1,4,HH,5\n", 1, "looks", "pure number"),
+    ("frequency,looks,polarization,score [m]\n1,4,HH,5\n", 1, "score", "no unit"),
+    (ROW.format("1,4,HH"), 2, None, "3 cells, the header 4"),
+    (ROW.format("1,5,4,HH,50"), 2, None, "decimal comma"),
+    (ROW.format("one,4,HH,50"), 2, "frequency", "no number"),
+    (ROW.format('"1,5",4,HH,50'), 2, "frequency", "decimal point"),
+    (ROW.format(",4,HH,50"), 2, "frequency", "empty"),
+    (ROW.format("nan,4,HH,50"), 2, "frequency", "no number"),
+    (ROW.format("1,inf,HH,50"), 2, "looks", "no number"),
+    (ROW.format("1,1e999,HH,50"), 2, "looks", "no number"),
+    (ROW.format("1,1_0,HH,50"), 2, "looks", "no number"),
+    (ROW.format("1,0x10,HH,50"), 2, "looks", "no number"),
+    (ROW.format("1,4,HH,50 %"), 2, "score", "without unit"),
+    (ROW.format("1,4,HH,"), 2, "score", "empty"),
+    (ROW.format("1,4,HH,100.1"), 2, "score", "0 to 100"),
+    (ROW.format("1,4,HH,-1"), 2, "score", "0 to 100"),
+    (ROW.format("1,4,hh,50"), 2, "polarization", "no such level"),
+    (ROW.format("1,4,HH+VH,50"), 2, "polarization", "Did you mean 'HH+HV'"),
+    (ROW.format("1,4,,50"), 2, "polarization", "empty"),
+    (HEADER + ",se\n1,4,HH,50,-2\n", 2, "se", "above 0"),
+    (HEADER + ",se\n1,4,HH,50,0\n", 2, "se", "Leave it empty"),
+    (HEADER + ",n,correct\n1,4,HH,50,10,11\n", 2, "correct", "larger 'n'"),
+    (HEADER + ",correct\n1,4,HH,50,11\n", 2, "correct", "larger 'n'"),
+    (HEADER + ",n,correct\n1,4,HH,50,10,2.5\n", 2, "correct", "whole"),
+    (HEADER + ",n,correct\n1,4,HH,50,0,0\n", 2, "n", "from 1 up"),
+    (HEADER + ",n,correct\n1,4,HH,50,100,49\n", 2, "score", "49.00 percent"),
+    (HEADER + ",run_id\n1,4,HH,50,0\n", 2, "run_id", "from 1 up"),
+    (HEADER + ",run_id\n1,4,HH,50,3\n1,4,VV,51,3\n", 3, "run_id", "line 2"),
+    (HEADER + ",source\n1,4,HH,50,moon\n", 2, "source", "flight or simulation"),
+    (HEADER + ",application\n1,4,HH,50,ice\n", 2, "application", "Applications: crops"),
+    ("frequency;looks;polarization;score\n1.200,5;4;HH;50\n", 2, "frequency", "thousands"),
+    ("frequency;looks;polarization;score\n1,5;4;HH;50\n1.5;4;HH;50\n", 3, "frequency", "one decimal sign"),
+]
+
+
+@pytest.mark.parametrize(("content", "line", "column", "says"), BAD)
+def test_bad_files(read, content, line, column, says):
+    with pytest.raises(ScoresFileError) as caught:
+        read(content)
+    (problem,) = caught.value.problems
+    assert problem.file == "scores.csv"
+    assert (problem.line, problem.field) == (line, column)
+    assert says in str(problem)
+    assert problem.remedy
+
+
+def test_all_problems_at_once(read):
+    with pytest.raises(ScoresFileError) as caught:
+        read(HEADER + "\nx,4,HH,50\n1,4,XX,500\n1,4,HH,50\n1,y,HH,\n")
+    assert [(p.line, p.field) for p in caught.value.problems] == [
+        (2, "frequency"),
+        (3, "polarization"),
+        (3, "score"),
+        (5, "looks"),
+        (5, "score"),
+    ]
+
+
+def test_endless_problems_are_cut_short(read):
+    with pytest.raises(ScoresFileError) as caught:
+        read(HEADER + "\n" + "x,4,HH,50\n" * 150)
+    assert len(caught.value.problems) == flight.MAX_PROBLEMS + 1
+    assert "50 more" in str(caught.value.problems[-1])
+
+
+def test_missing_and_large_files(tmp_path, monkeypatch):
+    with pytest.raises(ScoresFileError, match="no such file"):
+        read_scores(tmp_path / "absent.csv", FACTORS, CROPS)
+    path = tmp_path / "large.csv"
+    path.write_text(PLAIN)
+    monkeypatch.setattr(flight, "MAX_BYTES", 10)
+    with pytest.raises(ScoresFileError, match="split it"):
+        read_scores(path, FACTORS, CROPS)
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "factor"),
+    [("MHz", "GHz", 1e-3), ("Hz", "GHz", 1e-9), ("km", "m", 1e3), ("rad", "deg", 180 / math.pi), ("kW", "W", 1e3)],
+)
+def test_unit_factors(unit, wanted, factor):
+    assert unit_factor(unit, wanted) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(("unit", "wanted"), [("m", "GHz"), ("furlong", "m"), ("m", "")])
+def test_units_that_do_not_fit(unit, wanted):
+    assert unit_factor(unit, wanted) is None

@@ -1,0 +1,175 @@
+"""Derived quantities of the radar against textbook forms, and every refusal with its numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+
+from seqrsm.errors import ConfigurationError
+from seqrsm.sensor.radar import RadarConfiguration, from_settings
+
+SETTINGS = {
+    "frequency": 5.3,
+    "polarization": "HH+HV",
+    "resolution": 20.0,
+    "bandwidth": 50.0,
+    "peak_power": 100.0,
+    "depression_angle": 45.0,
+}
+FIXED = {"altitude_m": 6000.0}
+C = 299792458.0
+
+
+def radar(**changes) -> RadarConfiguration:
+    return from_settings(SETTINGS, {**FIXED, **changes})
+
+
+def test_names_of_table_1_become_fields():
+    r = from_settings({**SETTINGS, "looks": 4}, {**FIXED, "season": "winter", "n_bits": 12.0})
+    assert r.channels == ("HH", "HV")
+    assert (r.frequency_ghz, r.resolution_m, r.looks, r.season, r.n_bits) == (5.3, 20.0, 4.0, "winter", 12)
+    assert r.n_transmit == 1
+    assert from_settings({**SETTINGS, "polarization": "HH+HV+VV"}, FIXED).n_transmit == 2
+
+
+def test_resolutions_and_looks_by_the_printed_equations():
+    r = radar()
+    assert r.wavelength_m == pytest.approx(C / 5.3e9, rel=1e-14)
+    assert r.slant_resolution_m == pytest.approx(C / 1e8, rel=1e-14)
+    assert r.ground_resolution_m(math.pi / 6) == pytest.approx(2 * C / 1e8, rel=1e-12)
+    assert r.azimuth_resolution_m(8000.0) == 1.0
+    real = radar(aperture="real")
+    assert real.azimuth_resolution_m(8000.0) == pytest.approx(8000.0 * C / 5.3e9 / 2.0, rel=1e-14)
+    # N = (20 / 1) * (20 / (c / 2B sin theta)).
+    assert r.looks_available(math.pi / 4) == pytest.approx(20.0 * 20.0 / (C / 1e8 / math.sin(math.pi / 4)), rel=1e-12)
+
+
+def test_looks_reduce_to_equation_3_8_for_a_real_aperture_footprint():
+    # resolution = R lambda / L and resolution bandwidth B: N = (2 R lambda / L**2)(B_c / B).
+    R, B_c = 9000.0, 50e6
+    probe = radar(aperture="real")
+    resolution = R * probe.wavelength_m / probe.antenna_length_m
+    r = from_settings({**SETTINGS, "resolution": resolution}, {**FIXED, "aperture": "real"})
+    theta = math.radians(40.0)
+    B = C / (2.0 * resolution * math.sin(theta))
+    expected = (2.0 * R * r.wavelength_m / r.antenna_length_m**2) * (B_c / B)
+    assert r.looks_available(theta) == pytest.approx(expected, rel=1e-12)
+
+
+def test_signal_to_noise_is_the_textbook_synthetic_aperture_equation():
+    # SNR = P_avg G**2 lambda**3 sigma0 d_g / (2 (4 pi)**3 R**3 v k T0 F) x losses (Moore; Curlander and McDonough).
+    r = radar(noise_figure_db=4.0, loss_db=3.0)
+    R, theta = 8485.3, math.radians(45.0)
+    average = 100.0 * 5e-6 * 1000.0
+    ground = C / (2 * 50e6 * math.sin(theta))
+    snr = average * 10**5.0 * (C / 5.3e9) ** 3 * 0.1 * ground * 10**-0.3
+    snr /= 2 * (4 * math.pi) ** 3 * R**3 * 100.0 * 1.380649e-23 * 290.0 * 10**0.4
+    got = r.received_power_w(0.1, theta, R) / r.noise_power_w(np.array([R]))[0]
+    assert got == pytest.approx(snr, rel=1e-10)
+    nesz = r.noise_equivalent_sigma0(np.array([theta]), np.array([R]))[0]
+    assert 0.1 / nesz == pytest.approx(snr, rel=1e-10)
+
+
+def test_two_transmit_polarizations_share_the_pulses():
+    one, two = (from_settings({**SETTINGS, "polarization": p}, FIXED) for p in ("HH+HV", "HH+VV"))
+    R = np.array([8000.0])
+    assert two.noise_power_w(R) == pytest.approx(2.0 * one.noise_power_w(R))
+
+
+def test_thermal_noise_and_gains():
+    r = radar(noise_figure_db=0.0)
+    assert r.thermal_noise_w() == pytest.approx(1.380649e-23 * 290.0 * 50e6, rel=1e-12)
+    assert r.compression_gain == 250.0
+    assert r.coherent_pulses(8000.0) == pytest.approx(1000.0 * 8000.0 * r.wavelength_m / 2.0 / 100.0)
+    assert radar(aperture="real").coherent_pulses(8000.0) == 1.0
+
+
+def test_looks_used_are_those_asked_for_where_there_are_as_many():
+    r = from_settings({**SETTINGS, "looks": 50.0}, FIXED)
+    theta = np.radians([10.0, 45.0])
+    np.testing.assert_allclose(r.looks_used(theta), [r.looks_available(theta[0]), 50.0])
+    assert radar().looks_used(theta)[1] == radar().looks_available(theta[1])
+
+
+def test_depression_points_at_the_centre_of_the_scene():
+    y = radar().ground_ranges_m(101, 5.0, 100.0, 200.0)
+    assert y[50] == pytest.approx(5900.0)
+    np.testing.assert_allclose(np.diff(y), 5.0)
+
+
+def messages(**changes) -> str:
+    settings = {**SETTINGS, **{k: v for k, v in changes.items() if k in SETTINGS or k == "looks"}}
+    fixed = {**FIXED, **{k: v for k, v in changes.items() if k not in settings}}
+    with pytest.raises(ConfigurationError) as caught:
+        from_settings(settings, fixed)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"resolution": 4.0}, ["50 MHz", "4.24", "52.997 MHz"]),
+        ({"resolution": 4.5, "antenna_length_m": 12.0}, ["12 m", "6 m"]),
+        ({"looks": 200.0}, ["94.34", "at most 94.346 looks"]),
+        ({"looks": 0.5}, ["looks", "1 to 1e6"]),
+        ({"heading_deg": 45.0}, ["0, 90, 180 or 270"]),
+        ({"frequency": 0.0}, ["frequency_ghz", "0.1"]),
+        ({"frequency": math.nan}, ["frequency_ghz"]),
+        ({"polarization": "HH+RL"}, ["HH, HV, VV"]),
+        ({"polarization": "HH+HH"}, ["each once"]),
+        ({"polarization": ""}, ["set of channels"]),
+        ({"prf_hz": 50.0}, ["100 Hz"]),
+        ({"pulse_length_us": 2000.0}, ["1000 us"]),
+        ({"aperture": "lens"}, ["synthetic, real"]),
+        ({"season": "monsoon"}, ["spring_summer"]),
+        ({"wind_low_m_s": 9.0}, ["wind_high_m_s"]),
+        ({"peak_power": "much"}, ["not a number", "much"]),
+        ({"n_bits": 99}, ["n_bits"]),
+    ],
+)
+def test_impossible_sets_are_refused_with_numbers(changes, words):
+    text = messages(**changes)
+    for word in words:
+        assert word in text
+
+
+def test_all_problems_are_told_at_once():
+    with pytest.raises(ConfigurationError) as caught:
+        from_settings({"frequency": 5.0, "colour": "red", "frequency_ghz": 6.0}, {"altitude_m": "high"})
+    fields = [p.field for p in caught.value.problems]
+    for name in ("colour", "frequency_ghz", "polarization", "resolution", "bandwidth", "peak_power", "altitude_m"):
+        assert name in fields
+    with pytest.raises(ConfigurationError) as caught:
+        dataclasses.replace(radar(), frequency_ghz=-1.0, noise_figure_db=-3.0, heading_deg=10.0)
+    assert len(caught.value.problems) == 3
+
+
+def test_what_a_message_allows_is_allowed():
+    limit = float(re.search(r"at most ([0-9.]+) looks", messages(looks=200.0))[1])
+    assert from_settings({**SETTINGS, "looks": limit}, FIXED).looks == limit
+    bandwidth, resolution = map(float, re.findall(r"at least ([0-9.]+) M?H?z?m?", messages(resolution=4.0)))
+    assert from_settings({**SETTINGS, "resolution": 4.0, "bandwidth": bandwidth}, FIXED).bandwidth_mhz == bandwidth
+    assert from_settings({**SETTINGS, "resolution": resolution}, FIXED).resolution_m == resolution
+
+
+@pytest.mark.parametrize(
+    ("changes", "settings", "words"),
+    [
+        ({}, {"depression_angle": 80.0}, ["1453 m behind nadir", "67.1"]),
+        ({"altitude_m": 20.0}, {"depression_angle": 10.0}, ["above the ground"]),
+        ({"altitude_m": 9000.0}, {"depression_angle": 0.6}, ["horizon"]),
+        ({"aperture": "real", "antenna_length_m": 2.0}, {}, ["real beam", "far edge"]),
+        ({"pulse_length_us": 60.0}, {}, ["near edge"]),
+        ({"prf_hz": 60000.0}, {}, ["overlap"]),
+    ],
+)
+def test_swaths_that_cannot_be_flown_are_refused(changes, settings, words):
+    r = from_settings({**SETTINGS, **settings}, {**FIXED, **changes})
+    with pytest.raises(ConfigurationError) as caught:
+        r.ground_ranges_m(1001, 5.0, 50.0, 100.0)
+    for word in words:
+        assert word in str(caught.value)

@@ -1,0 +1,66 @@
+"""Running many simulations: the same results from any number of processes, after a killed worker too."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seqrsm.rng import generator
+from seqrsm.simulate.runner import run_many
+
+
+def draw(run_id: int) -> float:
+    return float(generator(1, run_id, "x").standard_normal())
+
+
+def fail_at_two(x: int) -> int:
+    if x == 2:
+        raise ValueError("two")
+    return x
+
+
+def die_once(argument: tuple[str, int]) -> int:
+    path, x = argument
+    if x == 1 and not Path(path).exists():
+        Path(path).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * x
+
+
+def test_processes_do_not_change_results():
+    serial = dict(run_many(draw, range(6)))
+    calls = []
+    parallel = dict(run_many(draw, range(6), workers=2, progress=lambda done, total: calls.append((done, total))))
+    assert serial == parallel
+    assert calls == [(k, 6) for k in range(1, 7)]
+    assert np.unique(list(serial.values())).size == 6
+
+
+def test_a_killed_worker_costs_nothing_but_time(tmp_path):
+    path = str(tmp_path / "died")
+    assert dict(run_many(die_once, [(path, x) for x in range(4)], workers=2)) == {x: 10 * x for x in range(4)}
+    assert Path(path).exists()
+
+
+def test_errors_of_the_function_reach_the_caller():
+    with pytest.raises(ValueError, match="two"):
+        list(run_many(fail_at_two, range(4)))
+    with pytest.raises(ValueError, match="two"):
+        list(run_many(fail_at_two, range(4), workers=2))
+
+
+def test_serial_runs_are_lazy_and_can_be_left():
+    seen = []
+    for index, _ in run_many(lambda x: seen.append(x), range(5)):
+        if index == 1:
+            break
+    assert seen == [0, 1]
+
+
+def test_no_workers_is_refused():
+    with pytest.raises(ValueError, match="at least 1"):
+        list(run_many(draw, [1], workers=0))

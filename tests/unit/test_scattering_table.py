@@ -1,0 +1,265 @@
+"""The table as its user meets it: provenance, ranges, errors, a user's own file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seqrsm.errors import ScatteringDataError
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, read_citations, read_rows
+from seqrsm.scattering.sigma0 import load_sigma0_table
+
+TABLE = load_sigma0_table()
+FOURTEEN = (
+    "Swamp", "Bareground", "Gravel", "Trees", "Grass", "Scrub", "Hay", "Oats", "Corn", "Wheat", "Forage", "Vegetables",
+    "Water", "Asphalt",
+)  # fmt: skip
+HEADER = "quantity,category,frequency_ghz,polarization,season,theta_deg,value,sd,unit,status,source\n"
+
+
+def shipped_rows(name: str) -> list[dict[str, str]]:
+    lines = [line for line in (DATA / name).read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return [dict(r.cells) for r in read_rows(DATA / name, lines[0].split(","))]
+
+
+def test_every_shipped_row_has_status_and_known_source() -> None:
+    citations = read_citations()
+    files = sorted(p.name for p in DATA.glob("*.csv") if p.name != "sources.csv")
+    assert len(files) == 7
+    for name in files:
+        for row in shipped_rows(name):
+            statuses = [v for k, v in row.items() if k.endswith("status")]
+            sources = [v for k, v in row.items() if k.endswith("source")]
+            assert statuses, name
+            assert set(statuses) <= set(STATUSES), (name, row)
+            assert set(sources) <= set(citations), (name, row)
+            assert not any(word in v for v in row.values() for word in ("recalled", "defective", "partial"))
+
+
+def test_regressions_are_the_public_rows() -> None:
+    rows = shipped_rows("ulaby_dobson.csv")
+    assert len(rows) == 51
+    assert sum(r["status"] == "public_code_refit" for r in rows) == 1
+    assert not any(r["class"] == "shrubs" and r["band"] == "S" for r in rows)
+    assert {r["band"] for r in rows} == {"L", "S", "C"}
+
+
+def test_all_categories_are_there() -> None:
+    assert set(FOURTEEN) <= set(TABLE.categories)
+    for channel in POLARIZATIONS:
+        found = TABLE.lookup(FOURTEEN, 3.0, channel)
+        assert found.sigma0.shape == (14, 91)
+        assert found.sigma0.dtype == np.float64
+        assert np.all(found.sigma0 > 0)
+        assert np.all(found.field_sd_db > 0)
+        assert np.all(found.date_sd_db > 0)
+        assert found.sd_db == pytest.approx(np.sqrt(found.field_sd_db**2 + found.date_sd_db**2))
+
+
+def test_categories_in_one_class_differ() -> None:
+    """Without offsets the crops would look alike and crop classification would be noise by construction."""
+    values = 10.0 * np.log10(TABLE.lookup(("Wheat", "Oats", "Corn", "Vegetables"), 1.25, "HH").sigma0[:, 40])
+    assert np.abs(np.subtract.outer(values, values))[np.triu_indices(4, 1)].min() > 1.0
+
+
+def test_notes_tell_every_assumption() -> None:
+    found = TABLE.lookup(["Wheat", "Trees", "Water", "Bareground"], 2.2, "HH", wind_m_s=4.0, soil_moisture=0.35)
+    text = "\n".join(found.notes)
+    for words in (
+        "Wheat: 2.2 GHz interpolated between 1.25 and 3 GHz (rms error 1.2 dB)",
+        "assumed_offset_frequency",
+        "Trees: albedo 0.28 at 1.25 GHz (assumed)",
+        "Water: wind 4 m/s",
+        "Bareground: soil moisture 0.35 against 0.2 by Oh 2004, held at 0.291",
+        "Wheat HH: field sd 1.37 dB (computed: flevoland), date sd 1.00 dB (assumed",
+        "correlation of the field-to-field draws of two channels: 0.6 (assumed)",
+    ):
+        assert words in text
+    assert found.table_sd_db == pytest.approx([1.2] * 4)
+    assert any(line.startswith("flevoland: AIRSAR") for line in found.citations)
+    assert "ulaby_dobson.csv:4 (public_code_refit)" in found.rows
+
+
+def test_status_is_the_weakest() -> None:
+    assert TABLE.lookup(["Bareground", "Wheat", "Corn"], 1.25, "HH").status == (
+        "public_code_refit",
+        "computed",
+        "assumed",
+    )
+    assert TABLE.lookup(["Bareground"], 1.25, "HH", soil_moisture=0.1).status == ("assumed",)
+    assert TABLE.lookup(["Wheat", "Scrub"], 5.4, "HH").status == ("assumed", "public_code")
+    assert TABLE.lookup(["Scrub"], 9.0, "HH").status == ("assumed",)
+
+
+@pytest.mark.parametrize("channel", POLARIZATIONS)
+def test_frequency_interpolation_is_linear_in_db_over_log_frequency(channel: str) -> None:
+    low, middle, high = (
+        np.log(TABLE.lookup(["Wheat"], f, channel).sigma0[0, :75]) for f in (1.25, np.sqrt(1.25 * 3.0), 3.0)
+    )
+    assert middle == pytest.approx(0.5 * (low + high), abs=1e-9)
+    shrubs = [np.log(TABLE.lookup(["Scrub"], f, channel).sigma0[0, :75]) for f in (1.25, np.sqrt(1.25 * 5.4), 5.4)]
+    assert shrubs[1] == pytest.approx(0.5 * (shrubs[0] + shrubs[2]), abs=1e-9)  # no S band
+
+
+def test_wind_interpolation() -> None:
+    three, four, five = (np.log(TABLE.lookup(["Water"], 5.4, "VV", wind_m_s=w).sigma0[0, :75]) for w in (3, 4, 5))
+    assert four == pytest.approx(0.5 * (three + five), abs=1e-9)
+
+
+def test_lookup_is_continuous_at_nodes_and_ends() -> None:
+    for f in (1.25, 3.0, 5.4):
+        beside = [10.0 * np.log10(TABLE.lookup(FOURTEEN, f * s, "HV").sigma0[:, 40]) for s in (0.995, 1.0, 1.005)]
+        assert np.abs(np.diff(beside, axis=0)).max() < 0.15
+
+
+def test_extrapolation_reaches_one_octave_and_is_flagged() -> None:
+    found = TABLE.lookup(["Wheat"], 10.8, "HH")
+    assert any("10.8 GHz extrapolated beyond the node at 5.4 GHz (assumed)" in note for note in found.notes)
+    assert found.table_sd_db[0] > 1.2
+    assert TABLE.frequency_range_ghz(["Wheat", "Water"]) == pytest.approx((0.625, 10.8))
+    with pytest.raises(ScatteringDataError, match=r"sigma0 of Wheat is known at 1.25 to 5.4 GHz.*0.625 to 10.8 GHz"):
+        TABLE.lookup(["Wheat"], 10.9, "HH")
+    with pytest.raises(ScatteringDataError, match="frequency"):
+        TABLE.lookup(["Wheat"], 0.6, "HH")
+
+
+def test_extrapolated_values(tmp_path: Path) -> None:
+    """Table of -20, -14, -12 dB at 1, 2, 4 GHz: first slope 6 dB/octave below, half of the line's 4 above."""
+    levels = {1.0: -20.0, 2.0: -14.0, 4.0: -12.0}
+    path = tmp_path / "own.csv"
+    rows = [
+        f"sigma0,Wheat,{f},{p},,{t},{v - 0.1 * t},,dB,measured,me\n"
+        for f, v in levels.items()
+        for p in POLARIZATIONS
+        for t in (60, 0, 30)  # out of order
+    ]
+    path.write_text(HEADER + "".join(rows), encoding="utf-8")
+    table = load_sigma0_table(path)
+    for frequency, level in ((0.5, -26.0), (8.0, -10.0), (1.0, -20.0), (np.sqrt(8.0), -13.0)):
+        found = 10.0 * np.log10(table.lookup(["Wheat"], frequency, "VV").sigma0[0])
+        assert found[[0, 15, 30, 45]] == pytest.approx([level, level - 1.5, level - 3.0, level - 4.5])
+
+
+def test_errors_name_what_is_missing() -> None:
+    with pytest.raises(
+        ScatteringDataError, match=r"no backscatter of Wheat in this season.*winter.*It has: spring_summer"
+    ):
+        TABLE.lookup(["Wheat"], 3.0, "HH", season="winter")
+    with pytest.raises(ScatteringDataError, match=r"winds of 2 to 10 m/s.*12"):
+        TABLE.lookup(["Water"], 3.0, "HH", wind_m_s=12.0)
+    with pytest.raises(ScatteringDataError, match="soil moisture lies between"):
+        TABLE.lookup(["Bareground"], 3.0, "HH", soil_moisture=20.0)
+    with pytest.raises(ScatteringDataError, match=r"no such polarization.*HH, HV, VV"):
+        TABLE.lookup(["Wheat"], 3.0, "RR")
+    with pytest.raises(ScatteringDataError) as caught:
+        TABLE.lookup(["Rice", "Wheat", "Tundra"], 30.0, "HH")
+    assert len(caught.value.problems) == 3
+
+
+def test_vh_is_hv_and_repeats_are_allowed() -> None:
+    found = TABLE.lookup(["Wheat", "Wheat"], 3.0, "VH")
+    np.testing.assert_array_equal(found.sigma0[0], TABLE.lookup(["Wheat"], 3.0, "HV").sigma0[0])
+    np.testing.assert_array_equal(found.sigma0[0], found.sigma0[1])
+
+
+def test_lookup_is_fast_and_the_table_is_read_once() -> None:
+    assert load_sigma0_table() is TABLE
+    best = np.inf
+    for _ in range(5):
+        start = time.perf_counter()
+        TABLE.lookup(TABLE.categories, 2.2, "HH", soil_moisture=0.1)
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.02
+
+
+def own_rows(category: str = "Wheat", channels: tuple[str, ...] = POLARIZATIONS, unit: str = "dB") -> str:
+    value = {"dB": "-10", "1": "0.1"}[unit]
+    return "".join(
+        f"sigma0,{category},{f},{p},,{t},{value},1.5,{unit},measured,flight 7\n"
+        for f in (5.0, 10.0)
+        for p in channels
+        for t in (20, 60)
+    )
+
+
+@pytest.mark.parametrize("unit", ["dB", "1"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_user_table(tmp_path: Path, unit: str, mark: str) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(mark + "# mine\n" + HEADER + own_rows(unit=unit) + own_rows("Rice"), encoding="utf-8")
+    table = load_sigma0_table(path)
+    found = table.lookup(["Wheat", "Rice", "Trees"], 7.0, "HV")
+    assert found.sigma0[0, 40] == pytest.approx(0.1)
+    assert found.field_sd_db[:2] == pytest.approx([1.5, 1.5])
+    assert found.status[0] == "measured"
+    assert "own.csv:3 (measured)" in found.rows
+    np.testing.assert_array_equal(found.sigma0[2], TABLE.lookup(["Trees"], 7.0, "HV").sigma0[0])
+    with pytest.raises(ScatteringDataError, match="known at 5 to 10 GHz"):
+        table.lookup(["Wheat"], 1.25, "HH")
+
+
+@pytest.mark.parametrize(
+    ("bad", "place"),
+    [
+        ("sigma0,Wheat,abc,HH,,20,-10,,dB,measured,me", r"own\.csv:2: frequency_ghz: not a number.*'abc'"),
+        ("sigma0,Wheat,5,RL,,20,-10,,dB,measured,me", r"own\.csv:2: polarization: unknown"),
+        ("sigma0,Wheat,5,HH,,99,-10,,dB,measured,me", r"own\.csv:2: theta_deg"),
+        ("sigma0,Wheat,5,HH,,20,nan,,dB,measured,me", r"own\.csv:2: value"),
+        ("sigma0,Wheat,5,HH,,20,-10,,1,measured,me", r"own\.csv:2: value: not a number from 1e-10"),
+        ("sigma0,Wheat,5,HH,,20,-10,,,measured,me", r"own\.csv:2: unit"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,,me", r"own\.csv:2: status: unknown or missing"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,recalled,me", r"own\.csv:2: status"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,", r"own\.csv:2: source: empty"),
+        ("sigma0,,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: category: empty"),
+        ("emissivity,Wheat,5,HH,,20,-10,,dB,measured,me", r"own\.csv:2: quantity"),
+        ("sigma0,Wheat,5,HH,monsoon,20,-10,,dB,measured,me", r"own\.csv:2: season"),
+        ("sigma0,Wheat,5,HH,,20,-10,-1,dB,measured,me", r"own\.csv:2: sd"),
+        ("sigma0,Wheat,5,HH,,20", r"own\.csv:2: 6 cells, the header has 11"),
+        ("sigma0,Wheat,5,HH,,20,-10,,dB,measured,me", r"1 incidence angles, at least 2"),
+        ('sigma0,"Wheat,5,HH,,20,-10,,dB,measured,me', r"own\.csv:2: not a CSV line"),
+    ],
+)
+def test_bad_user_rows(tmp_path: Path, bad: str, place: str) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(HEADER + bad + "\n", encoding="utf-8")
+    with pytest.raises(ScatteringDataError, match=place):
+        load_sigma0_table(path)
+
+
+def test_all_bad_rows_at_once_and_duplicates(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(HEADER + own_rows() + own_rows(), encoding="utf-8")
+    with pytest.raises(ScatteringDataError, match="the angle is given twice") as caught:
+        load_sigma0_table(path)
+    assert len(caught.value.problems) == 24
+
+
+def test_bad_files(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    with pytest.raises(ScatteringDataError, match="cannot read the table"):
+        load_sigma0_table(path)
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(ScatteringDataError, match="the column is missing") as caught:
+        load_sigma0_table(path)
+    assert any("no such column" in str(p) for p in caught.value.problems)
+    path.write_text("")
+    with pytest.raises(ScatteringDataError, match="empty"):
+        load_sigma0_table(path)
+    path.write_text(HEADER)
+    with pytest.raises(ScatteringDataError, match="no rows"):
+        load_sigma0_table(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScatteringDataError, match="UTF-8"):
+        load_sigma0_table(path)
+
+
+def test_missing_channel_of_a_user_table(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(HEADER + own_rows(channels=("HH",)), encoding="utf-8")
+    table = load_sigma0_table(path)
+    assert table.lookup(["Wheat"], 5.0, "HH").sigma0[0, 30] == pytest.approx(0.1)
+    with pytest.raises(ScatteringDataError, match="no HV of Wheat"):
+        table.lookup(["Wheat"], 5.0, "HV")

@@ -1,0 +1,149 @@
+"""Fields, terrain, synthetic scenes and statistics against closed forms and scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from seqrsm.errors import SceneError
+from seqrsm.scene.fields import (
+    _mix,
+    connected_patches,
+    draw_index,
+    hash_uniform,
+    rectangle_labels,
+    voronoi_labels,
+)
+from seqrsm.scene.scene import Scene
+from seqrsm.scene.statistics import scene_statistics
+from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.terrain import fractal_terrain, rms_slope, slopes
+
+
+def test_hash_is_splitmix64() -> None:
+    """First outputs of splitmix64 seeded with 1234567, as published with the reference code."""
+    golden = 0x9E3779B97F4A7C15
+    state = np.array([(1234567 + i * golden) % 2**64 for i in (1, 2, 3)], dtype=np.uint64)
+    assert _mix(state).tolist() == [6457827717110365317, 3203168211198807973, 9817491932198370423]
+
+
+def test_hash_uniform_is_uniform_and_seeded() -> None:
+    draws = hash_uniform(np.arange(100_000), seed=5)
+    count = np.histogram(draws, bins=100, range=(0.0, 1.0))[0]
+    assert np.sum((count - 1000.0) ** 2 / 1000.0) < 149.0  # chi-square with 99 degrees of freedom, p = 0.001
+    assert abs(np.corrcoef(draws, hash_uniform(np.arange(100_000), seed=6))[0, 1]) < 0.01
+    assert abs(np.corrcoef(draws[1:], draws[:-1])[0, 1]) < 0.01
+    np.testing.assert_array_equal(draws[[7, 3]], hash_uniform([7, 3], seed=5))
+
+
+def test_voronoi_is_the_nearest_centre() -> None:
+    label = voronoi_labels(60, 83, 9, seed=2)
+    n_cols = -(-83 // 9) + 4
+    number = np.arange((-(-60 // 9) + 4) * n_cols)
+    row = (number // n_cols - 2) * 9 + np.floor(hash_uniform(2 * number, 2) * 9)
+    col = (number % n_cols - 2) * 9 + np.floor(hash_uniform(2 * number + 1, 2) * 9)
+    centre = np.column_stack([row, col])
+    cell = np.argwhere(np.ones((60, 83), bool))
+    nearest = cKDTree(centre).query(cell)[0]
+    got = np.hypot(*(cell - centre[label.ravel()]).T)
+    np.testing.assert_allclose(got, nearest)
+
+
+def test_patches_are_the_connected_components() -> None:
+    key = (hash_uniform(np.arange(40 * 50), 1).reshape(40, 50) * 3).astype(int)
+    patch = connected_patches(key)
+    number = 0
+    for value in range(3):
+        label, n = ndimage.label(key == value)
+        number += n
+        for i in range(1, n + 1):
+            assert np.unique(patch[label == i]).size == 1
+    assert patch.max() + 1 == number
+    first = np.unique(patch, return_index=True)[1]
+    assert np.all(np.diff(first) > 0)
+
+
+def test_rectangles() -> None:
+    label = rectangle_labels(5, 7, 2, 3)
+    assert label.max() + 1 == 9
+    assert np.all(label[:2, :3] == 0)
+    assert label[4, 6] == 8
+
+
+def test_draws_follow_shares() -> None:
+    index = draw_index(np.arange(50_000), [3.0, 0.0, 1.0], seed=9)
+    count = np.bincount(index, minlength=3)
+    assert count[1] == 0
+    assert count[0] / 50_000 == pytest.approx(0.75, abs=4.0 * np.sqrt(0.75 * 0.25 / 50_000))
+
+
+def test_slopes_of_a_plane() -> None:
+    north, east = np.mgrid[0:6, 0:8] * 5.0
+    got_east, got_north = slopes((0.3 * east - 0.1 * north).astype(np.float32), 5.0)
+    assert got_east == pytest.approx(np.full((6, 8), 0.3), abs=1e-6)
+    assert got_north == pytest.approx(np.full((6, 8), 0.1), abs=1e-6)  # row 0 is north: rows go south
+    assert rms_slope(0.3 * east - 0.1 * north, 5.0) == pytest.approx(np.sqrt(0.05))
+
+
+def test_terrain_relief_slope_and_seed() -> None:
+    terrain = fractal_terrain(120, 90, 5.0, relief_m=40.0, rms_slope=0.12, seed=1)
+    assert np.ptp(terrain) == pytest.approx(40.0)
+    assert terrain.min() == 0.0
+    assert rms_slope(terrain, 5.0) == pytest.approx(0.12, rel=1e-3)
+    np.testing.assert_array_equal(terrain, fractal_terrain(120, 90, 5.0, relief_m=40.0, rms_slope=0.12, seed=1))
+    assert not np.array_equal(terrain, fractal_terrain(120, 90, 5.0, relief_m=40.0, rms_slope=0.12, seed=2))
+    assert not fractal_terrain(5, 5, 1.0, relief_m=0.0, seed=0).any()
+
+
+@pytest.mark.parametrize("exponent", [2.5, 3.5])
+def test_terrain_spectrum(exponent: float) -> None:
+    """Increments of a surface with spectrum k^-b grow as distance^((b-2)/2): the structure function."""
+    lag = np.array([4, 8, 16])
+    slope = []
+    for seed in range(12):
+        terrain = fractal_terrain(512, 512, 1.0, relief_m=1.0, exponent=exponent, seed=seed)
+        structure = [np.mean((terrain[:, n:] - terrain[:, :-n]) ** 2) for n in lag]
+        slope.append(np.polyfit(np.log(lag), np.log(structure), 1)[0])
+    assert np.mean(slope) == pytest.approx(exponent - 2.0, abs=0.15)
+
+
+def test_impossible_terrain() -> None:
+    with pytest.raises(SceneError, match="allows rms slopes of"):
+        fractal_terrain(30, 30, 5.0, relief_m=1.0, rms_slope=3.0, seed=0)
+    with pytest.raises(SceneError, match="no terrain of"):
+        fractal_terrain(30, 30, 5.0, relief_m=-1.0, seed=0)
+
+
+@pytest.mark.parametrize("layout", ["voronoi", "rectangles"])
+def test_synthetic_scene(layout: str) -> None:
+    scene = synthetic_scene(
+        200, 300, 5.0, categories=["Wheat", "Corn", "Water"], shares=[2, 1, 1], field_m=100.0, layout=layout,
+        relief_m=30.0, rms_slope=0.05, base_m=100.0, seed=4,
+    )  # fmt: skip
+    found = scene_statistics(scene)
+    assert (found.low_m, found.high_m) == pytest.approx((100.0, 130.0), abs=1e-4)
+    assert found.rms_slope == pytest.approx(0.05, rel=0.01)
+    assert found.n_fields == pytest.approx(11 * 16, rel=0.2)  # pieces cut by the edges count
+    assert found.median_field_m2 == pytest.approx(1e4, rel=0.4)
+    assert found.category_fractions["Wheat"] == pytest.approx(0.5, abs=0.15)
+    assert found.scored_fraction == 1.0
+
+
+def test_boundary_density_of_a_checkerboard() -> None:
+    """Squares of side a have 2/a of boundary to an area; the isotropic rule counts pi/4 of a grid-aligned one."""
+    label = rectangle_labels(100, 100, 10, 10)
+    board = ((label // 10 + label) % 2).astype(np.uint8)
+    scene = Scene(
+        np.zeros((100, 100), np.float32), board, ("A", "B"), connected_patches(board), np.ones((100, 100), bool), 2.0
+    )
+    inner = 2.0 * 9 * 200.0 / 200.0**2
+    assert scene_statistics(scene).boundary_density_1_m == pytest.approx(np.pi / 4 * inner)
+
+
+def test_bad_synthetic_scenes() -> None:
+    with pytest.raises(SceneError, match="shares"):
+        synthetic_scene(10, 10, 5.0, categories=["A"], shares=[1.0, 2.0])
+    with pytest.raises(SceneError, match="field_m"):
+        synthetic_scene(10, 10, 5.0, categories=["A"], field_m=1.0)

@@ -1,0 +1,328 @@
+"""campaign.toml: every fault with its line, its place in words, and what would be right."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.errors import SpecError
+
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+GOOD = """\
+[campaign]
+name = "crop-radar"
+description = "..."
+seed = 1979
+
+[[factor]]
+name = "frequency"
+unit = "GHz"
+low = 1.2
+high = 17.0
+scale = "log"
+[[factor]]
+name = "looks"
+values = [1, 2, 4, 8, 16]
+scale = "log"
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV", "HH+HV"]
+[[factor]]
+name = "resolution"
+low = 10
+high = 100
+
+[[constraint]]
+expr = "looks <= 4 * (resolution / 12.1) ** 2"
+
+[[application]]
+name = "crop-classification"
+utility = "percent_correct"
+goal = "maximize"
+weight = 1.0
+
+[model]
+order = 2
+response = "logit"
+errors = "normal"
+block = "block"
+prior = { coefficient_sd = 10.0, noise_sd = 2.0, noise_runs = 3 }
+
+[simulator]
+engine = "psm"
+scene = "scene.npz"
+tolerance = 0.5
+[simulator.fixed]
+altitude_m = 3000.0
+aperture = "synthetic"
+
+[cost]
+simulation = 1.0
+flight = 250.0
+[stop]
+interval = "prediction"
+half_width = 4.0
+level = 0.95
+max_runs = 80
+[store]
+url = "postgresql+psycopg://host/name"
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def loader(text: str | bytes, scene: bool = True) -> CampaignSpec:
+        (tmp_path / SPEC_NAME).write_bytes(text if isinstance(text, bytes) else text.encode())
+        if scene:
+            (tmp_path / "scene.npz").write_bytes(b"")
+        return load_spec(tmp_path)
+
+    return loader
+
+
+def edit(old: str, new: str) -> str:
+    assert GOOD.count(old) == 1, old
+    return GOOD.replace(old, new)
+
+
+def problems(load, text, **options):
+    with pytest.raises(SpecError) as caught:
+        load(text, **options)
+    return caught.value.problems
+
+
+def test_the_contract_is_read(load, tmp_path):
+    spec = load(GOOD)
+    assert (spec.name, spec.seed, spec.batch, spec.folder) == ("crop-radar", 1979, 4, tmp_path)
+    assert spec.factors == (
+        ContinuousFactor("frequency", 1.2, 17.0, "GHz", "log"),
+        DiscreteFactor("looks", (1.0, 2.0, 4.0, 8.0, 16.0), "", "log"),
+        CategoricalFactor("polarization", ("HH", "VV", "HH+HV")),
+        ContinuousFactor("resolution", 10.0, 100.0, "m"),
+    )
+    assert spec.constraints[0].expr == "looks <= 4 * (resolution / 12.1) ** 2"
+    assert spec.to_region().names == ("frequency", "looks", "polarization", "resolution")
+    (application,) = spec.applications
+    assert (application.utility, application.goal, application.weight) == ("percent_correct", "maximize", 1.0)
+    assert application.is_percent
+    assert application.unit == "percent"
+    assert (spec.model.order, spec.model.response, spec.model.block) == (2, "logit", "block")
+    assert spec.model.prior.noise_runs == 3
+    assert (spec.simulator.engine, spec.simulator.tolerance) == ("psm", 0.5)
+    assert spec.simulator.fixed == {"altitude_m": 3000.0, "aperture": "synthetic"}
+    assert spec.scene_path == tmp_path / "scene.npz"
+    assert (spec.cost.simulation, spec.cost.flight) == (1.0, 250.0)
+    assert (spec.stop.half_width, spec.stop.interval, spec.stop.level, spec.stop.max_runs) == (
+        4,
+        "prediction",
+        0.95,
+        80,
+    )
+    assert (spec.stop.guard, spec.stop.replicates, spec.stop.confirmation_runs) == ("runs", 5, 5)
+    assert spec.stop.lack_of_fit_alpha == 0.05
+    assert spec.store_url == "postgresql+psycopg://host/name"
+    assert spec.application("crop-classification") is application
+
+
+def test_the_least_file_has_the_defaults(load):
+    spec = load(
+        '[campaign]\nname = "a"\n[[factor]]\nname = "x"\nlow = 0\nhigh = 1\n'
+        '[[application]]\nname = "b"\nutility = "my.module:function"\n[stop]\nhalf_width = 1\n'
+    )
+    assert spec.simulator is None
+    assert spec.scene_path is None
+    assert spec.store_url is None
+    assert spec.model.prior is None
+    assert (spec.model.order, spec.model.response, spec.model.errors, spec.model.block) == (
+        2,
+        "identity",
+        "normal",
+        None,
+    )
+    assert (spec.stop.interval, spec.stop.level, spec.stop.max_runs) == ("prediction", 0.95, 80)
+    assert (spec.cost.simulation, spec.cost.flight, spec.seed) == (1.0, 1.0, 0)
+    assert spec.applications[0].unit == ""
+
+
+def test_the_specification_cannot_be_changed(load):
+    spec = load(GOOD)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        spec.name = "other"  # type: ignore[misc]
+    with pytest.raises(ValueError, match="frozen"):
+        spec.stop.level = 0.5
+
+
+def test_mark_and_line_ends_of_other_editors(load):
+    spec = load(GOOD)
+    assert load("\ufeff" + GOOD).spec_hash == spec.spec_hash
+    assert load(GOOD.replace("\n", "\r\n")).spec_hash == spec.spec_hash
+
+
+def test_hash_is_of_the_content(load):
+    spec = load(GOOD)
+    assert load("# comment\n" + GOOD.replace("low = 1.2", "low   = 1.20")).spec_hash == spec.spec_hash
+    assert load(GOOD.replace('scale = "log"\n[[factor]]\nname = "looks"', '[[factor]]\nname = "looks"')).spec_hash != (
+        spec.spec_hash
+    )
+    assert load(edit('url = "postgresql+psycopg://host/name"', "")).spec_hash == spec.spec_hash
+    for old, new in [("seed = 1979", "seed = 1980"), ("altitude_m = 3000.0", "altitude_m = 3001.0")]:
+        assert load(edit(old, new)).spec_hash != spec.spec_hash
+
+
+FAULTS = [
+    # old, new, text of the offending line, field, part of message or remedy
+    ("seed = 1979", "sead = 1979", "sead = 1979", "[campaign] sead", "Did you mean 'seed'"),
+    ("seed = 1979", "seed = -1", "seed = -1", "[campaign] seed", "greater than or equal to 0"),
+    ("seed = 1979", "seed = 1.5", "seed = 1.5", "[campaign] seed", "whole number"),
+    ("seed = 1979", "seed = true", "seed = true", "[campaign] seed", "whole number"),
+    ("seed = 1979", "batch = 0", "batch = 0", "[campaign] batch", "greater than or equal to 1"),
+    ('name = "crop-radar"\n', "", "[campaign]", "[campaign] name", "missing"),
+    ('"crop-radar"', '"a/b"', 'name = "a/b"', "[campaign] name", "letters, digits"),
+    ('"crop-radar"', "3", "name = 3", "[campaign] name", "quotes"),
+    ('unit = "GHz"', 'unit = "MHz"', 'unit = "MHz"', "factor 'frequency': unit", 'unit = "GHz"'),
+    ("low = 1.2", "low = 18.0", "low = 18.0", "factor 'frequency': low", "below"),
+    ("low = 1.2", "low = 17.0", "low = 17.0", "factor 'frequency': low", "below"),
+    ("low = 1.2", "low = 0.0", "low = 0.0", "factor 'frequency': low", "positive"),
+    ("low = 1.2", "low = nan", "low = nan", "factor 'frequency': low", "finite"),
+    ("low = 1.2", 'low = "1.2"', 'low = "1.2"', "factor 'frequency': low", "without quotes"),
+    ("low = 1.2\n", "", "[[factor]]", "factor 'frequency'", "low and high"),
+    ("low = 1.2\n", "low = 1.2\nvalues = [1]\n", "[[factor]]", "factor 'frequency'", "low and high"),
+    ("low = 1.2", "colour = 1.2\nlow = 1.2", "colour = 1.2", "factor 'frequency': colour", "not a known key"),
+    ('name = "frequency"', 'name = "freqency"', 'name = "freqency"', "factor 'freqency': name", "'frequency'"),
+    ('name = "frequency"', 'name = "score"', 'name = "score"', "factor 'score': name", "scores file"),
+    ('name = "resolution"', 'name = "looks"', 'name = "looks"', "factor 'looks': name", "two tables"),
+    ("[1, 2, 4, 8, 16]", "[1, 2, 2]", "values = [1, 2, 2]", "factor 'looks': values", "twice"),
+    ("[1, 2, 4, 8, 16]", "[4]", "values = [4]", "factor 'looks': values", "at least two"),
+    ("[1, 2, 4, 8, 16]", "4", "values = 4", "factor 'looks': values", "square brackets"),
+    ("[1, 2, 4, 8, 16]", '[1,\n "2"]', ' "2"]', "factor 'looks': values no. 2", "without quotes"),
+    ("[1, 2, 4, 8, 16]", "[0, 1]", "values = [0, 1]", "factor 'looks': values", "positive"),
+    (
+        '["HH", "VV", "HH+HV"]',
+        '["HH", "HX"]',
+        'levels = ["HH", "HX"]',
+        "factor 'polarization': levels no. 2",
+        "HH, HV, VV",
+    ),
+    ('["HH", "VV", "HH+HV"]', '["HH", "HV+HV"]', 'levels = ["HH", "HV+HV"]', "levels no. 2", "HH, HV, VV"),
+    ('["HH", "VV", "HH+HV"]', '["HV+HH", "HH+HV"]', 'levels = ["HV+HH", "HH+HV"]', "levels no. 2", "same set"),
+    ('["HH", "VV", "HH+HV"]', '["HH", "HH"]', 'levels = ["HH", "HH"]', "factor 'polarization': levels", "twice"),
+    ('levels = ["HH", "VV", "HH+HV"]', "low = 0\nhigh = 1", "[[factor]]", "factor 'polarization'", "levels"),
+    ("looks <= 4", "looks <=> 4", 'expr = "looks <=> 4', "constraint no. 1: expr", "no expression"),
+    ("looks <= 4", "lucks <= 4", 'expr = "lucks <= 4', "constraint no. 1: expr", "no factor"),
+    ("looks <= 4", "__import__('os') <= 4", "expr =", "constraint no. 1: expr", "Allowed are"),
+    ("looks <= 4 * (resolution / 12.1) ** 2", "looks <= 0", "expr =", "constraint no. 1: expr", "no setting"),
+    (
+        '"percent_correct"',
+        '"percent_corect"',
+        "utility =",
+        "application 'crop-classification': utility",
+        "percent_correct",
+    ),
+    ('"maximize"', '"maximise"', "goal =", "application 'crop-classification': goal", 'Did you mean "maximize"'),
+    ("weight = 1.0", "weight = 0", "weight = 0", "application 'crop-classification': weight", "greater than 0"),
+    ("order = 2", "order = 3", "order = 3", "[model] order", "1 or 2"),
+    ("noise_sd = 2.0", "noise_sd = 0", "prior = {", "[model] prior.noise_sd", "greater than 0"),
+    ("noise_sd = 2.0, ", "", "prior = {", "[model] prior.noise_sd", "missing"),
+    ('"scene.npz"', '"absent.npz"', 'scene = "absent.npz"', "[simulator] scene", "no such file"),
+    ('engine = "psm"', 'engine = "pms"', 'engine = "pms"', "[simulator] engine", 'Did you mean "psm"'),
+    ("altitude_m = 3000.0", "altitude_m = true", "altitude_m = true", "[simulator] fixed.altitude_m", "number"),
+    ("altitude_m = 3000.0", "looks = 4", "looks = 4", "[simulator] fixed.looks", "at once"),
+    ("altitude_m = 3000.0", "resolution_m = 4", "resolution_m = 4", "[simulator] fixed.resolution_m", "at once"),
+    ("tolerance = 0.5", "tolerance = inf", "tolerance = inf", "[simulator] tolerance", "finite"),
+    ("flight = 250.0", "flight = -250.0", "flight = -250.0", "[cost] flight", "greater than 0"),
+    ("half_width = 4.0", "half_width = 0", "half_width = 0", "[stop] half_width", "greater than 0"),
+    ("half_width = 4.0\n", "", "[stop]", "[stop] half_width", "missing"),
+    ("level = 0.95", "level = 95", "level = 95", "[stop] level", "less than 1"),
+    ("level = 0.95", "level = 0", "level = 0", "[stop] level", "greater than 0"),
+    ("max_runs = 80", "max_runs = 0", "max_runs = 0", "[stop] max_runs", "equal to 1"),
+    ("max_runs = 80", "max_run = 80", "max_run = 80", "[stop] max_run", "'max_runs'"),
+    ('"prediction"', '"predicton"', "interval =", "[stop] interval", 'Did you mean "prediction"'),
+    ("max_runs = 80", "confirmation_runs = 1", "confirmation_runs = 1", "[stop] confirmation_runs", "equal to 2"),
+    ('"postgresql+psycopg://host/name"', '"mysql://x"', "url =", "[store] url", "postgresql+psycopg"),
+    ("[cost]", "[costs]", "[costs]", "[costs]", "'cost'"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "line", "field", "says"), FAULTS)
+def test_one_fault(load, old, new, line, field, says):
+    text = edit(old, new)
+    (problem,) = problems(load, text)
+    assert line in text.splitlines()[problem.line - 1]
+    assert problem.field.endswith(field)
+    assert says in f"{problem.message}. {problem.remedy}"
+    assert Path(problem.file).name == SPEC_NAME
+
+
+def test_all_faults_at_once_in_order(load):
+    text = GOOD
+    for old, new in [
+        ("seed = 1979", "sead = 1979"),
+        ('unit = "GHz"', 'unit = "MHz"'),
+        ("high = 17.0", 'high = "17.0"'),
+        ("looks <= 4", "looks <=> 4"),
+        ('"maximize"', '"maximise"'),
+        ('"scene.npz"', '"absent.npz"'),
+        ("half_width = 4.0", "half_width = -4.0"),
+        ("[cost]", "[costs]"),
+    ]:
+        text = text.replace(old, new)
+    found = problems(load, text)
+    assert len(found) == 8
+    assert [p.line for p in found] == sorted(p.line for p in found)
+
+
+def test_applications_need_different_names(load):
+    second = '[[application]]\nname = "crop-classification"\nutility = "rank"\n'
+    (problem,) = problems(load, GOOD + second)
+    assert problem.field == "application 'crop-classification': name"
+    assert problem.line == GOOD.count("\n") + 2
+
+
+@pytest.mark.parametrize("table", ["campaign", "factor", "application", "stop"])
+def test_tables_that_must_be_there(load, table):
+    chunks = re.split(r"(?m)^(?=\[)", GOOD)
+    found = problems(load, "".join(chunk for chunk in chunks if not chunk.lstrip("[").startswith(table)))
+    assert f"[{table}]" in {p.field for p in found}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        (b"a = 1\nb = \xff\n", 2, "UTF-8"),
+        ("a = 1\nb = 'x'\nb = 2\n", 3, "TOML"),
+        ("a = 1\n\n[x\n", 3, "TOML"),
+        ("a = ", 1, "TOML"),
+        ("", 1, "no [campaign]"),
+        ("campaign = 3", 1, "table"),
+        ('factor = "x"', 1, "double brackets"),
+        ("[factor]\nname = 'x'", 1, "double brackets"),
+        ("factor = []", 1, "empty"),
+        ("factor = [1]", 1, "table"),
+    ],
+)
+def test_broken_files(load, text, line, says):
+    found = problems(load, text)
+    assert any(p.line == line and says in str(p) for p in found)
+
+
+def test_missing_file(tmp_path):
+    for place in (tmp_path, tmp_path / "absent", tmp_path / SPEC_NAME):
+        with pytest.raises(SpecError, match="no such file") as caught:
+            load_spec(place)
+        assert "seqrsm init" in str(caught.value)
+
+
+def test_without_a_simulator_names_and_levels_are_free(load):
+    text = GOOD[: GOOD.index("[simulator]")] + "[stop]\nhalf_width = 1\n"
+    spec = load(text.replace('"HH+HV"', '"FULLPOL"').replace('"frequency"\nunit = "GHz"', '"speed"\nunit = "m/s"'))
+    assert spec.factors[2].levels == ("HH", "VV", "FULLPOL")
+
+
+@pytest.mark.parametrize("path", sorted(CAMPAIGNS.glob("*/campaign.toml")), ids=lambda path: path.parent.name)
+def test_example_campaigns_are_valid(path):
+    assert load_spec(path).description

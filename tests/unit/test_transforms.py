@@ -1,0 +1,69 @@
+"""Logit of percent scores: definitions, ends, and the delta method against Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seqrsm.errors import FitError
+from seqrsm.fit.intervals import Interval
+from seqrsm.fit.transforms import interval_to_percent, logit_scores, logit_to_percent, logit_variance, mean_percent
+
+
+def test_there_and_back() -> None:
+    y = np.array([0.25, 1.0, 37.5, 50.0, 92.0, 99.75])
+    np.testing.assert_allclose(logit_to_percent(logit_scores(y).value), y, rtol=1e-13)
+    low, high = interval_to_percent(Interval(np.array([0.0]), np.array([np.log(3.0)]))).low, 75.0
+    assert low[0] == pytest.approx(50.0)
+    assert logit_to_percent(np.array([np.log(3.0)]))[0] == pytest.approx(high)
+
+
+def test_counts_give_the_empirical_logit() -> None:
+    scores = logit_scores(np.array([0.0, 100.0, 80.0]), counts=np.array([10.0, 10.0, 50.0]))
+    np.testing.assert_allclose(scores.value, np.log([0.5 / 10.5, 10.5 / 0.5, 40.5 / 10.5]), rtol=1e-14)
+    variance = np.array([1 / 0.5 + 1 / 10.5, 1 / 0.5 + 1 / 10.5, 1 / 40.5 + 1 / 10.5])
+    np.testing.assert_allclose(scores.variance_unit / scores.weight, variance, rtol=1e-13)
+    assert scores.weight.mean() == pytest.approx(1.0)
+
+
+def test_ends_without_counts_are_finite_and_light() -> None:
+    scores = logit_scores(np.array([0.0, 50.0, 100.0]))
+    assert np.isfinite(scores.value).all()
+    np.testing.assert_allclose(scores.value[[0, 2]], np.log([0.0025 / 0.9975, 0.9975 / 0.0025]), rtol=1e-12)
+    assert scores.weight[0] < 1e-3 * scores.weight[1]
+
+
+def test_known_and_unknown_precision_mix() -> None:
+    y = np.array([60.0, 60.0, 60.0, 60.0])
+    counts = np.array([np.nan, 100.0, np.nan, np.nan])
+    se = np.array([2.0, 1.0, 4.0, np.nan])
+    scores = logit_scores(y, counts=counts, se_percent=se)
+    variance = scores.variance_unit / scores.weight
+    np.testing.assert_allclose(variance[[0, 2, 3]], (np.array([2.0, 4.0, 2.0]) / 100 / 0.24) ** 2, rtol=1e-13)
+    assert variance[1] == pytest.approx(1 / 60.5 + 1 / 40.5, rel=1e-13)
+    assert logit_variance(np.array([60.0]), se_percent=4.0)[0] == pytest.approx(variance[2], rel=1e-13)
+    assert logit_variance(np.array([60.0]), count=100.0)[0] == pytest.approx(variance[1], rel=1e-13)
+
+
+@pytest.mark.parametrize("p", [0.2, 0.5, 0.9])
+def test_variances_against_monte_carlo(p: float) -> None:
+    rng = np.random.default_rng(0)
+    correct = rng.binomial(400, p, 200_000)
+    logits = np.log((correct + 0.5) / (400 - correct + 0.5))
+    predicted = logit_variance(np.array([100 * p]), count=400.0)[0]
+    assert np.var(logits) == pytest.approx(predicted, rel=0.03)  # second-order term about 1 / (m p (1 - p))
+    noisy = 100 * p + rng.normal(0, 1.0, 200_000)
+    assert np.var(logit_scores(noisy).value) == pytest.approx(logit_variance(np.array([100 * p]))[0], rel=0.06)
+
+
+def test_mean_of_a_logit_normal() -> None:
+    z = np.random.default_rng(1).normal(size=400_000)
+    for mu in (-3.0, 0.0, 1.0, 2.5):
+        for sd in (0.1, 0.5, 1.0, 2.0):
+            exact = float(np.mean(logit_to_percent(mu + sd * z)))
+            assert mean_percent(np.array([mu]), np.array([sd]))[0] == pytest.approx(exact, abs=1.0)
+
+
+def test_scores_outside_the_scale_are_named() -> None:
+    with pytest.raises(FitError, match="run 2, 3 "):
+        logit_scores(np.array([50.0, 101.0, np.nan]))

@@ -1,0 +1,64 @@
+"""Conversions against exact values, constants against scipy's CODATA table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.constants
+
+from seqrsm import constants, units
+from seqrsm.errors import ConfigurationError
+
+
+def test_constants_match_codata() -> None:
+    assert scipy.constants.c == constants.SPEED_OF_LIGHT_M_S
+    assert scipy.constants.k == constants.BOLTZMANN_J_K
+    assert scipy.constants.h == constants.PLANCK_J_S
+    assert constants.wavelength_m(1.25e9) == pytest.approx(0.2398339664)
+    assert constants.wavenumber_rad_m(1e9) * constants.wavelength_m(1e9) == pytest.approx(2.0 * np.pi)
+
+
+def test_decibels() -> None:
+    assert units.db_to_linear(20.0) == pytest.approx(100.0, rel=1e-14)
+    assert units.linear_to_db(0.5) == pytest.approx(-3.010299956639812)
+    assert units.linear_to_db(0.0) == -np.inf
+    assert np.isnan(units.linear_to_db(-1.0))
+    values = np.linspace(-60.0, 60.0, 25)
+    assert units.linear_to_db(units.db_to_linear(values)) == pytest.approx(values, abs=1e-12)
+    assert isinstance(units.db_to_linear(3.0), float)
+
+
+def test_angles_and_frequencies() -> None:
+    assert units.deg_to_rad(180.0) == pytest.approx(np.pi)
+    assert units.rad_to_deg(np.pi / 4) == pytest.approx(45.0)
+    assert units.ghz_to_hz(1.25) == 1.25e9
+    assert units.hz_to_ghz(9.6e9) == pytest.approx(9.6)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "unit", "expected"),
+    [
+        ("frequency", 9600.0, "MHz", 9.6),
+        ("frequency", 9.6, "", 9.6),
+        ("resolution", 0.025, "km", 25.0),
+        ("bandwidth", 500.0, "kHz", 0.5),
+        ("peak_power", 2.5, "kW", 2500.0),
+        ("depression_angle", np.pi / 4, "rad", 45.0),
+        ("integration_time", 0.1, "s", 100.0),
+        ("looks", 4.0, "", 4.0),
+    ],
+)
+def test_parameter_units(parameter: str, value: float, unit: str, expected: float) -> None:
+    assert units.to_parameter_unit(parameter, value, unit) == pytest.approx(expected)
+
+
+def test_parameter_units_refuse() -> None:
+    with pytest.raises(ConfigurationError, match="no such sensor parameter"):
+        units.to_parameter_unit("colour", 1.0)
+    with pytest.raises(ConfigurationError, match="Accepted: GHz, MHz, Hz"):
+        units.to_parameter_unit("frequency", 1.0, "m")
+
+
+def test_all_ten_names_of_table_1() -> None:
+    """Seven radar and seven radiometer parameters share four names."""
+    assert len(units.PARAMETER_UNITS) == 10
