@@ -94,7 +94,7 @@ def summary(entries: Iterable[Entry]) -> tuple[Statement, ...]:
             if printed:
                 key = (parameter, entry.system, printed, _read_as(entry, parameter))
                 tables, applications = found.setdefault(key, ([], []))
-                tables += [entry.table] if entry.table in tables else [entry.table]
+                tables += [] if entry.table in tables else [entry.table]
                 applications += [] if entry.name in applications else [entry.name]
     statements = [
         Statement(*key, tuple(sorted(tables, key=_place)), tuple(applications))

@@ -82,14 +82,18 @@ def test_application_before_category() -> None:
     in_name = ["water" in name for name in names]
     assert in_name == sorted(in_name, reverse=True)
     assert ("A.4", "Water Pollution/Quality") in found("water pollution")
-    assert all("water" in words_of(e.name) for e in entries_about("water pollution"))
+    # Surface Mapping stands under Mineral Resources and Geologic Applications: found, but not about geologic mapping
+    assert ("A.3", "Surface Mapping") in found("geologic mapping")
+    assert {e.name for e in entries_about("geologic mapping")} == {
+        "Geologic Mapping", "Regional Geologic Mapping", "Detailed Geologic Mapping",
+    }  # fmt: skip
     assert entries_about("oceanography wave") == search("oceanography wave") != ()
 
 
 def test_every_entry_is_found_by_its_own_name_and_none_never() -> None:
     everything = [e for e in CATALOG.entries if not e.is_none]
     assert set(search("")) == set(everything)
-    for entry in random.Random(1).sample(everything, 60):
+    for entry in random.Random(1).sample(everything, 40):
         assert entry in search(entry.name)
         assert entry in search(f"{entry.category} {entry.application}".upper(), system=entry.system)
     assert not any(e.is_none for e in search("none"))

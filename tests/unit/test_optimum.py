@@ -292,8 +292,9 @@ def test_constrained_draws_are_feasible_and_near_the_single_optimum() -> None:
     assert region.feasible(points).all()
     np.testing.assert_allclose(np.sum(model.matrix(points) * betas, axis=1), values, atol=1e-10)
     single = np.array([optimum(model, region, beta).value for beta in betas[:20]])
-    # the spread of the values is of the order of 1
-    assert np.max(single - values[:20]) < 2e-3
+    # the values spread over several units
+    assert np.max(single - values[:20]) < 2e-2
+    assert np.median(single - values[:20]) < 1e-4
     assert np.max(values[:20] - single) < 1e-7
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,11 @@ def draw(run_id: int) -> float:
 def fail_at_two(x: int) -> int:
     if x == 2:
         raise ValueError("two")
+    return x
+
+
+def sleep_unless_first(x: int) -> int:
+    time.sleep(0.0 if x == 0 else 60.0)
     return x
 
 
@@ -59,6 +66,15 @@ def test_serial_runs_are_lazy_and_can_be_left():
         if index == 1:
             break
     assert seen == [0, 1]
+
+
+def test_leaving_a_parallel_run_stops_its_workers():
+    start = time.monotonic()
+    for index, _ in run_many(sleep_unless_first, range(4), workers=2):
+        assert index == 0
+        break
+    assert time.monotonic() - start < 30.0
+    assert not multiprocessing.active_children()
 
 
 def test_no_workers_is_refused():
