@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 from seqrsm import __version__
 
 _PACKAGE = Path(__file__).parent
-_KERNEL_FILES = ("design/kernels.py", "simulate/kernels.py")
+_KERNEL_FILES = "*/kernels*.py"
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -25,10 +25,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 def cache_directory() -> Path:
     """Folder of the compiled kernels, unique to this version and content, writable or in the temporary folder."""
     digest = hashlib.sha256()
-    for name in _KERNEL_FILES:
-        path = _PACKAGE / name
-        if path.exists():
-            digest.update(path.read_bytes())
+    for path in sorted(_PACKAGE.glob(_KERNEL_FILES)):
+        digest.update(path.read_bytes())
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seqrsm"
     folder = root / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
     try:

@@ -64,35 +64,6 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     return tuple(texts)
 
 
-def write_form(path: Path | str, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
-    """Write the form that a flight crew fills in and `seqrsm ingest` reads.
-
-    Parameters
-    ----------
-    path : Path or str
-        A CSV file.
-    spec : CampaignSpec
-        Its factors and applications.
-    runs : sequence of RunRecord
-        One row for each run and application: proposed settings, the cells for scores empty.
-
-    Raises
-    ------
-    StoreError
-        The file cannot be written.
-    """
-    several = len(spec.applications) > 1
-    units = {factor.name: getattr(factor, "unit", "") for factor in spec.factors}
-    names = [f"{name} [{unit}]" if unit else name for name, unit in units.items()]
-    header = ["run_id", *(["application"] if several else []), *names, "score", "se", "block", "date", "note"]
-    rows: list[list[object]] = []
-    for run in runs:
-        settings = [run.proposed[name] for name in units]
-        for application in spec.applications:
-            rows.append([run.run_id, *([application.name] if several else []), *settings, "", "", run.block, "", ""])
-    _write(Path(path), _csv_text(header, rows))
-
-
 def _json_text(store: Store, spec: CampaignSpec) -> str:
     document = {
         "format": FORMAT,

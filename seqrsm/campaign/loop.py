@@ -27,7 +27,6 @@ from seqrsm.simulate.runner import run_many
 
 Progress = Callable[[int, int], None]
 WAITING = ("proposed", "issued", "running")
-MAX_ATTEMPTS = 3
 
 
 def _silent(*_: object) -> None:
@@ -114,7 +113,9 @@ class Campaign:
 
     # -- looking --------------------------------------------------------------------------------------------------
 
-    def analyse_all(self, application: str | None = None, *, sampler: Sampler = "exact") -> tuple[Analysis, ...]:
+    def analyse_all(
+        self, application: str | None = None, *, sampler: Sampler = "exact", n_draws: int = 4000
+    ) -> tuple[Analysis, ...]:
         """Analysis of every application, or of the one named.
 
         Raises
@@ -123,11 +124,14 @@ class Campaign:
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
         runs = self.store.runs()
-        return tuple(analyse(self.spec, app, runs, self.store.looks(app.name), sampler=sampler) for app in wanted)
+        return tuple(
+            analyse(self.spec, app, runs, self.store.looks(app.name), sampler=sampler, n_draws=n_draws)
+            for app in wanted
+        )
 
     def look(self) -> tuple[Analysis, ...]:
         """Analyse what is there and record it once: a second look at the same runs is not a look."""
-        analyses = self.analyse_all()
+        analyses = self.analyse_all(n_draws=1000)
         for analysis in analyses:
             last = self.store.looks(analysis.application)
             if not last or last[-1].after_run != analysis.fit.n_runs:
@@ -137,7 +141,12 @@ class Campaign:
     # -- proposing ------------------------------------------------------------------------------------------------
 
     def propose(
-        self, n: int | None = None, *, source: str = "simulation", csv: Path | None = None
+        self,
+        n: int | None = None,
+        *,
+        source: str = "simulation",
+        csv: Path | None = None,
+        analyses: Sequence[Analysis] | None = None,
     ) -> tuple[RunRecord, ...]:
         """Issue the next runs; the first call issues the start design.
 
@@ -148,12 +157,19 @@ class Campaign:
         source : "simulation" or "flight"
         csv : Path, optional
             Form for a flight crew, one row a run, the score left empty.
+        analyses : sequence of Analysis, optional
+            Of the scores as they are; made here if not given.
+
+        Raises
+        ------
+        UserError
+            Unknown source, a form that exists already, or too few scores and none to wait for.
         """
         if source not in ("simulation", "flight"):
             raise UserError(Problem("no such source", 'Use "simulation" or "flight".', field="--source", value=source))
         if csv is not None and csv.exists():
             raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
-        runs = self._proposals(n or self.spec.batch, source)
+        runs = self._proposals(n or self.spec.batch, source, analyses)
         ids = self.store.add_batch(runs, issue=True)
         records = tuple(run for run in self.store.runs() if run.run_id in set(ids))
         if csv is not None:
@@ -162,7 +178,7 @@ class Campaign:
             write_form(csv, self.spec, records)
         return records
 
-    def _proposals(self, n: int, source: str) -> list[NewRun]:
+    def _proposals(self, n: int, source: str, analyses: Sequence[Analysis] | None) -> list[NewRun]:
         runs = self.store.runs()
         active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
@@ -181,7 +197,8 @@ class Campaign:
                     "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
                 )
             )
-        return next_batch(self.spec, model, self.analyse_all(), active, n, source)
+        failed = [run for run in runs if run.state == "failed"]
+        return next_batch(self.spec, model, analyses or self.analyse_all(), active, n, source, failed)
 
     # -- carrying out ---------------------------------------------------------------------------------------------
 
@@ -292,7 +309,7 @@ class Campaign:
             if left <= 0:
                 return self._finish(False, clock, say)
             clock.start()
-            self.propose(min(batch or self.spec.batch, left))
+            self.propose(min(batch or self.spec.batch, left), analyses=analyses)
             clock.stop("propose")
 
     def _n_used(self) -> int:

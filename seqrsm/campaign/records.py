@@ -102,7 +102,7 @@ class RunRecord:
     attempts : int
         How often it was begun.
     owner : str
-        "host:pid" of the process that runs it.
+        "host:pid:token" of the process that runs it, "" otherwise.
     replaces : int or None
         The void run whose place it takes.
     proposed_at, issued_at, started_at, ended_at : str or None

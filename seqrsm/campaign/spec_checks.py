@@ -97,7 +97,9 @@ class Reporter:
         elif kind == "missing":
             self.add(location, "the key is missing", f"Add: {detail['loc'][-1]} = ...")
         elif kind in ("model_type", "dict_type"):
-            self.add(location, "a table is expected here", f"Write it as a table: [{path[0]}].", value)
+            header = ".".join(str(part) for part in location if isinstance(part, str))
+            header = f"[[{header}]]" if len(location) == 2 and isinstance(location[1], int) else f"[{header}]"
+            self.add(location, "a table is expected here", f"Write it as a table: {header}.", value)
         elif kind in _WRONG_TYPE:
             self.add(location, f"{_WRONG_TYPE[kind]} is expected here", _retype(kind, value), value)
         else:

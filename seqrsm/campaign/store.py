@@ -9,6 +9,7 @@ Importing this module imports SQLAlchemy; commands that do not open a store shou
 from __future__ import annotations
 
 import os
+import secrets
 import socket
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,9 +33,10 @@ from seqrsm.campaign.records import (
     ScoreRecord,
 )
 from seqrsm.campaign.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
-from seqrsm.campaign.store_connection import Database, plain, utc_now
+from seqrsm.campaign.store_connection import Database, utc_now
 from seqrsm.campaign.store_ledger import Ledger
 from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
 
 __all__ = [
     "STORE_NAME",
@@ -51,6 +53,7 @@ __all__ = [
 ]
 
 STORE_NAME = "campaign.db"
+_TOKEN = secrets.token_hex(4)
 
 
 class _DryRunError(Exception):
@@ -393,14 +396,17 @@ def _isoformat(moment: datetime) -> str:
 
 
 def _this_process() -> str:
-    return f"{socket.gethostname()}:{os.getpid()}"
+    return f"{socket.gethostname()}:{os.getpid()}:{_TOKEN}"
 
 
 def _is_gone(owner: str) -> bool:
-    """Whether the process "host:pid" ran here and is no more; on Windows, where asking would kill, never."""
-    host, _, pid = owner.rpartition(":")
+    """Whether the process "host:pid:token" ran here and is no more; on Windows, where asking would kill, never."""
+    host, pid, token = owner.rsplit(":", 2) if owner.count(":") >= 2 else ("", "", "")
     if host != socket.gethostname() or not pid.isdigit() or sys.platform == "win32":
         return False
+    if int(pid) == os.getpid():
+        # In a container every program may be process 1: the token tells us from the one before.
+        return token != _TOKEN
     try:
         os.kill(int(pid), 0)
     except ProcessLookupError:

@@ -8,22 +8,21 @@ the same code is right on both.
 from __future__ import annotations
 
 import json
-import math
 import sqlite3
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import sqlalchemy as sa
 from sqlalchemy import event, exc
 
 from seqrsm import __version__
 from seqrsm.campaign.schema import HEAD, META, METADATA, REVISIONS
 from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
 
 BUSY_TIMEOUT_S = 30.0
 MIGRATIONS = Path(__file__).parent / "migrations"
@@ -34,23 +33,6 @@ _APPLICATION_ID = 0x52534D31
 def utc_now() -> str:
     """The time as ISO 8601 text, UTC, microseconds."""
     return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
-
-
-def plain(value: Any) -> Any:
-    """``value`` as JSON can hold it: numpy scalars and arrays become Python's, nan and infinities become null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, (str, int, bool)) or value is None:
-        return value
-    if isinstance(value, (Sequence, set, frozenset)):
-        return [plain(inner) for inner in value]
-    return str(value)
 
 
 def _to_json(value: Any) -> str:

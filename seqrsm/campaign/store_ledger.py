@@ -11,8 +11,9 @@ import sqlalchemy as sa
 from seqrsm import __version__
 from seqrsm.campaign.records import IngestedRun, IngestOutcome, NewRun, NewScore, RunRecord, ScoreRecord
 from seqrsm.campaign.schema import EVENTS, FILES, RUNS, SCORES, SOURCES, TRANSITIONS
-from seqrsm.campaign.store_connection import plain, utc_now
+from seqrsm.campaign.store_connection import utc_now
 from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
 
 _RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
 _VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"

@@ -309,6 +309,23 @@ def design(
 
 @app.command()
 @guarded
+def catalog(
+    words: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="For example: soil moisture.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Look up what the literature asks for, Tables A.1 to A.39 of RSL TR 380-1."""
+    from seqrsm.catalog import load_catalog, search, to_json
+    from seqrsm.cli.show import show_catalog
+
+    asked = " ".join(words or ())
+    if as_json:
+        print_json(to_json(search(asked) if asked else load_catalog()))
+    else:
+        show_catalog(asked)
+
+
+@app.command()
+@guarded
 def export(
     folder: Folder,
     file: Annotated[

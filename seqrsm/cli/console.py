@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from seqrsm.errors import ConvergenceError, UserError
+from seqrsm.plain import plain
 
 EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
@@ -63,32 +64,21 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
     return wrapper
 
 
-def plain(value: Any) -> Any:
-    """Make a result fit for JSON: arrays to lists, nan and infinities to null, dataclass keys kept."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def print_json(document: Any) -> None:
     """One JSON document on stdout and nothing else."""
     sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> Table:
-    """A plain table; every column but the first is right-aligned; cells are taken literally."""
+def table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None, left: bool = False
+) -> Table:
+    """A plain table; every column but the first is right-aligned, unless all hold words; cells are taken literally."""
     from rich.box import SIMPLE_HEAD
     from rich.text import Text
 
     out = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     for number, name in enumerate(columns):
-        out.add_column(name, justify="left" if number == 0 else "right", overflow="fold")
+        out.add_column(name, justify="left" if left or number == 0 else "right", overflow="fold")
     for row in rows:
         out.add_row(*(Text(cell) for cell in row))
     return out

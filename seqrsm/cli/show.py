@@ -303,3 +303,33 @@ def show_doctor(result: Mapping[str, Any]) -> None:
         _line(f"{name}: {version}")
     times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in result["warm_up_s"].items())
     _line(f"kernels are compiled in {result['kernel_cache']}: {times}")
+
+
+def show_catalog(words: str) -> None:
+    """What the literature asks for: a summary, then the entries as printed."""
+    from seqrsm.catalog import catalog_rows, load_catalog, search, summary
+
+    if not words:
+        _columns_and_rows(catalog_rows(load_catalog()), "Tables of RSL TR 380-1, Appendix A")
+        return
+    found = search(words)
+    if not found:
+        _line(f"Nothing in Tables A.1 to A.20 names {words}. `seqrsm catalog` lists the tables.")
+        return
+    columns, rows = catalog_rows(summary(found))
+    kept = [i for i, name in enumerate(columns) if name != "applications"]
+    narrow = [columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
+    _columns_and_rows(narrow, f"What is asked for: {words}")
+    _line("Entries, as printed")
+    names, entries = catalog_rows(found)
+    for entry in entries:
+        cells = dict(zip(names, entry, strict=True))
+        head = f"{cells.pop('table', '')} {cells.pop('category', '')}: {cells.pop('application', '')}"
+        _line(f"  {head}")
+        _line("      " + "; ".join(f"{name} {cell}" for name, cell in cells.items() if cell))
+
+
+def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], title: str) -> None:
+    columns, rows = rendered
+    if rows:
+        stdout().print(table(columns, rows, title=title, left=True))

@@ -66,7 +66,7 @@ class Campaigns:
         self.alive = np.arange(g)
         self.held_before = np.zeros(g, dtype=bool)
         self.extra = np.zeros(g, dtype=np.int64)
-        self.best = optimum_draws(stage.model, stage.region, betas, stage.goal)[1]
+        self.best = optimum_draws(stage.model, stage.region, betas, stage.goal, refine=False)[1]
         names = ("stopped", "runs", "half_width", "covers_rule", "covers_new_run", "covers_mean")
         self.out = {name: np.zeros(g) for name in (*names, "covers_confirmation", "regret", "s_ratio")}
         self.n = 0
@@ -102,7 +102,7 @@ class Campaigns:
         sse = np.maximum(self.ee[rows] - np.sum(self.Ze[rows] * error, axis=1), 0.0)
         s = np.sqrt(sse / (self.n - p))
         estimate = self.betas[rows] + error
-        points, _ = optimum_draws(stage.model, stage.region, estimate, stage.goal)
+        points, _ = optimum_draws(stage.model, stage.region, estimate, stage.goal, refine=False)
         z_hat = stage.model.matrix(points)
         h = np.sum((C @ z_hat[:, :, None])[..., 0] * z_hat, axis=1)
         width = rule_half_width(rule, s, self.n - p, h, p)
@@ -197,7 +197,7 @@ class Campaigns:
         normal = self.rng.standard_normal((g, stage.n_targets, p))
         root = np.linalg.cholesky(0.5 * (C + np.swapaxes(C, 1, 2)))
         draws = estimate[:, None, :] + sigma[..., None] * (normal @ np.swapaxes(root, 1, 2))
-        points, _ = optimum_draws(stage.model, stage.region, draws.reshape(-1, p), stage.goal)
+        points, _ = optimum_draws(stage.model, stage.region, draws.reshape(-1, p), stage.goal, refine=False)
         z_star = stage.model.matrix(points).reshape(g, stage.n_targets, p)
         value, regret = optimum_targets(z_hat, z_star)
         return value + regret

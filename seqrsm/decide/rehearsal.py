@@ -3,7 +3,7 @@
 Truths are drawn from the posterior (or a prior), each campaign gets its own noise, and runs are chosen by the same
 greedy gain as real ones. What differs from a real campaign: runs are chosen from a fixed set of candidates, without the
 cloud around the optimum, and the posterior of a campaign is that of least squares; both make the figures a little
-pessimistic.
+pessimistic. Under constraints optima are looked for on a dense set of feasible points.
 """
 
 from __future__ import annotations

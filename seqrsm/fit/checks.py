@@ -19,7 +19,7 @@ def check_runs(Z: FloatArray, y: FloatArray, weights: FloatArray, n_terms: int) 
         Shapes that disagree: a mistake of the calling program.
     """
     n = y.shape[0] if y.ndim == 1 else -1
-    if Z.ndim != 2 or Z.shape != (n, n_terms) or weights.shape != (n,):
+    if n_terms < 1 or Z.ndim != 2 or Z.shape != (n, n_terms) or weights.shape != (n,):
         raise ValueError(f"shapes disagree: Z {Z.shape}, y {y.shape}, weights {weights.shape}, {n_terms} terms")
     problems = []
     for bad, what in (

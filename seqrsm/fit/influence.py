@@ -48,7 +48,7 @@ def run_diagnostics(r: FloatArray, leverage: FloatArray, df: int, rank: int) -> 
         usable = variance > 1e-14 * sse
         studentised[usable] = r[usable] / np.sqrt(variance[usable] * free[usable])
     cooks = np.full(r.shape, np.nan)
-    if df > 0 and sse > 0.0:
+    if df > 0 and rank > 0 and sse > 0.0:
         cooks = deleted * leverage / free * df / (rank * sse)
     press = float("nan") if np.any(fixed) else float(np.sum(np.square(r / free)))
     return RunDiagnostics(studentised, cooks, press, tuple(int(i) for i in np.flatnonzero(fixed)))

@@ -4,7 +4,8 @@ Walkers e*W ... (e+1)*W - 1 are ensemble e; a move never mixes ensembles, so eac
 them means something. Objects here follow emcee's protocol ``propose(model, state) -> (state, accepted)``.
 
 The snooker move uses the Hastings factor |x' - z|^(d-1) / |x - z|^(d-1) and the orthogonal projection of the original
-paper.
+paper. emcee 3.1.6's own ``DESnookerMove`` has half that exponent and another projection; on a unit normal in 10
+dimensions it settles at a variance of 0.61, so it is not used.
 
 References
 ----------
@@ -14,6 +15,7 @@ ter Braak, Vrugt (2008), Differential evolution Markov chain with snooker update
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -33,7 +35,7 @@ class Distribution(Protocol):
 
 
 class Move:
-    """Base: keeps the acceptance count.
+    """Base of the moves: accepts and counts.
 
     Attributes
     ----------
@@ -86,7 +88,7 @@ class IndependenceMove(Move):
         return np.asarray(np.logaddexp.reduce(parts, axis=0))
 
 
-class _PairedMove(Move):
+class _PairedMove(Move, ABC):
     """Moves one random half of each ensemble given the other, then the other way round."""
 
     def __init__(self, ensembles: int) -> None:
@@ -112,8 +114,9 @@ class _PairedMove(Move):
             accepted[index] = ok
         return state, accepted
 
+    @abstractmethod
     def _propose(self, moving: FloatArray, fixed: FloatArray, random: Any) -> tuple[FloatArray, FloatArray]:
-        raise NotImplementedError
+        """Proposals (e, m, d) and log Hastings factors (e, m) for ``moving``, given ``fixed`` (e, f, d)."""
 
 
 class DifferentialMove(_PairedMove):

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
 from seqrsm.arrays import FloatArray
@@ -63,8 +62,8 @@ class Proposal:
     Attributes
     ----------
     centre : ndarray (p,)
-    M : ndarray (p, p)
-        Lower triangular.
+    M, inverse : ndarray (p, p)
+        Lower triangular, and its inverse: a product is faster here than a triangular solve in every step.
     a, b : float
     nu_centre, nu_width : float
         ``nu_width`` 0: no such coordinate.
@@ -72,6 +71,7 @@ class Proposal:
 
     centre: FloatArray
     M: FloatArray
+    inverse: FloatArray
     a: float
     b: float
     nu_centre: float
@@ -90,8 +90,8 @@ class Proposal:
     def log_density(self, x: FloatArray) -> FloatArray:
         """Normalised log density (n, d) -> (n,)."""
         p = self.centre.size
-        g = solve_triangular(self.M, (x[:, :p] - self.centre).T, lower=True, check_finite=False)
-        value = -(p + 2.0 * self.a) * x[:, p] - (0.5 * np.sum(np.square(g), axis=0) + self.b) * np.exp(-2.0 * x[:, p])
+        g = (x[:, :p] - self.centre) @ self.inverse.T
+        value = -(p + 2.0 * self.a) * x[:, p] - (0.5 * np.sum(np.square(g), axis=1) + self.b) * np.exp(-2.0 * x[:, p])
         value += self.a * np.log(self.b) - gammaln(self.a) + np.log(2.0)
         value -= np.sum(np.log(np.diagonal(self.M))) + 0.5 * p * np.log(2.0 * np.pi)
         if self.nu_width > 0.0:
@@ -108,7 +108,8 @@ class Proposal:
         M = np.linalg.cholesky(residual.T @ residual / draws.shape[0])
         rate = float(np.mean(precision) / np.var(precision))
         nu = draws[:, p + 1] if self.nu_width > 0.0 else np.zeros(2)
-        return Proposal(centre, M, float(np.mean(precision)) * rate, rate, float(np.mean(nu)), float(np.std(nu)))
+        shape = float(np.mean(precision)) * rate
+        return Proposal(centre, M, np.linalg.inv(M), shape, rate, float(np.mean(nu)), float(np.std(nu)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +174,7 @@ def build_target(
         return np.where(np.isfinite(value), value, -np.inf)
 
     centre, width = (float(np.log(nu_start)) - 0.5, 1.2) if free_nu else (0.0, 0.0)
-    proposal = Proposal(np.zeros(p), np.eye(p) / scale, tail * base.a, tail * base.b, centre, width)
+    proposal = Proposal(np.zeros(p), np.eye(p) / scale, np.eye(p) * scale, tail * base.a, tail * base.b, centre, width)
 
     def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         beta = base.mean + scale * (x[:, :p] @ base.factor.T)

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.rank_one import linear_gain
@@ -20,7 +21,7 @@ _WEAK_PRECISION = 1e-2
 
 @lru_cache(maxsize=8)
 def average_matrix(model: QuadraticModel, region: Region) -> FloatArray:
-    """Mean of ``zz'`` over the region: W of the I criterion, by 20 000 uniform points.
+    """Mean of ``zz'`` over the region: W of the I criterion, kept for the next call.
 
     Parameters
     ----------
@@ -31,8 +32,7 @@ def average_matrix(model: QuadraticModel, region: Region) -> FloatArray:
     ndarray (p, p)
         Read-only.
     """
-    Z = model.matrix(region.sample(20_000, np.random.default_rng(20_027)))
-    W: FloatArray = Z.T @ Z / len(Z)
+    W = region_moments(model, region)
     W.setflags(write=False)
     return W
 

@@ -46,7 +46,7 @@ def read_bytes(data: bytes):
         return read_scores(path, FACTORS, [Measure("rank")])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     rows=st.lists(ROW, min_size=1, max_size=6),
     delimiter=st.sampled_from(",;\t"),
@@ -72,7 +72,7 @@ def test_scores_are_read_back(rows, delimiter, comma, mark, ending, order):
         assert (score.score, score.se, score.note) == (row["score"], row["se"], row["note"])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
 def test_no_file_of_scores_breaks_the_reader(data):
     header = b"frequency,kind,score\n"
@@ -107,7 +107,7 @@ def load_text(text: str):
         return load_spec(folder)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     name=KEYS,
     ends=st.tuples(PLAIN, PLAIN),
@@ -129,14 +129,14 @@ def test_a_specification_is_right_or_says_where_it_is_wrong(name, ends, levels, 
         assert (spec.factors[1].levels, spec.stop.half_width) == (tuple(levels), half_width)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.text(max_size=120) | st.text("[]={}\"'.,#\nab1 -", max_size=60))
 def test_no_text_breaks_the_specification(text):
     spec, problems = attempt(load_text, text)
     assert (spec is None) == bool(problems)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.text("[]={}\"'.,#\nab1 ", max_size=40))
 def test_the_locator_knows_every_key_of_valid_toml(text):
     import tomllib

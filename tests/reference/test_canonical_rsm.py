@@ -1,7 +1,8 @@
 """Stationary points, eigenvalues, ridge and steepest paths of R's rsm 2.10.6 and of 60-digit arithmetic.
 
-The numbers and their provenance are in tests/reference/data/rsm. rsm rounds path coordinates to three decimals and stops
-its root search early, hence the tolerance of 2e-3 for paths; stationary points and eigenvalues agree to 1e-10.
+The numbers and their provenance are in tests/reference/data/rsm. rsm rounds path coordinates to three decimals
+and stops its root search early, hence the tolerance of 2e-3 for paths. Stationary points and eigenvalues agree to
+1e-10.
 """
 
 from __future__ import annotations

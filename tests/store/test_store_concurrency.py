@@ -15,7 +15,7 @@ import pytest
 from seqrsm.campaign.store import STORE_NAME, NewRun, Store
 
 WORKER = """
-import sys
+import sys, time
 from seqrsm.campaign.store import Store
 folder, url, n = sys.argv[1], sys.argv[2] or None, int(sys.argv[3])
 with Store.open(folder, url=url, create=True, campaign="test") as store:
@@ -23,6 +23,7 @@ with Store.open(folder, url=url, create=True, campaign="test") as store:
     sys.stdin.readline()
     while claimed := store.claim(limit=n):
         for run in claimed:
+            time.sleep(0.01)  # the run itself, without which one worker may be done before the other gets a turn
             store.record_score(run.run_id, "crops", run.settings["x"])
             print(run.run_id, flush=True)
 """
@@ -56,7 +57,7 @@ def go(process: subprocess.Popen[str]) -> None:
 
 
 def test_processes_share_the_runs(store, tmp_path, url):
-    ids = store.add_batch([NewRun({"x": float(i)}) for i in range(120)], issue=True)
+    ids = store.add_batch([NewRun({"x": float(i)}) for i in range(80)], issue=True)
     workers = [start(WORKER, tmp_path, url or "", n) for n in (1, 3)]
     for worker in workers:
         assert worker.stdout.readline() == "ready\n"
@@ -68,9 +69,9 @@ def test_processes_share_the_runs(store, tmp_path, url):
     assert sorted(done[0] + done[1]) == list(ids)
     runs = store.runs()
     assert all(run.state == "scored" and run.attempts == 1 for run in runs)
-    assert [run.scores[0].score for run in runs] == [float(i) for i in range(120)]
+    assert [run.scores[0].score for run in runs] == [float(i) for i in range(80)]
     assert Counter(event.kind for event in store.events()) == dict.fromkeys(
-        ("proposed", "issued", "running", "scored"), 120
+        ("proposed", "issued", "running", "scored"), 80
     )
 
 
@@ -87,10 +88,10 @@ def test_processes_propose_at_once(store, tmp_path, url):
 
 
 def test_processes_create_the_same_store(tmp_path):
-    for number in range(3):
+    for number in range(2):
         folder = tmp_path / str(number)
         folder.mkdir()
-        workers = [start(WORKER, folder, "", 1) for _ in range(3)]
+        workers = [start(WORKER, folder, "", 1) for _ in range(2)]
         for worker in workers:
             out, _ = worker.communicate("go\n", timeout=40)
             assert (worker.returncode, out) == (0, "ready\n")
@@ -99,7 +100,7 @@ def test_processes_create_the_same_store(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="kills by signal")
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(5))
 def test_killed_in_mid_write(tmp_path, seed):
     """What was acknowledged is there; what was not is there whole or not at all."""
     process = start(PROPOSER, tmp_path)

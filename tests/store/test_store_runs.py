@@ -168,6 +168,14 @@ def test_runs_of_dead_processes_are_released(store, tmp_path, url):
     assert [event.kind for event in store.events(run_id=ids[0])][-1] == "released"
 
 
+def test_an_earlier_process_of_the_same_number_is_dead(store, monkeypatch):
+    (run_id,) = store.add_batch([RUN], issue=True)
+    store.claim()
+    assert store.release_stale() == ()
+    monkeypatch.setattr("seqrsm.campaign.store._TOKEN", "another")
+    assert store.release_stale() == (run_id,)
+
+
 def test_selection_of_runs(store):
     ids = {state: bring(store, state) for state in STATES}
     assert [run.run_id for run in store.runs(["scored", "void"])] == [ids["scored"], ids["void"]]

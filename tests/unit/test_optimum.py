@@ -12,7 +12,8 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.constrained import climb, constraint_slacks, retract
+from seqrsm.fit import constrained
+from seqrsm.fit.constrained import climb, constraint_slacks, polish, retract
 from seqrsm.fit.faces import cube_maxima
 from seqrsm.fit.optimum import at_bound, optimum, optimum_draws
 
@@ -315,3 +316,20 @@ def test_climb_never_descends() -> None:
     points, values = climb(region, c, b, B, starts, np.zeros((50, 2)), rng)
     assert (values >= before).all()
     assert region.feasible(points, tol=0.0).all()
+
+
+def test_a_search_that_ends_outside_is_drawn_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, region = cube(2, "x0 ** 2 + x1 ** 2 <= 0.25")
+    c, b, B = model.forms(np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
+
+    class Outside:
+        x = np.array([0.9, 0.0])
+
+    monkeypatch.setattr(constrained, "minimize", lambda *_args, **_kwargs: Outside())
+    point, value = polish(region, float(c), b, B, np.zeros(2))
+    assert region.feasible(point[None, :], tol=0.0)[0]
+    assert value == pytest.approx(0.5, abs=1e-4)
+    Outside.x = np.array([np.nan, 0.0])
+    point, value = polish(region, float(c), b, B, np.array([0.1, 0.0]))
+    np.testing.assert_array_equal(point, [0.1, 0.0])
+    assert value == pytest.approx(0.1)

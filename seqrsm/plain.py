@@ -1,0 +1,25 @@
+"""Values as JSON can hold them. No numpy import: the command line starts without it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def plain(value: Any) -> Any:
+    """``value`` with numpy scalars and arrays as Python's, and nan and infinities as None.
+
+    Mappings keep their order with keys as text; sequences and sets become lists; anything else becomes its text.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str | int | bool) or value is None:
+        return value
+    if isinstance(value, Sequence | set | frozenset):
+        return [plain(inner) for inner in value]
+    return str(value)

@@ -1,0 +1,225 @@
+"""Every campaign command on a tiny campaign: results, JSON, exit codes, and what is left when it goes wrong."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from seqrsm.cli.app import app
+
+
+def seqrsm(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def ok(*arguments: object) -> str:
+    result = seqrsm(*arguments)
+    assert result.exit_code == 0, result.output + repr(result.exception)
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, tiny_scene) -> tuple[Path, dict]:
+    from conftest import make_tiny
+
+    folder = make_tiny(tmp_path_factory.mktemp("run") / "tiny", tiny_scene)
+    return folder, json.loads(ok("run", folder, "--json"))
+
+
+@pytest.fixture
+def copy(finished, tmp_path) -> Path:
+    return Path(shutil.copytree(finished[0], tmp_path / "copy"))
+
+
+def scores(folder: Path) -> list:
+    out = folder.parent / f"{folder.name}.json"
+    ok("export", folder, out)
+    runs = json.loads(out.read_text(encoding="utf-8"))["runs"]
+    return [(run["run_id"], run["proposed"], run["state"], [s["score"] for s in run["scores"]]) for run in runs]
+
+
+def test_run_ends_by_its_rule_with_a_confirmation(finished) -> None:
+    outcome = finished[1]
+    assert outcome["held"]
+    (analysis,) = outcome["applications"]
+    assert analysis["stop"]["held"]
+    assert analysis["optimum"]["prediction_mean"]["half_width"] <= 9.0
+    assert len(analysis["confirmation"]["run_ids"]) == 3
+    assert not set(analysis["confirmation"]["run_ids"]) & {run["run_id"] for run in analysis["diagnostics"]["runs"]}
+
+
+def test_run_again_does_nothing_more(finished) -> None:
+    folder, outcome = finished
+    before = scores(folder)
+    again = json.loads(ok("run", folder, "--json"))
+    assert scores(folder) == before
+    assert again["applications"][0]["optimum"] == outcome["applications"][0]["optimum"]
+
+
+def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene) -> None:
+    from conftest import make_tiny
+
+    other = make_tiny(tmp_path / "other", tiny_scene)
+    ok("run", other, "--workers", 2)
+    assert scores(other) == scores(finished[0])
+
+
+def test_another_seed_gives_other_scores(finished, tmp_path, tiny_scene) -> None:
+    from conftest import TINY, make_tiny
+
+    other = make_tiny(tmp_path / "other", tiny_scene, TINY.replace("seed = 5", "seed = 6"))
+    ok("run", other)
+    assert scores(other)[0][3] != scores(finished[0])[0][3]
+
+
+def test_fit_json_keeps_the_contract(copy) -> None:
+    document = json.loads(ok("fit", copy, "--json"))
+    wanted = {
+        "n_runs", "n_terms", "df_residual", "s", "r2", "r2_adjusted", "r2_predicted", "press", "terms", "anova",
+        "lack_of_fit", "factors_importance", "stationary_point", "optimum", "posterior", "diagnostics", "stop",
+    }  # fmt: skip
+    assert wanted <= set(document)
+    assert set(document["terms"][0]["coded"]) == {"estimate", "se", "t", "p", "low", "high"}
+    assert {"settings", "coded", "at_bound", "mean", "confidence", "prediction", "level"} <= set(document["optimum"])
+    assert {"tau", "ess", "acceptance", "r_hat"} <= set(document["posterior"]["sampler"])
+    # with the flat prior the exact predictive interval is the t interval: emcee must meet it within its own error
+    low, high = (document["optimum"]["prediction"][end] for end in ("low", "high"))
+    predictive = document["posterior"]["optimum"]["predictive"]
+    assert predictive["low"] == pytest.approx(low, abs=0.08 * (high - low))
+    assert predictive["high"] == pytest.approx(high, abs=0.08 * (high - low))
+
+
+def test_natural_coefficients_give_the_same_surface(copy) -> None:
+    """The polynomial in log10(resolution) with the natural coefficients has the optimum's fitted mean."""
+    import numpy as np
+
+    document = json.loads(ok("fit", copy, "--json"))
+    natural = {term["name"]: term["natural"] for term in document["terms"]}
+    best = document["optimum"]["settings"]
+    x = np.log10(best["resolution"])
+    sign = 1.0 if best["polarization"] == "HH" else -1.0
+    value = (
+        natural["intercept"]
+        + natural["resolution"] * x
+        + natural["resolution^2"] * x**2
+        + sign * natural["polarization[HH]"]
+        + sign * natural["polarization[HH]:resolution"] * x
+    )
+    assert value == pytest.approx(document["optimum"]["mean"], rel=1e-9)
+
+
+def test_texts_for_people(copy) -> None:
+    for command in ("fit", "status", "check"):
+        text = ok(command, copy)
+        assert "\x1b" not in text
+        assert "tiny" in text or "cover" in text
+    history = ok("status", copy, "--history")
+    assert history.count("scored run") >= 20
+
+
+def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
+    from conftest import TINY, make_tiny
+
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 9.0", "half_width = 1.0"))
+    result = seqrsm("run", folder, "--max-runs", 17)
+    assert result.exit_code == 3, result.output
+    assert len(scores(folder)) == 17
+
+
+def test_propose_simulate_void_by_hand(tiny, tmp_path) -> None:
+    form = tmp_path / "form.csv"
+    runs = json.loads(ok("propose", tiny, "--csv", form, "--json"))
+    assert len(runs) == 11  # five terms and six more
+    assert {run["state"] for run in runs} == {"issued"}
+    assert len(form.read_text(encoding="utf-8").splitlines()) == 12
+    assert seqrsm("propose", tiny).exit_code == 2  # nothing to propose from before these are scored
+    ok("simulate", tiny)
+    ok("void", tiny, 3, "--why", "wrong altitude")
+    status = json.loads(ok("status", tiny, "--json"))
+    assert status["runs"] == {"scored": 10, "void": 1}
+    assert json.loads(ok("fit", tiny, "--json"))["n_runs"] == 10
+    (more,) = json.loads(ok("propose", tiny, "-n", 1, "--json"))
+    assert more["why"]
+
+
+def test_flight_scores_enter_the_same_campaign(copy, tmp_path) -> None:
+    before = json.loads(ok("fit", copy, "--json"))
+    form = tmp_path / "form.csv"
+    runs = json.loads(ok("propose", copy, "-n", 2, "--source", "flight", "--csv", form, "--json"))
+    lines = form.read_text(encoding="utf-8").splitlines()
+    header = lines[0].split(",")
+    filled = [lines[0]]
+    for line in lines[1:]:
+        cells = line.split(",", len(header) - 1)
+        cells[header.index("score")] = "70.5"
+        filled.append(",".join(cells))
+    form.write_text("\n".join(filled), encoding="utf-8")
+    ok("ingest", copy, form, "--dry-run")
+    assert json.loads(ok("fit", copy, "--json"))["n_runs"] == before["n_runs"]
+    ok("ingest", copy, form)
+    after = json.loads(ok("fit", copy, "--json"))
+    assert after["n_runs"] == before["n_runs"] + len(runs)
+    assert any(term["name"].startswith("block[") for term in after["terms"])  # the source is an effect of its own
+    ok("ingest", copy, form)  # recognised, not doubled
+    assert json.loads(ok("fit", copy, "--json"))["n_runs"] == after["n_runs"]
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "npz"])
+def test_image_files_open(copy, tmp_path, suffix) -> None:
+    import numpy as np
+
+    out = tmp_path / f"image.{suffix}"
+    document = json.loads(ok("image", copy, "--set", "polarization=HH+HV", "--set", "resolution=20", "--out", out, "--json"))
+    assert document["settings"] == {"polarization": "HH+HV", "resolution": 20.0}
+    channels, rows, columns = document["shape"]
+    if suffix == "png":
+        from PIL import Image
+
+        assert Image.open(out).size == (columns, rows)
+    elif suffix == "npz":
+        with np.load(out) as arrays:
+            assert arrays["intensity_w"].shape == (channels, rows, columns)
+    else:
+        import tifffile
+
+        with tifffile.TiffFile(out) as tif:
+            assert tif.asarray().shape == (2, 60, 80)
+            assert tif.pages[0].tags[33550].value[:2] == (10.0, 10.0)
+
+
+def test_export_csv_holds_every_run(copy, tmp_path) -> None:
+    import csv
+
+    out = tmp_path / "runs.csv"
+    ok("export", copy, out)
+    with out.open(encoding="utf-8", newline="") as stream:
+        assert len(list(csv.DictReader(stream))) == len(scores(copy))
+
+
+def test_rehearse_gives_coverage(copy) -> None:
+    numbers = json.loads(ok("rehearse", copy, "--campaigns", 40, "--json"))["numbers"]
+    assert 0.8 <= numbers["coverage_new_run"] <= 1.0  # 40 campaigns: 0.95 within four standard errors
+    assert numbers["runs_p10"] <= numbers["runs_median"] <= numbers["runs_p90"] <= 40
+
+
+def test_design_stands_alone(tmp_path) -> None:
+    out = tmp_path / "design.csv"
+    document = json.loads(ok("design", "--factors", 2, "--runs", 9, "--csv", out, "--json"))
+    assert document["d_efficiency_percent"] == pytest.approx(97.397, abs=0.001)  # the best known design of 9 runs
+    assert len(out.read_text(encoding="utf-8").splitlines()) == 10
+    assert seqrsm("design", "--factors", 2, "--runs", 5).exit_code == 2
+
+
+def test_catalog_finds_soil_moisture() -> None:
+    assert "A.16" in ok("catalog", "soil", "moisture")
+    assert len(json.loads(ok("catalog", "soil", "moisture", "--json"))) > 5
+
+
+def test_doctor_warms_up() -> None:
+    document = json.loads(ok("doctor", "--json"))
+    assert document["packages"]["numba"]
+    assert set(document["warm_up_s"]) == {"design", "simulation"}

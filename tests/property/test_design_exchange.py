@@ -1,0 +1,221 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.evaluate import alias_relations, evaluate_design, inestimable_terms, prediction_variance
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.moments import region_moments
+from seqrsm.design.optimal import optimal_design, start_design
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import DesignError
+
+MIXED = (
+    ContinuousFactor("frequency", 1.2, 17.0, "GHz", "log"),
+    DiscreteFactor("looks", (1, 2, 4, 8, 16), scale="log"),
+    CategoricalFactor("polarization", ("HH", "VV", "HV")),
+    ContinuousFactor("resolution", 3.0, 50.0, "m", "log"),
+)
+LOOKS = Constraint("looks <= 4 * (resolution / 12.1) ** 2")
+MODEL = QuadraticModel(MIXED)
+PLANE = tuple(ContinuousFactor(name, -1.0, 1.0) for name in "xy")
+
+
+def log_det(model, points, prior=0.0):
+    Z = model.matrix(points)
+    return float(np.linalg.slogdet(Z.T @ Z + prior)[1])
+
+
+@pytest.mark.parametrize("criterion", ["D", "I", "A"])
+def test_no_single_move_improves_a_mixed_design(criterion):
+    """An optimal design is a local optimum: no change of one coordinate of one run, over a fine grid, does better."""
+    region = Region(MIXED)
+    design = optimal_design(MODEL, region, MODEL.p + 2, criterion, seed=5, starts=20)
+    assert np.all(region.feasible(design.points, tol=0.0))
+    W = np.eye(MODEL.p) if criterion == "A" else region_moments(MODEL, region)
+
+    def loss(points):
+        Z = MODEL.matrix(points)
+        return -log_det(MODEL, points) if criterion == "D" else float(np.sum(np.linalg.inv(Z.T @ Z) * W))
+
+    best = loss(design.points)
+    if criterion != "D":
+        assert design.value == pytest.approx(best, rel=1e-9)
+    for i in range(design.points.shape[0]):
+        for j, levels in enumerate(region.axes):
+            for value in np.linspace(-1.0, 1.0, 21) if levels is None else levels:
+                moved = design.points.copy()
+                moved[i, j] = value
+                assert loss(moved) >= best - 1e-6 * abs(best), (i, j, value)
+
+
+def test_the_same_seed_gives_the_same_design():
+    region = Region(MIXED)
+    one, two = (optimal_design(MODEL, region, 22, seed=9, starts=20).points for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_symmetries_of_the_cube_leave_the_value():
+    model = QuadraticModel(tuple(ContinuousFactor(f"x{i}", 0.0, 1.0) for i in range(3)))
+    design = optimal_design(model, Region(model.factors), 12)
+    turned = design.points[:, [2, 0, 1]] * np.array([1.0, -1.0, 1.0])
+    assert log_det(model, turned) == pytest.approx(design.log_det, abs=1e-9)
+
+
+def test_units_and_level_names_do_not_matter():
+    other = (
+        ContinuousFactor("a", 0.0, 1.0),
+        DiscreteFactor("b", (10.0, 20.0, 30.0, 40.0, 50.0)),
+        CategoricalFactor("c", ("x", "y", "z")),
+        ContinuousFactor("d", -5.0, 5.0),
+    )
+    one = optimal_design(MODEL, Region(MIXED), 20, starts=20)
+    two = optimal_design(QuadraticModel(other), Region(other), 20, starts=20)
+    np.testing.assert_allclose(one.points, two.points, atol=1e-12)
+
+
+def test_constrained_designs_are_feasible_and_locally_optimal():
+    region = Region(MIXED, (LOOKS,))
+    design = optimal_design(MODEL, region, MODEL.p + 2, seed=1, starts=4)
+    assert np.all(region.feasible(design.points, tol=0.0))
+    candidates = region.sample(300, np.random.default_rng(0))
+    for i in range(design.points.shape[0]):
+        for candidate in candidates:
+            moved = design.points.copy()
+            moved[i] = candidate
+            assert log_det(MODEL, moved) <= design.log_det + 1e-3
+    # The box allows more: its optimum is an upper bound.
+    assert design.log_det <= optimal_design(MODEL, Region(MIXED), MODEL.p + 2, starts=100).log_det
+
+
+def test_d_optimal_first_order_design_on_a_triangle_is_its_corners():
+    region = Region(PLANE, (Constraint("x + y <= 0"),))
+    model = QuadraticModel(PLANE, order=1)
+    design = optimal_design(model, region, 3)
+    corners = {tuple(np.round(point, 9) + 0.0) for point in design.points}
+    assert corners == {(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)}
+    # |Z'Z| = (2 * area)^2 = 4^2.
+    assert design.log_det == pytest.approx(np.log(16.0), abs=1e-9)
+
+
+def test_i_optimality_on_a_disc_uses_its_moments():
+    region = Region(PLANE, (Constraint("x**2 + y**2 <= 0.64"),))
+    model = QuadraticModel(PLANE)
+    W = region_moments(model, region)
+    # On a disc of radius R: E x^2 = R^2/4, E x^4 = R^4/8, E x^2 y^2 = R^4/24.
+    names = list(model.term_names)
+    x2, y2, xy = names.index("x^2"), names.index("y^2"), names.index("x:y")
+    assert W[0, x2] == pytest.approx(0.16, rel=2e-3)
+    assert W[x2, x2] == pytest.approx(0.4096 / 8.0, rel=3e-3)
+    assert W[x2, y2] == pytest.approx(0.4096 / 24.0, rel=3e-3)
+    assert W[xy, xy] == pytest.approx(0.4096 / 24.0, rel=3e-3)
+    design = optimal_design(model, region, 8, "I", starts=6)
+    assert np.all(np.hypot(*design.points.T) <= 0.8 + 1e-12)
+
+
+def test_box_moments_are_the_mean_over_a_fine_crossing():
+    region = Region(MIXED)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    rows, mass = [], []
+    for a, wa in zip(nodes, weights / 2.0, strict=True):
+        for d, wd in zip(nodes, weights / 2.0, strict=True):
+            for b in MIXED[1].coded_levels:
+                for c in range(3):
+                    rows.append((a, b, c, d))
+                    mass.append(wa * wd / 15.0)
+    Z = MODEL.matrix(np.array(rows))
+    np.testing.assert_allclose(region_moments(MODEL, region), Z.T @ (Z * np.array(mass)[:, None]), atol=1e-15)
+
+
+def test_any_linear_criterion_may_be_given():
+    model = QuadraticModel(PLANE)
+    region, place = Region(PLANE), np.array([[0.2, -0.4]])
+    z = model.matrix(place)
+    weight = z.T @ z + 0.01 * region_moments(model, region)
+    focused = optimal_design(model, region, 10, "I", weight=weight, starts=60)
+    assert focused.value == pytest.approx(
+        float(np.trace(np.linalg.inv(model.matrix(focused.points).T @ model.matrix(focused.points)) @ weight)), rel=1e-9
+    )
+    plain = optimal_design(model, region, 10, "I", starts=60)
+    # N Var >= 1 for any model with an intercept.
+    at = [float(prediction_variance(model, d.points, place)[0]) for d in (focused, plain)]
+    assert 1.0 <= at[0] < 0.6 * at[1]
+
+
+def test_fewer_runs_than_terms_need_a_prior():
+    region = Region(MIXED)
+    with pytest.raises(DesignError, match=r"17 runs cannot estimate 18 terms"):
+        optimal_design(MODEL, region, 17)
+    design = optimal_design(MODEL, region, 8, prior_precision=0.1 * np.eye(18), starts=10)
+    assert design.points.shape == (8, 4)
+    assert design.rank == 8
+    assert len(design.inestimable) == 10
+    fixed = region.sample(12, np.random.default_rng(3))
+    assert optimal_design(MODEL, region, 6, fixed=fixed, starts=10).rank == 18
+
+
+def test_terms_that_no_runs_can_separate_are_named():
+    region = Region(PLANE, (Constraint("x - y <= 0"), Constraint("y - x <= 0")))
+    with pytest.raises(DesignError) as caught:
+        optimal_design(QuadraticModel(PLANE), region, 8)
+    assert "y, x^2, y^2" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"criterion": "E"},
+        {"prior_precision": np.eye(3)},
+        {"prior_precision": -np.eye(18)},
+        {"prior_precision": np.triu(np.ones((18, 18)))},
+        {"fixed": np.zeros((2, 3))},
+        {"fixed": np.full((1, 4), np.nan)},
+        {"n_runs": 0},
+        {"model": QuadraticModel(PLANE)},
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(arguments):
+    values = {"model": MODEL, "region": Region(MIXED), "n_runs": 20, "starts": 1} | arguments
+    with pytest.raises(DesignError):
+        optimal_design(**values)
+
+
+@pytest.mark.parametrize("constraints", [(), (LOOKS,)])
+def test_the_start_design_has_its_centre_repeats(constraints):
+    region = Region(MIXED, constraints)
+    points = start_design(MODEL, region, MODEL.p + 6, seed=2)
+    assert points.shape == (24, 4)
+    assert np.all(region.feasible(points))
+    np.testing.assert_array_equal(points[:3], np.tile(region.centre(), (3, 1)))
+    report = evaluate_design(MODEL, region, points)
+    assert report.rank == MODEL.p
+    assert report.df_pure_error >= 2
+    assert report.condition_number < 30.0
+    with pytest.raises(DesignError):
+        start_design(MODEL, region, 3)
+
+
+def test_an_aliased_design_says_what_equals_what():
+    model = QuadraticModel(PLANE)
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [0.0, 0.0]])
+    assert inestimable_terms(model, corners) == ("y^2",)
+    assert alias_relations(model, corners) == ("y^2 = +1 x^2",)
+    report = evaluate_design(model, Region(PLANE), corners)
+    assert report.rank == 5
+    assert np.isinf(report.condition_number)
+    with pytest.raises(DesignError, match=r"y\^2"):
+        prediction_variance(model, corners, corners)
+
+
+def test_leverages_sum_to_the_number_of_terms():
+    region = Region(MIXED)
+    points = region.sample(40, np.random.default_rng(8))
+    report = evaluate_design(MODEL, region, points)
+    assert report.leverage.sum() == pytest.approx(MODEL.p, rel=1e-12)
+    np.testing.assert_allclose(prediction_variance(MODEL, points, points) / 40.0, report.leverage, rtol=1e-9)
+    sample = region.sample(20_000, np.random.default_rng(1))
+    assert report.g_value >= prediction_variance(MODEL, points, sample).max()
+    assert report.i_value == pytest.approx(prediction_variance(MODEL, points, sample).mean(), rel=0.03)
+    assert np.all(np.diff(report.fraction_of_design_space) >= 0.0)

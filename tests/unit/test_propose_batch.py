@@ -1,0 +1,296 @@
+"""Proposals: rank-one gains against recomputed variances, repeats, pending runs, costs, determinism."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import DesignError
+from seqrsm.fit.optimum import optimum_draws
+from seqrsm.fit.rank_one import (
+    downdate,
+    information_gain,
+    is_reserved_run,
+    linear_gain,
+    optimum_targets,
+    variance_drop,
+)
+from seqrsm.propose.batch import propose_batch
+from seqrsm.propose.criteria import average_matrix, unscaled_covariance
+
+RNG_SEED = 11
+
+
+def campaign(k: int = 3, n: int = 18) -> dict:
+    factors = tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(k))
+    model, region = QuadraticModel(factors), Region(factors)
+    rng = np.random.default_rng(RNG_SEED)
+    points = np.vstack([rng.choice([-1.0, 0.0, 1.0], (n, k)), np.zeros((2, k))])
+    Z = model.matrix(points)
+    beta = np.zeros(model.p)
+    for t, term in enumerate(model.terms):
+        beta[t] = {"linear": 1.0, "square": -2.5}.get(term.kind, 0.0)
+    C = np.linalg.inv(Z.T @ Z)
+    draws = beta + 0.5 * rng.normal(size=(64, model.p)) @ np.linalg.cholesky(C).T
+    targets, _ = optimum_draws(model, region, draws)
+    x_hat, _ = optimum_draws(model, region, beta[None, :])
+    return {
+        "model": model,
+        "region": region,
+        "Z_done": Z,
+        "x_hat": x_hat[0],
+        "target_points": targets,
+        "points_done": points,
+        "df_pure_error": len(points) - len(np.unique(points, axis=0)),
+    }
+
+
+def covariance(Z: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return np.linalg.inv(Z.T @ (weights[:, None] * Z))
+
+
+def test_rank_one_gain_is_the_drop_of_the_variance() -> None:
+    data = campaign()
+    rng = np.random.default_rng(1)
+    Z, weights = data["Z_done"], rng.uniform(0.5, 2.0, len(data["Z_done"]))
+    C = covariance(Z, weights)
+    for _ in range(20):
+        z, row, w = rng.normal(size=Z.shape[1]), rng.normal(size=Z.shape[1]), rng.uniform(0.2, 3.0)
+        after = covariance(np.vstack([Z, z]), np.append(weights, w))
+        assert variance_drop(C, row, z, w) == pytest.approx(row @ C @ row - row @ after @ row, rel=1e-9)
+        np.testing.assert_allclose(downdate(C, z, w), after, rtol=1e-8, atol=1e-12)
+        W = np.outer(row, row)
+        assert linear_gain(C, W, z[None, :], w)[0] == pytest.approx(np.trace(W @ (C - after)), rel=1e-8)
+        information = 0.5 * (np.linalg.slogdet(C)[1] - np.linalg.slogdet(after)[1])
+        assert information_gain(C, z[None, :], w)[0] == pytest.approx(information, rel=1e-8)
+
+
+def test_downdate_works_on_many_campaigns_at_once() -> None:
+    rng = np.random.default_rng(2)
+    A = rng.normal(size=(5, 4, 4))
+    C, z = A @ A.transpose(0, 2, 1), rng.normal(size=(5, 4))
+    together = downdate(C, z)
+    for i in range(5):
+        np.testing.assert_allclose(together[i], downdate(C[i], z[i]))
+
+
+def test_target_matrices_are_the_mean_variances_they_stand_for() -> None:
+    rng = np.random.default_rng(3)
+    z_hat, z_star, A = rng.normal(size=4), rng.normal(size=(7, 4)), rng.normal(size=(4, 4))
+    C = A @ A.T
+    value, regret = optimum_targets(z_hat, z_star)
+    by_hand = 0.25 * z_hat @ C @ z_hat + 0.25 * np.mean([z @ C @ z for z in z_star])
+    assert np.trace(value @ C) == pytest.approx(by_hand)
+    assert np.trace(regret @ C) == pytest.approx(0.5 * np.mean([(z - z_hat) @ C @ (z - z_hat) for z in z_star]))
+
+
+def test_average_matrix_of_the_cube_is_the_closed_form() -> None:
+    data = campaign(2)
+    W = average_matrix(data["model"], data["region"])
+    names = data["model"].term_names
+    assert W[0, names.index("x0^2")] == pytest.approx(1 / 3, abs=0.01)
+    assert W[names.index("x0^2"), names.index("x0^2")] == pytest.approx(1 / 5, abs=0.01)
+    assert W[names.index("x0:x1"), names.index("x0:x1")] == pytest.approx(1 / 9, abs=0.01)
+    assert W[names.index("x0"), names.index("x1")] == pytest.approx(0.0, abs=0.01)
+
+
+def test_first_proposal_beats_every_point_of_a_grid() -> None:
+    data = campaign(3)
+    model = data["model"]
+    C = covariance(data["Z_done"], np.ones(len(data["Z_done"])))
+    W = sum(optimum_targets(model.matrix(data["x_hat"][None, :])[0], model.matrix(data["target_points"])))
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 3), -1).reshape(-1, 3)
+    best = linear_gain(C, W, model.matrix(grid)).max()
+    first = propose_batch(**data, n=1, spread_share=0.0)[0]
+    assert first.gain >= 0.999 * best
+    assert linear_gain(C, W, model.matrix(first.point[None, :]))[0] == pytest.approx(first.gain, rel=1e-10)
+
+
+def test_stated_narrowing_is_the_true_one() -> None:
+    data = campaign(3)
+    model = data["model"]
+    proposals = [p for p in propose_batch(**data, n=8) if "prediction interval" in p.why]
+    first = propose_batch(**data, n=1, spread_share=0.0)[0]
+    assert proposals
+    if first.purpose == "optimum":
+        z = model.matrix(data["x_hat"][None, :])[0]
+        before = covariance(data["Z_done"], np.ones(len(data["Z_done"])))
+        Z = np.vstack([data["Z_done"], model.matrix(first.point[None, :])])
+        after = covariance(Z, np.ones(len(Z)))
+        share = 100 * (1 - np.sqrt((1 + z @ after @ z) / (1 + z @ before @ z)))
+        assert f"prediction interval at the optimum by {share:.2g} %" in first.why
+
+
+def test_one_run_in_four_is_kept_for_repeats_then_for_spread() -> None:
+    data = campaign(3)
+    data["df_pure_error"] = 0
+    purposes = [p.purpose for p in propose_batch(**data, n=40)]
+    kept = [p for p in purposes if p in ("repeat", "spread")]
+    assert len(kept) == 10
+    first_spread = kept.index("spread")
+    assert 0 < first_spread <= 4
+    assert set(kept[first_spread:]) == {"spread"}
+
+
+def test_share_is_kept_for_single_proposals_too() -> None:
+    data = campaign(2)
+    found = []
+    for _ in range(12):
+        proposal = propose_batch(**data, n=1)[0]
+        found.append(proposal.purpose)
+        data["Z_done"] = np.vstack([data["Z_done"], data["model"].matrix(proposal.point[None, :])])
+        data["points_done"] = np.vstack([data["points_done"], proposal.point])
+        data["df_pure_error"] += proposal.repeats
+    assert sum(p in ("repeat", "spread") for p in found) == 3
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.25, 25), (1 / 3, 33), (1.0, 100)])
+def test_reserved_runs_are_the_share(share: float, expected: int) -> None:
+    assert sum(is_reserved_run(i, share) for i in range(100)) == expected
+
+
+def test_repeats_are_exact_copies_of_executed_settings() -> None:
+    data = campaign(3)
+    data["df_pure_error"] = 0
+    for proposal in propose_batch(**data, n=12):
+        if proposal.purpose == "repeat":
+            assert proposal.repeats
+            assert "pure error" in proposal.why
+
+
+def test_pending_runs_count_like_scored_ones() -> None:
+    data = campaign(3)
+    both = propose_batch(**data, n=2, spread_share=0.0, seed=4)
+    again = dict(data)
+    again["Z_done"] = np.vstack([data["Z_done"], data["model"].matrix(both[0].point[None, :])])
+    again["points_done"] = np.vstack([data["points_done"], both[0].point])
+    second = propose_batch(**again, n=1, spread_share=0.0, seed=4)[0]
+    # the same criterion value, from another draw of the cloud
+    assert second.gain == pytest.approx(both[1].gain, rel=0.01)
+    ignored = propose_batch(**data, n=1, spread_share=0.0, seed=4)[0]
+    assert ignored.gain > 1.05 * second.gain
+
+
+def test_batch_does_not_pile_up() -> None:
+    data = campaign(4, 30)
+    points = np.array([p.point for p in propose_batch(**data, n=8, spread_share=0.0)])
+    assert len(np.unique(points, axis=0)) >= 4
+
+
+def test_cost_divides_the_gain() -> None:
+    data = campaign(2)
+    dear = propose_batch(**data, n=6, spread_share=0.0, cost=lambda x: np.where(x[:, 0] > 0.0, 1000.0, 1.0))
+    assert all(p.point[0] <= 0.0 for p in dear)
+    same = propose_batch(**data, n=1, spread_share=0.0)[0]
+    half = propose_batch(**data, n=1, spread_share=0.0, cost=lambda x: np.full(len(x), 2.0))[0]
+    assert half.gain == pytest.approx(0.5 * same.gain)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "purpose"), [("D", "spread"), ("I", "average"), ("thompson", "thompson"), ("optimum", "optimum")]
+)
+def test_criteria_by_name(criterion: str, purpose: str) -> None:
+    data = campaign(3)
+    found = propose_batch(**data, n=3, criterion=criterion, spread_share=0.0)
+    assert {p.purpose for p in found} <= {purpose, "regret"} if criterion == "optimum" else {purpose}
+    assert all(p.why for p in found)
+
+
+def test_d_criterion_takes_the_least_known_point() -> None:
+    data = campaign(2)
+    C = covariance(data["Z_done"], np.ones(len(data["Z_done"])))
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), -1).reshape(-1, 2)
+    Z = data["model"].matrix(grid)
+    first = propose_batch(**data, n=1, criterion="D", spread_share=0.0)[0]
+    assert first.gain >= information_gain(C, Z).max() * 0.999
+
+
+def test_i_criterion_lowers_the_average_variance_most() -> None:
+    data = campaign(2)
+    C = covariance(data["Z_done"], np.ones(len(data["Z_done"])))
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), -1).reshape(-1, 2)
+    Z = data["model"].matrix(grid)
+    U = data["model"].matrix(np.random.default_rng(0).uniform(-1, 1, (4000, 2)))
+    W = U.T @ U / len(U)
+    first = propose_batch(**data, n=1, criterion="I", spread_share=0.0)[0]
+    mine = linear_gain(C, W, data["model"].matrix(first.point[None, :]))[0]
+    assert mine >= 0.99 * linear_gain(C, W, Z).max()
+
+
+def test_unknown_criterion_is_refused() -> None:
+    with pytest.raises(DesignError, match="unknown criterion"):
+        propose_batch(**campaign(2), n=1, criterion="Q")
+
+
+def test_nothing_is_proposed_for_no_runs() -> None:
+    assert propose_batch(**campaign(2), n=0) == ()
+
+
+def test_same_seed_same_proposals() -> None:
+    data = campaign(4, 30)
+    one, two = propose_batch(**data, n=5, seed=9), propose_batch(**data, n=5, seed=9)
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_array_equal(a.point, b.point)
+        assert (a.purpose, a.gain, a.why) == (b.purpose, b.gain, b.why)
+
+
+def test_proposals_are_feasible_on_levels_and_within_constraints() -> None:
+    factors = (
+        ContinuousFactor("resolution", 5.0, 100.0, "m", "log"),
+        DiscreteFactor("looks", (1.0, 2.0, 4.0, 8.0, 16.0), scale="log"),
+        CategoricalFactor("polarization", ("HH", "VV", "HV")),
+    )
+    model = QuadraticModel(factors)
+    region = Region(factors, (Constraint("looks <= 4 * (resolution / 12.1) ** 2"),))
+    rng = np.random.default_rng(5)
+    points = region.sample(24, rng)
+    targets, _ = optimum_draws(model, region, rng.normal(size=(40, model.p)))
+    found = propose_batch(
+        model,
+        region,
+        Z_done=model.matrix(points),
+        points_done=points,
+        x_hat=targets[0],
+        target_points=targets,
+        n=12,
+    )
+    assert region.feasible(np.array([p.point for p in found]), tol=0.0).all()
+
+
+def test_blocks_are_nuisance_columns() -> None:
+    data = campaign(2, 16)
+    n = len(data["Z_done"])
+    block = np.where(np.arange(n) < n // 2, 1.0, -1.0)[:, None]
+    plain = propose_batch(**data, n=1, spread_share=0.0)[0]
+    data["Z_done"] = np.hstack([data["Z_done"], block])
+    blocked = propose_batch(**data, n=1, spread_share=0.0)[0]
+    assert blocked.gain > 0.0
+    assert blocked.gain != plain.gain
+
+
+def test_too_few_runs_lean_on_a_weak_prior() -> None:
+    data = campaign(3)
+    for key in ("Z_done", "points_done"):
+        data[key] = data[key][:4]
+    data["df_pure_error"] = 0
+    found = propose_batch(**data, n=12)
+    Z = np.vstack([data["Z_done"], data["model"].matrix(np.array([p.point for p in found]))])
+    assert np.linalg.matrix_rank(Z) == data["model"].p
+    np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, None), 100.0 * np.eye(3))
+    prior = np.diag([1.0, 2.0, 4.0])
+    np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, prior), np.diag([1.0, 0.5, 0.25]))
+
+
+def test_batch_of_four_for_five_factors_is_fast() -> None:
+    data = campaign(5, 40)
+    propose_batch(**data, n=4)
+    start = time.process_time()
+    for seed in range(5):
+        propose_batch(**data, n=4, seed=seed)
+    assert (time.process_time() - start) / 5 < 0.05

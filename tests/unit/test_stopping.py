@@ -1,0 +1,297 @@
+"""The stop rule: every part can fail alone; floors, forecasts and the intervals against closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from seqrsm.decide.intervals import (
+    anytime_half_width,
+    anytime_radius,
+    confirmation_agrees,
+    confirmation_interval,
+    half_width,
+    noise_floor,
+    t_quantile,
+)
+from seqrsm.decide.stopping import Decision, StopRule, decide, target_problem
+from seqrsm.errors import FitError, SpecError
+
+RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
+GOOD: dict[str, Any] = {
+    "n_runs": 50,
+    "n_terms": 15,
+    "s": 2.0,
+    "df_residual": 35,
+    "df_pure_error": 6,
+    "lack_of_fit_p": 0.4,
+    "h": 0.2,
+    "held_at_previous_look": True,
+}
+
+
+def look(rule: StopRule = RULE, **changes: Any) -> Decision:
+    return decide(rule, **{**GOOD, **changes})
+
+
+def holds(decision: Decision) -> dict[str, bool | None]:
+    return {check.name: check.holds for check in decision.checks}
+
+
+def test_all_parts_hold_and_it_stops() -> None:
+    decision = look()
+    assert decision.held
+    assert decision.conditions_hold
+    assert list(holds(decision)) == ["interval", "runs", "pure_error", "lack_of_fit", "two_looks"]
+    assert all(holds(decision).values())
+    assert decision.half_width == pytest.approx(stats.t.ppf(0.975, 35) * 2.0 * np.sqrt(1.2))
+    assert decision.reasons[0] == "The stop rule holds after 50 runs."
+    assert decision.futility == ()
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "number"),
+    [
+        ("interval", {"s": 2.5}, "± 5.5"),
+        ("runs", {"n_runs": 44}, "45 are asked for"),
+        ("pure_error", {"df_pure_error": 3}, "3 degrees"),
+        ("lack_of_fit", {"lack_of_fit_p": 0.04}, "p = 0.04"),
+        ("two_looks", {"held_at_previous_look": False}, "first time"),
+    ],
+)
+def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: str) -> None:
+    decision = look(**changes)
+    assert not decision.held
+    failing = [name for name, value in holds(decision).items() if value is not True]
+    assert failing == ([part] if part == "two_looks" else [part, "two_looks"])
+    assert decision.conditions_hold == (part == "two_looks")
+    text = next(check.text for check in decision.checks if check.name == part)
+    assert number in text
+    assert text in decision.reasons
+
+
+def test_untestable_lack_of_fit_does_not_stop_a_campaign() -> None:
+    decision = look(lack_of_fit_p=None, lack_of_fit_reason="no settings were repeated")
+    assert not decision.held
+    assert holds(decision)["lack_of_fit"] is None
+    assert any("no settings were repeated" in reason for reason in decision.reasons)
+
+
+def test_saturated_fit_has_no_interval() -> None:
+    decision = look(n_runs=15, df_residual=0, s=float("nan"))
+    assert not decision.held
+    assert holds(decision)["interval"] is None
+    assert decision.runs_needed is None
+    assert np.isnan(decision.attainable_half_width)
+
+
+def test_one_look_is_enough_when_the_rule_says_so() -> None:
+    rule = StopRule(half_width=5.0, looks=1)
+    decision = look(rule, held_at_previous_look=False)
+    assert decision.held
+    assert "two_looks" not in holds(decision)
+
+
+def test_interval_kinds() -> None:
+    t = stats.t.ppf(0.975, 35)
+    for kind, share in (("prediction", 1.0), ("prediction_mean", 0.2), ("confidence", 0.0)):
+        rule = StopRule(interval=kind, half_width=5.0)  # type: ignore[arg-type]
+        assert look(rule).half_width == pytest.approx(t * 2.0 * np.sqrt(share + 0.2))
+
+
+def test_half_width_in_score_units_scales_the_forecast() -> None:
+    plain, scaled = look(), look(half_width=10.0 * look().half_width)
+    assert scaled.half_width == pytest.approx(10.0 * plain.half_width)
+    assert scaled.noise_floor == pytest.approx(10.0 * plain.noise_floor)
+    assert scaled.attainable_half_width == pytest.approx(10.0 * plain.attainable_half_width)
+
+
+def test_target_below_the_noise_floor_is_told_with_what_can_be_had() -> None:
+    rule = StopRule(half_width=3.0, max_runs=80)
+    decision = look(rule, unit="percent")
+    assert decision.noise_floor == pytest.approx(1.959964 * 2.0, rel=1e-6)
+    assert decision.runs_needed is None
+    assert not decision.held
+    told = [line for line in decision.futility if "noise floor" in line]
+    assert "± 3.92 percent" in told[0]
+    assert "mean of 5 runs" in told[0]
+    h = 0.2 * 50 / 80
+    assert decision.attainable_half_width == pytest.approx(stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(1.0 + h))
+    assert decision.attainable_mean_half_width == pytest.approx(stats.t.ppf(0.975, 65) * 2.0 * np.sqrt(0.2 + h))
+
+
+def test_runs_needed_is_the_smallest_number_that_reaches_the_target() -> None:
+    rule = StopRule(interval="confidence", half_width=1.0, max_runs=500)
+    needed = look(rule).runs_needed
+    assert needed is not None
+
+    def width(n: int) -> float:
+        return float(stats.t.ppf(0.975, n - 15) * 2.0 * np.sqrt(0.2 * 50 / n))
+
+    assert width(needed) <= 1.0 < width(needed - 1)
+
+
+def test_runs_needed_respects_the_guard() -> None:
+    assert look(n_runs=30, df_residual=15, s=1.0).runs_needed == 45
+
+
+def test_budget_that_cannot_reach_the_target() -> None:
+    rule = StopRule(interval="confidence", half_width=0.5, max_runs=80)
+    decision = look(rule)
+    assert decision.runs_needed is not None
+    assert decision.runs_needed > 80
+    assert any("unlikely to reach" in line and str(decision.runs_needed) in line for line in decision.futility)
+
+
+def test_spent_budget_is_told() -> None:
+    decision = look(n_runs=80, df_residual=65, df_pure_error=1)
+    assert decision.budget_spent
+    assert any("budget of 80 runs is spent" in reason for reason in decision.reasons)
+
+
+def test_no_parameter_matters() -> None:
+    assert any("No parameter matters" in line for line in look(model_p=0.6, df_pure_error=0).futility)
+    assert not any("No parameter" in line for line in look(model_p=0.001, df_pure_error=0).futility)
+    early = look(model_p=0.6, df_residual=3, n_runs=18)
+    assert not any("No parameter" in line for line in early.futility)
+
+
+def test_confirmation_guard_waits_for_fresh_runs() -> None:
+    rule = StopRule(half_width=5.0, guard="confirmation")
+    waiting = look(rule, n_runs=25, df_residual=10, s=1.5)
+    assert not waiting.held
+    assert waiting.wants_confirmation
+    assert holds(waiting)["confirmation"] is None
+    fresh = confirmation_interval([80.1, 81.0, 79.5, 80.4, 80.2])
+    good = confirmation_agrees(fresh, predicted=80.0, s=1.5, df=10, h=0.2)
+    assert look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=good).held
+    bad = confirmation_agrees(fresh, predicted=90.0, s=1.5, df=10, h=0.2)
+    refused = look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=bad)
+    assert not refused.held
+    assert not refused.wants_confirmation
+    assert bad.text in refused.reasons
+
+
+def test_disagreeing_confirmation_is_told_under_the_other_guards() -> None:
+    fresh = confirmation_interval([80.1, 81.0, 79.5])
+    bad = confirmation_agrees(fresh, predicted=90.0, s=1.5, df=10, h=0.2)
+    assert bad.text in look(confirmation=bad).reasons
+
+
+def test_anytime_guard_asks_for_no_number_of_runs_but_is_wider() -> None:
+    rule = StopRule(interval="confidence", half_width=5.0, guard="anytime")
+    decision = look(rule, n_runs=25, df_residual=10)
+    assert "runs" not in holds(decision)
+    assert decision.half_width > stats.t.ppf(0.975, 10) * 2.0 * np.sqrt(0.2)
+    assert decision.held
+
+
+def test_impossible_rules_name_every_value() -> None:
+    with pytest.raises(SpecError) as error:
+        StopRule(interval="wide", half_width=-1.0, level=95.0, max_runs=0, guard="hope", replicates=1)  # type: ignore[arg-type]
+    assert {problem.field for problem in error.value.problems} == {
+        "interval",
+        "half_width",
+        "level",
+        "max_runs",
+        "guard",
+        "replicates",
+    }
+
+
+# before the first run -------------------------------------------------------------------------------------------------
+
+
+def test_reachable_target_is_no_problem() -> None:
+    assert target_problem(StopRule(half_width=5.0, max_runs=60), 2.0, 15) == ""
+
+
+def test_unreachable_targets_are_explained() -> None:
+    floor = target_problem(StopRule(half_width=3.0, max_runs=60), 2.0, 15, "percent")
+    assert "below the noise floor" in floor
+    assert "3.92 percent" in floor
+    assert "mean of 5 runs" in floor
+    budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
+    assert "out of reach of 60 runs" in budget
+    assert "45 runs" in target_problem(StopRule(half_width=5.0, max_runs=40), 2.0, 15)
+    assert "no degree of freedom" in target_problem(StopRule(half_width=5.0, max_runs=15, guard="anytime"), 2.0, 15)
+
+
+# intervals ------------------------------------------------------------------------------------------------------------
+
+
+def test_t_quantile_equals_scipy_and_ends_in_the_normal() -> None:
+    df = np.array([1.0, 2.0, 7.0, 100.0])
+    np.testing.assert_allclose(t_quantile(df, 0.9), stats.t.ppf(0.95, df), rtol=1e-10)
+    assert t_quantile(np.inf, 0.95) == pytest.approx(1.959963984540054, rel=1e-9)
+    assert np.isnan(t_quantile(0, 0.95))
+
+
+def test_noise_floor_of_the_mean_of_m_runs() -> None:
+    assert noise_floor("prediction_mean", 2.0, 0.95, 4) == pytest.approx(1.959964)
+    assert noise_floor("confidence", 2.0, 0.95) == 0.0
+
+
+def test_confirmation_interval_is_the_t_interval() -> None:
+    scores = [71.0, 73.5, 70.2, 74.1, 72.0]
+    found = confirmation_interval(scores, 0.9)
+    low, high = stats.t.interval(0.9, 4, np.mean(scores), stats.sem(scores))
+    assert (found.low, found.high) == (pytest.approx(low), pytest.approx(high))
+    assert found.half_width == pytest.approx((high - low) / 2)
+    for bad in ([], [70.0], [70.0, float("nan")]):
+        with pytest.raises(FitError):
+            confirmation_interval(bad)
+
+
+def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
+    fresh = confirmation_interval([71.0, 73.5, 70.2, 74.1, 72.0])
+    limit = stats.t.ppf(0.975, 12) * 1.8 * np.sqrt(1 / 5 + 0.3)
+    inside = confirmation_agrees(fresh, predicted=fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
+    outside = confirmation_agrees(fresh, predicted=fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
+    assert inside.agrees
+    assert not outside.agrees
+    assert inside.half_width == pytest.approx(limit)
+    assert inside.p == pytest.approx(0.05, abs=2e-3)
+    assert "do not agree" in outside.text
+
+
+def test_anytime_radius_is_where_the_e_value_reaches_one_over_alpha() -> None:
+    # Lindon et al. 2022: e = sqrt(r) ((1 + t^2/v) / (1 + r t^2/v))^((v + 1) / 2), r = phi / (phi + 1/h)
+    for df in (5, 20, 200):
+        for h in (0.05, 0.3, 1.0):
+            planned, level = 8.0, 0.95
+            alpha = 1 - level
+            radius = float(anytime_radius(h, df, level, planned))
+            if not np.isfinite(radius):
+                continue
+            phi = planned / (-2 * np.log(alpha) + np.log(-2 * np.log(alpha)) + 1)
+            r = phi / (phi + 1 / h)
+            e = np.sqrt(r) * ((1 + radius**2 / df) / (1 + r * radius**2 / df)) ** ((df + 1) / 2)
+            assert e == pytest.approx(1 / alpha, rel=1e-9)
+            assert radius > stats.t.ppf(0.975, df)
+
+
+def test_anytime_half_width_adds_future_noise_in_quadrature() -> None:
+    mean = anytime_half_width("confidence", 2.0, 20, 0.1, 0.95, 5.0)
+    single = anytime_half_width("prediction", 2.0, 20, 0.1, 0.95, 5.0)
+    noise = half_width("prediction", 2.0, 20, 0.0, 0.95)
+    assert single == pytest.approx(np.hypot(mean, noise))
+
+
+def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
+    # 3000 series looked at after each of 60 values; Student's interval misses far more often than 5 %.
+    rng = np.random.default_rng(7)
+    e = rng.standard_normal((3000, 60))
+    n = np.arange(1, 61)
+    mean = np.cumsum(e, axis=1) / n
+    s = np.sqrt(np.maximum(np.cumsum(e**2, axis=1) - n * mean**2, 0.0) / np.maximum(n - 1, 1))
+    looks = slice(4, None)
+    se = s[:, looks] / np.sqrt(n[looks])
+    radius = anytime_radius(1.0 / n[looks], n[looks] - 1, 0.95, 20.0)
+    ever = np.mean(np.any(np.abs(mean[:, looks]) > radius * se, axis=1))
+    student = np.mean(np.any(np.abs(mean[:, looks]) > t_quantile(n[looks] - 1, 0.95) * se, axis=1))
+    assert ever <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 3000)
+    assert student > 0.15
