@@ -85,8 +85,7 @@ def check_campaign(folder: Path) -> CheckResult:
     noise, df, seconds, source = float("nan"), 0, float("nan"), "not known before the first repeats"
     notes: tuple[str, ...] = ()
     if spec.simulator is not None:
-        _check_scene(spec)
-        check_sensors(spec)
+        check_simulator(spec)
         noise, df, seconds, notes = _probe(spec)
         source = f"simulations at the centre, {df} degrees of freedom"
     elif (spec.folder / STORE_NAME).exists() or spec.store_url:
@@ -115,6 +114,18 @@ def check_campaign(folder: Path) -> CheckResult:
     return result
 
 
+def check_simulator(spec: CampaignSpec) -> None:
+    """Scene, sensor at the corners of the region, and scattering data, before any run.
+
+    Raises
+    ------
+    UserError
+        What is wrong with them.
+    """
+    _check_sensors(spec)
+    _check_scene(spec)
+
+
 def _check_scene(spec: CampaignSpec) -> None:
     scene = scene_at(str(spec.scene_path))
     if not bool(np.any(scene.scored)):
@@ -127,7 +138,7 @@ def _check_scene(spec: CampaignSpec) -> None:
         scattering_table().lookup(scene.categories, radar.frequency_ghz, channel, season=radar.season)
 
 
-def check_sensors(spec: CampaignSpec) -> None:
+def _check_sensors(spec: CampaignSpec) -> None:
     """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
 
     Raises

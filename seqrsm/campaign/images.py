@@ -11,6 +11,7 @@ import numpy as np
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.image_files import image_greytones
 from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of, utility_function
+from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.simulate.psm import RadarImage
@@ -93,7 +94,7 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
         raise UserError(
             Problem("the settings lie outside the region", "See campaign.toml.", field="--set", value=list(assignments))
         )
-    return region.decode(point)[0]
+    return rounded_settings(region, point)[0]
 
 
 def report_panels(campaign: Campaign, chosen: Mapping[str, Mapping[str, float | str]]) -> tuple[ImagePanel, ...]:

@@ -14,7 +14,8 @@ from typing import Any, Self
 
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.next_runs import next_batch, start_batch
+from seqrsm.campaign.check import check_simulator
+from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.serialise import look_summary
@@ -289,6 +290,7 @@ class Campaign:
             clock.stop("simulate")
             _refuse_hopeless(made)
             if self._n_used() == 0:
+                check_simulator(self.spec)
                 say("searching the start design")
                 clock.start()
                 runs = self.propose()
@@ -341,7 +343,7 @@ class Campaign:
         say(f"{m} confirmation runs at the recommended settings")
         runs = [
             NewRun(
-                analysis.optimum.settings,
+                rounded_settings(self.spec.region, analysis.optimum.point[None, :])[0],
                 CONFIRMATION,
                 f"fresh run at the optimum of {analysis.application}",
                 cost=self.spec.cost.simulation,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from seqrsm.campaign.analysis import Analysis, Interval
-from seqrsm.design.factors import CategoricalFactor
 from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.natural import natural_coefficients
 
 
 def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
 def _terms(analysis: Analysis) -> list[dict[str, Any]]:
     fit = analysis.fit
     interval = fit.interval(analysis.optimum.level)
-    natural = natural_coefficients(analysis)
+    natural = _natural(analysis)
     return [
         {
             "name": name,
@@ -113,62 +113,12 @@ def _terms(analysis: Analysis) -> list[dict[str, Any]]:
     ]
 
 
-def natural_coefficients(analysis: Analysis) -> list[float]:
-    """Coefficients of the same polynomial in natural units, log10 of them for a factor on a log scale; nan for blocks.
-
-    Each numeric factor's coded value is ``(x - centre) / half_range``, with ``x`` natural or its log10, so the
-    polynomial in ``x`` follows by evaluating the model: it is found by solving for the coefficients that reproduce the
-    fitted surface on the model's own points.
-    """
-    model, fit = analysis.model, analysis.fit
-    transform = np.eye(model.p)
-    columns = {term.name: i for i, term in enumerate(model.terms)}
-    centre, slope = _axis(analysis)
-    for t, term in enumerate(model.terms):
-        transform[:, t] = 0.0
-        for subset, weight in _expand(term.name, centre, slope):
-            transform[columns[subset], t] += weight
-    values = transform @ fit.estimate[: model.p]
-    return [*values.tolist(), *([float("nan")] * (fit.n_terms - model.p))]
-
-
-def _axis(analysis: Analysis) -> tuple[dict[str, float], dict[str, float]]:
-    """Coded = centre + slope * x, with x natural or log10 of it."""
-    centre, slope = {}, {}
-    for j in analysis.region.numeric:
-        factor = analysis.region.factors[j]
-        assert not isinstance(factor, CategoricalFactor)
-        low, high = factor.decode(np.array([-1.0, 1.0]))
-        if factor.scale == "log":
-            low, high = np.log10(low), np.log10(high)
-        slope[factor.name] = 2.0 / (high - low)
-        centre[factor.name] = -(high + low) / (high - low)
-    return centre, slope
-
-
-def _expand(name: str, centre: dict[str, float], slope: dict[str, float]) -> list[tuple[str, float]]:
-    """Terms in natural units, with weights, of one coded term."""
-    if name == "intercept":
-        return [("intercept", 1.0)]
-    if name.endswith("^2"):
-        base = name[:-2]
-        a, b = centre[base], slope[base]
-        return [("intercept", a * a), (base, 2.0 * a * b), (name, b * b)]
-    factors = name.split(":")
-    found = [("", 1.0)]
-    for factor in factors:
-        if factor in slope:
-            found = [
-                (text, weight)
-                for before, scale in found
-                for text, weight in (
-                    (before, scale * centre[factor]),
-                    (f"{before}:{factor}".strip(":"), scale * slope[factor]),
-                )
-            ]
-        else:
-            found = [(f"{before}:{factor}".strip(":"), scale) for before, scale in found]
-    return [(text or "intercept", weight) for text, weight in found]
+def _natural(analysis: Analysis) -> list[dict[str, float]]:
+    """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
+    found = natural_coefficients(analysis.model, analysis.fit, analysis.optimum.level)
+    columns = np.full((analysis.fit.n_terms, 4), np.nan)
+    columns[: analysis.model.p] = np.column_stack([found.estimate, found.se, found.interval.low, found.interval.high])
+    return [dict(zip(("estimate", "se", "low", "high"), row, strict=True)) for row in columns.tolist()]
 
 
 def _lack_of_fit(lack: LackOfFit | str) -> dict[str, Any]:

@@ -30,7 +30,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         runs, looks, events = store.runs(), store.looks(), store.events()
     last = {look.application: look.summary for look in looks}
     applications = [
-        {"application": application.name, "unit": application.unit, "last_look": last.get(application.name)}
+        {"name": application.name, "unit": application.unit, "last_look": last.get(application.name)}
         for application in spec.applications
     ]
     result: dict[str, Any] = {

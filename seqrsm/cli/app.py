@@ -245,7 +245,7 @@ def report(
     """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
     from seqrsm.campaign.assemble import assemble
     from seqrsm.campaign.loop import Campaign
-    from seqrsm.report.write import write_report
+    from seqrsm.report import write_report
 
     campaign = Campaign.open(folder)
     if html is None and pdf is None:
@@ -294,7 +294,7 @@ def scene_show(
 def design(
     factors: Annotated[int, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")],
     runs: Annotated[int, typer.Option(min=1, help="Number of runs.")],
-    criterion: Annotated[str, typer.Option(help="D, I, G or A.")] = "D",
+    criterion: Annotated[str, typer.Option(help="What to make best: D, I, A or G.")] = "D",
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1979,
     as_json: AsJson = False,

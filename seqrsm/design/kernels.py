@@ -35,8 +35,8 @@ Buffers: TypeAlias = tuple[
 ]
 
 _GAIN = 1e-13  # smallest relative gain of a move
-_COARSE, _FINE, _END = 1e-4, 1e-7, 1e-12  # smallest gain of a pass: both stages of a local search, and the end
-_MARGIN = 5e-3  # what the second stage may still gain
+_COARSE, _FINE, _END = 1e-4, 1e-6, 1e-12  # smallest gain of a pass: both stages of a local search, and the end
+_MARGIN = 2e-3  # what the second stage may still gain
 _PIVOT = 1e-13  # smallest pivot relative to the diagonal
 _MAX_PASSES = 300
 
@@ -510,7 +510,7 @@ def exchange(X: FloatArray, G: FloatArray, F: FloatArray, R: FloatArray, W: Floa
         if gain < pass_gain:
             break
         # Rank-two updates drift: start from the rows again now and then.
-        value = rebuild(F, R, W, D, E, work, linear) if sweep % 3 == 2 or linear else value + gain
+        value = rebuild(F, R, W, D, E, work, linear) if sweep % 3 == 2 else value + gain
     return rebuild(F, R, W, D, E, work, linear)
 
 

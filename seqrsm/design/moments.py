@@ -11,7 +11,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
 _SEQUENCE = 1 << 17
-_ENOUGH = 4096
+_ENOUGH = 1000
 _SEED = 33_391
 
 

@@ -123,16 +123,21 @@ def optimal_design(
     _check_counts(model, n_runs, criterion, kept, prior)
     Z_fixed = model.matrix(kept)
     precision = prior + Z_fixed.T @ Z_fixed
+    if not region.is_box and not np.any(precision):
+        # A region may be so thin that terms coincide on it: told at once, before any search.
+        lost = inestimable_terms(model, region.candidates(limit=2000))
+        if lost:
+            raise _coinciding(lost)
     moments = region_moments(model, region) if weight is None else np.asarray(weight, dtype=np.float64)
     weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]
     task = Task(n_runs, np.ascontiguousarray(precision), None if weights is None else np.ascontiguousarray(weights))
     if region.is_box:
         chains, random_starts, moves = _effort(model, starts)
         total = chains * (random_starts + moves)
-        points, hits = search_box(model, region, task, chains, random_starts, moves, seed)
+        points, hits = search_box(model, region, task, chains, random_starts, moves, seed % 2**63)
     else:
         total = 12 if starts is None else max(starts, 1)
-        points, hits = search_constrained(model, region, task, total, seed)
+        points, hits = search_constrained(model, region, task, total, seed % 2**63)
     if hits == 0:
         raise _singular(model, region)
     return _described(model, points, kept, criterion, moments, prior, (hits, total, seed), region)
@@ -184,7 +189,7 @@ def _effort(model: QuadraticModel, starts: int | None) -> tuple[int, int, int]:
     if p <= 10:
         return 1, 100, 100
     if p <= 15:
-        return 2, 60, 300
+        return 4, 30, 160
     if p <= 21:
         return 3, 30, 400
     # The landscape of six factors has deep, narrow optima: many chains find what one long chain misses.
@@ -236,13 +241,17 @@ def _check_counts(model: QuadraticModel, n_runs: int, criterion: str, fixed: Flo
 def _singular(model: QuadraticModel, region: Region) -> DesignError:
     lost = inestimable_terms(model, region.candidates(limit=5000))
     if lost:
-        return DesignError(
-            Problem(
-                f"no runs in the region can tell these terms apart from the others: {', '.join(lost)}",
-                "Loosen the constraints or the levels, or leave the terms out.",
-            )
-        )
+        return _coinciding(lost)
     return DesignError(Problem("every design tried was singular", "Ask for more runs or more starts."))
+
+
+def _coinciding(terms: tuple[str, ...]) -> DesignError:
+    return DesignError(
+        Problem(
+            f"no runs in the region can tell these terms apart from the others: {', '.join(terms)}",
+            "Loosen the constraints or the levels, or leave the terms out.",
+        )
+    )
 
 
 def _described(

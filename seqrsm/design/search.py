@@ -19,6 +19,7 @@ Slack: TypeAlias = Callable[[FloatArray], FloatArray]
 
 _LINE_SAMPLES = 65
 _BISECTIONS = 52
+_MAX_DRAWN = 1_000_000
 _SEED = 20_011
 
 
@@ -238,7 +239,7 @@ def sample(
     """Feasible random points (n, k) by rejection, completed by a hit-and-run walk where rejection is hopeless."""
     found: list[FloatArray] = []
     count, drawn = 0, 0
-    while count < n and drawn < max(10_000 * n, 200_000) and drawn < 4_000_000:
+    while count < n and drawn < min(10_000 * n, _MAX_DRAWN):
         size = int(np.clip(4 * (n - count) * max(drawn, 1) / max(count, 1), 1024, 65_536))
         points = uniform(axes, size, rng)
         good = points[slack(points) >= 0.0]

@@ -9,8 +9,9 @@ from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Report, Section
 from seqrsm.report.section_data import data_section, question_section
+from seqrsm.report.section_history import history_section
 from seqrsm.report.section_model import diagnostics_section, importance_section, model_section
-from seqrsm.report.section_optimum import history_section, optimum_section, posterior_section, surface_section
+from seqrsm.report.section_optimum import optimum_section, posterior_section, surface_section
 from seqrsm.report.section_sources import assumption_section, image_section, provenance_section
 from seqrsm.report.section_summary import summary_section
 

@@ -12,7 +12,7 @@ from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor
 from seqrsm.report import drawing
 from seqrsm.report.surfaces import Line, Surface, numeric_factor
-from seqrsm.report.wording import axis_label, level_labels, span
+from seqrsm.report.wording import axis_label, level_labels, shortened, span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,13 +49,14 @@ def _paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, f
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=7)
         bar.set_ticks(_round_ticks(limits))
-        lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6)
-        axes.clabel(lines, fontsize=7, inline_spacing=2)
+        lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
+        axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
     if np.any(surface.slack < 0.0):
-        axes.contourf(
-            surface.x, surface.y, surface.slack, levels=[-2.0, 0.0], colors=[drawing.PAPER], hatches=["////"], alpha=1.0
+        forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
+        axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)
+        axes.contour(
+            surface.x, surface.y, surface.slack, levels=[0.0], colors=[drawing.INK], linewidths=1.2, zorder=2.1
         )
-        axes.contour(surface.x, surface.y, surface.slack, levels=[0.0], colors=[drawing.INK], linewidths=1.2)
     set_numeric_axis(axes, "x", x_factor)
     set_numeric_axis(axes, "y", y_factor)
     _scatter_over_surface(axes, analysis, surface)
@@ -114,7 +115,7 @@ def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
     axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
     set_numeric_axis(axes, "x", factor)
-    axes.set_xlabel(axis_label(factor))
+    axes.set_xlabel(shortened(axis_label(factor), 44))
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
 
@@ -139,13 +140,13 @@ def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
     )
     axes.scatter(shown + 0.16, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     best = analysis.optimum.settings[factor.name]
-    labels = level_labels(factor)
-    here = labels.index(str(best)) if isinstance(factor, CategoricalFactor) else order.get(float(best))
+    labels = [shortened(label, 20) for label in level_labels(factor)]
+    here = factor.levels.index(str(best)) if isinstance(factor, CategoricalFactor) else order.get(float(best))
     if here is not None:
         axes.axvline(here, color=drawing.ORANGE, linestyle="--", linewidth=1.2, zorder=1)
     axes.set_xticks(position, labels, **_label_style(labels))
     axes.set_xlim(-0.6, line.x.size - 0.4)
-    axes.set_xlabel(axis_label(factor))
+    axes.set_xlabel(shortened(axis_label(factor), 44))
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
 
@@ -160,7 +161,7 @@ def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> 
     factor = analysis.region.factors[index]
     draws = analysis.posterior.optimum_points[:, index]
     if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
-        labels = level_labels(factor)
+        labels = [shortened(label, 20) for label in level_labels(factor)]
         coded = np.arange(len(labels)) if isinstance(factor, CategoricalFactor) else factor.coded_levels
         share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in coded])
         axes.bar(np.arange(len(labels)), share, color=drawing.BLUE, width=0.6)
@@ -177,7 +178,7 @@ def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> 
         )
         set_numeric_axis(axes, "x", factor)
         axes.set_ylabel("share of draws")
-    axes.set_xlabel(axis_label(factor))
+    axes.set_xlabel(shortened(axis_label(factor), 44))
     drawing.light_grid(axes)
 
 
@@ -201,7 +202,7 @@ def optimum_value_panel(analysis: Analysis) -> str:
 
 def score_label(analysis: Analysis) -> str:
     """Return the label of an axis of scores."""
-    return f"score [{analysis.score_unit}]" if analysis.score_unit else "score"
+    return f"score [{shortened(analysis.score_unit, 20)}]" if analysis.score_unit else "score"
 
 
 def _label_style(labels: list[str]) -> dict[str, Any]:
@@ -234,7 +235,7 @@ def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor
         axis.set_major_locator(FixedLocator(ticks))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
-    axis.set_label_text(axis_label(factor))
+    axis.set_label_text(shortened(axis_label(factor), 44))
 
 
 def _log_ticks(low: float, high: float) -> list[float]:

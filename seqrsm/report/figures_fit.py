@@ -16,7 +16,7 @@ from seqrsm.report import drawing
 from seqrsm.report.figures import score_label, set_numeric_axis
 from seqrsm.report.history import Look
 from seqrsm.report.surfaces import to_score
-from seqrsm.report.wording import axis_label, readable, readable_term
+from seqrsm.report.wording import axis_label, readable, readable_term, shortened
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -31,7 +31,12 @@ def importance_panel(analysis: Analysis) -> str:
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
-        axes.barh([readable(row.factor) for row in rows], [row.f for row in rows], color=drawing.BLUE, height=0.6)
+        axes.barh(
+            [shortened(readable(row.factor), 28) for row in rows],
+            [row.f for row in rows],
+            color=drawing.BLUE,
+            height=0.6,
+        )
         axes.set_xlabel("F ratio of all terms that hold the factor")
         axes.grid(visible=True, axis="x")
 
@@ -75,10 +80,10 @@ def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figu
         axes.scatter(
             np.mean(draws[:, chosen], axis=0), position - 0.17, s=14, marker="s", color=drawing.ORANGE, zorder=3, lw=0
         )
-    axes.set_yticks(position, [readable_term(fit.names[i]) for i in indices], fontsize=7.5)
+    axes.set_yticks(position, [shortened(readable_term(fit.names[i]), 40) for i in indices], fontsize=7.5)
     axes.set_ylim(-0.7, len(indices) - 0.3)
-    unit = "logit" if analysis.response == "logit" else analysis.score_unit or "score"
-    axes.set_xlabel(f"coefficient in coded units [{unit}]")
+    unit = "logit" if analysis.response == "logit" else shortened(analysis.score_unit, 20) or "score"
+    axes.set_xlabel(f"coded coefficient [{unit}]")
     axes.grid(visible=True, axis="x")
 
 
@@ -164,7 +169,7 @@ def half_width_panel(analysis: Analysis, looks: Sequence[Look], target: float) -
         axes.set_ylim(0.0, 1.12 * top)
         _whole_numbers(axes.xaxis)
         axes.set_xlabel("scored runs")
-        axes.set_ylabel(f"half-width [{analysis.score_unit}]" if analysis.score_unit else "half-width")
+        axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
         axes.legend(loc="best")
         drawing.light_grid(axes)
 
@@ -201,14 +206,14 @@ def setting_history_panel(analysis: Analysis, index: int, looks: Sequence[Look])
         if isinstance(factor, CategoricalFactor):
             places = {level: place for place, level in enumerate(factor.levels)}
             axes.plot(runs, [places.get(str(look.settings[factor.name]), np.nan) for look in known], **style)
-            axes.set_yticks(range(len(factor.levels)), list(factor.levels))
+            axes.set_yticks(range(len(factor.levels)), [shortened(level, 16) for level in factor.levels])
             axes.set_ylim(-0.5, len(factor.levels) - 0.5)
         else:
             axes.plot(runs, [float(look.settings[factor.name]) for look in known], clip_on=False, zorder=3, **style)
             set_numeric_axis(axes, "y", factor)
         _whole_numbers(axes.xaxis)
         axes.set_xlabel("scored runs")
-        axes.set_ylabel(axis_label(factor))
+        axes.set_ylabel(shortened(axis_label(factor), 30))
         drawing.light_grid(axes)
 
     return drawing.draw(paint, height_in=2.1)

@@ -11,6 +11,9 @@ from seqrsm.arrays import AnyArray, FloatArray
 
 MAX_WIDTH = 600
 MAX_HEIGHT = 900
+ALL_PIXELS = 1_600_000
+"""Pixels of all pictures of a report together: speckle hardly compresses, and a report is to stay below 3 MB."""
+
 NO_DATA = 255
 NO_DATA_COLOR = "#ffffff"
 
@@ -26,9 +29,10 @@ def category_color(index: int) -> str:
     return CATEGORY_COLORS[index % len(CATEGORY_COLORS)]
 
 
-def reduction(rows: int, columns: int) -> int:
-    """Whole factor by which a bitmap is reduced so that it stays within ``MAX_WIDTH`` and ``MAX_HEIGHT``."""
-    return max(1, -(-columns // MAX_WIDTH), -(-rows // MAX_HEIGHT))
+def reduction(rows: int, columns: int, pictures: int = 1) -> int:
+    """Whole factor by which each of so many equal ``pictures`` is reduced to stay within the limits above."""
+    crowding = int(np.ceil(np.sqrt(rows * columns * pictures / ALL_PIXELS)))
+    return max(1, -(-columns // MAX_WIDTH), -(-rows // MAX_HEIGHT), crowding)
 
 
 def reduce_grey(grey: AnyArray, factor: int) -> AnyArray:
@@ -46,17 +50,15 @@ def _block_sums(values: FloatArray, factor: int) -> FloatArray:
     return total
 
 
-def grey_png(grey: AnyArray, pixel_m: float) -> bytes:
-    """Encode a greytone image (rows, columns) of uint8 with a scale bar under it."""
-    factor = reduction(*grey.shape)
+def grey_png(grey: AnyArray, pixel_m: float, factor: int) -> bytes:
+    """Encode a greytone image (rows, columns) of uint8, reduced by ``factor``, with a scale bar under it."""
     small = reduce_grey(grey, factor)
     bar = _scale_bar(small.shape[1], pixel_m * factor, background=255, ink=0)
     return _png(np.vstack([small, bar]), color_type=0)
 
 
-def cover_png(cover: AnyArray, cell_m: float) -> bytes:
-    """Encode a cover map (rows, columns) of category indices as a palette image with a scale bar under it."""
-    factor = reduction(*cover.shape)
+def cover_png(cover: AnyArray, cell_m: float, factor: int) -> bytes:
+    """Encode a cover map (rows, columns) of category indices, reduced by ``factor``, with a scale bar under it."""
     small = np.asarray(cover, dtype=np.uint8)[::factor, ::factor]
     # 254 is the bar's ink: no scene has that many categories.
     bar = _scale_bar(small.shape[1], cell_m * factor, background=NO_DATA, ink=NO_DATA - 1)

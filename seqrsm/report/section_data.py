@@ -15,7 +15,6 @@ from seqrsm.report.rounding import decimals_for, format_number, format_plain, fo
 from seqrsm.report.wording import (
     axis_label,
     describe_factor,
-    format_setting,
     format_value,
     level_text,
     listing,
@@ -179,7 +178,7 @@ def _setting_cell(factor: Factor, value: float | str | None) -> Cell:
         return Cell("")
     if isinstance(factor, CategoricalFactor):
         return Cell(str(value))
-    return number_cell(format_setting(factor, value, unit=False), float(value))
+    return number_cell(format_plain(float(f"{float(value):.4g}")), float(value))
 
 
 def _score_cells(run: RunRecord, application: str, analysis: Analysis | None) -> list[Cell]:

@@ -50,6 +50,8 @@ PARTIAL_F_EQUATION = Equation(
     "F equals the quotient of SSE one minus SSE over p minus q, and SSE over N minus p",
 )
 
+MAX_INFLUENCE_ROWS = 60
+
 
 def model_section(analysis: Analysis, key: str) -> Section:
     """Return model, fit statistics, analysis of variance and coefficients."""
@@ -262,7 +264,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
                 "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie.",
             )
         )
-        blocks.append(Details("Residual, leverage and influence of every run", (_influence_table(analysis),)))
+        blocks.append(Details("Residuals, leverage and influence of runs", (_influence_table(analysis),)))
     else:
         reason = no_error_estimate(analysis) or "every run is fitted exactly"
         blocks.append(Paragraph(f"There are no residuals to look at: {reason}."))
@@ -295,7 +297,11 @@ def _runs(ids: np.ndarray) -> str:
 
 def _influence_table(analysis: Analysis) -> Table:
     fit, data = analysis.fit, analysis.data
-    places = decimals_for(fit.s) if math.isfinite(fit.s) else 3
+    # A quarter of s, so that residuals within it still show their differences.
+    places = decimals_for(fit.s / 4.0) if math.isfinite(fit.s) and fit.s > 0.0 else 3
+    chosen = np.arange(fit.n_runs)
+    if fit.n_runs > MAX_INFLUENCE_ROWS:
+        chosen = np.sort(np.argsort(-np.nan_to_num(fit.cooks_distance), kind="stable")[:MAX_INFLUENCE_ROWS])
     rows = tuple(
         (
             whole_cell(int(data.run_ids[i])),
@@ -306,9 +312,10 @@ def _influence_table(analysis: Analysis) -> Table:
             _maybe(float(fit.leverage[i]), 3),
             _maybe(float(fit.cooks_distance[i]), 3),
         )
-        for i in range(fit.n_runs)
+        for i in chosen
     )
     titles = ("Run", "Observed", "Fitted", "Residual", "Studentised", "Leverage", "Cook's distance")
     columns = tuple(Column(title, align="right") for title in titles)
     scale = ", on the logit scale" if analysis.response == "logit" else ""
-    return Table(columns, rows, f"Residuals and influence{scale}", sortable=True)
+    share = f", the {MAX_INFLUENCE_ROWS} runs with the largest Cook's distance" if len(rows) < fit.n_runs else ""
+    return Table(columns, rows, f"Residuals and influence{scale}{share}", sortable=True)

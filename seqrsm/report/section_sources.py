@@ -22,8 +22,10 @@ from seqrsm.report.blocks import (
 )
 from seqrsm.report.images import NO_DATA, bar_length_m, category_color, cover_png, grey_png, reduction
 from seqrsm.report.phrases import whole_cell
-from seqrsm.report.rounding import format_number, format_plain, format_plus_minus
+from seqrsm.report.rounding import format_plain, format_plus_minus
 from seqrsm.report.wording import format_settings, format_value, listing, readable, with_unit
+
+_MANY_ASSUMPTIONS = 12
 
 LIMITS = (
     "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
@@ -39,15 +41,17 @@ def image_section(dossier: Dossier) -> Section | None:
     if not dossier.images and dossier.truth is None:
         return None
     unit = dossier.analyses[0].score_unit if dossier.analyses else ""
-    panels = [_truth_panel(dossier.truth)] if dossier.truth is not None else []
+    count = sum(len(image.channels) for image in dossier.images) + (dossier.truth is not None)
+    panels = [_truth_panel(dossier.truth, count)] if dossier.truth is not None else []
     for image in dossier.images:
-        panels += _image_panels(dossier, image, unit)
+        panels += _image_panels(dossier, image, unit, count)
     legend = () if dossier.truth is None else _legend(dossier.truth)
     caption = (
         "Range runs down the pictures, near range on top; azimuth runs across. The black bar under each picture is its "
         "scale, given in the table."
     )
-    blocks: list[Block] = [FigureBlock(tuple(panels), caption, legend=legend), _picture_table(dossier, unit)]
+    figure = FigureBlock(tuple(panels), caption, columns=2 if count <= 4 else 3, legend=legend)
+    blocks: list[Block] = [figure, _picture_table(dossier, unit, count)]
     if dossier.truth is not None:
         text = (
             f"Ground truth: {dossier.truth.name}. {_ended(dossier.truth.provenance)} Licence: {dossier.truth.licence}"
@@ -69,37 +73,43 @@ def _legend(truth: TruthPanel) -> tuple[LegendEntry, ...]:
     return tuple(LegendEntry(category_color(i), readable(truth.categories[i])) for i in sorted(_covers(truth)))
 
 
-def _truth_panel(truth: TruthPanel) -> Panel:
+def _truth_panel(truth: TruthPanel, count: int) -> Panel:
     main = listing([readable(truth.categories[i]) for i in _covers(truth)[:3]])
     alt = f"Map of the ground truth of {truth.name}; the largest covers are {main}."
-    return Panel("Ground truth", alt, png=cover_png(truth.cover, truth.cell_m))
+    return Panel("Ground truth", alt, png=cover_png(truth.cover, truth.cell_m, _reduction(truth.cover.shape, count)))
 
 
-def _image_panels(dossier: Dossier, image: ImagePanel, unit: str) -> list[Panel]:
+def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) -> list[Panel]:
     settings = format_settings(dossier.spec.factors, image.settings)
     score = _score(image, unit)
+    factor = _reduction(image.greytone.shape[1:], count)
     return [
         Panel(
             f"{image.title}: {channel}" if channel else image.title,
             f"Simulated image, channel {channel}, {image.title}: {settings}; score {score}.",
-            png=grey_png(image.greytone[index], image.pixel_m),
+            png=grey_png(image.greytone[index], image.pixel_m, factor),
         )
         for index, channel in enumerate(image.channels)
     ]
+
+
+def _reduction(shape: tuple[int, ...], count: int) -> int:
+    rows, columns = shape
+    return reduction(rows, columns, count)
 
 
 def _score(image: ImagePanel, unit: str) -> str:
     return with_unit(format_plus_minus(image.score, image.score_se), unit)
 
 
-def _picture_table(dossier: Dossier, unit: str) -> Table:
+def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
     rows = []
     if dossier.truth is not None:
-        size = _size_cells(dossier.truth.cover.shape, dossier.truth.cell_m)
+        size = _size_cells(dossier.truth.cover.shape, dossier.truth.cell_m, count)
         rows.append((Cell("Ground truth"), Cell(""), Cell(""), *size))
     for image in dossier.images:
         settings = format_settings(dossier.spec.factors, image.settings)
-        size = _size_cells(image.greytone.shape[1:], image.pixel_m)
+        size = _size_cells(image.greytone.shape[1:], image.pixel_m, count)
         rows.append((Cell(image.title), Cell(settings), Cell(_score(image, unit)), *size))
     columns = (
         Column("Picture"),
@@ -110,13 +120,17 @@ def _picture_table(dossier: Dossier, unit: str) -> Table:
         Column("Reduced", align="right"),
         Column("Bar", align="right"),
     )
-    return Table(columns, tuple(rows), "What the pictures show; the score is that of the one image shown")
+    return Table(
+        columns,
+        tuple(rows),
+        "What the pictures show; the score is that of the one image shown, with the standard error within it",
+    )
 
 
-def _size_cells(shape: tuple[int, ...], pixel_m: float) -> tuple[Cell, Cell, Cell, Cell]:
+def _size_cells(shape: tuple[int, ...], pixel_m: float, count: int) -> tuple[Cell, Cell, Cell, Cell]:
     """Extent, pixel, reduction and length of the scale bar of a picture."""
     rows, columns = shape
-    factor = reduction(rows, columns)
+    factor = _reduction(shape, count)
     return (
         Cell(f"{_length(columns * pixel_m)} by {_length(rows * pixel_m)}"),
         Cell(_metres(pixel_m)),
@@ -133,6 +147,11 @@ def _metres(metres: float) -> str:
     return f"{format_plain(float(f'{metres:.3g}'))} m"
 
 
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return _ended(text[:1].upper() + text[1:])
+
+
 def _ended(text: str) -> str:
     text = text.strip()
     return text if not text or text[-1] in ".!?" else f"{text}."
@@ -142,7 +161,11 @@ def assumption_section(dossier: Dossier) -> Section:
     """Return assumptions of the simulation and limits of the method."""
     blocks: list[Block] = []
     if dossier.assumptions:
-        blocks += [Paragraph("Assumed in the simulation:"), Bullets(dossier.assumptions)]
+        listed = Bullets(tuple(_sentence(text) for text in dossier.assumptions))
+        if len(dossier.assumptions) > _MANY_ASSUMPTIONS:
+            blocks.append(Details(f"What was assumed: {len(dossier.assumptions)} statements", (listed,)))
+        else:
+            blocks += [Paragraph("Assumed:"), listed]
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
     return Section("assumptions", "Assumptions and limits", tuple(blocks))
 
@@ -155,7 +178,7 @@ def provenance_section(dossier: Dossier) -> Section:
     if dossier.reproduce:
         blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
     if dossier.events:
-        blocks.append(Details(f"History: {len(dossier.events)} events", (_event_table(dossier),)))
+        blocks.append(_event_table(dossier))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))
 
 
@@ -174,37 +197,18 @@ def _exact(value: float | str) -> str:
 
 
 def _event_table(dossier: Dossier) -> Table:
-    rows = []
-    kept = dossier.events if len(dossier.events) <= 60 else (*dossier.events[:30], *dossier.events[-30:])
-    for event in kept:
-        detail = "; ".join(f"{readable(str(name))}: {_detail(value)}" for name, value in event.detail.items())
-        run = "" if event.run_id is None else str(event.run_id)
-        rows.append(
-            (
-                whole_cell(event.event),
-                Cell(_moment(event.at)),
-                Cell(readable(event.kind)),
-                Cell(run),
-                Cell(_short(detail)),
-            )
-        )
-    columns = (Column("Event", align="right"), Column("Time (UTC)"), Column("Kind"), Column("Run"), Column("Details"))
-    caption = "History of the campaign"
-    if len(kept) < len(dossier.events):
-        caption += f": the first and the last 30 of {len(dossier.events)} events; the data base holds all"
-    return Table(columns, tuple(rows), caption)
-
-
-def _detail(value: object) -> str:
-    if isinstance(value, float):
-        return format_number(value, 4).rstrip("0").rstrip(".")
-    return str(value)
+    """Events by kind; their details name hosts and processes, which are nobody else's business."""
+    moments: dict[str, list[str]] = {}
+    for event in dossier.events:
+        moments.setdefault(event.kind, []).append(event.at)
+    rows = tuple(
+        (Cell(readable(kind)), whole_cell(len(times)), Cell(_moment(min(times))), Cell(_moment(max(times))))
+        for kind, times in moments.items()
+    )
+    columns = (Column("Event"), Column("Times", align="right"), Column("First (UTC)"), Column("Last (UTC)"))
+    return Table(columns, rows, "History of the campaign; its data base holds every event")
 
 
 def _moment(text: str) -> str:
     """Return an ISO 8601 time to the minute."""
     return text[:16].replace("T", " ")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 160 else f"{text[:157]}\u2026"

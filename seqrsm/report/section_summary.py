@@ -126,10 +126,9 @@ def _decision_words(analysis: Analysis) -> tuple[str, str]:
     if analysis.decision.budget_spent:
         return "Budget spent", "before the stop rule held"
     needed = analysis.decision.runs_needed
-    return (
-        "Go on",
-        f"about {needed} runs in all are needed" if needed is not None else "the stop rule does not hold yet",
-    )
+    if needed is not None and needed > analysis.fit.n_runs:
+        return "Go on", f"about {needed} runs in all are needed"
+    return "Go on", "the stop rule does not hold yet"
 
 
 def _most_important(analysis: Analysis) -> tuple[str, str]:

@@ -9,18 +9,23 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.response import ResponseScale
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.transforms import logit_to_percent
 
 GRID_POINTS = 41
 LINE_POINTS = 81
 MAX_PAIRS = 6
 
 
+def scale_of(analysis: Analysis) -> ResponseScale:
+    """Scale of the fit, with the way back to score units."""
+    return ResponseScale.of("logit" if analysis.response == "logit" else "identity", analysis.data.scores)
+
+
 def to_score(analysis: Analysis, values: FloatArray) -> FloatArray:
     """Turn values on the scale of the fit into score units (the logit of a percentage back into percent)."""
-    return logit_to_percent(values) if analysis.response == "logit" else values
+    return scale_of(analysis).to_score(values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +123,11 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
 
 def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     """Predict at coded points (m, k), on the scale of the fit, at the level of the campaign's intervals."""
-    return analysis.fit.predict(analysis.model.matrix(points), level=analysis.optimum.level)
+    rows = analysis.model.matrix(points)
+    mean = analysis.fit.predict(rows).mean
+    # Where the runs do not determine the mean, neither is there a weight: any will do, the interval is nan anyway.
+    weight = np.nan_to_num(scale_of(analysis).weight_at(mean), nan=1.0)
+    return analysis.fit.predict(rows, level=analysis.optimum.level, weight=weight)
 
 
 def line(analysis: Analysis, index: int) -> Line:

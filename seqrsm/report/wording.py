@@ -41,7 +41,7 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def axis_label(factor: Factor) -> str:
-    """Return name and unit of a factor for an axis."""
+    """Return name and unit of a factor, as on an axis or in a table's head."""
     unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
     return f"{readable(factor.name)} [{unit}]" if unit else readable(factor.name)
 
@@ -124,3 +124,8 @@ def level_labels(factor: CategoricalFactor | DiscreteFactor) -> list[str]:
     if isinstance(factor, CategoricalFactor):
         return list(factor.levels)
     return [format_plain(value) for value in factor.values]
+
+
+def shortened(text: str, length: int) -> str:
+    """Cut a long text for a drawing, where it would push the axes out; tables hold it in full."""
+    return text if len(text) <= length else f"{text[: length - 1]}\u2026"

@@ -62,7 +62,7 @@ def test_scene_layers_that_differ_in_size(tiny) -> None:
         arrays = dict(scene)
     arrays["cover"] = arrays["cover"][:-1]
     np.savez_compressed(tiny / "scene.npz", **arrays)
-    refused(seqrsm("check", tiny), "scene.npz", "cover", "(59, 80)", "(60, 80)")
+    refused(seqrsm("check", tiny), "scene.npz", "cover", "59 x 80", "60 x 80")
 
 
 HEADER = "polarization,resolution,score\n"

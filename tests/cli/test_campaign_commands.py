@@ -98,7 +98,13 @@ def test_natural_coefficients_give_the_same_surface(copy) -> None:
     import numpy as np
 
     document = json.loads(ok("fit", copy, "--json"))
-    natural = {term["name"]: term["natural"] for term in document["terms"]}
+    assert all(set(term["natural"]) == {"estimate", "se", "low", "high"} for term in document["terms"])
+    natural = {term["name"]: term["natural"]["estimate"] for term in document["terms"]}
+    square = next(term for term in document["terms"] if term["name"] == "resolution^2")
+    # one factor to a power, so only the scale changes: the interval is that of the coded coefficient, scaled
+    ratio = square["natural"]["estimate"] / square["coded"]["estimate"]
+    assert square["natural"]["se"] == pytest.approx(ratio * square["coded"]["se"], rel=1e-9)
+    assert square["natural"]["low"] == pytest.approx(ratio * square["coded"]["low"], rel=1e-9)
     best = document["optimum"]["settings"]
     x = np.log10(best["resolution"])
     sign = 1.0 if best["polarization"] == "HH" else -1.0
@@ -173,13 +179,16 @@ def test_image_files_open(copy, tmp_path, suffix) -> None:
     import numpy as np
 
     out = tmp_path / f"image.{suffix}"
-    document = json.loads(ok("image", copy, "--set", "polarization=HH+HV", "--set", "resolution=20", "--out", out, "--json"))
+    document = json.loads(
+        ok("image", copy, "--set", "polarization=HH+HV", "--set", "resolution=20", "--out", out, "--json")
+    )
     assert document["settings"] == {"polarization": "HH+HV", "resolution": 20.0}
     channels, rows, columns = document["shape"]
     if suffix == "png":
         from PIL import Image
 
-        assert Image.open(out).size == (columns, rows)
+        with Image.open(out) as picture:
+            assert picture.size == (columns, rows)
     elif suffix == "npz":
         with np.load(out) as arrays:
             assert arrays["intensity_w"].shape == (channels, rows, columns)
@@ -209,7 +218,7 @@ def test_rehearse_gives_coverage(copy) -> None:
 def test_design_stands_alone(tmp_path) -> None:
     out = tmp_path / "design.csv"
     document = json.loads(ok("design", "--factors", 2, "--runs", 9, "--csv", out, "--json"))
-    assert document["d_efficiency_percent"] == pytest.approx(97.397, abs=0.001)  # the best known design of 9 runs
+    assert document["d_efficiency"] == pytest.approx(0.97397, abs=1e-5)  # the best known design of 9 runs
     assert len(out.read_text(encoding="utf-8").splitlines()) == 10
     assert seqrsm("design", "--factors", 2, "--runs", 5).exit_code == 2
 

@@ -228,7 +228,9 @@ def make_posterior(spec, region, model, fit, estimate, goal, draws) -> Posterior
     p = fit.n_terms
     # Little information on every coefficient, so that a saturated fit has a posterior too.
     scale = float(np.std(fit.y)) + 1e-6
-    prior = NormalInverseGamma(np.zeros(p), np.diag(np.where(np.arange(p) == 0, 1e-6, 1e-3)), 0.5, 0.5 * (scale / 10) ** 2)
+    prior = NormalInverseGamma(
+        np.zeros(p), np.diag(np.where(np.arange(p) == 0, 1e-6, 1e-3)), 0.5, 0.5 * (scale / 10) ** 2
+    )
     beta, sigma = posterior(fit.Z, fit.y, fit.weights, prior).draws(draws, np.random.default_rng(7))
     beta = beta[:, : model.p]
     points, values = optimum_draws(model, region, beta, goal)
@@ -283,9 +285,9 @@ def truth_score(points: np.ndarray) -> np.ndarray:
     return 74.0 + 4.0 * f - 6.0 * f**2 + 2.0 * a - 5.0 * a**2 + 5.0 * n - 2.0 * n**2 + 1.5 * f * a + level + pol * f
 
 
-def simulated_dossier(folder: Path, *, n=48, draws=800, text=SIMULATED) -> Dossier:
-    """A campaign with a simulator: constraint, discrete and categorical factor, images, looks, a void and a failed run."""
-    spec = load(folder, text)
+def simulated_dossier(folder: Path, *, n=48, draws=800) -> Dossier:
+    """With a simulator, a constraint, discrete and categorical factors, images, looks, a void and a failed run."""
+    spec = load(folder, SIMULATED)
     simulator = SimulatorSpec(engine="psm", scene="scene.npz", fixed={"altitude_m": 3000.0, "aperture": "synthetic"})
     spec = dataclasses.replace(spec, simulator=simulator)
     rng = np.random.default_rng(1979)
@@ -330,7 +332,10 @@ def simulated_dossier(folder: Path, *, n=48, draws=800, text=SIMULATED) -> Dossi
         licence="CC0",
         provenance="Made by a seeded generator",
     )
-    events = tuple(EventRecord(i + 1, run.proposed_at, "0.1.0", 1979, run.run_id, "scored", {"score": 1.5}) for i, run in enumerate(runs))
+    events = tuple(
+        EventRecord(i + 1, run.proposed_at, "0.1.0", 1979, run.run_id, "scored", {"score": 1.5})
+        for i, run in enumerate(runs)
+    )
     return Dossier(
         spec=spec,
         analyses=(analysis,),
@@ -345,16 +350,16 @@ def simulated_dossier(folder: Path, *, n=48, draws=800, text=SIMULATED) -> Dossi
     )
 
 
-def flight_dossier(folder: Path, *, text=FLIGHT, n=24) -> Dossier:
+def flight_dossier(folder: Path, n=24) -> Dossier:
     """Measured scores only: discrete and categorical factors, blocks, smaller is better, no looks and no images."""
-    spec = load(folder, text)
+    spec = load(folder, FLIGHT)
     rng = np.random.default_rng(5)
     points = spec.region.candidates(3)
     points = points[np.arange(n) % len(points)]
     blocks = [f"day {1 + i // 8}" for i in range(n)]
     scores = 5.0 + points[:, 0] - 0.8 * points[:, 1] + 0.3 * points[:, 2] + rng.normal(0, 0.3, n)
     runs = runs_of(spec, points, scores, None, source="flight", blocks=blocks)
-    analysis = make_analysis(spec, runs, blocks=n > 8)
+    analysis = make_analysis(spec, runs, blocks=True)
     return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, (), {"seqrsm": "0.1.0"}, ("seqrsm report .",))
 
 

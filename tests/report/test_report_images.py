@@ -8,12 +8,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from seqrsm.report.images import MAX_HEIGHT, MAX_WIDTH, bar_length_m, category_color, cover_png, grey_png, reduction
+from seqrsm.report.images import (
+    ALL_PIXELS,
+    MAX_HEIGHT,
+    MAX_WIDTH,
+    bar_length_m,
+    category_color,
+    cover_png,
+    grey_png,
+    reduction,
+)
 
 
 def test_grey_pixels_survive():
     grey = np.random.default_rng(0).integers(0, 256, (40, 50)).astype(np.uint8)
-    with Image.open(io.BytesIO(grey_png(grey, 10.0))) as image:
+    with Image.open(io.BytesIO(grey_png(grey, 10.0, reduction(*grey.shape)))) as image:
         assert np.array_equal(np.asarray(image)[:40], grey)
 
 
@@ -21,7 +30,7 @@ def test_large_images_are_block_means():
     grey = np.random.default_rng(1).integers(0, 256, (901, 1250)).astype(np.uint8)
     factor = reduction(*grey.shape)
     assert factor == 3
-    with Image.open(io.BytesIO(grey_png(grey, 10.0))) as image:
+    with Image.open(io.BytesIO(grey_png(grey, 10.0, reduction(*grey.shape)))) as image:
         pixels = np.asarray(image)
     assert pixels.shape[1] == 417
     assert pixels.shape[1] <= MAX_WIDTH
@@ -32,7 +41,7 @@ def test_large_images_are_block_means():
 
 def test_cover_has_the_colours_of_its_legend():
     cover = np.tile(np.array([0, 1, 2, 255], dtype=np.uint8), (20, 30))
-    with Image.open(io.BytesIO(cover_png(cover, 5.0))) as image:
+    with Image.open(io.BytesIO(cover_png(cover, 5.0, 1))) as image:
         colors = np.asarray(image.convert("RGB"))
     for column, index in enumerate((0, 1, 2)):
         assert "#{:02x}{:02x}{:02x}".format(*colors[0, column]) == category_color(index)
@@ -43,7 +52,12 @@ def test_cover_has_the_colours_of_its_legend():
 def test_scale_bar_is_a_round_length_within_a_third(columns, pixel, bar):
     assert bar_length_m(columns, pixel) == bar
     grey = np.full((30, columns), 128, dtype=np.uint8)
-    with Image.open(io.BytesIO(grey_png(grey, pixel))) as image:
+    with Image.open(io.BytesIO(grey_png(grey, pixel, 1))) as image:
         pixels = np.asarray(image)
     drawn = np.count_nonzero(pixels[30 + max(3, columns // 100)] == 0)
     assert drawn == round(bar / pixel)
+
+
+def test_many_pictures_share_the_pixels_of_a_report():
+    factor = reduction(900, 600, 12)
+    assert 12 * -(-900 // factor) * -(-600 // factor) <= ALL_PIXELS

@@ -64,7 +64,13 @@ def test_special_values_are_words_or_signs_never_nan():
 
 
 def test_probabilities():
-    assert [format_p(p) for p in (0.2345, 0.04567, 0.0012, 0.00099, 1.0)] == ["0.23", "0.046", "0.001", "< 0.001", "1.00"]
+    assert [format_p(p) for p in (0.2345, 0.04567, 0.0012, 0.00099, 1.0)] == [
+        "0.23",
+        "0.046",
+        "0.001",
+        "< 0.001",
+        "1.00",
+    ]
     assert [format_percent(q).replace("\u00a0", " ") for q in (0.0, 1.0, 0.5, 0.004, 0.0005, 0.9999)] == [
         "0 %", "100 %", "50 %", "0.4 %", "< 0.1 %", "> 99.9 %"
     ]  # fmt: skip

@@ -1,0 +1,80 @@
+"""A campaign that is killed or interrupted goes on, and ends with the same runs and scores as one that was not."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import TINY, make_tiny
+
+KILLS = 6
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "seqrsm", *(str(argument) for argument in arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+
+
+def finish(*arguments: object) -> str:
+    process = start(*arguments)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out
+
+
+def result(folder: Path) -> list:
+    out = folder.parent / f"{folder.name}.json"
+    finish("export", folder, out)
+    document = json.loads(out.read_text(encoding="utf-8"))
+    return [
+        (run["run_id"], run["batch"], run["purpose"], run["proposed"], run["state"], [s["score"] for s in run["scores"]])
+        for run in document["runs"]
+    ]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory, tiny_scene) -> tuple[list, float]:
+    folder = make_tiny(tmp_path_factory.mktemp("calm") / "tiny", tiny_scene)
+    begin = time.monotonic()
+    finish("run", folder)
+    return result(folder), time.monotonic() - begin
+
+
+def test_killed_at_random_moments(tmp_path, tiny_scene, undisturbed) -> None:
+    folder = make_tiny(tmp_path / "tiny", tiny_scene)
+    rng = random.Random(380)
+    acknowledged: set[int] = set()
+    for _ in range(KILLS):
+        process = start("run", folder)
+        time.sleep(rng.uniform(0.2, 1.0) * undisturbed[1])
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        if (folder / "campaign.db").exists():
+            scored = {run[0] for run in result(folder) if run[4] == "scored"}
+            assert acknowledged <= scored  # nothing that was there is lost
+            acknowledged = scored
+    finish("run", folder)
+    assert result(folder) == undisturbed[0]
+
+
+def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 9.0", "half_width = 3.5"))
+    process = start("run", folder)
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline and not (folder / "campaign.db").exists():
+        time.sleep(0.05)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "goes on from here" in err
+    assert "Traceback" not in err
+    # no run is left in the hands of the process that is gone
+    assert "running" not in {run[4] for run in result(folder)}

@@ -1,0 +1,367 @@
+"""Both faces of the report: complete, self-contained, equal in their numbers, safe, and the same bytes every time."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import itertools
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from conftest import load, make_analysis, runs_of, truth_score
+from pypdf import PdfReader
+
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.report import write_report
+from seqrsm.report.blocks import (
+    Bullets,
+    Cell,
+    Code,
+    Column,
+    Definitions,
+    Details,
+    Equation,
+    FigureBlock,
+    KeyFigures,
+    Paragraph,
+    Table,
+)
+from seqrsm.report.content import build_report, last_score_time
+from seqrsm.report.html import render_html
+from seqrsm.report.pdf import render_pdf
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """Checks that tags nest, and gathers text, tags and attributes."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(source)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not {"script", "style"} & set(self.open):
+            self.text.append(data)
+
+
+def squeezed(text: str) -> str:
+    return re.sub(r"\s", "", text)
+
+
+def html_text(source: str) -> str:
+    return squeezed("".join(Page(source).text))
+
+
+def pdf_text(data: bytes) -> str:
+    """Text of a PDF without the running header and footer."""
+    pages = []
+    for page in PdfReader(io.BytesIO(data)).pages:
+        text = page.extract_text().strip()
+        pages.append(re.sub(r"(?:seqrsm [\d.]+\s*page \d+ of \d+|page \d+ of \d+\s*seqrsm [\d.]+)\Z", "", text))
+    return squeezed("\n".join(pages))
+
+
+def strings(report):
+    """Every piece of text that both faces must show."""
+
+    def of_blocks(blocks):
+        for block in blocks:
+            if isinstance(block, Paragraph):
+                yield block.text
+            elif isinstance(block, Bullets):
+                yield from block.items
+            elif isinstance(block, KeyFigures):
+                for item in block.items:
+                    yield from (item.label, item.value, item.detail)
+            elif isinstance(block, Table):
+                yield block.caption
+                yield from (column.title for column in block.columns)
+                yield from (cell.text for row in block.rows for cell in row)
+            elif isinstance(block, FigureBlock):
+                yield block.caption
+                yield from (panel.title for panel in block.panels)
+                yield from (entry.label for entry in block.legend)
+            elif isinstance(block, Definitions):
+                yield from (text for pair in block.items for text in pair)
+            elif isinstance(block, Code):
+                yield from block.lines
+            elif isinstance(block, Details):
+                yield from of_blocks(block.blocks)
+
+    def of_sections(sections):
+        for section in sections:
+            yield section.title
+            yield from of_blocks(section.blocks)
+            yield from of_sections(section.sections)
+
+    yield from (report.title, report.subtitle, report.date)
+    yield from of_sections(report.sections)
+
+
+def all_blocks(sections):
+    for section in sections:
+        for block in section.blocks:
+            yield block
+            if isinstance(block, Details):
+                yield from block.blocks
+        yield from all_blocks(section.sections)
+
+
+@pytest.fixture(scope="module")
+def built():
+    """Reports, each dossier's made once."""
+    made = {}
+
+    def build(dossier):
+        if id(dossier) not in made:
+            made[id(dossier)] = build_report(dossier)
+        return made[id(dossier)]
+
+    return build
+
+
+@pytest.fixture(scope="module")
+def report(simulated, built):
+    return built(simulated)
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return render_html(report)
+
+
+@pytest.fixture(scope="module")
+def paper(report):
+    return render_pdf(report)
+
+
+def test_html_nests_and_has_a_heading_order_and_alternatives(page):
+    parsed = Page(page)
+    levels = [int(tag[1]) for tag, _ in parsed.tags if re.fullmatch(r"h[1-6]", tag)]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
+    drawings = [attrs for tag, attrs in parsed.tags if tag == "svg"]
+    assert len(drawings) >= 20
+    assert all(attrs["role"] == "img" and len(attrs["aria-label"]) > 20 for attrs in drawings)
+    assert all(len(attrs["alt"]) > 20 for tag, attrs in parsed.tags if tag == "img")
+    assert sum(tag == "math" for tag, _ in parsed.tags) == 3
+    identifiers = [attrs["id"] for _, attrs in parsed.tags if "id" in attrs]
+    assert len(identifiers) == len(set(identifiers))
+    anchors = {attrs["href"][1:] for tag, attrs in parsed.tags if tag in ("a", "use")}
+    assert anchors <= set(identifiers)
+    assert set(re.findall(r"url\(#([^)]*)\)", page)) <= set(identifiers)
+
+
+def test_html_asks_the_network_for_nothing(page):
+    assert (
+        re.findall(r"(?i)(?:https?|ftp|file|wss?):|//[a-z]|@import|url\((?!#)", re.sub(r"base64,[^\"]*", "", page))
+        == []
+    )
+    for tag, attrs in Page(page).tags:
+        assert tag not in {"link", "iframe", "object", "embed", "base", "form"}
+        assert all(not (name == "src" and not value.startswith("data:image/png")) for name, value in attrs.items())
+        assert not any(name.startswith("on") for name in attrs)
+    assert "default-src 'none'" in page
+    assert len(page.encode()) < 3_000_000
+
+
+def test_both_faces_show_every_text(report, page, paper):
+    in_html, in_pdf = html_text(page), pdf_text(paper)
+    for text in strings(report):
+        assert squeezed(text) in in_html, text
+        assert squeezed(text) in in_pdf, text
+
+
+def test_numbers_are_those_of_the_analysis(simulated, page):
+    """The figures of the summary are computed here once more, from the fit alone."""
+    analysis = simulated.analyses[0]
+    fit, best = analysis.fit, analysis.optimum
+    row = analysis.model.matrix(best.point[None, :])[0]
+    h = row @ np.linalg.solve(fit.Z.T @ fit.Z, row)
+    s = np.sqrt(np.sum((fit.y - fit.Z @ np.linalg.lstsq(fit.Z, fit.y)[0]) ** 2) / (len(fit.y) - len(row)))
+    assert len(fit.y) - len(row) == 30
+    half = 2.042272 * s * np.sqrt(1 + h)  # t(30, 0.975), any table
+    mean = row @ np.linalg.lstsq(fit.Z, fit.y)[0]
+    text = "".join(Page(page).text).replace("\u00a0", " ")
+    assert f"{mean - half:.1f} to {mean + half:.1f} percent" in text
+    assert f"{mean:.1f} ± {2.042272 * s * np.sqrt(h):.1f} percent" in text
+    assert abs(mean - truth_score(best.point[None, :])[0]) < 4 * s * np.sqrt(h)
+
+
+def test_pdf_is_tagged_titled_and_dated_by_the_last_score(simulated, paper):
+    reader = PdfReader(io.BytesIO(paper))
+    root = reader.trailer["/Root"]
+    assert root["/MarkInfo"]["/Marked"]
+    assert root["/Lang"] == "en"
+    assert reader.metadata.title == "Campaign crop radar"
+    assert reader.metadata.creation_date.timestamp() == last_score_time(simulated)
+    assert "pdfuaid" in root["/Metadata"].get_data().decode()
+    assert next(item.title for item in reader.outline if not isinstance(item, list)) == "Campaign crop radar"
+    width, height = reader.pages[0].mediabox[2:]
+    assert (round(float(width)), round(float(height))) == (595, 842)
+
+
+def test_the_summary_is_the_first_page(paper):
+    pages = [page.extract_text() for page in PdfReader(io.BytesIO(paper)).pages]
+    assert "Summary" in pages[0]
+    assert "Question and region" not in pages[0]
+    assert "Question and region" in pages[1]
+
+
+def test_same_dossier_same_bytes(simulated, page, paper, tmp_path):
+    again = write_report(simulated, tmp_path / "new" / "report.html", tmp_path / "new" / "report.pdf")
+    assert again[0].read_bytes() == page.encode()
+    assert again[1].read_bytes() == paper
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["report.html", "report.pdf"]
+
+
+@pytest.mark.parametrize("name", ["flight", "many", "saturated"])
+def test_other_campaigns_render_without_nan(name, request, built):
+    report = built(request.getfixturevalue(name))
+    in_html, in_pdf = html_text(render_html(report)), pdf_text(render_pdf(report))
+    for text in strings(report):
+        assert squeezed(text) in in_html, text
+        assert squeezed(text) in in_pdf, text
+        assert not re.search(r"\bnan\b|\binf\b|None", text), text
+
+
+def test_saturated_fit_says_why_there_is_no_interval(saturated, built):
+    text = " ".join(strings(built(saturated)))
+    assert text.count("no error estimate: N = p (28 runs, 28 terms)") >= 5
+    assert "none: N = p" in text
+    assert "importance of the factors cannot be tested" in text
+
+
+def test_measured_scores_have_no_pictures_and_keep_their_blocks(flight, built):
+    report = built(flight)
+    assert "images" not in {section.key for section in report.sections}
+    text = list(strings(report))
+    assert "block[day 1]" in text
+    assert "day 3" in text
+    assert any("lowest mean score" in words for words in text)
+
+
+def test_more_than_six_pairs_are_cut_and_said(many, built):
+    figures = [b for b in all_blocks(built(many).sections) if isinstance(b, FigureBlock)]
+    contours = next(f for f in figures if f.caption.startswith("Contours"))
+    assert len(contours.panels) == 6
+    assert "Of 15 pairs the 6 of the most important factors are drawn." in contours.caption
+
+
+def test_user_text_stays_text(tmp_path):
+    bad = '<script>alert(1)</script>"\'&#panic(1) $x$ *b* #eval("1") \\u{41} {{ 7*7 }} [l](x)'
+    quoted = bad.replace("\\", "\\\\").replace('"', '\\"')
+    text = f"""
+[campaign]
+name = "hostile"
+description = "{quoted}"
+[[factor]]
+name = "power"
+unit = "{quoted}"
+values = [1, 2, 3]
+[[factor]]
+name = "film"
+levels = ["{quoted}", "b"]
+[[application]]
+name = "a"
+utility = "measured"
+[model]
+order = 1
+[stop]
+half_width = 1.0
+"""
+    dossier = hostile(tmp_path, text, bad)
+    report = build_report(dossier)
+    page, paper = render_html(report), render_pdf(report)
+    parsed = Page(page)
+    assert sum(tag == "script" for tag, _ in parsed.tags) == 1
+    in_html, in_pdf = squeezed("".join(parsed.text)), pdf_text(paper)
+    assert in_html.count(squeezed(bad)) > 10
+    assert squeezed(bad) in in_pdf
+    for words in strings(report):
+        assert squeezed(words) in in_html
+    assert all(bad not in block.math for block in all_blocks(report.sections) if isinstance(block, Equation))
+
+
+def hostile(folder, text, bad):
+    spec = load(folder, text)
+    points = np.vstack([spec.region.candidates(3)] * 2)
+    scores = points[:, 0] + points[:, 1] + 0.1 * np.random.default_rng(1).standard_normal(len(points))
+    runs = [
+        dataclasses.replace(run, purpose=bad, block=bad) for run in runs_of(spec, points, scores, None, source="flight")
+    ]
+    void = dataclasses.replace(runs[0], run_id=99, state="void", reason=bad, scores=())
+    analysis = dataclasses.replace(make_analysis(spec, runs, unit=bad, draws=50), warnings=(bad,))
+    return Dossier(spec, (analysis,), (*runs, void), (), (), (), None, (bad,), {bad: bad}, (bad,))
+
+
+def test_characters_that_no_font_has_still_give_a_pdf(flight):
+    odd = dataclasses.replace(flight, assumptions=("\U0001f9ff \u2e80 \ue123 rare signs",))
+    assert render_pdf(build_report(odd)).startswith(b"%PDF")
+
+
+def test_a_campaign_without_any_result_has_a_report(flight):
+    empty = dataclasses.replace(flight, analyses=(), runs=())
+    report = build_report(empty)
+    assert report.timestamp == 0
+    assert "no score yet" in render_html(report)
+    assert render_pdf(report).startswith(b"%PDF")
+
+
+def test_two_applications_have_their_own_sections(flight):
+    first = flight.analyses[0]
+    both = dataclasses.replace(flight, analyses=(first, dataclasses.replace(first, application="other use")))
+    report = build_report(both)
+    keys = re.findall(r'<section id="([^"]+)"', render_html(report))
+    assert len(keys) == len(set(keys))
+    assert {"a1", "a2", "a1-model", "a2-model", "summary-1", "summary-2"} <= set(keys)
+
+
+def test_logit_scores_are_drawn_in_percent(simulated):
+    from seqrsm.fit.least_squares import fit_least_squares
+    from seqrsm.report.surfaces import line
+
+    analysis = simulated.analyses[0]
+    logits = np.log(analysis.data.scores / (100.0 - analysis.data.scores))
+    fit = fit_least_squares(analysis.fit.Z, logits, list(analysis.model.terms))
+    drawn = line(dataclasses.replace(analysis, fit=fit, response="logit"), 0)
+    assert np.all((drawn.prediction_low > 0.0) & (drawn.prediction_high < 100.0))
+    row = analysis.model.matrix(analysis.optimum.point[None, :])
+    here = np.argmin(np.abs(drawn.x - analysis.optimum.settings["frequency"]))
+    at_optimum = 100.0 / (1.0 + np.exp(-(row @ fit.estimate)[0]))
+    assert drawn.mean[here] == pytest.approx(at_optimum, abs=0.3)
+
+
+def test_importing_the_package_draws_nothing_heavy():
+    code = (
+        "import sys, seqrsm.report; print([m for m in ('matplotlib', 'jinja2', 'typst', 'scipy') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_tables_refuse_ragged_rows():
+    with pytest.raises(ValueError, match="needs 1 cells"):
+        Table((Column("a"),), ((Cell("a"), Cell("b")),), "x")
