@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from seqrsm.arrays import AnyArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.campaign.store import EventRecord, LookRecord, RunRecord
+from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord
 
 
 @dataclass(frozen=True, slots=True)

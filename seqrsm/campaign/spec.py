@@ -186,7 +186,7 @@ class StopSpec(_Table):
 
     half_width: PositiveNumber
     interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
-    replicates: Annotated[int, Field(ge=1)] = 5
+    replicates: Annotated[int, Field(ge=2)] = 5
     level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
     max_runs: Annotated[int, Field(ge=1)] = 80
     guard: Literal["runs", "confirmation", "anytime"] = "runs"

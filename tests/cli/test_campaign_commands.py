@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.cli.app import app
@@ -24,8 +25,6 @@ def ok(*arguments: object) -> str:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, tiny_scene) -> tuple[Path, dict]:
-    from conftest import make_tiny
-
     folder = make_tiny(tmp_path_factory.mktemp("run") / "tiny", tiny_scene)
     return folder, json.loads(ok("run", folder, "--json"))
 
@@ -61,16 +60,12 @@ def test_run_again_does_nothing_more(finished) -> None:
 
 
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene) -> None:
-    from conftest import make_tiny
-
     other = make_tiny(tmp_path / "other", tiny_scene)
     ok("run", other, "--workers", 2)
     assert scores(other) == scores(finished[0])
 
 
 def test_another_seed_gives_other_scores(finished, tmp_path, tiny_scene) -> None:
-    from conftest import TINY, make_tiny
-
     other = make_tiny(tmp_path / "other", tiny_scene, TINY.replace("seed = 5", "seed = 6"))
     ok("run", other)
     assert scores(other)[0][3] != scores(finished[0])[0][3]
@@ -128,8 +123,6 @@ def test_texts_for_people(copy) -> None:
 
 
 def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
-    from conftest import TINY, make_tiny
-
     folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 9.0", "half_width = 1.0"))
     result = seqrsm("run", folder, "--max-runs", 17)
     assert result.exit_code == 3, result.output

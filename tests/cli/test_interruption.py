@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import TINY, make_tiny
+from tiny_campaign import TINY, make_tiny
 
-KILLS = 6
+KILLS = 4
 
 
 def start(*arguments: object) -> subprocess.Popen[str]:
@@ -34,7 +34,14 @@ def result(folder: Path) -> list:
     finish("export", folder, out)
     document = json.loads(out.read_text(encoding="utf-8"))
     return [
-        (run["run_id"], run["batch"], run["purpose"], run["proposed"], run["state"], [s["score"] for s in run["scores"]])
+        (
+            run["run_id"],
+            run["batch"],
+            run["purpose"],
+            run["proposed"],
+            run["state"],
+            [s["score"] for s in run["scores"]],
+        )
         for run in document["runs"]
     ]
 
