@@ -17,7 +17,7 @@ _FLOOR_PER_TERM = -6.0
 # A wandering step of the iterated local search may fall by this share of the criterion.
 _THRESHOLD = 0.002
 _CANDIDATES = 3000
-_POLISHED = 4
+_POLISHED = 2
 _MAX_PASSES = 60
 _COARSE, _PASS_GAIN = 1e-3, 1e-9
 

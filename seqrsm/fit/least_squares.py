@@ -296,7 +296,9 @@ def fit_least_squares(
     rank, df = factors.rank, n - factors.rank
     L = linear_system.covariance_factor(factors)
     C = linear_system.covariance(factors, L)
-    bad = np.any(np.abs(factors.null) > _ESTIMABLE, axis=1)
+    # Rounding leaves dust in the null space; a term that takes no part in any dependence has none.
+    null = np.where(np.abs(factors.null) > _ESTIMABLE, factors.null, 0.0)
+    bad = np.any(null != 0.0, axis=1)
     C = np.where(bad[:, None] | bad[None, :], np.nan, C)
     aliased = tuple(name for name, b in zip(names, bad, strict=True) if b)
     sse = float(r @ r)
@@ -339,7 +341,7 @@ def fit_least_squares(
         block_ids=_anova.group_index(block_ids, n),
         basis_estimate=basic,
         factor=L,
-        null=factors.null * factors.scale[:, None],
+        null=null * factors.scale[:, None],
     )
 
 

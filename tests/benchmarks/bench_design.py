@@ -1,4 +1,4 @@
-"""Optimal designs against the best known, and the time they take on one core: ``python tests/benchmarks/bench_design.py``.
+"""Optimal designs against the best known, and their time on one core: ``python tests/benchmarks/bench_design.py``.
 
 Options: ``--criterion D|I``, ``--factors 3 4``, ``--seeds 3``. A ratio above 1 is better than the best known.
 """

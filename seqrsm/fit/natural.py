@@ -1,0 +1,90 @@
+"""Coefficients in natural units: the same polynomial, with each coded factor written out.
+
+A coded factor is ``a + b x`` with ``x`` the natural value, or its log10 where the factor has a log scale, so the
+coefficients in ``x`` are a linear map of the coded ones, ``beta_nat = T beta``. Estimates, standard errors and
+intervals follow from the fit without any further approximation: Cov(beta_nat) = s^2 T C T'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.intervals import Interval
+from seqrsm.fit.least_squares import LeastSquaresFit
+
+
+@dataclass(frozen=True, slots=True)
+class NaturalCoefficients:
+    """Coefficients of the surface in natural units, in the order of the model's terms.
+
+    Attributes
+    ----------
+    names : tuple of str (p,)
+    estimate, se : ndarray (p,)
+        nan where the runs do not determine the coefficient (``se`` also when saturated).
+    interval : Interval
+        Confidence interval of each.
+    transform : ndarray (p, p)
+        T of ``beta_nat = T beta``.
+    """
+
+    names: tuple[str, ...]
+    estimate: FloatArray
+    se: FloatArray
+    interval: Interval
+    transform: FloatArray
+
+
+def natural_transform(model: QuadraticModel) -> FloatArray:
+    """Matrix T (p, p) from coded to natural coefficients, ``beta_nat = T beta``.
+
+    The natural polynomial is in the value of each numeric factor, or in log10 of it for a log scale; contrasts of
+    categorical factors stay as they are. Every product that appears is a term of the model, since the model holds with
+    each product all of its factors.
+    """
+    q = len(model.numeric)
+    width = 1 + q + sum(len(columns) for i, columns in enumerate(model.columns) if i in model.categorical)
+    base = np.eye(width)  # base column in coded units = row of this times the natural base columns
+    for j, index in enumerate(model.numeric, start=1):
+        factor = model.factors[index]
+        assert not isinstance(factor, CategoricalFactor)
+        low, high = factor.decode(np.array([-1.0, 1.0]))
+        if factor.scale == "log":
+            low, high = np.log10(low), np.log10(high)
+        base[j, 0], base[j, j] = -(high + low) / (high - low), 2.0 / (high - low)
+    place = {
+        (min(a, b), max(a, b)): t
+        for t, (a, b) in enumerate(zip(model.first.tolist(), model.second.tolist(), strict=True))
+    }
+    T = np.zeros((model.p, model.p))
+    for t, (a, b) in enumerate(zip(model.first.tolist(), model.second.tolist(), strict=True)):
+        for i in np.flatnonzero(base[a]).tolist():
+            for j in np.flatnonzero(base[b]).tolist():
+                T[place[min(i, j), max(i, j)], t] += base[a, i] * base[b, j]
+    return T
+
+
+def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: float = 0.95) -> NaturalCoefficients:
+    """Coefficients in natural units with standard errors and confidence intervals.
+
+    Parameters
+    ----------
+    model : QuadraticModel
+        Its terms are the first columns of the fit; block columns follow and stay coded.
+    fit : LeastSquaresFit
+    level : float
+        Coverage of each interval, in (0, 1).
+
+    Returns
+    -------
+    NaturalCoefficients
+        A coefficient is nan where it is not estimable: it takes part in an alias, or a term it is made of does.
+    """
+    T = natural_transform(model)
+    found = fit.predict(T, level)
+    return NaturalCoefficients(model.term_names, found.mean, found.se_mean, found.confidence, T)
