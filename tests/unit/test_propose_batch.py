@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -285,12 +283,3 @@ def test_too_few_runs_lean_on_a_weak_prior() -> None:
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, None), 100.0 * np.eye(3))
     prior = np.diag([1.0, 2.0, 4.0])
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, prior), np.diag([1.0, 0.5, 0.25]))
-
-
-def test_batch_of_four_for_five_factors_is_fast() -> None:
-    data = campaign(5, 40)
-    propose_batch(**data, n=4)
-    start = time.process_time()
-    for seed in range(5):
-        propose_batch(**data, n=4, seed=seed)
-    assert (time.process_time() - start) / 5 < 0.05

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -141,11 +139,9 @@ ATTACKS = [
 
 
 @pytest.mark.parametrize("text", ATTACKS, ids=range(len(ATTACKS)))
-def test_everything_else_is_refused_quickly_and_clearly(text):
-    start = time.perf_counter()
+def test_everything_else_is_refused_clearly(text):
     with pytest.raises(RegionError) as caught:
         Constraint(text)
-    assert time.perf_counter() - start < 0.1
     assert "Allowed are names of factors" in str(caught.value)
 
 
