@@ -13,9 +13,27 @@ from seqrsm.campaign.analysis import (
     FactorImportance,
     Interval,
     OptimumEstimate,
-    ScoredRuns,
 )
-from seqrsm.campaign.posterior import Sampler, summarise_posterior
+from seqrsm.campaign.fitted import (
+    CONFIRMATION,
+    Fitted,
+    block_labels,
+    compare_sources,
+    fit_application,
+    natural_ranges,
+    range_text,
+    region_history,
+    scored_runs,
+)
+from seqrsm.campaign.posterior import (
+    Draws,
+    Sampler,
+    central,
+    draw_coefficients,
+    future_scores,
+    outer_bounds,
+    summarise_posterior,
+)
 from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
@@ -23,36 +41,12 @@ from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation
 from seqrsm.decide.stopping import Decision, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import FitError, Problem
 from seqrsm.fit.anova import LackOfFit
-from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.canonical import StationaryPoint, stationary_point
-from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
+from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 
-CONFIRMATION = "confirmation"
-"""Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
-
-_SAME_SETTING_DECIMALS = 9
-
-
-def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> ScoredRuns:
-    """Runs that enter the fit of ``application``: scored, not void, no confirmation runs; in order of id."""
-    used = [
-        (run, score)
-        for run in runs
-        if run.state == "scored" and run.purpose != CONFIRMATION and (score := run.score_of(application)) is not None
-    ]
-    return ScoredRuns(
-        run_ids=np.array([run.run_id for run, _ in used], dtype=np.int64),
-        batches=np.array([run.batch for run, _ in used], dtype=np.int64),
-        points=region.code([run.settings for run, _ in used]) if used else np.empty((0, region.k)),
-        scores=np.array([score.score for _, score in used], dtype=np.float64),
-        score_se=np.array([np.nan if score.se is None else score.se for _, score in used], dtype=np.float64),
-        sources=tuple(run.source for run, _ in used),
-        purposes=tuple(run.purpose for run, _ in used),
-        blocks=tuple(run.block for run, _ in used),
-    )
+__all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 
 
 def stop_rule(spec: CampaignSpec) -> StopRule:
@@ -67,46 +61,6 @@ def stop_rule(spec: CampaignSpec) -> StopRule:
         guard=stop.guard,
         alpha_lack_of_fit=stop.lack_of_fit_alpha,
     )
-
-
-def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:
-    """Equal for equal executed settings; coded points (n, k) compared to 1e-9 of half a factor's range."""
-    return [tuple(row) for row in np.round(points, _SAME_SETTING_DECIMALS) + 0.0]
-
-
-def fit_surface(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale) -> LeastSquaresFit:
-    """Least-squares fit on the scale of ``[model] response``, with blocks and sources as effects.
-
-    Raises
-    ------
-    FitError
-        Fewer scores than terms.
-    """
-    labels = block_labels(spec, data)
-    columns, names = block_columns(labels)
-    n, needed = len(data.scores), model.p + len(names)
-    if n < needed:
-        raise FitError(
-            Problem(f"{n} scored runs cannot determine {needed} terms", "Score more runs, or set [model] order = 1.")
-        )
-    return fit_least_squares(
-        np.hstack([model.matrix(data.points), columns]),
-        scale.values,
-        [*model.terms, *names],
-        weights=scale.weights,
-        setting_ids=setting_ids(data.points),
-        block_ids=labels,
-    )
-
-
-def block_labels(spec: CampaignSpec, data: ScoredRuns) -> list[str]:
-    """Block of each run: its flight day, where ``[model] block`` asks for it, and its source where there are two."""
-    with_source = len(set(data.sources)) > 1
-    with_block = spec.model.block is not None
-    return [
-        " ".join(part for part in (source if with_source else "", block if with_block else "") if part) or "all"
-        for source, block in zip(data.sources, data.blocks, strict=True)
-    ]
 
 
 def analyse(
@@ -141,35 +95,16 @@ def analyse(
     ConvergenceError
         emcee did not converge.
     """
-    region, model = spec.to_region(), QuadraticModel(spec.factors, spec.model.order)
     goal: Goal = application.goal
-    data = scored_runs(region, runs, application.name)
-    scale = ResponseScale.of(spec.model.response, data.scores)
-    fit = fit_surface(spec, model, data, scale)
-    if fit.aliased:
-        raise FitError(
-            Problem(
-                f"the runs cannot tell these terms apart: {', '.join(fit.aliased)}",
-                "Add runs that vary these factors (`seqrsm propose`), or set [model] order = 1.",
-            )
-        )
-    beta = fit.estimate[: model.p]
-    best = optimum(model, region, beta, goal)
-    estimate = _estimate(spec, region, model, fit, scale, best)
+    fitted = fit_application(spec, application, runs)
+    region, model, fit = fitted.region, fitted.model, fitted.fit
+    best = optimum(model, region, fitted.beta, goal)
+    draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
+    estimate = _estimate(spec, fitted, best, draws)
     lack = fit.lack_of_fit()
-    confirmation, agreement = _confirmation(spec, application, region, model, fit, scale, runs)
-    decision = _decision(spec, application, model, fit, estimate, lack, looks, agreement)
-    posterior = summarise_posterior(
-        spec,
-        region,
-        model,
-        fit,
-        scale,
-        estimate,
-        goal=goal,
-        sampler=sampler,
-        n_draws=n_draws,
-    )
+    confirmation, agreement = _confirmation(spec, application, fitted, runs)
+    decision = _decision(spec, application, fitted, estimate, lack, looks, agreement)
+    posterior = summarise_posterior(spec, fitted, estimate, draws, goal=goal)
     return Analysis(
         application=application.name,
         goal=goal,
@@ -177,40 +112,51 @@ def analyse(
         score_unit=application.unit,
         region=region,
         model=model,
-        data=data,
+        data=fitted.data,
         fit=fit,
         anova=fit.anova(),
         lack_of_fit=lack,
         importance=tuple(_importance(model, fit)),
-        stationary=_stationary(model, region, beta, best),
+        stationary=_stationary(model, region, fitted.beta, best),
         optimum=estimate,
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        warnings=tuple(_warnings(spec, application, region, model, data, fit, scale, best)),
+        warnings=tuple(_warnings(spec, application, fitted, best)),
+        n_scored=fitted.n_scored,
+        beta=fitted.beta,
+        region_state=fitted.state,
+        region_history=region_history(spec, fitted.state),
+        sources=compare_sources(fitted, best.point, spec.stop.level),
     )
 
 
-def _estimate(
-    spec: CampaignSpec, region: Region, model: QuadraticModel, fit: LeastSquaresFit, scale: ResponseScale, best: Optimum
-) -> OptimumEstimate:
-    stop = spec.stop
-    row = model.matrix(best.point[None, :])
-    weight = scale.weight_at(fit.predict(row).mean)
-    one = fit.predict(row, stop.level, weight)
-    several = fit.predict(row, stop.level, weight, stop.replicates)
+def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -> OptimumEstimate:
+    stop, scale = spec.stop, fitted.scale
+    row = fitted.model.matrix(best.point[None, :])
+    one = fitted.predict(row, stop.level, weight := scale.weight_at(fitted.predict(row).mean))
+    several = fitted.predict(row, stop.level, weight, stop.replicates)
 
     def in_scores(low: FloatArray, high: FloatArray) -> Interval:
         return Interval(float(scale.to_score(low)[0]), float(scale.to_score(high)[0]))
 
+    confidence = in_scores(one.confidence.low, one.confidence.high)
+    prediction = in_scores(one.prediction.low, one.prediction.high)
+    prediction_mean = in_scores(several.prediction.low, several.prediction.high)
+    if spec.model.errors == "student_t":
+        # The t interval of least squares knows nothing of heavy tails: these are quantiles of the posterior.
+        futures = [future_scores(spec, fitted, draws, row[0], m) for m in (1, stop.replicates)]
+        mean = scale.to_score(draws.terms @ row[0])
+        confidence, prediction, prediction_mean = (central(x, stop.level) for x in (mean, *futures))
+    hard = outer_bounds(spec.region, fitted.state.box, best.point)
     return OptimumEstimate(
-        settings=region.decode(best.point)[0],
+        settings=spec.region.decode(hard.point)[0],
         point=best.point,
-        at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
+        at_bound=hard.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
         mean=float(scale.to_score(one.mean)[0]),
-        confidence=in_scores(one.confidence.low, one.confidence.high),
-        prediction=in_scores(one.prediction.low, one.prediction.high),
-        prediction_mean=in_scores(several.prediction.low, several.prediction.high),
+        confidence=confidence,
+        prediction=prediction,
+        prediction_mean=prediction_mean,
         replicates=stop.replicates,
         level=stop.level,
     )
@@ -235,65 +181,69 @@ def _stationary(model: QuadraticModel, region: Region, beta: FloatArray, best: O
 def _decision(
     spec: CampaignSpec,
     application: ApplicationSpec,
-    model: QuadraticModel,
-    fit: LeastSquaresFit,
+    fitted: Fitted,
     estimate: OptimumEstimate,
     lack: LackOfFit | str,
     looks: Sequence[LookRecord],
     agreement: Agreement | None,
 ) -> Decision:
-    rule = stop_rule(spec)
+    rule, fit = stop_rule(spec), fitted.fit
     widths = {
         "prediction": estimate.prediction.half_width,
         "prediction_mean": estimate.prediction_mean.half_width,
         "confidence": estimate.confidence.half_width,
     }
-    earlier = [look for look in looks if look.after_run < fit.n_runs]
-    all_terms = np.arange(1, model.p)
+    earlier = [look for look in looks if look.after_run < fitted.n_scored]
+    before = earlier[-1].summary if earlier else {}
+    # Two looks at different regions are not two looks at the same thing.
+    same = before.get("region", {}).get("ranges") in (None, _ranges(spec, fitted))
+    all_terms = np.arange(1, fitted.model.p)
     return decide(
         rule,
         n_runs=fit.n_runs,
         n_terms=fit.n_terms,
-        s=fit.s,
-        df_residual=fit.df_residual,
+        s=fitted.s,
+        df_residual=fitted.df_residual,
         df_pure_error=lack.df_pe if isinstance(lack, LackOfFit) else 0,
         lack_of_fit_p=lack.p if isinstance(lack, LackOfFit) else None,
         lack_of_fit_reason=lack if isinstance(lack, str) else "",
-        h=float(fit.variance_unscaled(model.matrix(estimate.point[None, :]))[0]),
+        h=float(fitted.variance_unscaled(fitted.model.matrix(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
-        held_at_previous_look=bool(earlier and earlier[-1].summary.get("conditions_hold")),
+        held_at_previous_look=bool(before.get("conditions_hold")) and same,
         model_p=fit.partial_f(all_terms).p if fit.df_residual else None,
         confirmation=agreement,
         unit=application.unit,
+        n_spent=fitted.n_scored,
+        n_before=earlier[-1].after_run if earlier else 0,
+        departure=fitted.departure,
     )
 
 
+def _ranges(spec: CampaignSpec, fitted: Fitted) -> dict[str, list[float]]:
+    return {name: list(ends) for name, ends in natural_ranges(spec.region, fitted.state.box).items()}
+
+
 def _confirmation(
-    spec: CampaignSpec,
-    application: ApplicationSpec,
-    region: Region,
-    model: QuadraticModel,
-    fit: LeastSquaresFit,
-    scale: ResponseScale,
-    runs: Sequence[RunRecord],
+    spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, runs: Sequence[RunRecord]
 ) -> tuple[Confirmation | None, Agreement | None]:
     """The latest set of confirmation runs, against the model's prediction at their settings."""
     fresh = [run for run in runs if run.purpose == CONFIRMATION and run.state == "scored"]
     fresh = [run for run in fresh if run.batch == fresh[-1].batch and run.score_of(application.name) is not None]
     if len(fresh) < 2:
         return None, None
+    scale = fitted.scale
     scores = np.array([score.score for run in fresh if (score := run.score_of(application.name)) is not None])
     interval = confirmation_interval(scores, spec.stop.level)
-    row = model.matrix(region.code([fresh[0].settings]))
-    weight = float(scale.weight_at(fit.predict(row).mean)[0])
-    predicted = fit.predict(row, spec.stop.level, weight, len(scores))
+    row = fitted.model.matrix(fitted.region.code([fresh[0].settings]))
+    weight = float(scale.weight_at(fitted.predict(row).mean)[0])
+    predicted = fitted.predict(row, spec.stop.level, weight, len(scores))
     fresh_scale = ResponseScale.of(spec.model.response, scores)
     agreement = confirmation_agrees(
         confirmation_interval(fresh_scale.values, spec.stop.level),
         predicted=float(predicted.mean[0]),
-        s=fit.s / np.sqrt(weight),
-        df=fit.df_residual,
-        h=float(fit.variance_unscaled(row)[0]) * weight,
+        s=fitted.s / np.sqrt(weight),
+        df=fitted.df_residual,
+        h=float(fitted.variance_unscaled(row)[0]) * weight,
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
@@ -314,25 +264,33 @@ def _confirmation(
     return confirmation, agreement
 
 
-def _warnings(
-    spec: CampaignSpec,
-    application: ApplicationSpec,
-    region: Region,
-    model: QuadraticModel,
-    data: ScoredRuns,
-    fit: LeastSquaresFit,
-    scale: ResponseScale,
-    best: Optimum,
-) -> list[str]:
+def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
+    fit, data, state = fitted.fit, fitted.data, fitted.state
     found = []
     if fit.reason:
         found.append(f"No error estimate: {fit.reason}.")
-    outside = int(np.count_nonzero(~region.feasible(data.points)))
-    if outside:
-        found.append(f"{outside} runs were made outside the region; they are part of the fit.")
-    if len(set(block_labels(spec, data))) > 1:
-        found.append("Blocks or sources differ by fitted constants; the optimum's value is that of their plain mean.")
-    h_best = float(fit.variance_unscaled(model.matrix(best.point[None, :]))[0])
+    if not state.box.whole:
+        found.append(
+            f"The quadratic is fitted to a part of the region, {range_text(spec.region, state.box)}, with "
+            f"{fit.n_runs} of {fitted.n_scored} runs: it failed in the whole."
+        )
+    if state.target is not None:
+        found.append(
+            f"The quadratic does not describe this region; {range_text(spec.region, state.target)} is being filled "
+            "with runs and will take its place."
+        )
+    if state.box.whole:
+        outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
+        if outside:
+            found.append(f"{outside} runs were made outside the region; they are part of the fit.")
+    if len(set(block_labels(spec, data, with_source=False))) > 1:
+        found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
+    if fitted.sources is not None and fitted.sources.prior_driven:
+        found.append(
+            f"With {fitted.sources.n_flights} flights the difference between flight and simulation is mostly what the "
+            "prior says ([model] discrepancy_sd)."
+        )
+    h_best = float(fit.variance_unscaled(fitted.model.matrix(best.point[None, :]))[0])
     if h_best > float(np.max(fit.leverage)) + 1e-9:
         found.append("The optimum is an extrapolation: its leverage is larger than that of every run.")
     if best.flat:
@@ -342,8 +300,10 @@ def _warnings(
     if fit.leverage_one_runs:
         ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
         found.append(f"The model must pass through run {ids} (leverage 1): its score cannot be checked.")
+    if float(np.ptp(data.scores)) == 0.0:
+        found.append("All scores are equal: there is no optimum to find, and every setting is as good.")
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
-        fitted = scale.to_score(fit.fitted)
-        if np.max(fitted) > 95.0 or np.min(fitted) < 5.0:
+        values = fitted.scale.to_score(fit.fitted)
+        if np.max(values) > 95.0 or np.min(values) < 5.0:
             found.append('Fitted scores pass 95 % or fall below 5 %: [model] response = "logit" fits bounded scores.')
     return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.decide.moving import RegionState
 from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -176,10 +177,73 @@ class Confirmation:
 
 
 @dataclass(frozen=True, slots=True)
+class RegionChange:
+    """One thing that happened to the fitted region, in natural units.
+
+    Attributes
+    ----------
+    batch, n_runs : int
+        After which batch, and how many scored runs there were.
+    kind : str
+        "shrink" (a smaller box is called for), "move" (the box follows the optimum), "filled" (the box called for has
+        runs enough and is fitted from now on).
+    ranges : dict
+        Low and high end of every continuous factor in the box, natural units.
+    text : str
+        One sentence.
+    """
+
+    batch: int
+    n_runs: int
+    kind: str
+    ranges: dict[str, tuple[float, float]]
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SourceComparison:
+    """Simulation against flight, in score units.
+
+    Attributes
+    ----------
+    n_simulations, n_flights : int
+        Scored runs of each.
+    s_simulation, s_flight : float
+        Standard deviation of one run of each.
+    difference : float
+        Flight less simulation at the recommended settings.
+    interval : Interval
+        Credible interval of the difference.
+    prior_sd : float
+        Prior standard deviation of each coefficient of the difference.
+    prior_share : float
+        Share of the prior variance of the difference that is left: 1 before the first flight.
+    prior_driven : bool
+        The difference is mostly its prior.
+    text : str
+        One sentence.
+    """
+
+    n_simulations: int
+    n_flights: int
+    s_simulation: float
+    s_flight: float
+    difference: float
+    interval: Interval
+    prior_sd: float
+    prior_share: float
+    prior_driven: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class Analysis:
     """One application's response surface and what follows from it; see the attributes' own classes.
 
     ``fit`` is on the scale named by ``response`` ("identity" or "logit"); everything else is in score units.
+    ``region``, ``model`` and ``data.points`` are those of the fitted region, which may be a part of the campaign's;
+    ``data`` holds the runs in it. ``n_scored`` counts the scored runs inside and outside. ``beta`` are the coefficients
+    that the optimum belongs to: those of ``fit``, or of the flight's surface where there are two sources.
     """
 
     application: str
@@ -199,3 +263,8 @@ class Analysis:
     decision: Decision
     confirmation: Confirmation | None
     warnings: tuple[str, ...]
+    n_scored: int = 0
+    beta: FloatArray | None = None
+    region_state: RegionState | None = None
+    region_history: tuple[RegionChange, ...] = ()
+    sources: SourceComparison | None = None

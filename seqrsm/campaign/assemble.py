@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Callable
 from importlib.metadata import version
 
 from seqrsm import __version__
-from seqrsm.campaign.dossier import Dossier, ImagePanel
-from seqrsm.campaign.images import chosen_settings, report_panels, truth_panel
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.images import Pictures, report_pictures, truth_panel
 from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.simulation import simulate_image, task_of
 
 
-def assemble(campaign: Campaign) -> Dossier:
+def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
     """Dossier of a campaign as it stands.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    step : callable
+        Told what is being done.
 
     Raises
     ------
@@ -23,24 +29,21 @@ def assemble(campaign: Campaign) -> Dossier:
         The sampler did not converge.
     """
     spec, store = campaign.spec, campaign.store
+    step("sampling the posterior")
     analyses = campaign.analyse_all(sampler="emcee")
-    images: tuple[ImagePanel, ...] = ()
-    truth, assumptions = None, _measured_assumptions(campaign)
+    pictures, assumptions = Pictures((), None, ()), _measured_assumptions(campaign)
     if spec.simulator is not None:
-        chosen = chosen_settings(campaign)
-        images = report_panels(campaign, chosen)
-        image, _ = simulate_image(task_of(spec, 0, next(iter(chosen.values()))))
-        truth = truth_panel(spec, image.quarter_turns)
-        assumptions = (*assumptions, *image.notes)
+        step("simulating pictures")
+        pictures = report_pictures(campaign, analyses)
     return Dossier(
         spec=spec,
         analyses=analyses,
         runs=store.runs(),
         looks=store.looks(),
         events=store.events(),
-        images=images,
-        truth=truth,
-        assumptions=assumptions,
+        images=pictures.panels,
+        truth=pictures.truth,
+        assumptions=(*assumptions, *pictures.notes),
         provenance=_provenance(campaign),
         reproduce=_reproduce(campaign),
     )
@@ -72,11 +75,8 @@ def _provenance(campaign: Campaign) -> dict[str, str]:
         "Python": platform.python_version(),
         "libraries": ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "emcee")),
     }
-    last = max((score.scored_at for run in store.runs() for score in run.scores), default="")
-    if last:
-        found["last score"] = last
     for file in store.files():
-        found[f"scores file {file.name}"] = f"{file.row_count} rows, SHA-256 {file.sha256}, {file.ingested_at}"
+        found[f"scores file {file.name}"] = f"{file.row_count} rows, SHA-256 {file.sha256}"
     truth = truth_panel(spec, 0)
     if truth is not None:
         found["scene"] = truth.name

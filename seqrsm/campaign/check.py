@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ from scipy.special import chdtri
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analyse import stop_rule
+from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import carry_out, configuration, scattering_table, scene_at, task_of
+from seqrsm.campaign.simulation import carry_out, configuration, scene_at, task_of
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.decide.stopping import target_problem
@@ -48,8 +49,8 @@ class CheckResult:
         Of the whole budget, in the campaign's cost unit.
     target_problem : str
         Why the stop target may be out of reach; empty if it is not.
-    notes : tuple of str
-        What the simulation assumes.
+    notes, covers : tuple of str
+        What the simulation rests on, and the cover categories of its scene.
     """
 
     name: str
@@ -64,14 +65,21 @@ class CheckResult:
     cost: float
     target_problem: str
     notes: tuple[str, ...]
+    covers: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-def check_campaign(folder: Path) -> CheckResult:
+def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:
     """Validate a campaign and estimate what it will take; nothing is written.
+
+    Parameters
+    ----------
+    folder : Path
+    progress : callable
+        Told how many simulations are done of how many.
 
     Raises
     ------
@@ -84,9 +92,11 @@ def check_campaign(folder: Path) -> CheckResult:
     rule = stop_rule(spec)
     noise, df, seconds, source = float("nan"), 0, float("nan"), "not known before the first repeats"
     notes: tuple[str, ...] = ()
+    covers: tuple[str, ...] = ()
     if spec.simulator is not None:
         check_simulator(spec)
-        noise, df, seconds, notes = _probe(spec)
+        noise, df, seconds, notes = _probe(spec, progress)
+        covers = scene_at(str(spec.scene_path)).categories
         source = f"simulations at the centre, {df} degrees of freedom"
     elif (spec.folder / STORE_NAME).exists() or spec.store_url:
         noise, df, source = _noise_of_scores(spec)
@@ -107,6 +117,7 @@ def check_campaign(folder: Path) -> CheckResult:
         cost=rule.max_runs * (spec.cost.simulation if spec.simulator is not None else spec.cost.flight),
         target_problem=problem,
         notes=notes,
+        covers=covers,
     )
     if hopeless:
         remedy = "Widen [stop] half_width, raise max_runs, or choose another interval."
@@ -122,20 +133,11 @@ def check_simulator(spec: CampaignSpec) -> None:
     UserError
         What is wrong with them.
     """
-    _check_sensors(spec)
-    _check_scene(spec)
-
-
-def _check_scene(spec: CampaignSpec) -> None:
-    scene = scene_at(str(spec.scene_path))
-    if not bool(np.any(scene.scored)):
+    if not bool(np.any(scene_at(str(spec.scene_path)).scored)):
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
-    settings = spec.region.decode(spec.region.centre())[0]
-    radar = configuration(task_of(spec, 0, settings))
-    for channel in radar.channels:
-        scattering_table().lookup(scene.categories, radar.frequency_ghz, channel, season=radar.season)
+    _check_sensors(spec)
 
 
 def _check_sensors(spec: CampaignSpec) -> None:
@@ -147,14 +149,12 @@ def _check_sensors(spec: CampaignSpec) -> None:
         The settings that cannot be flown, with the numbers.
     """
     scene = scene_at(str(spec.scene_path))
-    elevation = scene.elevation_m[np.isfinite(scene.elevation_m)]
     points = _corners(spec)
     problems: dict[str, Problem] = {}
     for settings in spec.region.decode(points):
         try:
-            radar = configuration(task_of(spec, 0, settings))
-            across = scene.elevation_m.shape[0 if radar.heading_deg in (90.0, 270.0) else 1]
-            radar.ground_ranges_m(across, scene.cell_m, float(elevation.mean()), float(elevation.max()))
+            task = task_of(spec, 0, settings)
+            ENGINES[task.engine].examine(scene, configuration(task))
         except UserError as error:
             shown = ", ".join(f"{name} = {_short(value)}" for name, value in settings.items())
             for problem in error.problems:
@@ -179,7 +179,7 @@ def _short(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
-def _probe(spec: CampaignSpec) -> tuple[float, int, float, tuple[str, ...]]:
+def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[float, int, float, tuple[str, ...]]:
     """Noise, its degrees of freedom, and seconds of a simulated run, from runs that are not kept."""
     from seqrsm.campaign.simulation import simulate_image
 
@@ -187,9 +187,13 @@ def _probe(spec: CampaignSpec) -> tuple[float, int, float, tuple[str, ...]]:
     settings = [spec.region.decode(point)[0] for point in points if spec.region.feasible(point)[0]][:8]
     # Ids far beyond any campaign's: their occasions are no run's.
     tasks = [task_of(spec, 2**31 - 1 - i, setting) for i, setting in enumerate(np.repeat(np.array(settings), PROBES))]
+    progress(0, len(tasks))
     image, _ = simulate_image(tasks[0])  # compiles the kernels, which is not to be timed
     start = time.perf_counter()
-    results = [carry_out(task) for task in tasks]
+    results = []
+    for task in tasks:
+        results.append(carry_out(task))
+        progress(len(results), len(tasks))
     seconds = (time.perf_counter() - start) / len(tasks)
     failed = [result.failure for result in results if result.failure]
     if failed:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from seqrsm.arrays import AnyArray
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord
+from seqrsm.campaign.spec import CampaignSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,8 @@ class Dossier:
     assumptions : tuple of str
         Every assumption of the simulation, one sentence each.
     provenance : Mapping[str, str]
-        Versions, seed, hashes, data sources, time of the last score: label to value, in the order to be shown.
+        Versions, seed, hashes, data sources: label to value, in the order to be shown. No times of day: equal campaigns
+        have equal reports.
     reproduce : tuple of str
         Commands that reproduce this campaign.
     """

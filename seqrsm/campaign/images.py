@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
-from seqrsm.campaign.image_files import image_greytones
-from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of, utility_function
+from seqrsm.campaign.engines import ENGINES
+from seqrsm.campaign.image_files import write_geotiff, write_npz, write_png
 from seqrsm.campaign.next_runs import rounded_settings
+from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
+from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.errors import FitError, Problem, UserError
-from seqrsm.simulate.psm import RadarImage
-from seqrsm.units import linear_to_db
+from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
+    from seqrsm.campaign.analysis import Analysis
     from seqrsm.campaign.loop import Campaign
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
@@ -47,14 +49,12 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
     settings = _settings(campaign, assignments)
     task = task_of(spec, run_id, settings)
     image, scene = simulate_image(task)
-    from seqrsm.campaign import image_files
-
-    writer = {".png": image_files.write_png, ".npz": image_files.write_npz}.get(
-        out.suffix.lower(), image_files.write_geotiff
-    )
-    writer(out, image, scene, settings)
+    picture = picture_of(image)
+    writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
+    writer(out, picture, scene, settings)
+    engine = ENGINES[task.engine]
     scores = {
-        name: utility_function(utility)(image, scene, seed=task.seed, run_id=run_id).value
+        name: engine.utility(utility)(image, scene, seed=task.seed, run_id=run_id).value
         for name, utility in task.utilities
     }
     shown = ", ".join(
@@ -64,12 +64,11 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
     return {
         "file": str(out),
         "settings": settings,
-        "shape": list(image.intensity.shape),
-        "looks": [float(image.looks.min()), float(image.looks.max())],
-        "noise_equivalent_sigma0_db": [float(x) for x in np.sort(linear_to_db(image.noise_equivalent_sigma0))[[0, -1]]],
+        "shape": list(picture.values.shape),
+        "record": engine.record(image, scene),
         "scores": scores,
         "notes": list(image.notes),
-        "summary": f"{shown}; {image.intensity.shape[1]} x {image.intensity.shape[2]} pixels; {found}",
+        "summary": f"{shown}; {picture.values.shape[1]} x {picture.values.shape[2]} pixels; {found}",
     }
 
 
@@ -97,35 +96,60 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
     return rounded_settings(region, point)[0]
 
 
-def report_panels(campaign: Campaign, chosen: Mapping[str, Mapping[str, float | str]]) -> tuple[ImagePanel, ...]:
-    """Simulated images at the settings ``chosen`` (title to settings), all on the same occasion."""
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Simulated pictures of a report, the ground truth in their frame, and what the simulation assumed."""
+
+    panels: tuple[ImagePanel, ...]
+    truth: TruthPanel | None
+    notes: tuple[str, ...]
+
+
+def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Pictures:
+    """Simulate the pictures of a report: the settings of `chosen_settings`, all on one occasion, in one calibration.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        With a simulator.
+    analyses : sequence of Analysis
+        The first application's is shown.
+    """
     spec = campaign.spec
-    panels = []
-    for title, settings in chosen.items():
+    made = []
+    for title, settings in chosen_settings(campaign, analyses).items():
         task = task_of(spec, NO_RUN, settings)
         image, scene = simulate_image(task)
-        name, utility = task.utilities[0]
-        score = utility_function(utility)(image, scene, seed=spec.seed, run_id=NO_RUN)
-        panels.append(
-            ImagePanel(
-                title=title,
-                settings=dict(settings),
-                channels=image.radar.channels,
-                greytone=image_greytones(image),
-                pixel_m=image.azimuth_spacing_m,
-                score=score.value,
-                score_se=score.se,
-                caption=_caption(image, name, score.value, score.se, spec.applications[0].unit),
-            )
+        score = ENGINES[task.engine].utility(task.utilities[0][1])(image, scene, seed=spec.seed, run_id=NO_RUN)
+        made.append((title, settings, picture_of(image), image.notes, score))
+    scales = grey_scales(picture for _, _, picture, _, _ in made)
+    application = spec.applications[0]
+    panels = tuple(
+        ImagePanel(
+            title=title,
+            settings=dict(settings),
+            channels=picture.channels,
+            greytone=greytones(picture, scales),
+            pixel_m=picture.pixel_m,
+            score=score.value,
+            score_se=score.se,
+            caption=_caption(picture, application.name, score.value, score.se, application.unit, scales),
         )
-    return tuple(panels)
+        for title, settings, picture, _, score in made
+    )
+    notes = dict.fromkeys(note for _, _, _, own, _ in made for note in own)
+    turns = made[0][2].quarter_turns if made else 0
+    return Pictures(panels, truth_panel(spec, turns), tuple(notes))
 
 
-def _caption(image: RadarImage, application: str, score: float, se: float, unit: str) -> str:
-    looks = f"{image.looks.min():.3g} to {image.looks.max():.3g} looks"
+def _caption(
+    picture: Picture, application: str, score: float, se: float, unit: str, scales: Mapping[str, GreyScale]
+) -> str:
+    tones = ", ".join(f"{channel} {scales[channel]}" for channel in picture.channels if channel in scales)
     return (
         f"{application}: {score:.1f} ± {se:.1f} {unit} on this one occasion (standard error within the image); "
-        f"{looks}; near range at the top; fading, fields and date drawn at random."
+        f"{picture.remark}; black to white, {picture.quantity}, the same for every picture of a channel: {tones}; "
+        "noise, fields and date drawn at random."
     )
 
 
@@ -144,22 +168,24 @@ def truth_panel(spec: CampaignSpec, quarter_turns: int) -> TruthPanel | None:
     )
 
 
-def chosen_settings(campaign: Campaign) -> dict[str, dict[str, float | str]]:
-    """Settings worth a picture: the optimum, the best run, and the fitted worst of the region."""
+def chosen_settings(campaign: Campaign, analyses: Sequence[Analysis]) -> dict[str, dict[str, float | str]]:
+    """Settings worth a picture: the optimum, the best scored run, and the fitted worst of the region."""
     from seqrsm.fit.optimum import optimum
 
-    try:
-        analysis = campaign.analyse_all(campaign.spec.applications[0].name)[0]
-    except FitError:
+    if not analyses:
         return {}
-    beta = analysis.fit.estimate[: analysis.model.p]
-    opposite = "minimize" if analysis.goal == "maximize" else "maximize"
-    worst = optimum(analysis.model, analysis.region, beta, "minimize" if opposite == "minimize" else "maximize")
+    analysis = analyses[0]
+    worst = optimum(
+        analysis.model,
+        analysis.region,
+        analysis.fit.estimate[: analysis.model.p],
+        "minimize" if analysis.goal == "maximize" else "maximize",
+    )
     pick = np.argmax if analysis.goal == "maximize" else np.argmin
-    observed = analysis.data.points[int(pick(analysis.data.scores))]
-    region = analysis.region
+    best = int(analysis.data.run_ids[int(pick(analysis.data.scores))])
+    observed = next(run.settings for run in campaign.store.runs("scored") if run.run_id == best)
     return {
         "At the optimum": dict(analysis.optimum.settings),
-        "Best observed run": region.decode(observed)[0],
-        "Worst of the region": region.decode(worst.point)[0],
+        f"Best observed, run {best}": dict(observed),
+        "Worst of the region": analysis.region.decode(worst.point)[0],
     }

@@ -15,6 +15,7 @@ from typing import Any, Self
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.check import check_simulator
+from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
@@ -130,13 +131,20 @@ class Campaign:
             for app in wanted
         )
 
+    def compromise(self, analyses: Sequence[Analysis] | None = None) -> CompromiseEstimate | None:
+        """The compromise over all applications and considerations; None where there is nothing to weigh."""
+        return campaign_compromise(self.spec, self.analyse_all() if analyses is None else analyses)
+
     def look(self) -> tuple[Analysis, ...]:
         """Analyse what is there and record it once: a second look at the same runs is not a look."""
         analyses = self.analyse_all(n_draws=1000)
         for analysis in analyses:
             last = self.store.looks(analysis.application)
-            if not last or last[-1].after_run != analysis.fit.n_runs:
-                self.store.record_look(analysis.fit.n_runs, analysis.application, look_summary(analysis))
+            if not last or last[-1].after_run != analysis.n_scored:
+                known = last[-1].summary.get("region", {}).get("history", []) if last else []
+                for change in analysis.region_history[len(known) :]:
+                    self.store.add_event("region", {"application": analysis.application, "text": change.text})
+                self.store.record_look(analysis.n_scored, analysis.application, look_summary(analysis))
         return analyses
 
     # -- proposing ------------------------------------------------------------------------------------------------
@@ -155,7 +163,8 @@ class Campaign:
         ----------
         n : int, optional
             Runs wanted; the campaign's batch by default. The start design has its own size.
-        source : "simulation" or "flight"
+        source : "simulation", "flight" or "best"
+            "best" takes for each run the source that gains more for its cost.
         csv : Path, optional
             Form for a flight crew, one row a run, the score left empty.
         analyses : sequence of Analysis, optional
@@ -166,8 +175,10 @@ class Campaign:
         UserError
             Unknown source, a form that exists already, or too few scores and none to wait for.
         """
-        if source not in ("simulation", "flight"):
-            raise UserError(Problem("no such source", 'Use "simulation" or "flight".', field="--source", value=source))
+        if source not in ("simulation", "flight", "best"):
+            raise UserError(
+                Problem("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
+            )
         if csv is not None and csv.exists():
             raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
         runs = self._proposals(n or self.spec.batch, source, analyses)
@@ -186,20 +197,22 @@ class Campaign:
         fitted = min(
             len(scored_runs(self.spec.region, runs, application.name).scores) for application in self.spec.applications
         )
+        failed = [run for run in runs if run.state == "failed"]
+        cheaper = "simulation" if self.spec.simulator is not None else "flight"
+        start_source = cheaper if source == "best" else source
         if not active:
-            return start_batch(self.spec, model, source)
+            return start_batch(self.spec, model, start_source, failed=failed)
         if fitted <= model.p:
             waiting = [run for run in active if run.state in WAITING]
             if len(active) <= model.p or not waiting:
-                return start_batch(self.spec, model, source, made=active)
+                return start_batch(self.spec, model, start_source, active, failed)
             raise StoreError(
                 Problem(
                     f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting",
                     "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
                 )
             )
-        failed = [run for run in runs if run.state == "failed"]
-        return next_batch(self.spec, model, analyses or self.analyse_all(), active, n, source, failed)
+        return next_batch(self.spec, analyses or self.analyse_all(), active, n, source, failed)
 
     # -- carrying out ---------------------------------------------------------------------------------------------
 
@@ -280,7 +293,7 @@ class Campaign:
         Raises
         ------
         UserError
-            Every run of a batch failed, and with what reason.
+            No run of the start design, or of several batches after it, gave a score, and with what reasons.
         """
         budget = max_runs or self.spec.stop.max_runs
         clock = _Clock()
@@ -288,7 +301,7 @@ class Campaign:
             clock.start()
             made = self.simulate(workers=workers, cluster=cluster, on_progress=on_progress)
             clock.stop("simulate")
-            _refuse_hopeless(made)
+            self._refuse_hopeless(made)
             if self._n_used() == 0:
                 check_simulator(self.spec)
                 say("searching the start design")
@@ -313,6 +326,20 @@ class Campaign:
             clock.start()
             self.propose(min(batch or self.spec.batch, left), analyses=analyses)
             clock.stop("propose")
+
+    def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
+        """Batches without a single score would be proposed again for ever."""
+        if not made or any(run.state != "failed" for run in made):
+            return
+        runs = [run for run in self.store.runs(source="simulation") if run.state in ("scored", "failed")]
+        batches = list(dict.fromkeys(run.batch for run in reversed(runs)))[: self.spec.attempts]
+        last = [run for run in runs if run.batch in batches]
+        never = not any(run.state == "scored" for run in runs)
+        if never or (len(batches) == self.spec.attempts and all(run.state == "failed" for run in last)):
+            reasons = list(dict.fromkeys(run.reason for run in reversed(last)))
+            raise UserError(
+                *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])
+            )
 
     def _n_used(self) -> int:
         """Runs that count against the budget."""
@@ -343,7 +370,7 @@ class Campaign:
         say(f"{m} confirmation runs at the recommended settings")
         runs = [
             NewRun(
-                rounded_settings(self.spec.region, analysis.optimum.point[None, :])[0],
+                rounded_settings(self.spec.region, self.spec.region.code([analysis.optimum.settings]))[0],
                 CONFIRMATION,
                 f"fresh run at the optimum of {analysis.application}",
                 cost=self.spec.cost.simulation,
@@ -359,10 +386,3 @@ class Campaign:
         from seqrsm.campaign.rehearsal import rehearse_campaign
 
         return rehearse_campaign(self, n_campaigns, on_progress)
-
-
-def _refuse_hopeless(made: Sequence[RunRecord]) -> None:
-    """A batch without a single score would be proposed again for ever."""
-    if made and all(run.state == "failed" for run in made):
-        reasons = list(dict.fromkeys(run.reason for run in made))
-        raise UserError(*(Problem(f"every run of the batch failed: {reason}") for reason in reasons[:5]))

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.fitted import range_text
 from seqrsm.campaign.records import NewRun, RunRecord
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.campaign.response import ResponseScale
+from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
+from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
+from seqrsm.decide.sources import discrepancy_terms, stacked_rows
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.anova import LackOfFit
-from seqrsm.propose.batch import propose_batch
+from seqrsm.fit.blocks import block_columns
+from seqrsm.propose.batch import Proposal, propose_batch
 
 START = "start"
 CENTRE_REPEATS = 3
@@ -25,75 +32,251 @@ EXTRA_RUNS = 6
 SIGNIFICANT_DIGITS = 4
 """Settings are proposed with this many: nobody sets a frequency to sixteen digits."""
 
+_WEAK = 0.05  # prior precision while a box is being filled: it cannot be estimated yet
+_TARGETS = 256
+
 
 def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
-    """Runs of the start design: at most the budget, and never fewer than its own repeats need."""
-    return max(min(model.p + EXTRA_RUNS, spec.stop.max_runs), model.p + CENTRE_REPEATS - 1)
+    """Runs of the start design: at most the budget.
+
+    Raises
+    ------
+    SpecError
+        The budget cannot even determine the model and its noise.
+    """
+    least = model.p + CENTRE_REPEATS - 1
+    if spec.stop.max_runs < least:
+        raise SpecError(
+            Problem(
+                f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise",
+                f"Raise max_runs to {least} or more, take fewer factors or levels, or set [model] order = 1.",
+                file=str(spec.folder / SPEC_NAME),
+                field="[stop] max_runs",
+                value=spec.stop.max_runs,
+            )
+        )
+    return min(model.p + EXTRA_RUNS, spec.stop.max_runs)
 
 
-def start_batch(spec: CampaignSpec, model: QuadraticModel, source: str, made: Sequence[RunRecord] = ()) -> list[NewRun]:
-    """Start design, or what is missing of it when ``made`` holds runs already."""
+def start_batch(
+    spec: CampaignSpec,
+    model: QuadraticModel,
+    source: str,
+    made: Sequence[RunRecord] = (),
+    failed: Sequence[RunRecord] = (),
+) -> list[NewRun]:
+    """Start design, or what is missing of it when ``made`` holds runs already; away from what ``failed``."""
     n = start_size(model, spec)
-    if made:
-        fixed = spec.region.code([run.settings for run in made])
+    fixed = spec.region.code([run.settings for run in made]) if made else np.empty((0, spec.region.k))
+    if failed:
+        barred = spec.region.code([run.proposed for run in failed])
+        centre = spec.region.centre()
+        proposals = propose_batch(
+            model,
+            spec.region,
+            Z_done=model.matrix(fixed),
+            points_done=fixed,
+            x_hat=centre,
+            target_points=centre[None, :],
+            n=max(n - len(made), 1),
+            criterion="D",
+            spread_share=0.0,
+            prior_precision=_WEAK * np.eye(model.p),
+            seed=(spec.seed + 7919 * len(made)) % 2**32,
+            barred=barred,
+        )
+        points = np.array([proposal.point for proposal in proposals])
+    elif made:
         points = optimal_design(model, spec.region, max(n - len(made), 1), seed=spec.seed, fixed=fixed).points
     else:
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
-    cost = spec.cost.simulation if source == "simulation" else spec.cost.flight
     why = f"start design: {n} runs for a model of {model.p} terms"
+    cost = _cost(spec, source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
+
+
+def _cost(spec: CampaignSpec, source: str) -> float:
+    return spec.cost.simulation if source == "simulation" else spec.cost.flight
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A run that is made, pending, or chosen just now."""
+
+    settings: dict[str, float | str]
+    source: str
+    block: str
+
+
+class _Chooser:
+    """What the choice of one application's runs is made from."""
+
+    def __init__(self, spec: CampaignSpec, analysis: Analysis) -> None:
+        self.spec, self.analysis = spec, analysis
+        state = analysis.region_state
+        fitted = whole_box(spec.region.k) if state is None else state.box
+        self.filling = state is not None and state.target is not None
+        self.box: Box = state.target if state is not None and state.target is not None else fitted
+        self.region = sub_region(spec.region, self.box)
+        self.model = QuadraticModel(self.region.factors, spec.model.order)
+        self.scale = ResponseScale.of(spec.model.response, analysis.data.scores)
+
+    def batch(
+        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray
+    ) -> tuple[Proposal, ...]:
+        """``n`` runs of one source, after those that are ``done``."""
+        points = self.spec.region.code([run.settings for run in done])
+        inside = self.box.contains(points)
+        local = self.box.local(points[inside])
+        used = [run for run, kept in zip(done, inside, strict=True) if kept]
+        flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
+        two = self.two_sources(done, source)
+        Z = stacked_rows(self.model, local, flights) if two else self.model.matrix(local)
+        columns, _ = block_columns([run.block for run in used] if self.spec.model.block else [""] * len(used))
+        weights = self.weights(local)
+        if two:
+            weights = np.where(flights, self.flight_weight() * weights, weights)
+        weight = float(self.weights(self.target()[None, :])[0])
+        if two and source == "flight":
+            weight *= self.flight_weight()
+        cost = _cost(self.spec, source)
+        return propose_batch(
+            self.model,
+            self.region,
+            Z_done=np.hstack([Z, columns]),
+            points_done=local,
+            weights_done=weights,
+            weight=weight,
+            prior_precision=self.precision(two),
+            x_hat=self.target(),
+            target_points=self.targets(),
+            n=n,
+            df_pure_error=10**6 if self.filling else df_pure_error,
+            criterion="D" if self.filling else self.spec.criterion,
+            cost=lambda at: np.full(len(at), cost),
+            seed=(self.spec.seed + 7919 * len(done)) % 2**32,
+            barred=self.box.local(barred) if len(barred) else None,
+            rows=(lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None,
+            target_rows=(lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None,
+            beta=None if self.filling else self.beta(),
+            goal=self.analysis.goal,
+        )
+
+    def two_sources(self, done: Sequence[_Made], source: str) -> bool:
+        return not self.filling and len({run.source for run in done} | {source}) > 1
+
+    def flight_weight(self) -> float:
+        found = self.analysis.sources
+        return 1.0 if found is None else (found.s_simulation / found.s_flight) ** 2
+
+    def beta(self) -> FloatArray:
+        found = self.analysis.beta
+        return self.analysis.fit.estimate[: self.model.p] if found is None else found
+
+    def target(self) -> FloatArray:
+        return self.region.centre() if self.filling else self.analysis.optimum.point
+
+    def targets(self) -> FloatArray:
+        if self.filling:
+            return self.region.centre()[None, :]
+        found: FloatArray = self.analysis.posterior.optimum_points[:_TARGETS]
+        return found
+
+    def weights(self, local: FloatArray) -> FloatArray:
+        """Relative weights of runs, by the response expected there."""
+        if self.filling or self.scale.kind == "identity" or not len(local):
+            return np.ones(len(local))
+        return self.scale.weight_at(self.model.matrix(local) @ self.beta())
+
+    def precision(self, two: bool) -> FloatArray | None:
+        """Prior precision of the model terms, and of the discrepancy where there are two sources."""
+        prior, p = self.spec.model.prior, self.model.p
+        if self.filling:
+            return _WEAK * np.eye(p)
+        own = np.zeros(p)
+        if prior is not None:
+            own[1:] = (prior.noise_sd / prior.coefficient_sd) ** 2
+        if two:
+            found, s = self.analysis.sources, self.analysis.fit.s
+            spread = float(np.std(self.scale.values)) / 5.0
+            sd = self.spec.model.discrepancy_sd or (spread if found is None else found.prior_sd)
+            sigma = s if found is None else found.s_simulation
+            extra = np.full(len(discrepancy_terms(self.model)), (sigma / max(sd, 1e-9)) ** 2)
+            return np.diag(np.concatenate([own, extra]))
+        return None if prior is None else np.diag(own)
+
+    def why(self, text: str) -> str:
+        if not self.filling:
+            return text
+        return (
+            f"fills {range_text(self.spec.region, self.box)}, where the quadratic shall be fitted next "
+            f"({needed_runs(self.model.p)} runs needed)"
+        )
 
 
 def next_batch(
     spec: CampaignSpec,
-    model: QuadraticModel,
     analyses: Sequence[Analysis],
     active: Sequence[RunRecord],
     n: int,
     source: str,
     failed: Sequence[RunRecord] = (),
 ) -> list[NewRun]:
-    """Batch by the default criterion; several applications take turns, by weight.
+    """Batch by the campaign's criterion; several applications take turns, by weight.
 
     Parameters
     ----------
-    spec, model
+    spec : CampaignSpec
     analyses : sequence of Analysis
         One for each application, of the scores so far.
     active : sequence of RunRecord
         Scored and pending runs; pending ones count as made.
     n : int
         Runs wanted.
-    source : "simulation" or "flight"
-        Who will make them.
+    source : "simulation", "flight" or "best"
+        Who will make them; "best" takes for each run the source that gains more for its cost.
     failed : sequence of RunRecord
-        Settings that could not be carried out; they are not proposed again.
+        Settings that could not be carried out; nothing is proposed beside them.
     """
     region = spec.region
-    cost = spec.cost.simulation if source == "simulation" else spec.cost.flight
     barred = region.code([run.proposed for run in failed]) if failed else np.empty((0, region.k))
+    done = [_Made(run.settings, run.source, run.block) for run in active]
     made: list[NewRun] = []
     for index, share in _shares(spec, n):
-        analysis = analyses[index]
-        done = [run.settings for run in active] + [dict(run.settings) for run in made]
-        points = region.code(done)
-        proposals = propose_batch(
-            model,
-            region,
-            Z_done=model.matrix(points),
-            x_hat=analysis.optimum.point,
-            target_points=analysis.posterior.optimum_points[:256],
-            n=share + len(barred),
-            points_done=points,
-            df_pure_error=_pure_error_df(analysis, active),
-            seed=(spec.seed + 7919 * len(done)) % 2**32,
-        )
-        allowed = [p for p in proposals if not _is_barred(p.point, barred)][:share]
-        settings = rounded_settings(region, np.array([p.point for p in allowed]).reshape(-1, region.k))
-        for proposal, setting in zip(allowed, settings, strict=True):
-            why = proposal.why if len(analyses) == 1 else f"{analysis.application}: {proposal.why}"
-            made.append(NewRun(setting, proposal.purpose, why, source, cost))
+        chooser = _Chooser(spec, analyses[index])
+        pure = _pure_error_df(analyses[index], active)
+        proposals: list[tuple[Proposal, str]] = []
+        if source == "best":
+            for _ in range(share):
+                proposal, chosen = _best_source(chooser, done, pure, barred)
+                pure += proposal.repeats
+                proposals.append((proposal, chosen))
+                point = chooser.box.outwards(proposal.point)[None, :]
+                done.append(_Made(rounded_settings(region, point)[0], chosen, ""))
+        else:
+            proposals = [(proposal, source) for proposal in chooser.batch(done, share, source, pure, barred)]
+        for proposal, chosen in proposals:
+            (setting,) = rounded_settings(region, chooser.box.outwards(proposal.point)[None, :])
+            why = chooser.why(proposal.why)
+            why = why if len(analyses) == 1 else f"{chooser.analysis.application}: {why}"
+            purpose = "fill" if chooser.filling else proposal.purpose
+            made.append(NewRun(setting, purpose, why, chosen, _cost(spec, chosen)))
+            if source != "best":
+                done.append(_Made(setting, chosen, ""))
     return made
+
+
+def _best_source(
+    chooser: _Chooser, done: Sequence[_Made], df_pure_error: int, barred: FloatArray
+) -> tuple[Proposal, str]:
+    """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper."""
+    found = {source: chooser.batch(done, 1, source, df_pure_error, barred)[0] for source in ("simulation", "flight")}
+    kept = {"repeat", "spread"}
+    if any(proposal.purpose in kept for proposal in found.values()):
+        source = min(found, key=lambda name: _cost(chooser.spec, name))
+    else:
+        source = max(found, key=lambda name: found[name].gain)
+    return found[source], source
 
 
 def _shares(spec: CampaignSpec, n: int) -> list[tuple[int, int]]:
@@ -110,10 +293,6 @@ def _pure_error_df(analysis: Analysis, active: Sequence[RunRecord]) -> int:
     """Degrees of freedom of pure error that scored runs have and pending repeats will bring."""
     scored = analysis.lack_of_fit.df_pe if isinstance(analysis.lack_of_fit, LackOfFit) else 0
     return scored + sum(run.state != "scored" and run.purpose == "repeat" for run in active)
-
-
-def _is_barred(point: FloatArray, barred: FloatArray) -> bool:
-    return bool(len(barred)) and bool(np.any(np.all(np.abs(barred - point) < 1e-3, axis=1)))
 
 
 def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float | str]]:

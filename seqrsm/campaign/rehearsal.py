@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seqrsm.campaign.analyse import stop_rule
+from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
 from seqrsm.campaign.posterior import draw_coefficients
 from seqrsm.decide.rehearsal import Rehearsal, rehearse
@@ -33,14 +34,16 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     spec = campaign.spec
     analysis = campaign.analyse_all(spec.applications[0].name)[0]
     rule = stop_rule(spec)
-    beta, sigma, _ = draw_coefficients(spec, analysis.fit, sampler="exact", n_draws=2000)
-    start = start_design(analysis.model, spec.region, start_size(analysis.model, spec), CENTRE_REPEATS, spec.seed)
+    application = spec.applications[0]
+    fitted = fit_application(spec, application, campaign.store.runs())
+    draws = draw_coefficients(spec, fitted, sampler="exact", n_draws=2000)
+    start = start_design(analysis.model, analysis.region, start_size(analysis.model, spec), CENTRE_REPEATS, spec.seed)
     source_cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
     result = rehearse(
         analysis.model,
-        spec.region,
-        beta_draws=beta[:, : analysis.model.p],
-        sigma_draws=sigma,
+        analysis.region,
+        beta_draws=draws.terms,
+        sigma_draws=draws.sigma,
         rule=rule,
         start_points=start,
         batch_size=spec.batch,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.campaign.analysis import Analysis, Interval
+from seqrsm.design.factors import ContinuousFactor
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.natural import natural_coefficients
 
@@ -52,7 +53,54 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
             "attainable_half_width": analysis.decision.attainable_half_width,
             "runs_needed": analysis.decision.runs_needed,
         },
+        "region": region_to_json(analysis),
+        "sources": _sources(analysis),
         "warnings": list(analysis.warnings),
+    }
+
+
+def region_to_json(analysis: Analysis) -> dict[str, Any]:
+    """The fitted part of the region, and how it came to be."""
+    state = analysis.region_state
+    box = {
+        factor.name: [factor.low, factor.high]
+        for factor in analysis.region.factors
+        if isinstance(factor, ContinuousFactor)
+    }
+    return {
+        "whole": state is None or state.box.whole,
+        "ranges": box,
+        "n_scored": analysis.n_scored or analysis.fit.n_runs,
+        "n_fitted": analysis.fit.n_runs,
+        "being_filled": state is not None and state.target is not None,
+        "history": [
+            {
+                "batch": step.batch,
+                "n_runs": step.n_runs,
+                "kind": step.kind,
+                "ranges": {name: list(ends) for name, ends in step.ranges.items()},
+                "text": step.text,
+            }
+            for step in analysis.region_history
+        ],
+    }
+
+
+def _sources(analysis: Analysis) -> dict[str, Any] | None:
+    found = analysis.sources
+    if found is None:
+        return None
+    return {
+        "n_simulations": found.n_simulations,
+        "n_flights": found.n_flights,
+        "s_simulation": found.s_simulation,
+        "s_flight": found.s_flight,
+        "difference": found.difference,
+        "interval": interval_to_json(found.interval),
+        "prior_sd": found.prior_sd,
+        "prior_share": found.prior_share,
+        "prior_driven": found.prior_driven,
+        "text": found.text,
     }
 
 
@@ -89,6 +137,7 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         "conditions_hold": decision.conditions_hold,
         "held": decision.held,
         "reasons": list(decision.reasons),
+        "region": region_to_json(analysis),
     }
 
 

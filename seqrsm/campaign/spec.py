@@ -4,7 +4,10 @@ The tables and keys of the file; keys without a default must be given, and keys 
 
 ``[campaign]``
     ``name``; ``description`` (""); ``seed`` (0): an integer >= 0 from which all randomness follows; ``batch`` (4): runs
-    proposed at a time.
+    proposed at a time; ``criterion`` ("optimum": half value at the optimum, half expected regret; "D": all
+    coefficients; "I": mean prediction variance over the region; "thompson": optima of posterior draws; "steepest":
+    along the path of steepest ascent); ``attempts`` (3): batches in a row without a single score after which the
+    campaign gives up.
 ``[[factor]]``, one or more
     ``name``; ``unit`` (""; of a sensor parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and
     ``high``, or ``values`` (two or more numbers), or ``levels`` (two or more names).
@@ -12,11 +15,20 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
 ``[[application]]``, one or more
     ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
-    "package.module:function"; ``goal`` ("maximize" or "minimize"); ``weight`` (1).
+    "package.module:function"; ``goal`` ("maximize" or "minimize"); ``weight`` (1); ``unacceptable`` and ``ideal``:
+    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface.
+``[[consideration]]``
+    What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
+    in natural units, with the arithmetic of constraints; ``goal`` ("minimize"); ``weight`` (1); ``unacceptable`` and
+    ``ideal`` as above.
 ``[model]``
     ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal" or "student_t"); ``block``: the
     column of measured scores that tells the block, no blocks by default; ``prior``: ``{ coefficient_sd, noise_sd,
-    noise_runs }``, flat by default, see `PriorSpec`.
+    noise_runs }``, flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region
+    shrinks towards the optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one
+    application and fixed with several, whose surfaces must be known over one region to be weighed;
+    ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
+    coefficient, in score units, by default the standard deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign's folder; ``tolerance`` (0.5): accepted
     error of a simulated score, in score units; ``fixed``: every sensor parameter that is no factor.
@@ -26,7 +38,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
     ``guard`` ("runs": n >= 3 p and two looks; "confirmation": fresh runs decide; "anytime": an interval that holds at
-    every look); ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05).
+    every look; "spending": the error probability is spent over the looks as O'Brien and Fleming do);
+    ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05).
 ``[store]``
     ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default.
 """
@@ -40,176 +53,67 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
-from pydantic_core import PydanticCustomError
+from pydantic import ValidationError
 
 from seqrsm.campaign import spec_checks
 from seqrsm.campaign.spec_checks import Reporter
+from seqrsm.campaign.spec_tables import (
+    UTILITIES,
+    ApplicationSpec,
+    CampaignTable,
+    ConsiderationSpec,
+    ConstraintTable,
+    CostSpec,
+    Criterion,
+    FactorTable,
+    ModelSpec,
+    PriorSpec,
+    SimulatorSpec,
+    StopSpec,
+    StoreTable,
+    Table,
+)
 from seqrsm.campaign.toml_lines import key_lines
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 
+__all__ = [
+    "MAX_BYTES",
+    "SPEC_NAME",
+    "UTILITIES",
+    "ApplicationSpec",
+    "CampaignSpec",
+    "ConsiderationSpec",
+    "CostSpec",
+    "Criterion",
+    "ModelSpec",
+    "PriorSpec",
+    "SimulatorSpec",
+    "StopSpec",
+    "load_spec",
+]
+
 SPEC_NAME = "campaign.toml"
 MAX_BYTES = 1_000_000
-UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
 
 
-def _is_name(text: str) -> str:
-    if not re.fullmatch(r"\w(?:[\w .+-]{0,78}[\w.+-])?", text):
-        raise PydanticCustomError("name", "a name has 1 to 80 letters, digits and . + - _ or inner blanks")
-    return text
-
-
-def _is_utility(text: str) -> str:
-    if text not in UTILITIES and not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", text):
-        raise PydanticCustomError("utility", 'a utility is {known} or "package.module:function"', {"known": _UTILITIES})
-    return text
-
-
-def _is_url(text: str) -> str:
-    if not text.startswith(("postgresql+psycopg://", "sqlite:///")):
-        raise PydanticCustomError("url", 'an address begins with "postgresql+psycopg://" or "sqlite:///"')
-    return text
-
-
-_UTILITIES = ", ".join(UTILITIES)
-Name = Annotated[str, AfterValidator(_is_name)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-class _CampaignTable(_Table):
-    name: Name
-    description: str = ""
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    batch: Annotated[int, Field(ge=1, le=1000)] = 4
-
-
-class _FactorTable(_Table):
-    name: str
-    unit: str = ""
-    scale: Literal["linear", "log"] = "linear"
-    low: Number | None = None
-    high: Number | None = None
-    values: list[Number] | None = None
-    levels: list[str] | None = None
-
-
-class _ConstraintTable(_Table):
-    expr: str
-
-
-class ApplicationSpec(_Table):
-    """An application: what the scores measure, and whether large or small ones are good.
-
-    Attributes
-    ----------
-    name : str
-        Unique in the campaign.
-    utility : str
-        One of `UTILITIES` or "package.module:function".
-    goal : {"maximize", "minimize"}
-    weight : float
-        Its share in a compromise, > 0, relative to the other applications.
-    """
-
-    name: Name
-    utility: Annotated[str, AfterValidator(_is_utility)]
-    goal: Literal["maximize", "minimize"] = "maximize"
-    weight: PositiveNumber = 1.0
-
-    @property
-    def is_percent(self) -> bool:
-        """Whether scores are percentages from 0 to 100."""
-        return self.utility == "percent_correct"
-
-    @property
-    def unit(self) -> str:
-        """Unit of the scores, "" where the utility tells none."""
-        return "percent" if self.is_percent else ""
-
-
-class PriorSpec(_Table):
-    """Normal-inverse-gamma prior of the coefficients and the noise.
-
-    Attributes
-    ----------
-    coefficient_sd : float
-        Standard deviation of every coded coefficient but the intercept, in score units (of the logit, if fitted).
-    noise_sd : float
-        Prior guess of the noise standard deviation, in the same units.
-    noise_runs : float
-        How many runs that guess is worth.
-    """
-
-    coefficient_sd: PositiveNumber
-    noise_sd: PositiveNumber
-    noise_runs: PositiveNumber
-
-
-class ModelSpec(_Table):
-    """The response surface: polynomial order, scale of the response, errors, block column, prior (None is flat)."""
-
-    order: Literal[1, 2] = 2
-    response: Literal["identity", "logit"] = "identity"
-    errors: Literal["normal", "student_t"] = "normal"
-    block: str | None = None
-    prior: PriorSpec | None = None
-
-
-class SimulatorSpec(_Table):
-    """The engine, its scene file (relative to the campaign's folder), tolerance in score units, fixed parameters."""
-
-    engine: Literal["psm", "prm"]
-    scene: Annotated[str, Field(min_length=1)]
-    tolerance: PositiveNumber = 0.5
-    fixed: dict[str, Number | str] = Field(default_factory=dict)
-
-
-class CostSpec(_Table):
-    """Cost of one run from each source, in one unit of the user's choice."""
-
-    simulation: PositiveNumber = 1.0
-    flight: PositiveNumber = 1.0
-
-
-class StopSpec(_Table):
-    """When the campaign ends; see the module for the meaning of each key."""
-
-    half_width: PositiveNumber
-    interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
-    replicates: Annotated[int, Field(ge=2)] = 5
-    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
-    max_runs: Annotated[int, Field(ge=1)] = 80
-    guard: Literal["runs", "confirmation", "anytime"] = "runs"
-    confirmation_runs: Annotated[int, Field(ge=2)] = 5
-    lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
-
-
-class _StoreTable(_Table):
-    url: Annotated[str, AfterValidator(_is_url)] | None = None
-
-
-_SINGLE: Mapping[str, type[_Table]] = {
-    "campaign": _CampaignTable,
+_SINGLE: Mapping[str, type[Table]] = {
+    "campaign": CampaignTable,
     "model": ModelSpec,
     "simulator": SimulatorSpec,
     "cost": CostSpec,
     "stop": StopSpec,
-    "store": _StoreTable,
+    "store": StoreTable,
 }
-_REPEATED: Mapping[str, type[_Table]] = {
-    "factor": _FactorTable,
-    "constraint": _ConstraintTable,
+_REPEATED: Mapping[str, type[Table]] = {
+    "factor": FactorTable,
+    "constraint": ConstraintTable,
     "application": ApplicationSpec,
+    "consideration": ConsiderationSpec,
 }
 _REQUIRED = ("campaign", "factor", "application", "stop")
 
@@ -222,12 +126,14 @@ class CampaignSpec:
     ----------
     folder : Path
         The campaign's folder.
-    name, description, seed, batch :
+    name, description, seed, batch, criterion, attempts :
         Of ``[campaign]``.
     region : Region
         Factors and constraints.
     applications : tuple of ApplicationSpec
         In the order of the file.
+    considerations : tuple of ConsiderationSpec
+        What else counts in a compromise.
     model, simulator, cost, stop :
         The tables of these names; ``simulator`` is None in a campaign fed by measured scores only.
     store_url : str or None
@@ -249,6 +155,15 @@ class CampaignSpec:
     stop: StopSpec
     store_url: str | None
     spec_hash: str
+    criterion: Criterion = "optimum"
+    attempts: int = 3
+    considerations: tuple[ConsiderationSpec, ...] = ()
+
+    @property
+    def region_moves(self) -> bool:
+        """Whether the fitted region may shrink and move."""
+        chosen = self.model.region
+        return len(self.applications) == 1 if chosen is None else chosen == "adaptive"
 
     def to_region(self) -> Region:
         """Region of the allowed settings."""
@@ -333,7 +248,7 @@ def _parse(path: FilePath, text: str) -> dict[str, Any]:
         raise SpecError(Problem(f"this is not valid TOML: {message}", remedy, file=str(path), line=line)) from None
 
 
-_T = TypeVar("_T", bound=_Table)
+_T = TypeVar("_T", bound=Table)
 
 
 def _validated(model: type[_T], raw: object, path: tuple[str | int, ...], report: Reporter) -> _T | None:
@@ -381,11 +296,15 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
     factors = spec_checks.factors(tables, _as_list(raw.get("factor")), _engine_name(raw), report)
     constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
-    for kind in ("factor", "application"):
+    for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
     if isinstance(raw.get("simulator"), dict):
         factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
         spec_checks.simulator(folder, raw["simulator"], factor_names, report)
+    spec_checks.desirabilities("application", applications, report)
+    spec_checks.desirabilities("consideration", repeated["consideration"], report)
+    texts = [None if table is None else table.expr for table in repeated["consideration"]]
+    spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None
@@ -395,6 +314,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         "factors": [repr(factor) for factor in region.factors],
         "constraints": [constraint.expr for constraint in region.constraints],
         "applications": [application.model_dump() for application in applications],
+        "considerations": [table.model_dump() for table in repeated["consideration"]],
         "model": model.model_dump(),
         "simulator": None if simulator is None else simulator.model_dump(),
         "cost": cost.model_dump(),
@@ -412,6 +332,9 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         simulator=simulator,
         cost=cost,
         stop=stop,
+        considerations=tuple(table for table in repeated["consideration"] if table is not None),
+        criterion=campaign.criterion,
+        attempts=campaign.attempts,
         store_url=single["store"].url,
         spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
     )

@@ -6,7 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, Literal, Protocol
 
 from seqrsm.campaign.toml_lines import Path, line_of
 from seqrsm.design.constraints import Constraint
@@ -242,6 +242,41 @@ def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Con
                     report.add(("constraint", index, "expr"), problem.message, problem.remedy, problem.value)
         made.append(constraint)
     return made
+
+
+class _Desired(Protocol):
+    goal: Literal["maximize", "minimize"]
+    unacceptable: float | None
+    ideal: float | None
+
+
+def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporter) -> None:
+    """``unacceptable`` lies on the bad side of ``ideal``."""
+    for index, table in enumerate(tables):
+        if table is None or table.unacceptable is None or table.ideal is None:
+            continue
+        rises = table.ideal > table.unacceptable
+        if table.ideal == table.unacceptable or rises != (table.goal == "maximize"):
+            side = "above" if table.goal == "maximize" else "below"
+            remedy = f'With goal = "{table.goal}" it lies {side} unacceptable.'
+            report.add((kind, index, "ideal"), "ideal is not better than unacceptable", remedy, table.ideal)
+
+
+def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:
+    """Expressions of considerations: arithmetic in numeric factors."""
+    numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]
+    for index, text in enumerate(texts):
+        if text is None:
+            continue
+        path: Path = ("consideration", index, "expr")
+        try:
+            found = Constraint(f"0 <= ({text})")
+        except RegionError as error:
+            for problem in error.problems:
+                report.add(path, problem.message, problem.remedy, text)
+            continue
+        for name in sorted(found.names - set(numeric)):
+            report.add(path, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.", text)
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:

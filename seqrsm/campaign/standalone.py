@@ -6,8 +6,8 @@ import csv
 from pathlib import Path
 from typing import Any, get_args
 
-from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.evaluate import evaluate_design
+from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region

@@ -1,18 +1,25 @@
-"""``seqrsm status``: where a campaign stands, from the store alone, without a fit."""
+"""``seqrsm status``: where a campaign stands."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.records import LookRecord, RunRecord
+from seqrsm.campaign.serialise import look_summary
+from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
+from seqrsm.errors import FitError
+from seqrsm.plain import plain
 
 
 def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
-    """Runs by state and source, the last look of each application, and whether to stop.
+    """Runs by state and source, what the scores say so far of each application, and whether to stop.
+
+    Where scores came in after the last look (measured ones have none), a look is taken here and not recorded.
 
     Parameters
     ----------
@@ -28,11 +35,8 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     spec = load_spec(folder)
     with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
         runs, looks, events = store.runs(), store.looks(), store.events()
-    last = {look.application: look.summary for look in looks}
-    applications = [
-        {"name": application.name, "unit": application.unit, "last_look": last.get(application.name)}
-        for application in spec.applications
-    ]
+        applications = [_application(spec, application, runs, looks) for application in spec.applications]
+    last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
         "campaign": spec.name,
         "runs": dict(Counter(run.state for run in runs)),
@@ -41,6 +45,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "interval": spec.stop.interval,
         "target_half_width": spec.stop.half_width,
         "level": spec.stop.level,
+        "units": {factor.name: getattr(factor, "unit", "") for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
@@ -49,3 +54,23 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     if history:
         result["history"] = [asdict(event) for event in events]
     return result
+
+
+def _application(
+    spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], looks: Sequence[LookRecord]
+) -> dict[str, Any]:
+    """The last look of an application, or a fresh one where there are newer scores."""
+    from seqrsm.campaign.analyse import CONFIRMATION, analyse
+
+    mine = [look for look in looks if look.application == application.name]
+    found: dict[str, Any] = {"name": application.name, "unit": application.unit, "last_look": None}
+    if mine:
+        found["last_look"] = mine[-1].summary
+    counted = [run for run in runs if run.state == "scored" and run.purpose != CONFIRMATION]
+    scored = [run for run in counted if run.score_of(application.name) is not None]
+    if scored and (not mine or mine[-1].after_run != len(scored)):
+        try:
+            found["last_look"] = plain(look_summary(analyse(spec, application, runs, mine, n_draws=200)))
+        except FitError as error:
+            found["reason"] = f"{len(scored)} scored runs: {error}"
+    return found

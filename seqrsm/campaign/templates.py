@@ -42,10 +42,27 @@ def copy_template(name: str, folder: Path) -> None:
         raise UserError(
             Problem("no such template", f"Choose one of {', '.join(templates())}.", field="--template", value=name)
         )
+    new_folder(folder)
+    try:
+        shutil.copytree(template_folder() / name, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*PRODUCTS))
+    except OSError as error:
+        raise UserError(
+            Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))
+        ) from error
+
+
+def new_folder(folder: Path) -> None:
+    """Make ``folder``.
+
+    Raises
+    ------
+    UserError
+        It exists and is not empty, or cannot be made.
+    """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserError(Problem("the folder exists and is not empty", "Name a new folder.", file=str(folder)))
     try:
-        shutil.copytree(template_folder() / name, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*PRODUCTS))
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(
             Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))

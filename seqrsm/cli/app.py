@@ -7,13 +7,16 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from seqrsm import __version__
-from seqrsm.cli.console import EXIT_BUDGET_SPENT, guarded, print_json, progress_bar, say, stdout
+from seqrsm.cli.console import EXIT_BUDGET_SPENT, activity, guarded, print_json, progress_bar, run_display, say
 from seqrsm.errors import Problem, UserError
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.analysis import Analysis
 
 app = typer.Typer(
     name="seqrsm",
@@ -56,32 +59,62 @@ def _root(
 def init(
     folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder to make.")] = None,
     template: Annotated[str | None, typer.Option(metavar="NAME", help="Which example to start from.")] = None,
+    application: Annotated[
+        str | None,
+        typer.Option(metavar="WORDS", help='Start from the literature on an application, such as "soil moisture".'),
+    ] = None,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Make a campaign folder from a template."""
+    """Make a campaign folder from a template, or from what the literature asks for."""
     from seqrsm.campaign.templates import copy_template, templates
 
     if list_templates:
-        for name, text in templates().items():
-            stdout().print(f"{name:20} {text}", markup=False)
+        from seqrsm.cli.show import show_templates
+
+        show_templates(templates())
         return
-    if folder is None or template is None:
+    if folder is None or (template is None) == (application is None):
         raise UserError(
-            Problem("init needs a folder and a template", "Write: seqrsm init DIR --template NAME (or --list).")
+            Problem(
+                "init needs a folder, and a template or an application",
+                "Write: seqrsm init DIR --template NAME (--list names them), or seqrsm init DIR --application WORDS.",
+            )
         )
+    if application is not None:
+        from seqrsm.campaign.from_catalog import init_from_catalog, tables_text
+
+        found = init_from_catalog(application, folder)
+        tables = tables_text(entry.table for entry in found.entries)
+        say(f"made {folder} for {application} from {tables}; see the comments in {folder}/campaign.toml")
+        say(f"next: seqrsm check {folder}")
+        return
+    assert template is not None
     copy_template(template, folder)
-    say(f"made {folder} from template {template}; next: seqrsm check {folder}")
+    say(f"made {folder} from template {template}; next: {_next_step(folder)}")
+
+
+def _next_step(folder: Path) -> str:
+    """What to type after init: a campaign that brings measured scores needs them first."""
+    scores = sorted(folder.glob("*_scores.csv"))
+    if scores:
+        return f"seqrsm ingest {folder} {' '.join(str(file) for file in scores)}"
+    return f"seqrsm check {folder}"
 
 
 @app.command()
 @guarded
-def check(folder: Folder, as_json: AsJson = False) -> None:
+def check(
+    folder: Folder,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Every statement on what is assumed.")] = False,
+    as_json: AsJson = False,
+) -> None:
     """Validate everything and say what a run would cost and whether the stop target can be reached; run nothing."""
     from seqrsm.campaign.check import check_campaign
     from seqrsm.cli.show import show_check
 
-    result = check_campaign(folder)
-    print_json(result.to_json()) if as_json else show_check(result)
+    with progress_bar("checking") as progress:
+        result = check_campaign(folder, progress)
+    print_json(result.to_json()) if as_json else show_check(result, verbose)
 
 
 @app.command()
@@ -99,15 +132,26 @@ def run(
     from seqrsm.cli.show import show_look, show_outcome
 
     campaign = Campaign.open(folder)
-    with progress_bar("simulating") as progress:
+    with run_display() as display:
+
+        def on_look(look: Analysis) -> None:
+            if not as_json:
+                show_look(campaign.spec, look)
+            display.step("choosing the next runs")
+
+        def on_step(text: str) -> None:
+            if not as_json:
+                say(text)
+            display.step(text)
+
         outcome = campaign.run(
             max_runs=max_runs,
             batch=batch,
             workers=workers,
             cluster=cluster,
-            on_progress=progress,
-            on_look=(lambda look: None) if as_json else show_look,
-            say=(lambda text: None) if as_json else say,
+            on_progress=display.progress,
+            on_look=on_look,
+            say=on_step,
         )
     print_json(outcome.to_json()) if as_json else show_outcome(outcome)
     if not outcome.held:
@@ -130,7 +174,8 @@ def propose(
     from seqrsm.cli.show import run_row, show_proposals
 
     campaign = Campaign.open(folder)
-    runs = campaign.propose(n, source=source, csv=csv)
+    with activity("choosing the next runs"):
+        runs = campaign.propose(n, source=source, csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
 
 
@@ -192,9 +237,10 @@ def fit(
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
     from seqrsm.campaign.loop import Campaign
     from seqrsm.campaign.serialise import analysis_to_json
-    from seqrsm.cli.show import show_fit
+    from seqrsm.cli.show_fit import show_fit
 
-    analyses = Campaign.open(folder).analyse_all(application, sampler="emcee")
+    with activity("sampling the posterior"):
+        analyses = Campaign.open(folder).analyse_all(application, sampler="emcee")
     if as_json:
         documents = [analysis_to_json(analysis) for analysis in analyses]
         print_json(documents[0] if len(documents) == 1 else {"applications": documents})
@@ -214,7 +260,8 @@ def status(
     from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show import show_status
 
-    result = campaign_status(folder, history=history)
+    with activity("reading"):
+        result = campaign_status(folder, history=history)
     print_json(result) if as_json else show_status(result)
 
 
@@ -241,6 +288,10 @@ def report(
     folder: Folder,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this HTML file.")] = None,
     pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this PDF file.")] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write every figure as SVG, PDF and PNG, its numbers as CSV beside it."),
+    ] = None,
 ) -> None:
     """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
     from seqrsm.campaign.assemble import assemble
@@ -248,12 +299,16 @@ def report(
     from seqrsm.report import write_report
 
     campaign = Campaign.open(folder)
-    if html is None and pdf is None:
+    if html is None and pdf is None and figures is None:
         html, pdf = campaign.folder / "reports" / "report.html", campaign.folder / "reports" / "report.pdf"
-    write_report(assemble(campaign), html=html, pdf=pdf)
+    with activity("report") as step:
+        written = write_report(assemble(campaign, step), html=html, pdf=pdf, figures=figures, step=step)
     for path in (html, pdf):
         if path is not None:
             say(f"wrote {path}")
+    if figures is not None:
+        count = sum(path.parent == figures for path in written)
+        say(f"wrote {count} files into {figures}; captions.csv says what each shows")
 
 
 @app.command()
@@ -269,7 +324,8 @@ def image(
     from seqrsm.campaign.images import write_image
     from seqrsm.campaign.loop import Campaign
 
-    result = write_image(Campaign.open(folder), settings or [], run_id, out)
+    with activity("simulating"):
+        result = write_image(Campaign.open(folder), settings or [], run_id, out)
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 
@@ -303,7 +359,8 @@ def design(
     from seqrsm.campaign.standalone import standalone_design
     from seqrsm.cli.show import show_design
 
-    result: dict[str, Any] = standalone_design(factors, runs, criterion, seed, csv)
+    with activity("searching"):
+        result: dict[str, Any] = standalone_design(factors, runs, criterion, seed, csv)
     print_json(result) if as_json else show_design(result)
 
 
@@ -346,5 +403,6 @@ def doctor(as_json: AsJson = False) -> None:
     from seqrsm.campaign.doctor import examine
     from seqrsm.cli.show import show_doctor
 
-    result = examine()
+    with activity("compiling the kernels"):
+        result = examine()
     print_json(result) if as_json else show_doctor(result)

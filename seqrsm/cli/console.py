@@ -6,14 +6,26 @@ import functools
 import json
 import math
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
+from rich.text import Text
 
 from seqrsm.errors import ConvergenceError, UserError
 from seqrsm.plain import plain
@@ -69,19 +81,79 @@ def print_json(document: Any) -> None:
     sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None, left: bool = False
-) -> Table:
-    """A plain table; every column but the first is right-aligned, unless all hold words; cells are taken literally."""
-    from rich.box import SIMPLE_HEAD
-    from rich.text import Text
+_PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u2003": "  "})
 
-    out = Table(box=SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
-    for number, name in enumerate(columns):
-        out.add_column(name, justify="left" if left or number == 0 else "right", overflow="fold")
-    for row in rows:
+
+def ascii_signs(text: str) -> str:
+    """The report's minus signs, dashes and fixed blanks as a keyboard has them, so that output can be searched."""
+    return text.translate(_PLAIN)
+
+
+def line(text: str = "", indent: int = 0) -> None:
+    """One statement on stdout, taken literally; on a terminal wrapped under its own beginning."""
+    text = ascii_signs(text)
+    if sys.stdout.isatty():
+        hang = indent + (2 if text.startswith("- ") else 0)
+        width = max(stdout().width, 20)
+        text = textwrap.fill(
+            text, width, initial_indent=" " * indent, subsequent_indent=" " * hang, break_on_hyphens=False
+        )
+    else:
+        text = " " * indent + text
+    stdout().print(text.rstrip(), markup=False)
+
+
+def heading(text: str) -> None:
+    """Title of what follows, after an empty line."""
+    stdout().print()
+    stdout().print(ascii_signs(text), markup=False, style="bold")
+
+
+def show_table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", left: bool = False, right: int = 0
+) -> None:
+    """A table on stdout: ruled on a terminal, blanks between columns when piped.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Heads; all empty for a table without.
+    rows : sequence of sequence of str
+        Taken literally.
+    title : str
+        Printed over it.
+    left : bool
+        All columns hold words; else every column but the first is right-aligned.
+    right : int
+        The last so many columns are left-aligned all the same.
+    """
+    sides = ["left" if left or k == 0 or k >= len(columns) - right else "right" for k in range(len(columns))]
+    cells = [[ascii_signs(cell) for cell in row] for row in rows]
+    if title:
+        heading(title)
+    if not sys.stdout.isatty():
+        for text in _plain_rows([list(columns), *cells] if any(columns) else cells, sides):
+            stdout().print(text, markup=False)
+        return
+    from rich.box import SIMPLE_HEAD
+
+    out = Table(box=SIMPLE_HEAD if any(columns) else None, pad_edge=False, show_header=any(columns), show_edge=False)
+    for name, side in zip(columns, sides, strict=True):
+        out.add_column(name, justify="left" if side == "left" else "right", overflow="fold")
+    for row in cells:
         out.add_row(*(Text(cell) for cell in row))
-    return out
+    stdout().print(out)
+
+
+def _plain_rows(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> list[str]:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(sides))]
+    return [
+        "  ".join(
+            cell.ljust(width) if side == "left" else cell.rjust(width)
+            for cell, width, side in zip(row, widths, sides, strict=True)
+        ).rstrip()
+        for row in rows
+    ]
 
 
 @contextmanager
@@ -90,10 +162,79 @@ def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
     if not sys.stderr.isatty():
         yield lambda done, total: None
         return
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=stderr(), transient=True) as bar:
+    with Progress(*_bar_columns(), console=stderr(), transient=True) as bar:
         task = bar.add_task(label, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class RunDisplay:
+    """What `seqrsm run` is doing: one line that moves on a terminal, nothing but its messages when piped."""
+
+    def __init__(self, bar: Progress | None) -> None:
+        self._bar = bar
+        self._task = None if bar is None else bar.add_task("reading", total=None)
+
+    def progress(self, done: int, total: int) -> None:
+        """Runs simulated of those waiting."""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description="simulating", completed=done, total=total)
+
+    def step(self, text: str) -> None:
+        """Something without a known length begins."""
+        if self._bar is not None and self._task is not None:
+            self._bar.reset(self._task, description=text, total=None)
+
+
+@contextmanager
+def run_display() -> Iterator[RunDisplay]:
+    """Display of a whole campaign."""
+    if not sys.stderr.isatty():
+        yield RunDisplay(None)
+        return
+    with Progress(*_bar_columns(), console=stderr(), transient=True) as bar:
+        yield RunDisplay(bar)
+
+
+def _bar_columns() -> tuple[ProgressColumn, ...]:
+    return (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        _RateColumn(),
+        TimeElapsedColumn(),
+        _LeftColumn(),
+    )
+
+
+class _LeftColumn(TimeRemainingColumn):
+    """Time left, where it is known."""
+
+    def render(self, task: Task) -> Text:
+        if task.total is None or task.time_remaining is None:
+            return Text("")
+        return Text.assemble(super().render(task), " left")
+
+
+class _RateColumn(ProgressColumn):
+    """Things done in a second, or seconds for each where it takes longer than one."""
+
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        if not speed:
+            return Text("")
+        return Text(f"{speed:.1f}/s" if speed >= 1.0 else f"{1.0 / speed:.1f} s each")
+
+
+@contextmanager
+def activity(label: str) -> Iterator[Callable[[str], None]]:
+    """Yield ``step(text)`` for work whose length is not known: what is being done and for how long; piped, nothing."""
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=stderr(), transient=True) as bar:
+        task = bar.add_task(label, total=None)
+        yield lambda text: bar.update(task, description=text)
 
 
 def number(value: float, digits: int = 4) -> str:

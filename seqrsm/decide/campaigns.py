@@ -105,7 +105,8 @@ class Campaigns:
         points, _ = optimum_draws(stage.model, stage.region, estimate, stage.goal, refine=False)
         z_hat = stage.model.matrix(points)
         h = np.sum((C @ z_hat[:, :, None])[..., 0] * z_hat, axis=1)
-        width = rule_half_width(rule, s, self.n - p, h, p)
+        before = max(self.n - stage.batch_size, 0) if self.n > len(stage.start) else 0
+        width = rule_half_width(rule, s, self.n - p, h, p, n_runs=self.n, n_before=before)
         df_pure, lof_p = self.lack_of_fit(rows, sse)
         runs = np.full(len(rows), self.n)
         found = conditions(rule, n_runs=runs, n_terms=p, df_pure_error=df_pure, lack_of_fit_p=lof_p, half_width=width)

@@ -19,24 +19,24 @@ from seqrsm.errors import FitError, Problem
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 
 
-def t_quantile(df: ArrayLike, level: float) -> FloatArray:
+def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:
     """Two-sided quantile of Student's t.
 
     Parameters
     ----------
     df : array_like
         Degrees of freedom; inf gives the normal quantile, values <= 0 give nan.
-    level : float
+    level : array_like
         Two-sided probability, in (0, 1).
 
     Returns
     -------
-    ndarray, shape of ``df``
+    ndarray, broadcast shape of ``df`` and ``level``
     """
     degrees = np.asarray(df, dtype=np.float64)
     # stdtrit has no limit at infinity; at 1e12 the difference from the normal quantile is below 1e-12.
     safe = np.clip(np.where(degrees > 0.0, degrees, 1.0), None, 1e12)
-    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * level), np.nan)
+    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * np.asarray(level)), np.nan)
     return quantile
 
 
@@ -46,7 +46,7 @@ def noise_share(interval: IntervalKind, replicates: int) -> float:
 
 
 def half_width(
-    interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: float, replicates: int = 5
+    interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: int = 5
 ) -> FloatArray:
     """Half-width of an interval at the optimum, in score units.
 

@@ -7,7 +7,7 @@ for a number of runs (or another guard), pure error, no significant lack of fit,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,22 @@ from seqrsm.decide.intervals import Agreement
 from seqrsm.decide.intervals import half_width as interval_half_width
 from seqrsm.decide.rule import Guard, StopRule, conditions, rule_half_width
 
-__all__ = ["Check", "Decision", "Guard", "StopRule", "conditions", "decide", "rule_half_width", "target_problem"]
+__all__ = [
+    "NO_DEPARTURE",
+    "Check",
+    "Decision",
+    "Departure",
+    "Guard",
+    "StopRule",
+    "conditions",
+    "decide",
+    "rule_half_width",
+    "target_problem",
+]
+
+
+NO_DEPARTURE = 1.0
+"""Evidence of a smooth departure below which there is none to speak of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +101,22 @@ class Decision:
     reasons: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """A smooth departure from the model; see :mod:`seqrsm.decide.discrepancy`.
+
+    Attributes
+    ----------
+    evidence : float
+        Twice the gain of the restricted log likelihood.
+    limit : float
+        From which it counts.
+    """
+
+    evidence: float
+    limit: float
+
+
 def decide(
     rule: StopRule,
     *,
@@ -102,6 +133,9 @@ def decide(
     model_p: float | None = None,
     confirmation: Agreement | None = None,
     unit: str = "",
+    n_spent: int | None = None,
+    n_before: int = 0,
+    departure: Departure | None = None,
 ) -> Decision:
     """Apply the rule to one look.
 
@@ -129,29 +163,41 @@ def decide(
         Test of fresh runs at the recommended settings.
     unit : str
         Unit of the score, for the sentences.
+    n_spent : int, optional
+        Scored runs that count against the budget, where the fit leaves some out; ``n_runs`` by default.
+    n_before : int
+        The same at the look before, 0 for the first: for the guard "spending".
+    departure : Departure, optional
+        Evidence of a smooth departure from the model. Above its limit it is lack of fit whatever pure error says; where
+        there is next to none, a significant test against pure error tells of unequal variances and not of lack of fit.
 
     Returns
     -------
     Decision
     """
+    spent = n_runs if n_spent is None else n_spent
+    # What is left of the budget goes to the runs that are fitted.
+    budget = replace(rule, max_runs=max(rule.max_runs - (spent - n_runs), 1))
     student = float(interval_half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
     scale = 1.0
     if half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(half_width):
         scale = half_width / student
-    width = float(rule_half_width(rule, s, df_residual, h, n_terms)) * scale if df_residual > 0 else float("nan")
+    width = float("nan")
+    if df_residual > 0:
+        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=spent, n_before=n_before)) * scale
     found = conditions(
         rule,
         n_runs=n_runs,
         n_terms=n_terms,
         df_pure_error=df_pure_error,
-        lack_of_fit_p=np.nan if lack_of_fit_p is None else lack_of_fit_p,
+        lack_of_fit_p=np.nan if lack_of_fit_p is None else _effective_p(rule, lack_of_fit_p, departure),
         half_width=width,
     )
     now = all(bool(value) for value in found.values())
     checks = [
         _interval_check(rule, bool(found["interval"]), width, unit),
         *_count_checks(rule, found, n_runs, n_terms, df_pure_error),
-        _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason),
+        _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason, departure),
     ]
     if rule.looks == 2:
         checks.append(_two_looks_check(now, held_at_previous_look))
@@ -159,9 +205,9 @@ def decide(
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
     held = all(check.holds is True for check in checks)
-    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
-    useless = futility(rule, ahead, n_terms=n_terms, df_residual=df_residual, model_p=model_p, width=width, unit=unit)
-    budget_spent = n_runs >= rule.max_runs
+    ahead = forecast(budget, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
+    useless = futility(budget, ahead, n_terms=n_terms, df_residual=df_residual, model_p=model_p, width=width, unit=unit)
+    budget_spent = spent >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
         reasons = [f"The stop rule holds after {n_runs} runs.", *(check.text for check in checks)]
@@ -177,7 +223,7 @@ def decide(
         noise_floor=ahead.noise_floor,
         attainable_half_width=ahead.attainable_half_width,
         attainable_mean_half_width=ahead.attainable_mean_half_width,
-        runs_needed=ahead.runs_needed,
+        runs_needed=None if ahead.runs_needed is None else ahead.runs_needed + spent - n_runs,
         budget_spent=budget_spent,
         wants_confirmation=rule.guard == "confirmation" and before_confirmation and confirmation is None,
         futility=() if held else useless,
@@ -189,7 +235,8 @@ def _interval_check(rule: StopRule, holds: bool, width: float, unit: str) -> Che
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
-    kind = ", valid at every look" if rule.guard == "anytime" else ""
+    kinds = {"anytime": ", valid at every look", "spending": ", its error spent over the looks"}
+    kind = kinds.get(rule.guard, "")
     text = (
         f"The {rule.interval_name} at the optimum is ± {amount(width, unit)} ({100 * rule.level:g} %{kind}); {target}."
     )
@@ -211,9 +258,29 @@ def _count_checks(
     return (Check("runs", bool(found["runs"]), text), pure)
 
 
-def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str) -> Check:
+def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float:
+    """P that the rule goes by: the smooth departure has the last word where it is clear."""
+    if departure is None or not np.isfinite(p):
+        return p
+    if departure.evidence > departure.limit:
+        return 0.0
+    return 1.0 if p < rule.alpha_lack_of_fit and departure.evidence < NO_DEPARTURE else p
+
+
+def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str, departure: Departure | None) -> Check:
     if p is None or not np.isfinite(p):
         return Check("lack_of_fit", None, f"Lack of fit cannot be tested{': ' + reason if reason else ''}.")
+    effective = _effective_p(rule, p, departure)
+    if departure is not None and effective != p:
+        seen = f"evidence {departure.evidence:.1f}, limit {departure.limit:.1f}"
+        if effective == 0.0:
+            text = f"The quadratic does not describe this region: a smooth departure from it is seen ({seen})."
+            return Check("lack_of_fit", False, text)
+        text = (
+            f"No smooth departure from the quadratic is seen ({seen}); scores scatter more away from the repeated "
+            f"settings than at them (p = {p:.2g}), which is unequal variance and no lack of fit."
+        )
+        return Check("lack_of_fit", True, text)
     holds = p >= rule.alpha_lack_of_fit
     verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")

@@ -39,10 +39,10 @@ def ess_bulk(chains: FloatArray) -> float:
     return _ess(_rank_normalise(_split(chains)))
 
 
-def ess_tail(chains: FloatArray) -> float:
-    """Smaller of the effective sample sizes of the 5 % and 95 % quantiles; chains (m, n), n >= 4."""
+def ess_tail(chains: FloatArray, ends_at: tuple[float, float] = (0.05, 0.95)) -> float:
+    """Smaller of the effective sample sizes of two quantiles, by default 5 % and 95 %; chains (m, n), n >= 4."""
     chains = np.asarray(chains, dtype=np.float64)
-    ends = np.quantile(chains, (0.05, 0.95))
+    ends = np.quantile(chains, ends_at)
     return min(_ess(_split((chains <= end).astype(np.float64))) for end in ends)
 
 

@@ -24,10 +24,11 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit import diagnostics
 from seqrsm.fit.conjugate import Flat
+from seqrsm.fit.general_target import GeneralModel, general_target
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
-from seqrsm.fit.target import GammaPrior, Proposal, SamplerPrior, Target, WeakPrior, build_target
+from seqrsm.fit.target import GammaPrior, SamplerPrior, Target, TunedProposal, WeakPrior, build_target
 
-__all__ = ["EnsemblePosterior", "GammaPrior", "WeakPrior", "sample_posterior"]
+__all__ = ["EnsemblePosterior", "GammaPrior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
@@ -59,6 +60,8 @@ class EnsemblePosterior:
         Effective sample size of every coordinate among the draws handed out.
     r_hat : ndarray (d,)
         Rank-normalised split R-hat across the independent ensembles.
+    ess_ends : ndarray (p + 1,)
+        Effective sample size of the ends of the 95 % interval, the smaller of the two, of every coefficient and sigma.
     acceptance : dict
         Accepted share by move.
     steps, walkers, ensembles : int
@@ -74,12 +77,49 @@ class EnsemblePosterior:
     tau: FloatArray
     ess: FloatArray
     r_hat: FloatArray
+    ess_ends: FloatArray
     acceptance: dict[str, float]
     steps: int
     walkers: int
     ensembles: int
     errors: str
     seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class GeneralPosterior:
+    """Draws of the parameters of a :class:`~seqrsm.fit.general_target.GeneralModel`, and the evidence for them.
+
+    Attributes
+    ----------
+    names : tuple of str (d,)
+    draws : ndarray (m, d)
+        In the parameters' own units.
+    tau, ess, r_hat, ess_ends, acceptance, steps, walkers, ensembles, seed
+        As in :class:`EnsemblePosterior`; ``tau``, ``ess`` and ``r_hat`` are of the parameters that were sampled:
+        those integrated out are independent draws given these.
+    """
+
+    names: tuple[str, ...]
+    draws: FloatArray
+    tau: FloatArray
+    ess: FloatArray
+    r_hat: FloatArray
+    ess_ends: FloatArray
+    acceptance: dict[str, float]
+    steps: int
+    walkers: int
+    ensembles: int
+    seed: int
+
+    def of(self, name: str) -> FloatArray:
+        """Draws (m,) of one parameter, or (m, c) of all whose names begin with ``name[``."""
+        if name in self.names:
+            return self.draws[:, self.names.index(name)]
+        columns = [i for i, other in enumerate(self.names) if other.startswith(f"{name}[")]
+        if not columns:
+            raise KeyError(name)
+        return self.draws[:, columns]
 
 
 @dataclass(slots=True)
@@ -162,11 +202,62 @@ def sample_posterior(
         reached.tau,
         reached.ess,
         reached.r_hat,
+        _ess_ends(np.column_stack([beta, sigma]), len(reached.kept)),
         acceptance,
         chain.steps,
         walkers,
         ensembles,
         errors,
+        seed,
+    )
+
+
+def sample_model(
+    model: GeneralModel,
+    *,
+    seed: int,
+    walkers: int = 128,
+    ensembles: int = 4,
+    min_ess: float = 4000.0,
+    max_draws: int = 50_000,
+    max_steps: int = 50_000,
+    max_seconds: float = 120.0,
+    progress: Progress | None = None,
+) -> GeneralPosterior:
+    """Sample any model with a log density: counts, several sources, random days, discrepancy, bounded priors.
+
+    Parameters as in :func:`sample_posterior`, and the same convergence rule. The independence proposal starts as a
+    Student-t distribution at the mode and is fitted to a pilot run.
+
+    Raises
+    ------
+    ConvergenceError
+        The bounds came first; it carries steps, tau, R-hat and ess reached.
+    FitError
+        The model's density is not finite where it was expected to lie.
+    """
+    if ensembles < 2:
+        raise ValueError("ensembles must be at least 2")
+    target = general_target(model)
+    walkers = max(walkers + walkers % 2, 2 * target.d)
+    chain = _Chain(target, ensembles, walkers, seed)
+    reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
+    draws = model.natural(reached.kept.reshape(-1, target.d))[0]
+    acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
+    names = tuple(parameter.name for parameter in model.parameters)
+    if model.complete is not None:
+        names, draws = model.complete(draws, np.random.default_rng([seed, len(draws)]))
+    return GeneralPosterior(
+        names,
+        draws,
+        reached.tau,
+        reached.ess,
+        reached.r_hat,
+        _ess_ends(draws, len(reached.kept)),
+        acceptance,
+        chain.steps,
+        walkers,
+        ensembles,
         seed,
     )
 
@@ -190,7 +281,7 @@ class _Chain:
             late = self.stored[_PILOT // 2 :: 10].reshape(-1, target.d)
             self._start([target.proposal.tuned(late), target.proposal], [0.8, 0.2])
 
-    def _start(self, proposals: list[Proposal], shares: list[float]) -> None:
+    def _start(self, proposals: list[TunedProposal], shares: list[float]) -> None:
         """Begin to count afresh from the present state, with these independence proposals from now on."""
         self.moves: dict[str, Move] = {
             "independence": IndependenceMove(proposals, shares),
@@ -249,6 +340,12 @@ def _thinned(chains: FloatArray, every: int) -> FloatArray:
     """Steps x ensembles x walkers -> ensembles x draws in the order of time, every ``every``-th of them."""
     flat = np.moveaxis(chains, 1, 0).reshape(chains.shape[1], -1)
     return flat[:, ::every]
+
+
+def _ess_ends(draws: FloatArray, steps: int) -> FloatArray:
+    """Effective draws at the ends of the 95 % interval of each column (steps * walkers, d), walkers as chains."""
+    chains = draws.reshape(steps, -1, draws.shape[1])
+    return np.array([diagnostics.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])])
 
 
 def _run(

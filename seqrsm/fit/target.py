@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.special import gammaln
@@ -51,6 +51,19 @@ class GammaPrior:
 
 
 SamplerPrior = Flat | NormalInverseGamma | WeakPrior
+
+
+class TunedProposal(Protocol):
+    """Independence proposal that can be fitted to draws."""
+
+    def draw(self, random: Any, n: int) -> FloatArray:
+        """Draw (n, d) with a ``numpy.random.RandomState``."""
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """Normalised log density (n, d) -> (n,)."""
+
+    def tuned(self, draws: FloatArray) -> TunedProposal:
+        """The member of the family with the moments of ``draws`` (n, d)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +133,7 @@ class Target:
     ----------
     log_prob : callable
         (n, d) -> (n,), up to a constant.
-    proposal : Proposal
+    proposal : TunedProposal
         From the base: the target itself for normal errors and a conjugate prior.
     exact : bool
         Whether it is.
@@ -131,7 +144,7 @@ class Target:
     """
 
     log_prob: Callable[[FloatArray], FloatArray]
-    proposal: Proposal
+    proposal: TunedProposal
     exact: bool
     d: int
     unpack: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray | None]]

@@ -12,13 +12,19 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import DesignError, Problem
+from seqrsm.fit.optimum import Goal
 from seqrsm.fit.rank_one import downdate, information_gain, is_reserved_run, linear_gain, optimum_targets
 from seqrsm.propose.candidates import candidate_points, jitter
 from seqrsm.propose.criteria import CRITERIA, average_matrix, relative_drop, unscaled_covariance
+from seqrsm.propose.steepest import steepest_points
 
-Purpose = Literal["optimum", "regret", "repeat", "spread", "average", "thompson"]
+Purpose = Literal["optimum", "regret", "repeat", "spread", "average", "thompson", "steepest"]
+Rows = Callable[[FloatArray], FloatArray]
+"""Model rows (n, p) of coded points (n, k)."""
+
 
 _MAX_TARGETS = 128
+_BARRED_RADIUS = 0.1
 _REFINE_RADII = (0.1, 0.03, 0.01)
 _REFINE_POINTS = 48
 
@@ -33,7 +39,7 @@ class Proposal:
         Coded settings, feasible.
     purpose : str
         "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
-        "average" (I criterion) or "thompson".
+        "average" (I criterion), "thompson" or "steepest".
     gain : float
         Drop of the criterion per unit of cost; only comparable within a purpose.
     why : str
@@ -76,6 +82,11 @@ def propose_batch(
     cost: Callable[[FloatArray], FloatArray] | None = None,
     seed: int = 0,
     n_candidates: int = 2000,
+    barred: FloatArray | None = None,
+    rows: Rows | None = None,
+    target_rows: Rows | None = None,
+    beta: FloatArray | None = None,
+    goal: Goal = "maximize",
 ) -> tuple[Proposal, ...]:
     """Choose the next ``n`` runs.
 
@@ -104,7 +115,7 @@ def propose_batch(
         0.01 (coefficients within 10 sigma) is added.
     df_pure_error : int
         Degrees of freedom of pure error, with those that pending repeats will bring.
-    criterion : "optimum", "D", "I" or "thompson"
+    criterion : "optimum", "D", "I", "thompson" or "steepest"
         "optimum" is half value at the optimum, half expected regret.
     spread_share : float
         Share of runs kept for repeats and spread, in [0, 1]; counted over the whole campaign.
@@ -118,6 +129,16 @@ def propose_batch(
         Fixes the cloud; equal inputs and seed give equal proposals.
     n_candidates : int
         Points that cover the region.
+    barred : ndarray (b, k), optional
+        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
+        leaves nothing.
+    rows, target_rows : callable, optional
+        Model rows of new runs, and of the runs that the campaign is about, where these are not simply those of
+        ``model``: a simulated run has no discrepancy, the flights that it is to predict have.
+    beta : ndarray (p,), optional
+        Coefficients, for "steepest".
+    goal : "maximize" or "minimize"
+        For the same.
 
     Returns
     -------
@@ -126,12 +147,14 @@ def propose_batch(
     Raises
     ------
     DesignError
-        Unknown criterion.
+        Unknown criterion, or "steepest" without coefficients.
     """
     if criterion not in CRITERIA:
         raise DesignError(
             Problem("unknown criterion", f"Use one of {', '.join(CRITERIA)}.", "", None, "criterion", criterion)
         )
+    if criterion == "steepest" and beta is None:
+        raise DesignError(Problem("steepest ascent needs a fitted surface", "Score the start design first."))
     if n <= 0:
         return ()
     rng = np.random.default_rng(seed)
@@ -146,15 +169,25 @@ def propose_batch(
         weight=weight,
         cost=cost,
         rng=rng,
+        barred=np.empty((0, region.k)) if barred is None else np.atleast_2d(np.asarray(barred, dtype=np.float64)),
+        new_rows=rows,
+        target_rows=target_rows,
     )
-    engine.candidates = engine.evaluate(
-        *candidate_points(region, engine.x_hat, engine.targets, done, rng, n_candidates)
-    )
+    points, executed = candidate_points(region, engine.x_hat, engine.targets, done, rng, n_candidates)
+    allowed = engine.allowed(points)
+    if allowed.any():
+        points, executed = points[allowed], executed[allowed]
+    engine.candidates = engine.evaluate(points, executed)
+    path: list[FloatArray] = []
+    if criterion == "steepest" and beta is not None:
+        path = list(steepest_points(model, region, np.asarray(beta, dtype=np.float64), region.centre(), n, goal))
     proposals = []
     n_before = len(Z_done)
     for i in range(n):
         reserved = is_reserved_run(n_before + i, spread_share)
-        if reserved and df_pure_error < min_df_pure_error and engine.candidates.executed.any():
+        if path and not reserved:
+            proposal = engine.along(path.pop(0))
+        elif reserved and df_pure_error < min_df_pure_error and engine.candidates.executed.any():
             proposal = engine.repeat(df_pure_error)
         elif reserved:
             proposal = engine.spread()
@@ -183,18 +216,45 @@ class _Engine:
         weight: float,
         cost: Callable[[FloatArray], FloatArray] | None,
         rng: np.random.Generator,
+        barred: FloatArray,
+        new_rows: Rows | None,
+        target_rows: Rows | None,
     ) -> None:
+        self.barred = barred
+        self.new_rows = model.matrix if new_rows is None else new_rows
+        self.target_rows = model.matrix if target_rows is None else target_rows
         self.model, self.region, self.C = model, region, C
         self.x_hat, self.targets = x_hat, targets
         self.criterion, self.weight, self.cost, self.rng = criterion, weight, cost, rng
-        self.z_hat = self.rows(x_hat[None, :])[0]
-        self.W_value, self.W_regret = optimum_targets(self.z_hat, self.rows(targets))
+        self.z_hat = self.padded(self.target_rows(x_hat[None, :]))[0]
+        self.W_value, self.W_regret = optimum_targets(self.z_hat, self.padded(self.target_rows(targets)))
 
     def rows(self, points: FloatArray) -> FloatArray:
         """Model rows, with zeros for nuisance columns."""
-        Z = self.model.matrix(points)
+        return self.padded(self.new_rows(points))
+
+    def padded(self, Z: FloatArray) -> FloatArray:
         extra = len(self.C) - Z.shape[1]
         return np.hstack([Z, np.zeros((len(Z), extra))]) if extra else Z
+
+    def allowed(self, points: FloatArray) -> BoolArray:
+        """Points that are not beside settings that could not be carried out."""
+        if not len(self.barred):
+            return np.ones(len(points), dtype=np.bool_)
+        free = list(self.region.continuous)
+        held = [j for j in range(self.region.k) if j not in free]
+        near = np.all(np.abs(points[:, None, free] - self.barred[None, :, free]) <= _BARRED_RADIUS, axis=-1)
+        same = np.all(np.abs(points[:, None, held] - self.barred[None, :, held]) < 1e-9, axis=-1)
+        clear: BoolArray = ~np.any(near & same, axis=1)
+        return clear
+
+    def along(self, point: FloatArray) -> Proposal:
+        """A point of the path of steepest ascent."""
+        found = self.evaluate(point[None, :], np.zeros(1, dtype=bool))
+        executed = bool(np.any(np.all(self.candidates.points[self.candidates.executed] == point, axis=1)))
+        why = f"on the path of steepest ascent from the centre; {self.narrowing(found.rows[0])}"
+        gain = float(self.gains(found, "optimum")[0])
+        return Proposal(point, "steepest", gain, self._repeated(why, executed), executed)
 
     def evaluate(self, points: FloatArray, executed: BoolArray) -> _Candidates:
         cost = np.ones(len(points)) if self.cost is None else np.asarray(self.cost(points), dtype=np.float64)
@@ -222,7 +282,9 @@ class _Engine:
             return self.thompson()
         if self.criterion == "D":
             return self.spread(among_executed=True)
-        point, z, gain, executed = self.pick(self.criterion, np.ones(len(self.candidates.points), dtype=bool))
+        # The path of steepest ascent may be shorter than the batch.
+        purpose = "I" if self.criterion == "I" else "optimum"
+        point, z, gain, executed = self.pick(purpose, np.ones(len(self.candidates.points), dtype=bool))
         if self.criterion == "I":
             W = self.average()
             share = relative_drop(self.C, W, z, self.weight)
@@ -289,7 +351,7 @@ class _Engine:
         for radius in _REFINE_RADII:
             near = jitter(self.region, np.repeat(point[None, :], _REFINE_POINTS, axis=0), radius, self.rng)
             # Settings with three decimals of the coded range are all that a sensor can be told apart by.
-            near = near[self.region.feasible(near, tol=0.0)]
+            near = near[self.region.feasible(near, tol=0.0) & self.allowed(near)]
             if not len(near):
                 continue
             found = self.evaluate(near, np.zeros(len(near), dtype=bool))

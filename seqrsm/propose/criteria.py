@@ -13,8 +13,9 @@ from seqrsm.design.region import Region
 from seqrsm.fit.rank_one import linear_gain
 
 #: "optimum": half value at the optimum, half expected regret; "D": information on all coefficients; "I": mean
-#: prediction variance over the region; "thompson": optima of posterior draws.
-CRITERIA = ("optimum", "D", "I", "thompson")
+#: prediction variance over the region; "thompson": optima of posterior draws; "steepest": along the path of steepest
+#: ascent.
+CRITERIA = ("optimum", "D", "I", "thompson", "steepest")
 
 _WEAK_PRECISION = 1e-2
 

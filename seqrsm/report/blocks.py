@@ -6,7 +6,8 @@ out of it. Only ``Equation.math`` and ``Panel.svg`` are code, and both come from
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 Align: TypeAlias = Literal["left", "right"]
@@ -92,6 +93,22 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
+class PanelData:
+    """The numbers behind a picture, for a CSV file.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        Names with units in brackets.
+    rows : tuple of tuple
+        Numbers and words, each row as long as ``columns``; nan is an empty cell.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[float | str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Panel:
     """One picture of a figure.
 
@@ -105,12 +122,18 @@ class Panel:
         Drawing made by ``seqrsm.report.drawing``; "" when ``png`` is given.
     png : bytes
         Bitmap; b"" when ``svg`` is given.
+    name : str
+        Stem of the files that ``seqrsm report --figures`` writes, in letters, digits and hyphens.
+    data : callable
+        Gives what the picture shows as numbers; asked only when the figures are written to files.
     """
 
     title: str
     alt: str
     svg: str = ""
     png: bytes = b""
+    name: str = ""
+    data: Callable[[], PanelData] | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,10 +213,8 @@ class Report:
     Attributes
     ----------
     title, subtitle : str
-    timestamp : int
-        Seconds since 1970-01-01 UTC of the last score: the only time the file carries.
-    date : str
-        The same as text.
+    state : str
+        Which state of which campaign it shows. No clock is read: equal campaigns give equal files.
     version : str
         Of the program.
     sections : tuple of Section
@@ -202,7 +223,6 @@ class Report:
 
     title: str
     subtitle: str
-    timestamp: int
-    date: str
+    state: str
     version: str
     sections: tuple[Section, ...]

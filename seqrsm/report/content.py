@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-
 import seqrsm
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Report, Section
-from seqrsm.report.section_data import data_section, question_section
+from seqrsm.report.section_data import data_section, question_section, run_section
 from seqrsm.report.section_history import history_section
+from seqrsm.report.section_literature import literature_section
 from seqrsm.report.section_model import diagnostics_section, importance_section, model_section
 from seqrsm.report.section_optimum import optimum_section, posterior_section, surface_section
 from seqrsm.report.section_sources import assumption_section, image_section, provenance_section
@@ -27,7 +26,7 @@ def build_report(dossier: Dossier) -> Report:
     Returns
     -------
     Report
-        The same for the same dossier: it carries the time of the last score, not that of its making.
+        The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
     """
     sections = [summary_section(dossier), question_section(dossier), data_section(dossier)]
     for number, analysis in enumerate(dossier.analyses, 1):
@@ -38,13 +37,15 @@ def build_report(dossier: Dossier) -> Report:
             sections.append(Section(f"a{number}", f"Application {analysis.application}", (), parts, new_page=True))
     images = image_section(dossier)
     sections += [images] if images is not None else []
+    written = literature_section(dossier)
+    sections += [written] if written is not None else []
     sections += [assumption_section(dossier), provenance_section(dossier)]
-    timestamp = last_score_time(dossier)
+    if dossier.runs:
+        sections.append(run_section(dossier))
     return Report(
         title=f"Campaign {dossier.spec.name}",
         subtitle="Response surface, optimum and intervals of a sensor design",
-        timestamp=timestamp,
-        date=_date_text(timestamp),
+        state=_state_text(dossier),
         version=seqrsm.__version__,
         sections=(sections[0], *_on_new_page(sections[1:])),
     )
@@ -68,18 +69,10 @@ def _on_new_page(sections: list[Section]) -> tuple[Section, ...]:
     return (Section(first.key, first.title, first.blocks, first.sections, new_page=True), *rest)
 
 
-def last_score_time(dossier: Dossier) -> int:
-    """Time of the last score [s since 1970-01-01 UTC]; 0 where there is none."""
-    moments = [_seconds(score.scored_at) for run in dossier.runs for score in run.scores]
-    return max(moments, default=0)
-
-
-def _seconds(text: str) -> int:
-    moment = datetime.fromisoformat(text)
-    return int((moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp())
-
-
-def _date_text(timestamp: int) -> str:
-    if timestamp == 0:
-        return "no score yet"
-    return f"last score {datetime.fromtimestamp(timestamp, UTC):%Y-%m-%d %H:%M} UTC"
+def _state_text(dossier: Dossier) -> str:
+    """Which state of which campaign the report shows."""
+    scored = sum(run.state == "scored" for run in dossier.runs)
+    if not scored:
+        return f"no score yet; specification {dossier.spec.spec_hash[:12]}"
+    last = max(run.run_id for run in dossier.runs)
+    return f"{scored} scored runs, up to run {last}; specification {dossier.spec.spec_hash[:12]}"

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -88,6 +89,9 @@ _URL = re.compile(r"url\(#([^)]+)\)")
 # It would hold for the whole page; style.css has the same rule for drawings alone.
 _STYLE_ELEMENT = re.compile(r"<style\b.*?</style>", re.DOTALL)
 _WIDTH = re.compile(r'\swidth="([\d.]+)pt"')
+_TIPS = re.compile(r"<g id=([\"'])tips:(.*?)\1>(.*?)</g>", re.DOTALL)
+_MARK = re.compile(r"<use\b([^>]*)/>")
+_BETWEEN = "\u241f"
 _NAMESPACE = re.compile(r'\sxmlns(?::\w+)?="[^"]*"')
 
 
@@ -116,7 +120,29 @@ def draw(paint: Callable[[Figure], None], width_in: float = PANEL_WIDTH_IN, heig
         paint(figure)
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    return _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue())).strip()
+    return _TIPS.sub(_write_tips, _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue()))).strip()
+
+
+def tell(marks: Artist, texts: Sequence[str]) -> None:
+    """Give each mark of a scatter a text that a browser shows while the pointer is over it.
+
+    Parameters
+    ----------
+    marks : Artist
+        A scatter of one size and colour; marks at nan are not drawn and must have no text.
+    texts : sequence of str
+        One for each mark, in their order.
+    """
+    marks.set_gid("tips:" + _BETWEEN.join(text.replace(_BETWEEN, " ") for text in texts))
+
+
+def _write_tips(match: re.Match[str]) -> str:
+    """Turn the texts, which passed through matplotlib as an escaped identifier, into titles of the marks."""
+    texts, drawn = match[2].split(_BETWEEN), match[3]
+    if len(_MARK.findall(drawn)) == len(texts):
+        remaining = iter(texts)
+        drawn = _MARK.sub(lambda mark: f"<use{mark[1]}><title>{next(remaining)}</title></use>", drawn)
+    return f"<g>{drawn}</g>"
 
 
 def svg_for_html(svg: str, prefix: str) -> str:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor
 from seqrsm.report import drawing
-from seqrsm.report.surfaces import Line, Surface, numeric_factor
-from seqrsm.report.wording import axis_label, level_labels, shortened, span
+from seqrsm.report.surfaces import Line, Ridge, Surface, numeric_factor
+from seqrsm.report.wording import axis_label, level_labels, shortened, span, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,10 +66,11 @@ def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> N
     pair = [surface.x_index, surface.y_index]
     x_factor, y_factor = (numeric_factor(analysis, index) for index in pair)
     cloud = thinned(analysis.posterior.optimum_points)[:, pair]
+    places, member = np.unique(analysis.data.points[:, pair], axis=0, return_inverse=True)
     layers: tuple[tuple[FloatArray, dict[str, Any]], ...] = (
         (cloud, {"s": 5, "color": drawing.ORANGE, "alpha": 0.55, "linewidths": 0, "zorder": 3}),
         (
-            np.unique(analysis.data.points[:, pair], axis=0),
+            places,
             {"s": 20, "facecolor": _WHITE, "edgecolor": _BLACK, "linewidths": 0.8, "zorder": 4},
         ),
         (
@@ -78,7 +79,22 @@ def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> N
         ),
     )
     for coded, style in layers:
-        axes.scatter(x_factor.decode(coded[:, 0]), y_factor.decode(coded[:, 1]), clip_on=False, **style)
+        marks = axes.scatter(x_factor.decode(coded[:, 0]), y_factor.decode(coded[:, 1]), clip_on=False, **style)
+        if coded is places:
+            drawing.tell(marks, [_runs_at(analysis, member.ravel() == i) for i in range(len(places))])
+
+
+def _runs_at(analysis: Analysis, here: BoolArray) -> str:
+    """Runs at one place of a contour plot, in words."""
+    ids, scores = analysis.data.run_ids[here], analysis.data.scores[here]
+    shown = ", ".join(str(run) for run in ids[:6].tolist()) + (", \u2026" if ids.size > 6 else "")
+    ends = " to ".join(dict.fromkeys(f"{end:.4g}" for end in (scores.min(), scores.max())))
+    return f"run {shown}: score {with_unit(ends, shortened(analysis.score_unit, 20))}"
+
+
+def run_texts(analysis: Analysis, values: FloatArray, what: str) -> list[str]:
+    """Run and value of every mark, in words."""
+    return [f"run {run}: {what} {value:.4g}" for run, value in zip(analysis.data.run_ids.tolist(), values, strict=True)]
 
 
 def slice_panel(analysis: Analysis, line: Line) -> str:
@@ -112,7 +128,8 @@ def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
         linewidth=0,
     )
     axes.plot(line.x, mean, color=drawing.BLUE)
-    axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
     axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
     set_numeric_axis(axes, "x", factor)
     axes.set_xlabel(shortened(axis_label(factor), 44))
@@ -138,7 +155,9 @@ def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
     axes.scatter(
         position[~line.allowed], line.mean[~line.allowed], s=34, marker="D", facecolor="none", edgecolor=drawing.BLUE
     )
-    axes.scatter(shown + 0.16, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    marks = axes.scatter(shown + 0.16, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    if np.all(np.isfinite(shown)):
+        drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
     best = analysis.optimum.settings[factor.name]
     labels = [shortened(label, 20) for label in level_labels(factor)]
     here = factor.levels.index(str(best)) if isinstance(factor, CategoricalFactor) else order.get(float(best))
@@ -198,6 +217,41 @@ def optimum_value_panel(analysis: Analysis) -> str:
         drawing.light_grid(axes)
 
     return drawing.draw(paint, height_in=2.3)
+
+
+def ridge_panels(analysis: Analysis, ridge: Ridge) -> tuple[str, str]:
+    """Draw the best score at each distance from the centre, and the coded settings that give it."""
+    names = [shortened(axis_label(analysis.region.factors[i]), 26) for i in analysis.region.numeric]
+
+    def score(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        _solid_inside(axes, ridge, ridge.score, drawing.BLUE, "-", "")
+        axes.set_ylabel(f"best mean {score_label(analysis)}")
+        axes.set_xlabel("coded distance from the centre")
+        drawing.light_grid(axes)
+
+    def settings(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        for index, name in enumerate(names):
+            color = (drawing.BLUE, drawing.ORANGE, drawing.GREEN, drawing.MUTED)[index % 4]
+            _solid_inside(axes, ridge, ridge.coded[:, index], color, _DASHES[(index // 4 + index) % 4], name)
+        axes.set_ylim(-1.3, 1.3)
+        axes.set_ylabel("coded setting")
+        axes.set_xlabel("coded distance from the centre")
+        axes.legend(loc="best", fontsize=7)
+        drawing.light_grid(axes)
+
+    return drawing.draw(score), drawing.draw(settings)
+
+
+_DASHES = ("-", (0, (6, 1.5)), (0, (3, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
+
+
+def _solid_inside(axes: Axes, ridge: Ridge, values: FloatArray, color: str, dash: Any, label: str) -> None:
+    """Draw a line that is thin and pale where the path has left the region."""
+    axes.plot(ridge.distance, values, color=color, linewidth=0.8, alpha=0.45, linestyle=dash)
+    inside = np.where(ridge.allowed, values, np.nan)
+    axes.plot(ridge.distance, inside, color=color, linewidth=1.8, linestyle=dash, label=label or None)
 
 
 def score_label(analysis: Analysis) -> str:

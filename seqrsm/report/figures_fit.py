@@ -13,7 +13,7 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.report import drawing
-from seqrsm.report.figures import score_label, set_numeric_axis
+from seqrsm.report.figures import run_texts, score_label, set_numeric_axis
 from seqrsm.report.history import Look
 from seqrsm.report.surfaces import to_score
 from seqrsm.report.wording import axis_label, readable, readable_term, shortened
@@ -100,18 +100,21 @@ def residual_panels(analysis: Analysis) -> tuple[tuple[str, str], ...]:
     if np.count_nonzero(known) < 3:
         return ()
     fitted = to_score(analysis, analysis.fit.fitted)
+    texts = [text for text, shown in zip(run_texts(analysis, studentised, "residual"), known, strict=True) if shown]
     return (
         (
             "Residuals against fitted score",
             drawing.draw(
-                partial(_paint_residuals, fitted[known], studentised[known], f"fitted {score_label(analysis)}")
+                partial(_paint_residuals, fitted[known], studentised[known], f"fitted {score_label(analysis)}", texts)
             ),
         ),
         ("Residuals against normal quantiles", drawing.draw(partial(_paint_normal, studentised[known]))),
         (
             "Residuals against run",
             drawing.draw(
-                partial(_paint_residuals, analysis.data.run_ids[known].astype(np.float64), studentised[known], "run")
+                partial(
+                    _paint_residuals, analysis.data.run_ids[known].astype(np.float64), studentised[known], "run", texts
+                )
             ),
         ),
         (
@@ -121,12 +124,13 @@ def residual_panels(analysis: Analysis) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, figure: Figure) -> None:
+def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: list[str], figure: Figure) -> None:
     axes = figure.add_subplot()
     axes.axhline(0.0, color=drawing.MUTED, linewidth=0.8)
     for height in (-2.0, 2.0):
         axes.axhline(height, color=drawing.MUTED, linewidth=0.8, linestyle=":")
-    axes.scatter(x, residuals, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
+    marks = axes.scatter(x, residuals, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
+    drawing.tell(marks, texts)
     axes.set_xlabel(label)
     axes.set_ylabel("studentised residual")
 

@@ -11,8 +11,8 @@ from seqrsm.arrays import AnyArray, FloatArray
 
 MAX_WIDTH = 600
 MAX_HEIGHT = 900
-ALL_PIXELS = 1_600_000
-"""Pixels of all pictures of a report together: speckle hardly compresses, and a report is to stay below 3 MB."""
+ALL_PIXELS = 1_100_000
+"""Pixels of all pictures of a report together: speckle hardly compresses, and a report is to stay below 2 MB."""
 
 NO_DATA = 255
 NO_DATA_COLOR = "#ffffff"
@@ -50,6 +50,11 @@ def _block_sums(values: FloatArray, factor: int) -> FloatArray:
     return total
 
 
+def reduce_cover(cover: AnyArray, factor: int) -> AnyArray:
+    """Every ``factor``-th cell of a cover map: categories have no mean."""
+    return np.asarray(cover, dtype=np.uint8)[::factor, ::factor]
+
+
 def grey_png(grey: AnyArray, pixel_m: float, factor: int) -> bytes:
     """Encode a greytone image (rows, columns) of uint8, reduced by ``factor``, with a scale bar under it."""
     small = reduce_grey(grey, factor)
@@ -59,7 +64,7 @@ def grey_png(grey: AnyArray, pixel_m: float, factor: int) -> bytes:
 
 def cover_png(cover: AnyArray, cell_m: float, factor: int) -> bytes:
     """Encode a cover map (rows, columns) of category indices, reduced by ``factor``, with a scale bar under it."""
-    small = np.asarray(cover, dtype=np.uint8)[::factor, ::factor]
+    small = reduce_cover(cover, factor)
     # 254 is the bar's ink: no scene has that many categories.
     bar = _scale_bar(small.shape[1], cell_m * factor, background=NO_DATA, ink=NO_DATA - 1)
     palette = np.empty((256, 3), dtype=np.uint8)

@@ -9,12 +9,15 @@ from typing import Any
 
 from seqrsm.report.blocks import Column, Report
 
+_FOR_FILES = ("data",)
+"""Fields that only ``seqrsm report --figures`` asks for."""
+
 
 def render_pdf(report: Report) -> bytes:
     """Render a report as PDF.
 
-    The blocks pass to Typst as JSON: text stays data there and is never read as markup. The creation date is the
-    report's timestamp, so equal reports are equal bytes.
+    The blocks pass to Typst as JSON: text stays data there and is never read as markup. The file carries no date,
+    so equal reports are equal bytes.
 
     Returns
     -------
@@ -30,7 +33,6 @@ def render_pdf(report: Report) -> bytes:
         "sys_inputs": {"data": json.dumps(_as_data(report), ensure_ascii=False)},
         # DejaVu Sans comes with matplotlib: the figures' own face, and signs that the text face lacks.
         "font_paths": [f"{matplotlib.get_data_path()}/fonts/ttf"],
-        "timestamp": report.timestamp,
     }
     try:
         document = typst.compile(template, pdf_standards=["ua-1"], **arguments)
@@ -44,7 +46,8 @@ def render_pdf(report: Report) -> bytes:
 def _as_data(value: object) -> Any:
     """Turn blocks into what JSON can hold: every dataclass becomes a dictionary that names its kind."""
     if is_dataclass(value) and not isinstance(value, type):
-        data = {field.name: _as_data(getattr(value, field.name)) for field in fields(value)}
+        shown = [field.name for field in fields(value) if field.name not in _FOR_FILES]
+        data = {name: _as_data(getattr(value, name)) for name in shown}
         if isinstance(value, Column):
             data["heading"] = value.heading
         return {"kind": type(value).__name__, **data}

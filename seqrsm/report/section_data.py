@@ -15,6 +15,8 @@ from seqrsm.report.rounding import decimals_for, format_number, format_plain, fo
 from seqrsm.report.wording import (
     axis_label,
     describe_factor,
+    fixed_label,
+    fixed_unit,
     format_value,
     level_text,
     listing,
@@ -36,7 +38,10 @@ def question_section(dossier: Dossier) -> Section:
     blocks.append(Paragraph(_stop_text(dossier)))
     if spec.simulator is not None and spec.simulator.fixed:
         blocks.append(Paragraph("Sensor parameters held fixed:"))
-        fixed = ((name, format_value(value)) for name, value in spec.simulator.fixed.items())
+        fixed = (
+            (fixed_label(name), with_unit(format_value(value), fixed_unit(name, value)))
+            for name, value in spec.simulator.fixed.items()
+        )
         blocks.append(Definitions(tuple(fixed)))
     return Section("question", "Question and region", tuple(blocks))
 
@@ -101,8 +106,15 @@ def data_section(dossier: Dossier) -> Section:
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
         blocks.append(_left_out_table(left_out))
-    blocks.append(Details(f"All {len(runs)} runs with settings and scores", (_run_table(dossier),)))
+    blocks.append(Paragraph("Every run with its settings and scores stands at the end of the report.", "note"))
     return Section("data", "How the data came", tuple(blocks))
+
+
+def run_section(dossier: Dossier) -> Section:
+    """Return the table of all runs, the last section of a report."""
+    table = _run_table(dossier)
+    block = Details(f"All {len(dossier.runs)} runs with settings and scores", (table,))
+    return Section("runs", "Every run", (block,), new_page=True)
 
 
 def _counted(count: int, one: str, many: str) -> str:
@@ -153,7 +165,11 @@ def _run_table(dossier: Dossier) -> Table:
         columns.append(Column(title, unit, "right"))
         if name in with_error:
             columns.append(Column("s.e.", unit, "right"))
+    fitted = {int(run) for analysis in dossier.analyses for run in analysis.data.run_ids}
+    left_out = any(run.state == "scored" and run.run_id not in fitted for run in dossier.runs) and bool(fitted)
     columns += [Column("State"), Column("Source"), Column("Purpose")]
+    if left_out:
+        columns.append(Column("In the fit"))
     if blocked:
         columns.append(Column("Block"))
     rows = []
@@ -163,10 +179,15 @@ def _run_table(dossier: Dossier) -> Table:
         for name in applications:
             cells += _score_cells(run, name, by_name.get(name))[: 2 if name in with_error else 1]
         cells += [Cell(run.state), Cell(run.source), Cell(readable(run.purpose))]
+        if left_out:
+            cells.append(Cell("yes" if run.run_id in fitted else "no"))
         if blocked:
             cells.append(Cell(run.block))
         rows.append(tuple(cells))
-    return Table(tuple(columns), tuple(rows), "Executed settings and scores of every run", sortable=True)
+    caption = "Executed settings and scores of every run"
+    if any(run.purpose == "confirmation" for run in dossier.runs):
+        caption += "; confirmation runs test the fit and are no part of it"
+    return Table(tuple(columns), tuple(rows), caption, sortable=True)
 
 
 def _side(factor: Factor) -> Align:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, FigureBlock, Panel, Paragraph, Section, Table
+from seqrsm.report.figure_data import look_data
 from seqrsm.report.figures_fit import half_width_panel, mean_history_panel, setting_history_panel
 from seqrsm.report.history import Look, read_looks
 from seqrsm.report.phrases import (
@@ -24,7 +26,7 @@ from seqrsm.report.phrases import (
     whole_cell,
 )
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
-from seqrsm.report.wording import format_setting, listing, readable, with_unit
+from seqrsm.report.wording import format_setting, listing, readable, slug, with_unit
 
 
 def history_section(dossier: Dossier, analysis: Analysis, key: str) -> Section:
@@ -55,20 +57,25 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
     known = [look for look in looks if math.isfinite(look.half_width)]
     target_text = with_unit(format_plain(target), analysis.score_unit)
     panels = []
+    data = partial(look_data, analysis, looks)
     if known:
         alt = (
             f"Half-width against scored runs: {half_width_text(analysis, known[0].half_width)} after "
             f"{known[0].n_runs} runs, {half_width_text(analysis, known[-1].half_width)} after "
             f"{known[-1].n_runs}; the target is {target_text}."
         )
-        panels.append(Panel("Half-width that decides", alt, svg=half_width_panel(analysis, looks, target)))
+        svg = half_width_panel(analysis, looks, target)
+        panels.append(Panel("Half-width that decides", alt, svg=svg, name="history-of-half-width", data=data))
     if any(math.isfinite(look.mean) for look in looks):
         alt = f"Estimated mean score at the optimum of each look, last {score_text(analysis, looks[-1].mean)}."
-        panels.append(Panel("Mean score at the optimum", alt, svg=mean_history_panel(analysis, looks)))
+        svg = mean_history_panel(analysis, looks)
+        panels.append(Panel("Mean score at the optimum", alt, svg=svg, name="history-of-mean-score", data=data))
     for index, factor in enumerate(analysis.region.factors):
         if any(factor.name in look.settings for look in looks):
             alt = f"Optimal {readable(factor.name)} of each look, last {optimum_setting_text(analysis, factor)}."
-            panels.append(Panel(readable(factor.name), alt, svg=setting_history_panel(analysis, index, looks)))
+            svg = setting_history_panel(analysis, index, looks)
+            name = slug(f"history of optimal {factor.name}")
+            panels.append(Panel(readable(factor.name), alt, svg=svg, name=name, data=data))
     caption = (
         "What each look at the data found. Dashed green: target of the stop rule; dotted grey: noise floor, below "
         "which no number of runs can bring the half-width. Band: confidence interval of the mean."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
+from seqrsm.report.figure_data import coefficient_data, importance_data, residual_data
 from seqrsm.report.figures_fit import MAX_COEFFICIENTS, coefficient_panel, importance_panel, outliers, residual_panels
 from seqrsm.report.phrases import level_phrase, no_error_estimate, number_cell, p_cell, significant_cell, whole_cell
 from seqrsm.report.rounding import (
@@ -32,7 +34,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import listing, readable, readable_term, with_unit
+from seqrsm.report.wording import listing, readable, readable_term, slug, with_unit
 
 MODEL_EQUATION = Equation(
     "y = beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2 + epsilon,"
@@ -50,7 +52,7 @@ PARTIAL_F_EQUATION = Equation(
     "F equals the quotient of SSE one minus SSE over p minus q, and SSE over N minus p",
 )
 
-MAX_INFLUENCE_ROWS = 60
+MAX_INFLUENCE_ROWS = 30
 
 
 def model_section(analysis: Analysis, key: str) -> Section:
@@ -64,9 +66,9 @@ def model_section(analysis: Analysis, key: str) -> Section:
         blocks.append(Paragraph(f"{_sentence(analysis.fit.reason)}.", "warning"))
     blocks.append(_anova_table(analysis))
     blocks.append(Paragraph(_lack_of_fit_text(analysis)))
+    blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
     if analysis.model.p > 1:
         blocks.append(_coefficient_figure(analysis))
-    blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
 
 
@@ -176,7 +178,8 @@ def _coefficient_figure(analysis: Analysis) -> FigureBlock:
     if shown < total:
         caption += f" Of {total} coefficients the {MAX_COEFFICIENTS} farthest from zero, in standard errors, are drawn."
     alt = f"Dot plot of {shown} coefficients with their intervals; the numbers stand in the table of coefficients."
-    return FigureBlock((Panel("", alt, svg=svg),), caption, columns=2)
+    panel = Panel("", alt, svg=svg, name="coefficients", data=partial(coefficient_data, analysis))
+    return FigureBlock((panel,), caption, columns=2)
 
 
 def _coefficient_table(analysis: Analysis) -> Table:
@@ -247,7 +250,9 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     order = listing([readable(row.factor) for row in sorted(tested, key=lambda row: -row.f)])
     alt = f"Bars of the F ratio of each factor, from largest to smallest: {order}."
     caption = "F ratio of every factor; about 1 is what a factor without any effect gives."
-    blocks.append(FigureBlock((Panel("", alt, svg=importance_panel(analysis)),), caption))
+    svg = importance_panel(analysis)
+    panel = Panel("", alt, svg=svg, name="importance-of-factors", data=partial(importance_data, analysis))
+    blocks.append(FigureBlock((panel,), caption))
     return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
 
 
@@ -260,7 +265,16 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
         alt = "Scatter plot of {}; what stands out is said in the list above it."
         blocks.append(
             FigureBlock(
-                tuple(Panel(title, alt.format(title[:1].lower() + title[1:]), svg=svg) for title, svg in panels),
+                tuple(
+                    Panel(
+                        title,
+                        alt.format(title[:1].lower() + title[1:]),
+                        svg=svg,
+                        name=slug(title),
+                        data=partial(residual_data, analysis),
+                    )
+                    for title, svg in panels
+                ),
                 "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie.",
             )
         )

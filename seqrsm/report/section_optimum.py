@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,14 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.figures import contour_panel, optimum_posterior_panel, optimum_value_panel, slice_panel
+from seqrsm.report.figure_data import contour_data, optimum_draws_data, optimum_values_data, ridge_data, slice_data
+from seqrsm.report.figures import (
+    contour_panel,
+    optimum_posterior_panel,
+    optimum_value_panel,
+    ridge_panels,
+    slice_panel,
+)
 from seqrsm.report.phrases import (
     half_width_text,
     interval_text,
@@ -38,8 +46,8 @@ from seqrsm.report.phrases import (
     watched_interval,
 )
 from seqrsm.report.rounding import format_number, format_percent, format_significant
-from seqrsm.report.surfaces import MAX_PAIRS, Surface, chosen_pairs, line, numeric_factor, surface
-from seqrsm.report.wording import axis_label, format_setting, listing, readable, with_unit
+from seqrsm.report.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
+from seqrsm.report.wording import axis_label, format_setting, listing, readable, readable_text, slug, with_unit
 
 PREDICTION_EQUATION = Equation(
     "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
@@ -85,7 +93,8 @@ def _shape(analysis: Analysis) -> list[Block]:
     if stationary is None or not numeric:
         return []
     if stationary.kind == "none" or not np.all(np.isfinite(stationary.point[list(numeric)])):
-        return [Paragraph(stationary.warning or "The fitted surface has no stationary point.")]
+        warning = readable_text(stationary.warning, analysis.region.names)
+        return [Paragraph(warning or "The fitted surface has no stationary point.")]
     where = "inside" if stationary.inside_region else "outside"
     settings = []
     for index in numeric:
@@ -100,7 +109,7 @@ def _shape(analysis: Analysis) -> list[Block]:
     text += f"has a {stationary.kind} {where} the region, at {listing(settings)}."
     blocks: list[Block] = [Paragraph(text)]
     if stationary.warning:
-        blocks.append(Paragraph(stationary.warning, "note"))
+        blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
     rows = tuple(
         (
             number_cell(format_significant(float(value), 3), float(value)),
@@ -123,6 +132,9 @@ def surface_section(analysis: Analysis, key: str) -> Section:
     if pairs:
         blocks.append(_contours(analysis, pairs))
     blocks.append(_slices(analysis))
+    path = ridge(analysis)
+    if path is not None:
+        blocks.append(_ridge(analysis, path))
     return Section(f"{key}-surfaces", "Response surfaces", tuple(blocks))
 
 
@@ -133,6 +145,8 @@ def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> FigureBlo
             f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
             _contour_alt(analysis, s),
             svg=contour_panel(analysis, s, _limits(surfaces)),
+            name=slug(f"surface {_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}"),
+            data=partial(contour_data, analysis, s),
         )
         for s in surfaces
     )
@@ -186,7 +200,15 @@ def _slices(analysis: Analysis) -> FigureBlock:
             f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
             f"{optimum_setting_text(analysis, factor)}."
         )
-        panels.append(Panel(readable(factor.name), alt, svg=slice_panel(analysis, here)))
+        panels.append(
+            Panel(
+                readable(factor.name),
+                alt,
+                svg=slice_panel(analysis, here),
+                name=slug(f"slice {factor.name}"),
+                data=partial(slice_data, analysis, here),
+            )
+        )
     level = level_phrase(analysis)
     caption = (
         f"Slices through the optimum, marked by the dashed line. Line or diamonds: fitted mean; dark band: confidence "
@@ -199,6 +221,33 @@ def _slices(analysis: Analysis) -> FigureBlock:
     if not analysis.region.is_box:
         caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
     return FigureBlock(tuple(panels), caption)
+
+
+def _ridge(analysis: Analysis, path: Ridge) -> FigureBlock:
+    best = int(np.nanargmax(path.score if analysis.goal == "maximize" else -path.score))
+    inside = f"up to {path.distance[path.allowed].max():.2g}" if np.any(path.allowed) else "nowhere"
+    score, settings = ridge_panels(analysis, path)
+    data = partial(ridge_data, analysis, path)
+    alt = (
+        f"Best fitted mean score against the coded distance from the centre, {score_text(analysis, path.score[0])} at "
+        f"the centre; the path lies in the region {inside} and is best at {path.distance[best]:.2g}."
+    )
+    names = listing([_name(analysis, index) for index in analysis.region.numeric])
+    panels = (
+        Panel("Best score by distance", alt, svg=score, name="ridge-score", data=data),
+        Panel(
+            "Settings on the ridge path",
+            f"Coded {names} of the best point at each distance from the centre.",
+            svg=settings,
+            name="ridge-settings",
+            data=data,
+        ),
+    )
+    caption = (
+        "Ridge path: the best settings at each distance from the centre of the region, which show where to look "
+        "further. Thick: inside the region; thin: outside, where the polynomial promises nothing."
+    )
+    return FigureBlock(panels, caption)
 
 
 def posterior_section(analysis: Analysis, key: str) -> Section:
@@ -251,10 +300,26 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
     panels = []
     for index, factor in enumerate(analysis.region.factors):
         alt = f"Posterior of the optimal {readable(factor.name)}: {setting_range_text(analysis, factor)}."
-        panels.append(Panel(readable(factor.name), alt, svg=optimum_posterior_panel(analysis, index)))
+        panels.append(
+            Panel(
+                readable(factor.name),
+                alt,
+                svg=optimum_posterior_panel(analysis, index),
+                name=slug(f"posterior of optimal {factor.name}"),
+                data=partial(optimum_draws_data, analysis, index),
+            )
+        )
     credible = interval_text(analysis, analysis.posterior.credible)
     alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
-    panels.append(Panel("score at the optimum", alt, svg=optimum_value_panel(analysis)))
+    panels.append(
+        Panel(
+            "score at the optimum",
+            alt,
+            svg=optimum_value_panel(analysis),
+            name="posterior-of-score-at-optimum",
+            data=partial(optimum_values_data, analysis),
+        )
+    )
     caption = (
         "Posterior of the optimal setting of every factor and of the mean score there. Dashed: least-squares estimate."
     )

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from functools import partial
+
 import numpy as np
 
 from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
+from seqrsm.campaign.notes import GroupedNotes, group_notes
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -16,16 +20,25 @@ from seqrsm.report.blocks import (
     FigureBlock,
     LegendEntry,
     Panel,
+    PanelData,
     Paragraph,
     Section,
     Table,
 )
-from seqrsm.report.images import NO_DATA, bar_length_m, category_color, cover_png, grey_png, reduction
+from seqrsm.report.figure_data import picture_data
+from seqrsm.report.images import (
+    NO_DATA,
+    bar_length_m,
+    category_color,
+    cover_png,
+    grey_png,
+    reduce_cover,
+    reduce_grey,
+    reduction,
+)
 from seqrsm.report.phrases import whole_cell
 from seqrsm.report.rounding import format_plain, format_plus_minus
-from seqrsm.report.wording import format_settings, format_value, listing, readable, with_unit
-
-_MANY_ASSUMPTIONS = 12
+from seqrsm.report.wording import format_settings, format_value, listing, readable, slug, with_unit
 
 LIMITS = (
     "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
@@ -42,24 +55,23 @@ def image_section(dossier: Dossier) -> Section | None:
         return None
     unit = dossier.analyses[0].score_unit if dossier.analyses else ""
     count = sum(len(image.channels) for image in dossier.images) + (dossier.truth is not None)
-    panels = [_truth_panel(dossier.truth, count)] if dossier.truth is not None else []
-    for image in dossier.images:
-        panels += _image_panels(dossier, image, unit, count)
-    legend = () if dossier.truth is None else _legend(dossier.truth)
-    caption = (
-        "Range runs down the pictures, near range on top; azimuth runs across. The black bar under each picture is its "
-        "scale, given in the table."
-    )
-    figure = FigureBlock(tuple(panels), caption, columns=2 if count <= 4 else 3, legend=legend)
-    blocks: list[Block] = [figure, _picture_table(dossier, unit, count)]
+    blocks: list[Block] = [
+        Paragraph(
+            "Range runs down the pictures, near range on top; azimuth runs across. The black bar under each picture is "
+            "its scale, given in the table. All pictures are of one occasion."
+        )
+    ]
     if dossier.truth is not None:
         text = (
             f"Ground truth: {dossier.truth.name}. {_ended(dossier.truth.provenance)} Licence: {dossier.truth.licence}"
         )
-        blocks.append(Paragraph(_ended(text), "note"))
-    captioned = [image for image in dossier.images if image.caption.strip()]
-    blocks += [Paragraph(f"{image.title}: {_ended(image.caption)}", "note") for image in captioned]
-    return Section("images", "Simulated images and ground truth", tuple(blocks))
+        panel = _truth_panel(dossier.truth, count)
+        blocks.append(FigureBlock((panel,), _ended(text), columns=2, legend=_legend(dossier.truth)))
+    for image in dossier.images:
+        caption = f"{image.title}: {format_settings(dossier.spec.factors, image.settings)}. {_ended(image.caption)}"
+        blocks.append(FigureBlock(tuple(_image_panels(dossier, image, unit, count)), caption.strip(), columns=3))
+    blocks.append(_picture_table(dossier, unit, count))
+    return Section("images", "Simulated images and ground truth", tuple(blocks), new_page=True)
 
 
 def _covers(truth: TruthPanel) -> list[int]:
@@ -76,7 +88,14 @@ def _legend(truth: TruthPanel) -> tuple[LegendEntry, ...]:
 def _truth_panel(truth: TruthPanel, count: int) -> Panel:
     main = listing([readable(truth.categories[i]) for i in _covers(truth)[:3]])
     alt = f"Map of the ground truth of {truth.name}; the largest covers are {main}."
-    return Panel("Ground truth", alt, png=cover_png(truth.cover, truth.cell_m, _reduction(truth.cover.shape, count)))
+    factor = _reduction(truth.cover.shape, count)
+    return Panel(
+        "Ground truth",
+        alt,
+        png=cover_png(truth.cover, truth.cell_m, factor),
+        name="ground-truth",
+        data=lambda: picture_data(reduce_cover(truth.cover, factor), truth.cell_m * factor),
+    )
 
 
 def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) -> list[Panel]:
@@ -88,9 +107,15 @@ def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) ->
             f"{image.title}: {channel}" if channel else image.title,
             f"Simulated image, channel {channel}, {image.title}: {settings}; score {score}.",
             png=grey_png(image.greytone[index], image.pixel_m, factor),
+            name=slug(f"image {image.title} {channel}"),
+            data=partial(_grey_data, image, index, factor),
         )
         for index, channel in enumerate(image.channels)
     ]
+
+
+def _grey_data(image: ImagePanel, index: int, factor: int) -> PanelData:
+    return picture_data(reduce_grey(image.greytone[index], factor), image.pixel_m * factor)
 
 
 def _reduction(shape: tuple[int, ...], count: int) -> int:
@@ -160,14 +185,46 @@ def _ended(text: str) -> str:
 def assumption_section(dossier: Dossier) -> Section:
     """Return assumptions of the simulation and limits of the method."""
     blocks: list[Block] = []
-    if dossier.assumptions:
-        listed = Bullets(tuple(_sentence(text) for text in dossier.assumptions))
-        if len(dossier.assumptions) > _MANY_ASSUMPTIONS:
-            blocks.append(Details(f"What was assumed: {len(dossier.assumptions)} statements", (listed,)))
-        else:
-            blocks += [Paragraph("Assumed:"), listed]
+    categories = () if dossier.truth is None else dossier.truth.categories
+    grouped = group_notes(dossier.assumptions, categories)
+    if grouped.others:
+        blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in grouped.others))]
+    if grouped.about_covers:
+        table = _cover_table(grouped)
+        blocks.append(Details(f"Backscatter of each cover: {len(table.rows)} statements", (table,)))
+    if grouped.about_channels:
+        table = _channel_table(grouped)
+        blocks.append(Details(f"Scatter among fields and dates: {len(table.rows)} covers", (table,)))
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
     return Section("assumptions", "Assumptions and limits", tuple(blocks))
+
+
+def _cover_table(grouped: GroupedNotes) -> Table:
+    rows = []
+    for text, names in grouped.about_covers:
+        everyone = len(names) > 1 and set(names) == {n for _, known in grouped.about_covers for n in known}
+        subject = "every cover" if everyone else ", ".join(readable(name) for name in names)
+        rows.append((Cell(subject), Cell(_sentence(text))))
+    rows.sort(key=lambda row: row[0].text == "every cover")
+    caption = (
+        "How the mean backscatter of each cover was found, in all pictures of this report. In brackets what it rests "
+        "on: public measurements, computed from public data, or assumed"
+    )
+    return Table((Column("Cover"), Column("Statement")), tuple(rows), caption)
+
+
+def _channel_table(grouped: GroupedNotes) -> Table:
+    channels = list(dict.fromkeys(channel for _, channel, _ in grouped.about_channels))
+    covers = list(dict.fromkeys(cover for cover, _, _ in grouped.about_channels))
+    texts: dict[tuple[str, str], list[str]] = {}
+    for cover, channel, text in grouped.about_channels:
+        texts.setdefault((cover, channel), []).append(text)
+    rows = tuple(
+        (Cell(readable(cover)), *(Cell("; ".join(texts.get((cover, channel), []))) for channel in channels))
+        for cover in covers
+    )
+    caption = "Standard deviation of backscatter among fields of a cover and among dates, by channel"
+    return Table((Column("Cover"), *(Column(channel) for channel in channels)), rows, caption)
 
 
 def provenance_section(dossier: Dossier) -> Section:
@@ -198,17 +255,11 @@ def _exact(value: float | str) -> str:
 
 def _event_table(dossier: Dossier) -> Table:
     """Events by kind; their details name hosts and processes, which are nobody else's business."""
-    moments: dict[str, list[str]] = {}
-    for event in dossier.events:
-        moments.setdefault(event.kind, []).append(event.at)
-    rows = tuple(
-        (Cell(readable(kind)), whole_cell(len(times)), Cell(_moment(min(times))), Cell(_moment(max(times))))
-        for kind, times in moments.items()
+    counts = Counter(event.kind for event in dossier.events)
+    rows = tuple((Cell(readable(kind)), whole_cell(count)) for kind, count in counts.items())
+    columns = (Column("Event"), Column("Times", align="right"))
+    caption = (
+        "History of the campaign. The times of day are left out here, so that the same campaign gives the same report; "
+        "seqrsm status --history and seqrsm export tell them"
     )
-    columns = (Column("Event"), Column("Times", align="right"), Column("First (UTC)"), Column("Last (UTC)"))
-    return Table(columns, rows, "History of the campaign; its data base holds every event")
-
-
-def _moment(text: str) -> str:
-    """Return an ISO 8601 time to the minute."""
-    return text[:16].replace("T", " ")
+    return Table(columns, rows, caption)

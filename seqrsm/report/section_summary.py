@@ -28,7 +28,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import axis_label, listing, readable, with_unit
+from seqrsm.report.wording import axis_label, listing, readable, readable_text, with_unit
 
 
 def summary_section(dossier: Dossier) -> Section:
@@ -55,9 +55,10 @@ def _summary(dossier: Dossier, analysis: Analysis) -> tuple[Block, ...]:
                 f"The optimum lies at the edge of the region: {edges}. A better setting may lie beyond it.", "note"
             )
         )
-    blocks += [Paragraph(text, "warning") for text in analysis.warnings]
+    names = analysis.region.names
+    blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings]
     blocks.append(Paragraph(_verdict(analysis)))
-    blocks.append(Bullets(tuple(analysis.decision.reasons)))
+    blocks.append(Bullets(tuple(readable_text(text, names) for text in analysis.decision.reasons)))
     if analysis.confirmation is not None:
         blocks.append(Paragraph(analysis.confirmation.text))
     return tuple(blocks)
@@ -106,11 +107,17 @@ def _key_figures(dossier: Dossier, analysis: Analysis) -> KeyFigures:
             KeyFigure(
                 "Scored runs in the fit",
                 str(analysis.fit.n_runs),
-                f"{analysis.fit.n_terms} terms; budget {stop.max_runs} runs",
+                f"{analysis.fit.n_terms} terms; budget {stop.max_runs} runs; {_cost_text(dossier)}",
             ),
             KeyFigure("Decision", *_decision_words(analysis)),
         )
     )
+
+
+def _cost_text(dossier: Dossier) -> str:
+    """Cost of all scored runs, in the campaign's own unit."""
+    spent = sum(run.cost for run in dossier.runs if run.state == "scored")
+    return f"cost so far {format_plain(float(f'{spent:.6g}'))}"
 
 
 def _deciding(analysis: Analysis, width: float) -> str:

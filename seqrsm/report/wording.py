@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor
 from seqrsm.report.rounding import decimals_for, format_number, format_plain
+from seqrsm.units import PARAMETER_UNITS
 
 
 def readable(name: str) -> str:
@@ -114,6 +116,44 @@ def level_text(level: float) -> str:
     return f"{format_plain(round(100.0 * level, 6))}\u00a0%"
 
 
+_SUFFIXES = {
+    "m": "m", "cm": "cm", "km": "km", "s": "s", "ms": "ms", "us": "\u00b5s", "hz": "Hz", "mhz": "MHz", "ghz": "GHz",
+    "w": "W", "kw": "kW", "k": "K", "db": "dB", "deg": "deg", "mv": "V", "v": "V",
+}  # fmt: skip
+_SPEED = re.compile(r"(.*)_m_s$")
+
+
+def fixed_unit(name: str, value: float | str) -> str:
+    """Unit of a sensor parameter by its name: that of Table 1, or the suffix of the name; none for text."""
+    if isinstance(value, str):
+        return ""
+    if name in PARAMETER_UNITS:
+        return PARAMETER_UNITS[name].unit
+    if _SPEED.match(name):
+        return "m/s"
+    if name.startswith("soil_moisture"):
+        return "m\u00b3/m\u00b3"
+    return _SUFFIXES.get(name.rpartition("_")[2], "") if "_" in name else ""
+
+
+def fixed_label(name: str) -> str:
+    """Name of a sensor parameter without underscores and without the suffix that tells its unit."""
+    if name in PARAMETER_UNITS:
+        return readable(name)
+    speed = _SPEED.match(name)
+    if speed:
+        return readable(speed[1])
+    head, _, tail = name.rpartition("_")
+    return readable(head) if head and tail in _SUFFIXES else readable(name)
+
+
+def readable_text(text: str, names: Iterable[str]) -> str:
+    """A sentence in which factors stand by their readable names."""
+    for name in sorted((name for name in names if "_" in name), key=len, reverse=True):
+        text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", readable(name), text)
+    return text
+
+
 def format_value(value: float | str) -> str:
     """Format a value that a person wrote: text as it is, a number with all its digits."""
     return value if isinstance(value, str) else format_plain(float(value))
@@ -129,3 +169,8 @@ def level_labels(factor: CategoricalFactor | DiscreteFactor) -> list[str]:
 def shortened(text: str, length: int) -> str:
     """Cut a long text for a drawing, where it would push the axes out; tables hold it in full."""
     return text if len(text) <= length else f"{text[: length - 1]}\u2026"
+
+
+def slug(text: str) -> str:
+    """Text as a part of a file name: letters, digits and hyphens of ASCII."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:60] or "x"

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from seqrsm.report.files import put
 
 if TYPE_CHECKING:
     from seqrsm.campaign.dossier import Dossier
 
 
-def write_report(dossier: Dossier, html: Path | None = None, pdf: Path | None = None) -> tuple[Path, ...]:
+def write_report(
+    dossier: Dossier,
+    html: Path | None = None,
+    pdf: Path | None = None,
+    figures: Path | None = None,
+    step: Callable[[str], None] = lambda text: None,
+) -> tuple[Path, ...]:
     """Write the report of a campaign.
 
     Parameters
@@ -18,6 +27,10 @@ def write_report(dossier: Dossier, html: Path | None = None, pdf: Path | None = 
         The campaign as it stands.
     html, pdf : Path, optional
         Files to be written; their folders are made. A face whose path is None is not rendered.
+    figures : Path, optional
+        Folder for every picture as SVG, PDF, PNG and CSV.
+    step : callable
+        Told what is being done.
 
     Returns
     -------
@@ -26,23 +39,22 @@ def write_report(dossier: Dossier, html: Path | None = None, pdf: Path | None = 
     """
     from seqrsm.report.content import build_report
 
+    step("drawing")
     report = build_report(dossier)
     written = []
     if html is not None:
         from seqrsm.report.html import render_html
 
-        written.append(_replace(html, render_html(report).encode("utf-8")))
+        step("writing HTML")
+        written.append(put(html, render_html(report).encode("utf-8")))
     if pdf is not None:
         from seqrsm.report.pdf import render_pdf
 
-        written.append(_replace(pdf, render_pdf(report)))
+        step("typesetting PDF")
+        written.append(put(pdf, render_pdf(report)))
+    if figures is not None:
+        from seqrsm.report.figure_files import write_figures
+
+        step("writing figures")
+        written += write_figures(report, figures)
     return tuple(written)
-
-
-def _replace(path: Path, data: bytes) -> Path:
-    """Write to a neighbouring file and rename it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.draft")
-    draft.write_bytes(data)
-    draft.replace(path)
-    return path

@@ -35,7 +35,7 @@ FLOOR_DB: Final = -60.0
 _GRAZING_DEG: Final = 75
 _LAND_CAP_DB, _WATER_CAP_DB, _CROSS_CAP_DB = 12.0, 20.0, -3.0
 _CROSS_BELOW_CO_DB: Final = 3.0
-_MODEL_NODES_GHZ: Final = (1.25, 3.0, 5.4, 9.6)
+_MODEL_NODES_GHZ: Final = (1.25, 3.0, 5.4, 9.6, 13.6)
 _OH04_MOISTURE, _OH04_KS, _OH04_THETA_DEG = (0.04, 0.291), (0.13, 6.98), (10.0, 70.0)
 _THETA: Final[FloatArray] = deg_to_rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
 

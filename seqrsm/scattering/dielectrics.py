@@ -88,3 +88,33 @@ def _free_water_stogryn71(frequency_ghz: FloatArray, t: float) -> tuple[FloatArr
     relaxation = (1.1109e-10 - 3.824e-12 * t + 6.938e-14 * t**2 - 5.096e-16 * t**3) * frequency_ghz * 1e9
     fall = (static - 4.9) / (1.0 + relaxation**2)
     return 4.9 + fall, relaxation * fall
+
+
+def permittivity_wet_snow_hallikainen86(
+    frequency_ghz: ArrayLike, dry_density_g_cm3: float, water_percent: float
+) -> NDArray[np.complex128]:
+    """Permittivity of wet snow, modified Debye-like model.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 3 to 37.
+    dry_density_g_cm3 : float
+        Density of the snow without its water [g/cm^3], 0.09 to 0.38.
+    water_percent : float
+        Liquid water by volume [percent], 1 to 12.
+
+    Notes
+    -----
+    Hallikainen, Ulaby and Abdelrazik 1986, IEEE TAP 34(11).
+    """
+    f = np.asarray(frequency_ghz, dtype=np.float64)
+    a1 = 0.78 + 0.03 * f - 0.58e-3 * f**2
+    a2 = 0.97 - 0.39e-2 * f + 0.39e-3 * f**2
+    b1 = 0.31 - 0.05 * f + 0.87e-3 * f**2
+    a = a1 * (1.0 + 1.83 * dry_density_g_cm3 + 0.02 * water_percent**1.015) + b1
+    wet = water_percent**1.31
+    ratio = f / 9.07
+    real = a + 0.073 * a1 * wet / (1.0 + ratio**2)
+    imaginary = 0.073 * a2 * ratio * wet / (1.0 + ratio**2)
+    return np.asarray(real + 1j * imaginary, dtype=np.complex128)

@@ -21,6 +21,7 @@ from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, read_parameters, shipped_curves
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, read_citations, read_rows
+from seqrsm.scattering.seasons import Snow, high_bands, seasonal_curves, under_snow
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -36,6 +37,8 @@ _AT_NODE_OCTAVES: Final = 0.01
 _MOISTURE_RANGE: Final = (0.0, 0.6)
 _OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
 _UNKNOWN_SD_DB: Final = 2.0
+_BANDS_GHZ: Final = (9.6, 13.6)
+_ABOVE_SNOW: Final = ("Trees", "Buildings")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +153,8 @@ class Sigma0Table:
         season: str = DEFAULT_SEASON,
         wind_m_s: float = DEFAULT_WIND_M_S,
         soil_moisture: float = DEFAULT_SOIL_MOISTURE,
+        snow: Snow = "none",
+        snow_depth_cm: float = 15.0,
     ) -> Sigma0Lookup:
         """Backscatter of ``categories`` for one channel.
 
@@ -167,6 +172,10 @@ class Sigma0Table:
             Wind at 10 m [m/s], which only water feels: 2 to 10.
         soil_moisture : float
             Volumetric moisture [m^3/m^3], which only bare soil feels: 0 to 0.6, effective from 0.04 to 0.291.
+        snow : {"none", "dry", "wet"}
+            Snow on everything but trees and buildings, whose echo comes from above it.
+        snow_depth_cm : float
+            Its depth [cm], >= 0.
 
         Raises
         ------
@@ -177,7 +186,7 @@ class Sigma0Table:
         if channel not in POLARIZATIONS:
             remedy = f"One of: {', '.join(POLARIZATIONS)}"
             raise ScatteringDataError(Problem("no such polarization", remedy, field="polarization", value=polarization))
-        state = _State(float(frequency_ghz), float(wind_m_s), float(soil_moisture))
+        state = _State(float(frequency_ghz), float(wind_m_s), float(soil_moisture), snow, 0.01 * float(snow_depth_cm))
         problems: list[Problem] = []
         found: dict[str, _Found] = {}
         for category in dict.fromkeys(categories):
@@ -236,6 +245,8 @@ class _State:
     frequency_ghz: float
     wind_m_s: float
     soil_moisture: float
+    snow: Snow
+    snow_depth_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,6 +268,10 @@ def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
         status = "assumed"  # the roughness is
     if curve.wind_m_s.size > 1:
         notes.append(f"wind {state.wind_m_s:g} m/s")
+    if state.snow != "none" and curve.category not in _ABOVE_SNOW:
+        value, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
+        notes.append(note)
+        status = max(status, "computed", key=STATUSES.index)
     at_channel = limit_db(value, surface=curve.surface, water=curve.water)[POLARIZATIONS.index(channel)]
     if np.isnan(at_channel).any():
         raise ScatteringDataError(
@@ -344,7 +359,9 @@ def _shipped_table() -> Sigma0Table:
         )
         for row in read_rows(DATA / "variability.csv", columns)
     }
-    return Sigma0Table(shipped_curves(), variability, float(correlation.text("value")), read_citations())
+    curves = {key: high_bands(curve, _BANDS_GHZ) for key, curve in shipped_curves().items()}
+    curves |= seasonal_curves(curves)
+    return Sigma0Table(curves, variability, float(correlation.text("value")), read_citations())
 
 
 def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:

@@ -154,6 +154,8 @@ def score_pixels(
     likelihood: Likelihood = "gaussian",
     priors: Priors = "equal",
     training_purity: float = TRAINING_PURITY,
+    scale: Literal["decibel", "linear"] = "decibel",
+    covariates: FloatArray | None = None,
 ) -> UtilityScore:
     """`percent_correct` on bare arrays: pixels with the cells of each class in them.
 
@@ -169,6 +171,11 @@ def score_pixels(
         Tile number, 0 .. n_tiles - 1 without gaps.
     seed, run_id, likelihood, priors, training_purity
         As in `percent_correct`.
+    scale : {"decibel", "linear"}
+        What the Gaussian law sees of `power`: its decibels, or the numbers as they are (brightness in kelvin).
+    covariates : float64 array (n_pixels, n_covariates), optional
+        Known for each pixel and no evidence of its class, such as the look angle: the Gaussian law of each class is
+        conditional on them, its mean a straight line in each.
 
     Returns
     -------
@@ -183,7 +190,9 @@ def score_pixels(
     half = half_of_tile[tile]
     named = np.zeros(len(tile), dtype=np.int64)
     taught = np.zeros(n_classes, dtype=bool)
-    features = power if likelihood == "gamma" else _decibels(power)
+    features = power if likelihood == "gamma" or scale == "linear" else _decibels(power)
+    # A conditional Gaussian is the joint one over that of the covariates alone.
+    joint = features if covariates is None else np.column_stack([features, covariates])
     for tested in (0, 1):
         test = half == tested
         # With a single tile there is no other ground to learn from.
@@ -196,7 +205,9 @@ def score_pixels(
         if likelihood == "gamma":
             log_likelihood = _gamma_log_likelihood(features[train], weights, features[test], looks[test])
         else:
-            log_likelihood = _gaussian_log_likelihood(features[train], weights, features[test])
+            log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
+            if covariates is not None:
+                log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
         if priors == "area":
             area = counts[train].sum(axis=0)
             log_likelihood += np.log(np.maximum(area, 1) / area.sum())

@@ -9,9 +9,13 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from seqrsm.arrays import FloatArray
-from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
-from seqrsm.errors import Problem
+from seqrsm.constants import SPEED_OF_LIGHT_M_S
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.sensor.antenna import pattern_points
+from seqrsm.sensor.earth import horizon_ground_range_m, horizon_look_rad, range_geometry
 
 if TYPE_CHECKING:
     from seqrsm.sensor.radar import RadarConfiguration
@@ -25,6 +29,11 @@ TEXT_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     "aperture": ("synthetic", "real"),
     "range_format": ("ground", "slant"),
     "season": SEASONS,
+    "elevation_pattern": ("isotropic", "cosecant_squared", "sinc_squared", "table"),
+    "earth": ("curved", "flat"),
+    "binning": ("overlap", "nearest"),
+    "fading": ("gamma", "gaussian", "none"),
+    "snow": ("none", "dry", "wet"),
 }
 """Fields that hold a word, and the words."""
 
@@ -42,6 +51,18 @@ _LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
     "speed_m_s": (1.0, 1e4, "m/s"),
     "noise_figure_db": (0.0, 40.0, "dB"),
     "loss_db": (0.0, 60.0, "dB"),
+    "heading_deg": (-360.0, 360.0, "deg"),
+    "elevation_beamwidth_deg": (0.1, 180.0, "deg"),
+    "zenith_loss_db": (0.0, 30.0, "dB"),
+    "near_incidence_deg": (0.0, 89.9, "deg"),
+    "far_incidence_deg": (0.1, 90.0, "deg"),
+    "receiver_level_db": (-100.0, 100.0, "dB"),
+    "agc_length_m": (1.0, 1e6, "m"),
+    "adc_bits": (0, 32, ""),
+    "adc_range_db": (-100.0, 100.0, "dB"),
+    "film_gamma": (1e-3, 1e3, ""),
+    "film_k": (1e-12, 1e12, ""),
+    "snow_depth_cm": (0.0, 500.0, "cm"),
     "n_bits": (1, 32, ""),
     "dynamic_range_db": (0.1, 200.0, "dB"),
     "soil_moisture_low": (0.01, 0.6, "m3/m3"),
@@ -49,6 +70,35 @@ _LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
     "wind_low_m_s": (0.0, 40.0, "m/s"),
     "wind_high_m_s": (0.0, 40.0, "m/s"),
 }
+
+
+_OPTIONAL: Final[Mapping[str, tuple[float, float, str]]] = {
+    "looks": (1.0, 1e6, ""),
+    "pixel_m": (0.05, 1e5, "m"),
+    "azimuth_beamwidth_deg": (1e-3, 90.0, "deg"),
+    "boresight_depression_deg": (0.0, 90.0, "deg"),
+    "i_min_w": (1e-40, 1e12, "W"),
+    "i_c_w": (1e-40, 1e12, "W"),
+    "i_qc": (0.0, 2.0**32, ""),
+    "p_rc_w": (1e-40, 1e12, "W"),
+    "g_rc": (-(2.0**32), 2.0**32, ""),
+}
+
+RECEIVERS: Final = ("linear", "square_law", "saturation", "compression", "agc")
+"""Transfer functions M by name."""
+
+GAUSSIAN_LOOKS: Final = 16.0
+"""Least looks for eq. (3-12): there it is negative with probability Phi(-4) = 3e-5."""
+
+_CALIBRATIONS: Final = (("i_min_w",), ("i_c_w", "i_qc"), ("p_rc_w", "g_rc"))
+
+_SHOWN: Final[Mapping[str, str]] = {
+    "frequency_ghz": "frequency",
+    "resolution_m": "resolution",
+    "bandwidth_mhz": "bandwidth",
+    "peak_power_w": "peak_power",
+    "depression_angle_deg": "depression_angle",
+}  # a campaign calls these fields by their names of Table 1
 
 
 def _down(value: float) -> str:
@@ -61,6 +111,30 @@ def _up(value: float) -> str:
     """Five digits, never below `value`."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 4)
     return f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.5g}"
+
+
+def converted(name: str, value: float | str, problems: list[Problem], shown: str) -> object:
+    """Value of a field of `RadarConfiguration` as its type; what cannot be converted is added to ``problems``."""
+    if name == "channels":
+        return tuple(part.strip() for part in str(value).split("+"))
+    if name in TEXT_FIELDS or name == "receiver":
+        return str(value)
+    if name == "pattern_table":
+        try:
+            return pattern_points(str(value))
+        except ConfigurationError as error:
+            problems.extend(error.problems)
+            return ()
+    try:
+        if isinstance(value, bool):
+            raise ValueError
+        number = float(value)
+    except (TypeError, ValueError):
+        problems.append(Problem("not a number", "Give a number", field=shown, value=value))
+        return value
+    if name in ("n_bits", "adc_bits") and number == round(number):
+        return int(number)
+    return number
 
 
 def value_problems(radar: RadarConfiguration) -> list[Problem]:
@@ -76,11 +150,12 @@ def value_problems(radar: RadarConfiguration) -> list[Problem]:
     list of Problem
     """
     problems = []
-    for name, (low, high, unit) in _LIMITS.items():
+    given = {name: limits for name, limits in _OPTIONAL.items() if getattr(radar, name) is not None}
+    for name, (low, high, unit) in {**_LIMITS, **given}.items():
         value = getattr(radar, name)
         if not (isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high):
             remedy = f"Give a number from {low:g} to {high:g} {unit}".rstrip()
-            problems.append(Problem("out of range", remedy, field=name, value=value))
+            problems.append(Problem("out of range", remedy, field=_SHOWN.get(name, name), value=value))
     for name, allowed in TEXT_FIELDS.items():
         if getattr(radar, name) not in allowed:
             problems.append(Problem("unknown", f"Known: {', '.join(allowed)}", field=name, value=getattr(radar, name)))
@@ -88,11 +163,9 @@ def value_problems(radar: RadarConfiguration) -> list[Problem]:
     if not known or not radar.channels or len(set(radar.channels)) != len(radar.channels):
         remedy = f"Name one or more of {', '.join(CHANNELS)}, each once, as in HH+HV"
         problems.append(Problem("not a set of channels", remedy, field="polarization", value=radar.channels))
-    if radar.looks is not None and not (isinstance(radar.looks, int | float) and 1.0 <= radar.looks <= 1e6):
-        problems.append(Problem("out of range", "Give a number from 1 to 1e6", field="looks", value=radar.looks))
-    if radar.heading_deg not in (0.0, 90.0, 180.0, 270.0):
-        remedy = "Give 0, 90, 180 or 270 deg: rows of the scene must be lines of range"
-        problems.append(Problem("not along the grid", remedy, field="heading_deg", value=radar.heading_deg))
+    if radar.receiver not in RECEIVERS and ":" not in radar.receiver:
+        remedy = f'Known: {", ".join(RECEIVERS)}; or name a function as "package.module:function"'
+        problems.append(Problem("unknown", remedy, field="receiver", value=radar.receiver))
     return problems
 
 
@@ -107,8 +180,15 @@ def set_problems(radar: RadarConfiguration) -> list[Problem]:
     -------
     list of Problem
     """
-    problems = []
+    problems = _choice_problems(radar)
     theta = radar.centre_incidence_rad
+    if math.isnan(theta):
+        least = 90.0 - math.degrees(horizon_look_rad(radar.altitude_m))
+        text = f"the line of sight to the centre of the scene passes the horizon, {least:.4g} deg below the horizontal"
+        problems.append(
+            Problem(text, f"Use at least {_up(least)} deg", field="depression_angle", value=radar.depression_angle_deg)
+        )
+        return problems
     across = radar.ground_resolution_m(theta)
     if radar.resolution_m < across * (1.0 - 1e-9):
         needed = radar.bandwidth_mhz * across / radar.resolution_m
@@ -147,6 +227,74 @@ def set_problems(radar: RadarConfiguration) -> list[Problem]:
     return problems
 
 
+def _choice_problems(radar: RadarConfiguration) -> list[Problem]:
+    """Choices that exclude or need each other."""
+    problems = []
+    if radar.near_incidence_deg >= radar.far_incidence_deg:
+        text, remedy = "the near edge of the swath lies beyond the far edge", "Keep it below far_incidence_deg"
+        problems.append(Problem(text, remedy, field="near_incidence_deg", value=radar.near_incidence_deg))
+    if radar.fading == "gaussian" and radar.looks is not None and radar.looks < GAUSSIAN_LOOKS:
+        share = 0.5 * math.erfc(math.sqrt(0.5 * radar.looks))
+        text = (
+            f"the Gaussian form of fading is negative in {100.0 * share:.2g} percent of pixels of {radar.looks:g} looks"
+        )
+        remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
+        problems.append(Problem(text, remedy, field="fading", value=radar.fading))
+    if radar.pixel_m is not None and radar.pixel_m > radar.resolution_m:
+        remedy = "Make it at most the resolution, or leave it out"
+        problems.append(
+            Problem("pixels coarser than the resolution cell", remedy, field="pixel_m", value=radar.pixel_m)
+        )
+    if (radar.elevation_pattern == "table") != bool(radar.pattern_table):
+        remedy = 'Give both elevation_pattern = "table" and pattern_table, or neither'
+        problems.append(Problem("a pattern and its table belong together", remedy, field="pattern_table"))
+    if radar.snow != "none" and radar.season != "winter":
+        remedy = 'Use season = "winter", or snow = "none"'
+        problems.append(Problem("snow lies in winter only", remedy, field="snow", value=radar.snow))
+    used = [names for names in _CALIBRATIONS if any(getattr(radar, name) is not None for name in names)]
+    if len(used) > 1:
+        text = f"more than one calibration of the picture: {'; '.join(' and '.join(names) for names in used)}"
+        problems.append(Problem(text, "Give one of them", field=used[1][0]))
+    problems += [
+        Problem("half of a calibration pair", f"Give {' and '.join(names)}", field=name)
+        for names in used
+        for name in names
+        if getattr(radar, name) is None
+    ]
+    return problems
+
+
+def swath_rows(radar: RadarConfiguration, y: FloatArray, height_m: float) -> slice:
+    """Rows between the near and the far edge of the swath.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+    y : float64 array (n_rows,)
+        Ground range of each row's centre [m].
+    height_m : float
+        Flight line above the mean elevation [m].
+
+    Raises
+    ------
+    ConfigurationError
+        No row lies between them.
+    """
+    incidence = np.rad2deg(range_geometry(y, height_m, radar.curved).incidence_rad)
+    inside = np.ones(len(y), dtype=bool)
+    if radar.near_incidence_deg > 0.0:
+        inside &= incidence >= radar.near_incidence_deg
+    if radar.far_incidence_deg < 90.0:
+        inside &= (incidence <= radar.far_incidence_deg) & (y > 0.0)
+    if not inside.any():
+        seen = f"{float(incidence.min()):.4g} to {float(incidence.max()):.4g} deg"
+        text = f"the swath misses the scene, which lies at incidence angles of {seen}"
+        remedy = "Move the edges of the swath or the depression angle"
+        raise ConfigurationError(Problem(text, remedy, field="near_incidence_deg", value=radar.near_incidence_deg))
+    kept = np.flatnonzero(inside)
+    return slice(int(kept[0]), int(kept[-1]) + 1)
+
+
 def swath_problems(
     radar: RadarConfiguration, y: FloatArray, cell_m: float, height_m: float, highest_m: float
 ) -> list[Problem]:
@@ -174,13 +322,14 @@ def swath_problems(
         text = f"the near edge of the swath lies {-near:.0f} m behind nadir"
         remedy = f"Use less than {_down(limit)} deg, or fly higher"
         problems.append(Problem(text, remedy, field="depression_angle", value=radar.depression_angle_deg))
-    horizon = math.sqrt(2.0 * EARTH_RADIUS_M * height_m)
+    horizon = horizon_ground_range_m(height_m)
     if far > horizon:
         text = f"the far edge of the swath at {far / 1e3:.4g} km lies beyond the horizon at {horizon / 1e3:.4g} km"
         problems.append(Problem(text, "Use a larger depression angle", field="depression_angle"))
     if problems:
         return problems
-    r_near, r_far = math.hypot(near, height_m), math.hypot(far, height_m)
+    edges = range_geometry(np.array([near, far]), height_m, radar.curved)
+    r_near, r_far = (float(r) for r in edges.slant_range_m)
     if radar.aperture == "real":
         widest = float(radar.azimuth_resolution_m(r_far))
         if radar.resolution_m < widest * (1.0 - 1e-9):

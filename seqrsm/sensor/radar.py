@@ -16,7 +16,14 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import BOLTZMANN_J_K, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
-from seqrsm.sensor.feasibility import TEXT_FIELDS, set_problems, swath_problems, value_problems
+from seqrsm.sensor.antenna import (
+    PATTERN_STEPS,
+    ElevationPattern,
+    atmosphere_factor,
+    elevation_gain,
+)
+from seqrsm.sensor.earth import ground_range_of_look, incidence_of_look
+from seqrsm.sensor.feasibility import converted, set_problems, swath_problems, swath_rows, value_problems
 from seqrsm.units import db_to_linear
 
 PARAMETER_FIELDS: Final[Mapping[str, str]] = {
@@ -44,7 +51,7 @@ class RadarConfiguration:
     channels : tuple of str
         Polarization channels imaged together, of HH, HV, VV. Transmit polarizations take turns and share the pulses.
     resolution_m : float
-        Side of the final resolution cell and of a pixel, on the ground [m].
+        Side of the final resolution cell on the ground [m].
     bandwidth_mhz : float
         Bandwidth of the pulse [MHz]; what resolution does not need becomes looks (eq. 3-10).
     peak_power_w : float
@@ -57,13 +64,24 @@ class RadarConfiguration:
         Samples averaged in a final cell; None averages all there are. Where the swath's near part offers fewer than
         asked for, all of them are averaged.
     heading_deg : float
-        Direction of flight from north [deg]: 0, 90, 180 or 270. The radar looks to the right.
+        Direction of flight from north [deg], -360 to 360. The radar looks to the right. Other headings than along the
+        grid turn the data base first: elevation by straight lines, category by the nearest cell.
     antenna_length_m : float
         Length L along the track [m].
     antenna_gain_db : float
-        One-way gain G over isotropic [dB], the same over the whole swath and at every frequency.
+        Peak one-way gain G over isotropic [dB], the same at every frequency.
     aperture : {"synthetic", "real"}
-        Azimuth cell of one look: L/2, or R lambda/L (eq. 3-9).
+        Azimuth cell of one look: L/2, or R beta (eq. 3-9).
+    azimuth_beamwidth_deg : float or None
+        Half-power beamwidth beta along the track [deg]; None is lambda/L.
+    elevation_pattern : {"isotropic", "cosecant_squared", "sinc_squared", "table"}
+        How the gain falls off its peak with the look angle (`seqrsm.sensor.antenna.elevation_gain`).
+    boresight_depression_deg : float or None
+        Depression angle of the peak [deg]; None is `depression_angle_deg`.
+    elevation_beamwidth_deg : float
+        Half-power width of the beam in elevation [deg].
+    pattern_table : tuple of (float, float)
+        Look angle [deg] and gain [dB] of ``elevation_pattern = "table"``; as text ``"0:-20, 40:0, 70:-3"``.
     pulse_length_us : float
         Length of the transmitted pulse [us]; compression gains bandwidth x length.
     prf_hz : float
@@ -71,13 +89,43 @@ class RadarConfiguration:
     speed_m_s : float
         Ground speed [m/s].
     noise_figure_db, loss_db : float
-        Noise figure of the receiver [dB]; two-way loss of antenna feed, propagation and processing [dB].
+        Noise figure of the receiver [dB]; two-way loss of antenna feed and processing [dB].
+    zenith_loss_db : float
+        One-way loss of the atmosphere straight down from the flight line [dB]; it grows with the slant path.
+    pixel_m : float or None
+        Side of a pixel on the ground [m], at most the resolution; None is the resolution. Finer pixels overlap in what
+        they see, and fade together.
     range_format : {"ground", "slant"}
         Spacing of the image rows: equal steps on flat ground, or equal slant ranges.
+    near_incidence_deg, far_incidence_deg : float
+        Edges of the swath, incidence angles on flat ground [deg]; ground outside is not imaged.
+    earth : {"curved", "flat"}
+        Sphere or plane under the elevations.
+    binning : {"overlap", "nearest"}
+        Range bins take the parts of elements they overlap, or whole elements by their centres as in the report.
+    fading : {"gamma", "gaussian", "none"}
+        Eq. (3-11) with any real N; eq. (3-12), refused below 16 looks, where it goes negative too often; or none.
+    receiver : str
+        M of eq. (3-1): linear, square_law, saturation, compression, agc, or ``package.module:function`` of a power
+        array (`seqrsm.simulate.receiver`).
+    receiver_level_db : float
+        Level of M's bend, of its unit gain, and of the converter [dB] over the power of flat ground of sigma0 = 1 at
+        the centre of the swath.
+    agc_length_m : float
+        Flight path over which the automatic gain follows the echo [m].
+    adc_bits, adc_range_db : int, float
+        Bits of the converter Q, 0 for none, and its full scale over the receiver's level [dB].
     n_bits, dynamic_range_db : int, float
         Bits of a grey tone and the decibels coded into them (n and m of eqs. 3-16 to 3-18).
+    film_gamma, film_k : float
+        Slope and constant of the film, eqs. (3-4) to (3-6).
+    i_min_w, i_c_w, i_qc, p_rc_w, g_rc : float or None
+        Calibration of the picture: the intensity that becomes 0 (eq. 3-16); the intensity I_C and its level I_QC (eq.
+        3-17); or the power P_RC and its grey tone G_RC (eq. 3-18). With none the picture's median is mid-grey.
     season : {"spring_summer", "fall", "winter"}
         Season of the scattering table.
+    snow, snow_depth_cm : {"none", "dry", "wet"}, float
+        Snow of a winter, and its depth [cm].
     soil_moisture_low, soil_moisture_high : float
         Volumetric soil moisture of a run is uniform between them [m3/m3].
     wind_low_m_s, wind_high_m_s : float
@@ -101,15 +149,41 @@ class RadarConfiguration:
     antenna_length_m: float = 2.0
     antenna_gain_db: float = 25.0
     aperture: Literal["synthetic", "real"] = "synthetic"
+    azimuth_beamwidth_deg: float | None = None
+    elevation_pattern: ElevationPattern = "isotropic"
+    boresight_depression_deg: float | None = None
+    elevation_beamwidth_deg: float = 30.0
+    pattern_table: tuple[tuple[float, float], ...] = ()
     pulse_length_us: float = 5.0
     prf_hz: float = 1000.0
     speed_m_s: float = 100.0
     noise_figure_db: float = 4.0
     loss_db: float = 3.0
+    zenith_loss_db: float = 0.0
+    pixel_m: float | None = None
     range_format: Literal["ground", "slant"] = "ground"
+    near_incidence_deg: float = 0.0
+    far_incidence_deg: float = 90.0
+    earth: Literal["curved", "flat"] = "curved"
+    binning: Literal["overlap", "nearest"] = "overlap"
+    fading: Literal["gamma", "gaussian", "none"] = "gamma"
+    receiver: str = "linear"
+    receiver_level_db: float = 0.0
+    agc_length_m: float = 500.0
+    adc_bits: int = 0
+    adc_range_db: float = 20.0
     n_bits: int = 8
     dynamic_range_db: float = 20.0
+    film_gamma: float = 1.0
+    film_k: float = 1.0
+    i_min_w: float | None = None
+    i_c_w: float | None = None
+    i_qc: float | None = None
+    p_rc_w: float | None = None
+    g_rc: float | None = None
     season: str = "spring_summer"
+    snow: Literal["none", "dry", "wet"] = "none"
+    snow_depth_cm: float = 15.0
     soil_moisture_low: float = 0.10
     soil_moisture_high: float = 0.30
     wind_low_m_s: float = 2.0
@@ -126,9 +200,36 @@ class RadarConfiguration:
         return SPEED_OF_LIGHT_M_S / (self.frequency_ghz * 1e9)
 
     @property
+    def curved(self) -> bool:
+        """Whether the ground is a sphere."""
+        return self.earth == "curved"
+
+    @property
     def centre_incidence_rad(self) -> float:
-        """Incidence angle on flat ground at the centre of the scene [rad]."""
-        return math.radians(90.0 - self.depression_angle_deg)
+        """Incidence angle on flat ground at the centre of the scene [rad]; nan beyond the horizon."""
+        return incidence_of_look(math.radians(90.0 - self.depression_angle_deg), self.altitude_m, self.curved)
+
+    def elevation_gain(self, look_rad: FloatArray) -> FloatArray:
+        """One-way antenna pattern over its peak at look angles [rad]."""
+        boresight = self.boresight_depression_deg
+        depression = self.depression_angle_deg if boresight is None else boresight
+        return elevation_gain(
+            self.elevation_pattern,
+            look_rad,
+            math.radians(90.0 - depression),
+            math.radians(self.elevation_beamwidth_deg),
+            self.pattern_table,
+        )
+
+    def pattern_lut(self) -> FloatArray:
+        """Two-way pattern at equal steps of the look angle from 0 to 90 deg; empty for an isotropic one."""
+        if self.elevation_pattern == "isotropic":
+            return np.empty(0)
+        return self.elevation_gain(np.linspace(0.0, 0.5 * math.pi, PATTERN_STEPS + 1)) ** 2
+
+    def atmosphere(self, incidence_rad: FloatArray) -> FloatArray:
+        """Two-way transmission L_T L_R of the atmosphere at incidence angles [rad]."""
+        return atmosphere_factor(self.zenith_loss_db, incidence_rad) ** 2
 
     @property
     def slant_resolution_m(self) -> float:
@@ -136,9 +237,19 @@ class RadarConfiguration:
         return SPEED_OF_LIGHT_M_S / (2e6 * self.bandwidth_mhz)
 
     @property
+    def pixel_spacing_m(self) -> float:
+        """Side of a pixel on the ground [m]."""
+        return self.resolution_m if self.pixel_m is None else self.pixel_m
+
+    @property
+    def finer_pixels(self) -> bool:
+        """Whether pixels are finer than the resolution cell."""
+        return self.pixel_spacing_m < self.resolution_m
+
+    @property
     def range_spacing_m(self) -> float:
-        """Spacing of the image rows [m]: the resolution on the ground, or its slant range at the centre."""
-        return self.resolution_m * (1.0 if self.range_format == "ground" else math.sin(self.centre_incidence_rad))
+        """Spacing of the image rows [m]: that of pixels on the ground, or its slant range at the centre."""
+        return self.pixel_spacing_m * (1.0 if self.range_format == "ground" else math.sin(self.centre_incidence_rad))
 
     @property
     def n_transmit(self) -> int:
@@ -158,10 +269,17 @@ class RadarConfiguration:
     @overload
     def azimuth_resolution_m(self, slant_range_m: FloatArray) -> FloatArray: ...
     def azimuth_resolution_m(self, slant_range_m: float | FloatArray) -> float | FloatArray:
-        """Azimuth resolution of one look [m]: L/2, or R lambda/L of a real aperture (eq. 3-9)."""
+        """Azimuth resolution of one look [m]: L/2, or R beta of a real aperture (eq. 3-9)."""
         if self.aperture == "synthetic":
             return 0.5 * self.antenna_length_m + 0.0 * slant_range_m
-        return slant_range_m * self.wavelength_m / self.antenna_length_m
+        return slant_range_m * self.azimuth_beamwidth_rad
+
+    @property
+    def azimuth_beamwidth_rad(self) -> float:
+        """Half-power beamwidth along the track [rad]: as given, or lambda/L."""
+        if self.azimuth_beamwidth_deg is not None:
+            return math.radians(self.azimuth_beamwidth_deg)
+        return self.wavelength_m / self.antenna_length_m
 
     @overload
     def looks_available(self, incidence_rad: float) -> float: ...
@@ -183,16 +301,21 @@ class RadarConfiguration:
         available = self.looks_available(incidence_rad)
         return np.maximum(available if self.looks is None else np.minimum(available, self.looks), 1.0)
 
-    @overload
-    def received_power_w(self, sigma0: float, incidence_rad: float, slant_range_m: float) -> float: ...
-    @overload
-    def received_power_w(self, sigma0: float, incidence_rad: FloatArray, slant_range_m: FloatArray) -> FloatArray: ...
     def received_power_w(
-        self, sigma0: float, incidence_rad: float | FloatArray, slant_range_m: float | FloatArray
-    ) -> float | FloatArray:
-        """Mean power of one pulse from one single-look cell of flat ground [W]: eq. (3-20)."""
+        self,
+        sigma0: float,
+        incidence_rad: FloatArray,
+        slant_range_m: FloatArray,
+        look_rad: FloatArray | None = None,
+    ) -> FloatArray:
+        """Mean power of one pulse from one single-look cell of flat ground [W]: eq. (3-20).
+
+        The look angle [rad] tells the antenna's gain; it is the incidence angle if not given (on a plane).
+        """
         area = self.ground_resolution_m(incidence_rad) * self.azimuth_resolution_m(slant_range_m)
-        return self.radar_constant_w_m2() * sigma0 * area / slant_range_m**4
+        two_way = self.elevation_gain(incidence_rad if look_rad is None else look_rad) ** 2
+        factor = two_way * self.atmosphere(incidence_rad)
+        return np.asarray(self.radar_constant_w_m2() * sigma0 * area * factor / np.asarray(slant_range_m) ** 4)
 
     def radar_constant_w_m2(self) -> float:
         """P_T G**2 lambda**2 L_T L_R / (4 pi)**3 [W m2]: eq. (3-20) without sigma0 A / R**4."""
@@ -218,20 +341,22 @@ class RadarConfiguration:
         """Pulses of one transmit polarization added in phase: those sent over the synthetic length R lambda/L."""
         if self.aperture == "real":
             return 1.0 + 0.0 * slant_range_m
-        along = slant_range_m * self.wavelength_m / self.antenna_length_m
+        along = slant_range_m * self.azimuth_beamwidth_rad
         return np.maximum(self.prf_hz / self.n_transmit * along / self.speed_m_s, 1.0)
 
     def noise_power_w(self, slant_range_m: FloatArray) -> FloatArray:
         """Noise power of one look [W], on the scale of `received_power_w`: divided by both processing gains."""
         return np.asarray(self.thermal_noise_w() / (self.compression_gain * self.coherent_pulses(slant_range_m)))
 
-    def noise_equivalent_sigma0(self, incidence_rad: FloatArray, slant_range_m: FloatArray) -> FloatArray:
+    def noise_equivalent_sigma0(
+        self, incidence_rad: FloatArray, slant_range_m: FloatArray, look_rad: FloatArray | None = None
+    ) -> FloatArray:
         """The sigma0 (linear) of flat ground whose mean power equals the noise power."""
-        return self.noise_power_w(slant_range_m) / self.received_power_w(1.0, incidence_rad, slant_range_m)
+        return self.noise_power_w(slant_range_m) / self.received_power_w(1.0, incidence_rad, slant_range_m, look_rad)
 
     def ground_ranges_m(
         self, n_rows: int, cell_m: float, mean_elevation_m: float, highest_elevation_m: float
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, slice]:
         """Ground range of the centre of each row of a scene [m], the depression angle pointing at its centre.
 
         Parameters
@@ -245,20 +370,25 @@ class RadarConfiguration:
 
         Returns
         -------
-        float64 array (n_rows,)
+        float64 array (n_rows,), slice
+            Ground ranges, and the rows within the swath.
 
         Raises
         ------
         ConfigurationError
-            The flight line is too low, the swath reaches behind nadir or beyond the horizon, or pulses overlap.
+            The flight line is too low, the swath is empty, reaches behind nadir or beyond the horizon, or pulses
+            overlap.
         """
         height = self.altitude_m - mean_elevation_m
-        centre = height / math.tan(math.radians(self.depression_angle_deg))
+        # A line below the ground has no geometry: it is refused by its height.
+        look = math.radians(90.0 - self.depression_angle_deg)
+        centre = ground_range_of_look(look, height, self.curved) if height > 0.0 else 0.0
         y = centre + (np.arange(n_rows, dtype=np.float64) - 0.5 * (n_rows - 1)) * cell_m
-        problems = swath_problems(self, y, cell_m, height, highest_elevation_m)
+        rows = swath_rows(self, y, height) if height > 0.0 else slice(0, n_rows)
+        problems = swath_problems(self, y[rows], cell_m, height, highest_elevation_m)
         if problems:
             raise ConfigurationError(*problems)
-        return y
+        return y, rows
 
 
 def from_settings(
@@ -303,26 +433,8 @@ def from_settings(
             problems.append(Problem("missing", remedy, field=names.get(name, name)))
     arguments: dict[str, object] = {}
     for name, value in given.items():
-        arguments[name] = _converted(name, value, problems, names.get(name, name))
+        arguments[name] = converted(name, value, problems, names.get(name, name))
     if problems:
         raise ConfigurationError(*problems)
     build: Callable[..., RadarConfiguration] = RadarConfiguration
     return build(**arguments)
-
-
-def _converted(name: str, value: float | str, problems: list[Problem], shown: str) -> object:
-    """Value of a field as its type; what cannot be converted is added to ``problems``."""
-    if name == "channels":
-        return tuple(part.strip() for part in str(value).split("+"))
-    if name in TEXT_FIELDS:
-        return str(value)
-    try:
-        if isinstance(value, bool):
-            raise ValueError
-        number = float(value)
-    except (TypeError, ValueError):
-        problems.append(Problem("not a number", "Give a number", field=shown, value=value))
-        return value
-    if name == "n_bits" and number == round(number):
-        return int(number)
-    return number

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import RadarConfiguration
@@ -20,11 +21,13 @@ class RadarFrame:
 
     Attributes
     ----------
-    elevation_m : float array (n, m)
+    elevation_m : float array (rows, m)
         Height above the datum, the scene's mean elevation [m]; gaps filled.
-    cover : uint8 array (n, m)
+    cover : uint8 array (rows, m)
         Category; 255 where category or elevation is not known.
-    field : int32 array (n, m)
+    field : int32 array (rows, m)
+    source : int64 array (n,)
+        Row of the layers that stands in each row of the frame; beyond the edges of the scene its mirror image.
     ground_range_m : float64 array (n,)
         Ground range of each row's centre [m].
     height_m : float
@@ -32,16 +35,23 @@ class RadarFrame:
     cell_m : float
         Side of a cell [m].
     near_edge_m, centre_m : float
-        Ground range of the scene's near edge and centre [m].
+        Ground range of the swath's near edge, and of the scene's centre [m].
     pad_near, n_rows : int
-        Mirrored rows before the scene's own, and the number of those.
+        Rows before the swath's own, and the number of those.
     quarter_turns : int
-        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame.
+        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame, or nearly so for other headings.
+    curved : bool
+        Whether the datum is a sphere.
+    cell_of_scene : int64 array or None
+        For headings not along the grid: place of each cell of the scene in the frame's layers.
+    lowest_m, highest_m : float array (rows,)
+        Extremes of each row of `elevation_m` [m].
     """
 
     elevation_m: AnyArray
     cover: AnyArray
     field: AnyArray
+    source: IntArray
     ground_range_m: FloatArray
     height_m: float
     cell_m: float
@@ -50,13 +60,32 @@ class RadarFrame:
     pad_near: int
     n_rows: int
     quarter_turns: int
+    curved: bool
+    cell_of_scene: IntArray | None
+    lowest_m: AnyArray
+    highest_m: AnyArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turned:
+    """A scene's layers in the orientation of a heading."""
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    mean_m: float
+    peak_m: float
+    lowest_m: AnyArray
+    highest_m: AnyArray
+    turns: int
+    cell_of_scene: IntArray | None
 
 
 def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> RadarFrame:
     """Turn a scene so that the radar looks along its rows, and fill its gaps.
 
-    Relief moves echoes in range, so image rows at the rim would lack echoes from ground outside the data base. Rows
-    mirrored at the near and far edge stand in for that ground; they are never scored.
+    Relief moves echoes in range, so image rows at the rim would lack echoes from ground outside the swath. Rows beyond
+    the swath, mirrored at the edges of the scene, stand in for that ground; they are never scored.
 
     Parameters
     ----------
@@ -76,48 +105,108 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     SceneError
         No cell has an elevation.
     """
-    known, mean, highest = kernels.elevation_summary(scene.elevation_m)
-    if known == 0:
-        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
-    turns = round((radar.heading_deg - 90.0) / 90.0)
-    n_rows = scene.elevation_m.shape[turns % 2]
-    y = radar.ground_ranges_m(n_rows, scene.cell_m, mean, highest)
-    elevation = np.rot90(scene.elevation_m, turns).astype(precision)
-    elevation -= elevation.dtype.type(mean)
-    cover = np.rot90(scene.cover, turns)
-    if known < elevation.size:
-        cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
-        kernels.fill_no_data(elevation)
-    height = radar.altitude_m - mean
-    near, far = _padding(elevation, y, height, scene.cell_m, radar.resolution_m)
-    pad = ((near, far), (0, 0))
-    steps = np.arange(-near, n_rows + far)
+    turned = _turned(scene, radar.heading_deg, precision)
+    n_rows = turned.elevation_m.shape[0]
+    y, rows = radar.ground_ranges_m(n_rows, scene.cell_m, turned.mean_m, turned.peak_m)
+    height = radar.altitude_m - turned.mean_m
+    own = y[rows]
+    relief = np.maximum(turned.highest_m, -turned.lowest_m)[rows]
+    near, far = _padding(relief, own, height, scene.cell_m, radar.resolution_m)
+    steps = np.arange(rows.start - near, rows.stop + far)
+    # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1.
+    around = np.mod(steps, 2 * n_rows)
     return RadarFrame(
-        elevation_m=np.pad(elevation, pad, mode="symmetric"),
-        cover=np.pad(cover, pad, mode="symmetric"),
-        field=np.pad(np.rot90(scene.field_id, turns), pad, mode="symmetric"),
+        elevation_m=turned.elevation_m,
+        cover=turned.cover,
+        field=turned.field,
+        source=np.where(around < n_rows, around, 2 * n_rows - 1 - around),
         ground_range_m=y[0] + steps * scene.cell_m,
         height_m=height,
         cell_m=scene.cell_m,
-        near_edge_m=float(y[0]) - 0.5 * scene.cell_m,
+        near_edge_m=float(own[0]) - 0.5 * scene.cell_m,
         centre_m=0.5 * float(y[0] + y[-1]),
         pad_near=near,
-        n_rows=n_rows,
-        quarter_turns=turns,
+        n_rows=len(own),
+        quarter_turns=turned.turns,
+        curved=radar.curved,
+        cell_of_scene=turned.cell_of_scene,
+        lowest_m=turned.lowest_m,
+        highest_m=turned.highest_m,
     )
 
 
-def unpadded(layer: AnyArray, frame: RadarFrame) -> AnyArray:
-    """Layer of the frame in the scene's own extent and orientation."""
-    own = layer[frame.pad_near : frame.pad_near + frame.n_rows]
-    return np.ascontiguousarray(np.rot90(own, -frame.quarter_turns))
+def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], missing: int) -> AnyArray:
+    """Layer (n, m) of the frame in the scene's own extent and orientation; ``missing`` outside the swath."""
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first = int(frame.source[frame.pad_near])
+    whole = np.full(frame.elevation_m.shape, missing, dtype=layer.dtype)
+    whole[first : first + frame.n_rows] = layer[own]
+    if frame.cell_of_scene is not None:
+        return np.asarray(whole.ravel()[frame.cell_of_scene].reshape(scene_shape))
+    return np.ascontiguousarray(np.rot90(whole, -frame.quarter_turns))
 
 
-def _padding(
-    elevation: AnyArray, y: FloatArray, height_m: float, cell_m: float, resolution_m: float
-) -> tuple[int, int]:
-    """Rows to mirror before and behind the scene: twice the relief displacement beyond the edge, and one pixel."""
-    moved = np.abs(elevation).max(axis=1) * (height_m / y)
+# The layers do not depend on the run, so the runs of a campaign share them.
+@lru_cache(maxsize=2)
+def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
+    known, mean, highest = kernels.elevation_summary(scene.elevation_m)
+    if known == 0:
+        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
+    turns = round((heading_deg - 90.0) / 90.0)
+    layers = (scene.elevation_m, scene.cover, scene.field_id)
+    place: IntArray | None = None
+    if heading_deg % 90.0 == 0.0:
+        # Row-major copies: a transposed view would make the kernels walk against the memory.
+        elevation = np.array(np.rot90(layers[0], turns), dtype=precision, order="C")
+        cover = np.ascontiguousarray(np.rot90(layers[1], turns))
+        field = np.ascontiguousarray(np.rot90(layers[2], turns))
+    else:
+        elevation, cover, field, place = _rotated(scene, math.radians(heading_deg))
+        elevation = elevation.astype(precision)
+    elevation -= elevation.dtype.type(mean)
+    if known < scene.elevation_m.size or place is not None:
+        cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
+        kernels.fill_no_data(elevation)
+    lowest, top = elevation.min(axis=1), elevation.max(axis=1)
+    return _Turned(elevation, cover, field, mean, highest, lowest, top, turns, place)
+
+
+def _rotated(scene: Scene, heading_rad: float) -> tuple[AnyArray, AnyArray, AnyArray, IntArray]:
+    """Layers on a grid along the heading, of the scene's cell size and wide enough for all of it."""
+    rows, cols = scene.shape
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    m = math.ceil(cols * abs(sine) + rows * abs(cosine))
+    n = math.ceil(cols * abs(cosine) + rows * abs(sine))
+    # Range (to the right of the heading) and azimuth of each frame cell from the centre, then east and south of it.
+    away = (np.arange(n) - 0.5 * (n - 1))[:, None]
+    along = (np.arange(m) - 0.5 * (m - 1))[None, :]
+    col = 0.5 * (cols - 1) + along * sine + away * cosine
+    row = 0.5 * (rows - 1) - along * cosine + away * sine
+    inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
+    i, j = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64), np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
+    cover = np.where(inside, scene.cover[i, j], np.uint8(NO_COVER))
+    elevation = np.where(inside, _bilinear(scene.elevation_m, row, col), np.nan)
+    own_row, own_col = np.arange(rows)[:, None] - 0.5 * (rows - 1), np.arange(cols)[None, :] - 0.5 * (cols - 1)
+    a = np.rint(own_col * sine - own_row * cosine + 0.5 * (m - 1)).astype(np.int64)
+    r = np.rint(own_col * cosine + own_row * sine + 0.5 * (n - 1)).astype(np.int64)
+    return elevation, cover, scene.field_id[i, j], np.clip(r, 0, n - 1) * m + np.clip(a, 0, m - 1)
+
+
+def _bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
+    """Values of a layer between its cells by straight lines; held at the edges, nan beside nan."""
+    rows, cols = layer.shape
+    r, c = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
+    i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
+    fr, fc = r - i, c - j
+    down, right = np.minimum(i + 1, rows - 1), np.minimum(j + 1, cols - 1)
+    upper = (1.0 - fc) * layer[i, j] + fc * layer[i, right]
+    lower = (1.0 - fc) * layer[down, j] + fc * layer[down, right]
+    return np.asarray((1.0 - fr) * upper + fr * lower)
+
+
+def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, resolution_m: float) -> tuple[int, int]:
+    """Rows to add before and behind the swath: twice the relief displacement beyond the edge, and one pixel."""
+    moved = relief * (height_m / y)
     out = []
     for reach, room in (
         (float(np.max(y[0] - y + moved)), int((y[0] - 0.5 * cell_m) / cell_m)),

@@ -1,4 +1,4 @@
-"""Every compiled kernel of the simulator, in one self-contained file.
+"""The compiled kernels of the Point Scattering Model's geometry and image, in one self-contained file.
 
 This file may be longer than others: the compile cache of numba does not see edits in a second file.
 
@@ -21,116 +21,7 @@ SELF_SHADOW = 2
 LAYOVER = 4
 NO_DATA = 8
 
-_M0 = np.uint64(0xD2511F53)
-_M1 = np.uint64(0xCD9E8D57)
-_W0 = np.uint32(0x9E3779B9)
-_W1 = np.uint32(0xBB67AE85)
-_LOW = np.uint64(0xFFFFFFFF)
-_SHIFT = np.uint64(32)
-
-
-@kernel
-def philox4x32(
-    c0: np.uint32, c1: np.uint32, c2: np.uint32, c3: np.uint32, k0: np.uint32, k1: np.uint32
-) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """Four random words of a counter and a key: Philox4x32 with ten rounds (Salmon et al. 2011).
-
-    Parameters
-    ----------
-    c0, c1, c2, c3 : uint32
-        Counter.
-    k0, k1 : uint32
-        Key.
-
-    Returns
-    -------
-    tuple of four uint32
-    """
-    for _ in range(10):
-        p0 = np.uint64(c0) * _M0
-        p1 = np.uint64(c2) * _M1
-        c0, c1, c2, c3 = (
-            np.uint32(np.uint32(p1 >> _SHIFT) ^ c1 ^ k0),
-            np.uint32(p1 & _LOW),
-            np.uint32(np.uint32(p0 >> _SHIFT) ^ c3 ^ k1),
-            np.uint32(p0 & _LOW),
-        )
-        k0 = np.uint32(k0 + _W0)
-        k1 = np.uint32(k1 + _W1)
-    return c0, c1, c2, c3
-
-
-@kernel
-def gamma_mean_one(
-    shape: float, row: int, column: int, channel: int, k0: np.uint32, k1: np.uint32, scale: float, root: float
-) -> float:
-    """One gamma variate of mean 1 and variance 1/shape at a pixel, exact for any real shape >= 1.
-
-    Marsaglia and Tsang (2000), A simple method for generating gamma variables. The attempt is part of the counter, so a
-    rejection at one pixel moves no other pixel's numbers.
-
-    Parameters
-    ----------
-    shape : float
-        Number of looks N, >= 1.
-    row, column, channel : int
-        Pixel, < 2**32; channel < 2**16.
-    k0, k1 : uint32
-        Key.
-    scale, root : float
-        ``shape - 1/3`` and ``1 / sqrt(9 * scale)``, the same for a whole row.
-
-    Returns
-    -------
-    float
-    """
-    attempt = 0
-    while True:
-        counter = np.uint32(channel * 65536 + attempt)
-        w0, w1, w2, w3 = philox4x32(np.uint32(row), np.uint32(column), counter, np.uint32(0), k0, k1)
-        # 53 bits for the radius, so that the normal's tail reaches 8.5 sd; never zero.
-        u = ((w0 >> np.uint32(5)) * 67108864.0 + (w1 >> np.uint32(6)) + 0.5) / 9007199254740992.0
-        x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * ((w2 + 0.5) / 4294967296.0))
-        v = 1.0 + root * x
-        if v > 0.0:
-            v = v * v * v
-            accept = (w3 + 0.5) / 4294967296.0
-            x2 = x * x
-            if accept < 1.0 - 0.0331 * x2 * x2 or math.log(accept) < 0.5 * x2 + scale * (1.0 - v + math.log(v)):
-                return scale * v / shape
-        attempt += 1
-
-
-@kernel
-def add_speckle(
-    mean: AnyArray, noise: AnyArray, looks: AnyArray, numbers: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray
-) -> None:
-    """Add the receiver's noise in power, then fading: RSL TR 380-1 eq. (3-11), once per resolution cell.
-
-    Parameters
-    ----------
-    mean : float array (n_channels, n_range, n_azimuth)
-        Mean power of the ground [W].
-    noise : float64 array (n_range,)
-        Mean power of the receiver noise [W].
-    looks : float64 array (n_range,)
-        Independent samples N of a pixel, >= 1.
-    numbers : int64 array (n_channels,)
-        Number of each channel in the counter: a channel fades alike whoever is imaged beside it.
-    k0, k1 : uint32
-        Key of the run's speckle.
-    out : float array, shape of `mean`
-        Written: power with noise and speckle [W].
-    """
-    n_channels, n_range, n_azimuth = mean.shape
-    for c in range(n_channels):
-        for i in range(n_range):
-            shape = looks[i]
-            scale = shape - 1.0 / 3.0
-            root = 1.0 / math.sqrt(9.0 * scale)
-            for j in range(n_azimuth):
-                fading = gamma_mean_one(shape, i, j, numbers[c], k0, k1, scale, root)
-                out[c, i, j] = (mean[c, i, j] + noise[i]) * fading
+_FEW_BINS = 6
 
 
 @kernel
@@ -225,15 +116,15 @@ def categories_of_fields(field: AnyArray, cover: AnyArray, n_fields: int) -> Any
 @kernel
 def power_cells(
     z: AnyArray,
+    source: AnyArray,
     cover: AnyArray,
     field: AnyArray,
     geometry: AnyArray,
-    height: float,
     cell: float,
     ground_format: bool,
-    bin_m: float,
     lut: AnyArray,
     field_factor: AnyArray,
+    pattern: AnyArray,
     power: AnyArray,
     offset: AnyArray,
     state: AnyArray,
@@ -245,27 +136,31 @@ def power_cells(
 
     Parameters
     ----------
-    z : float array (n, m)
+    z : float array (rows, m)
         Elevation above the datum [m], no gaps.
-    cover : uint8 array (n, m)
-        Category, 255 where there is none.
-    field : int32 array (n, m)
+    source : int64 array (n,)
+        Row of `z` that stands in each row of the frame (mirrored rows beyond the edges).
+    cover : uint8 array (rows, m)
+        Category; the number of categories or more where there is none.
+    field : int32 array (rows, m)
         Field, >= 0 wherever there is a category.
-    geometry : float64 array (n, 4)
-        For each row: ground range y [m]; slant range of the datum [m]; ``cell / y`` of the row before (0 in row 0);
-        ``(reference range / slant range)**4``.
-    height : float
-        Height of the antenna above the datum [m].
+    geometry : float64 array (n, 9)
+        For each row of the frame, datum being ground at height 0: distance of the antenna along the local horizontal
+        [m]; slant range of the datum [m]; ``cell / distance`` of the row before (0 in row 0); ``(reference range /
+        slant range)**4``; height of the antenna over the local horizontal, here and in the row before [m]; range
+        position of the datum [m]; bins to a metre of that position; angle of the local vertical from that of nadir
+        [rad].
     cell : float
         Side of a cell [m].
     ground_format : bool
-        True: position is flat-ground range; False: slant range.
-    bin_m : float
-        Spacing of the range bins, in the units of the format [m].
-    lut : float array (n_channels, n_categories, k)
-        sigma0 at ``k - 1`` equal steps of sin(theta/2) from 0 to sin(45 deg), and the last value once more.
+        True: position is ground range; False: slant range.
+    lut : float array (n_channels, n_categories + 1, k)
+        sigma0 at ``k - 2`` equal steps of sin(theta/2) from 0 to sin(45 deg), and the last value once more. The last
+        category is none, of sigma0 = 0.
     field_factor : float array (n_channels, n_fields)
-        Factor of each field's sigma0 on this occasion.
+        Factor of each field's sigma0 on this occasion; n_fields = 0 stands for 1 everywhere.
+    pattern : float64 array (k,)
+        Two-way factor of antenna and atmosphere at equal steps of the look angle from 0 to 90 deg; empty stands for 1.
     power : float array (n_channels, n, m)
         Written: sigma0 x surface area / cell**2 x (reference range / range)**4.
     offset : float array (n, m)
@@ -273,114 +168,346 @@ def power_cells(
     state : uint8 array (n, m)
         Written: bits CAST_SHADOW, SELF_SHADOW, NO_DATA.
     """
-    n, m = z.shape
+    n = source.shape[0]
+    m = z.shape[1]
     n_channels = lut.shape[0]
-    steps = lut.shape[2] - 2
-    one = z.dtype.type(1.0)
-    half = z.dtype.type(0.5)
-    zero = z.dtype.type(0.0)
-    h = z.dtype.type(height)
-    per_q = z.dtype.type(steps / math.sqrt(0.5))
-    last = z.dtype.type(steps)
+    none = np.uint8(lut.shape[1] - 1)
     ray = np.empty(m, dtype=z.dtype)
+    lit = np.empty(m, dtype=z.dtype)
     where = np.empty(m, dtype=z.dtype)
     gain = np.empty(m, dtype=z.dtype)
-    slope_x = np.zeros(m, dtype=z.dtype)
+    slope_x = np.empty(m, dtype=z.dtype)
+    part = np.empty(m, dtype=z.dtype)
+    index = np.empty(m, dtype=np.uint32)
+    tables = lut.reshape(n_channels, lut.shape[1] * lut.shape[2])
     for i in range(n):
-        above = z[max(i - 1, 0)]
-        here = z[i]
-        below = z[min(i + 1, n - 1)]
-        flags = state[i]
-        y = z.dtype.type(geometry[i, 0])
-        row_gain = z.dtype.type(geometry[i, 3])
-        inverse_r = z.dtype.type(1.0 / geometry[i, 1])
-        inverse_r2 = z.dtype.type(1.0 / geometry[i, 1] ** 2)
+        row = source[i]
         span = min(i + 1, n - 1) - max(i - 1, 0)
-        per_range = z.dtype.type(1.0 / (cell * span)) if span > 0 else zero
-        # Short loops over the row, each of few arrays: one long loop with a gather in it would not vectorise.
-        if i == 0:
-            for j in range(m):
-                ray[j] = here[j]
-                flags[j] = np.uint8(0)
-        else:
-            descent = z.dtype.type(geometry[i, 2])
-            for j in range(m):
-                # One step down the line from the antenna through the highest point so far.
-                s = ray[j] - (h - ray[j]) * descent
-                flags[j] = np.uint8(CAST_SHADOW) if here[j] < s else np.uint8(0)
-                ray[j] = max(s, here[j])
-        _central_slope(here, cell, slope_x)
-        for j in range(m):
-            slope_y = (below[j] - above[j]) * per_range
-            # u = (R**2 - R_datum**2) / R_datum**2 from the height alone: no difference of two large numbers.
-            u = -here[j] * (h + h - here[j]) * inverse_r2
-            inverse = inverse_r / math.sqrt(one + u)
-            toward = (h - here[j]) * inverse
-            along = y * inverse
-            tilt2 = one + slope_x[j] * slope_x[j] + slope_y * slope_y
-            tilt = math.sqrt(tilt2)
-            cosine = (along * slope_y + toward) / tilt
-            across = toward * slope_y - along
-            sine2 = (across * across + slope_x[j] * slope_x[j]) / tilt2
-            # sin(theta/2), from the vector product: exact near theta = 0, where 1 - cos would lose its digits.
-            where[j] = min(math.sqrt(half * sine2 / (one + max(cosine, zero))) * per_q, last)
-            r4 = one / ((one + u) * (one + u))
-            gain[j] = row_gain * r4 * tilt if cosine > zero else zero
-        for j in range(m):
-            if gain[j] == zero:
-                flags[j] |= np.uint8(SELF_SHADOW)
-            if cover[i, j] == 255:
-                flags[j] |= np.uint8(NO_DATA)
-        _range_offset(
-            here, geometry[i, 0] if ground_format else geometry[i, 1], height, bin_m, ground_format, offset[i]
+        _shadow_row(z[row], geometry[i], i == 0, ray, lit)
+        _central_slope(z, row, 0, cell, slope_x)
+        _incidence_row(
+            z[source[max(i - 1, 0)]],
+            z[row],
+            z[source[min(i + 1, n - 1)]],
+            slope_x,
+            geometry[i],
+            1.0 / (cell * span) if span > 0 else 0.0,
+            lut.shape[2] - 2,
+            where,
+            gain,
         )
+        kind = cover[row]
+        _state_row(lit, gain, kind, none, state[i])
+        if pattern.shape[0] > 0:
+            _pattern_row(z[row], geometry[i], pattern, gain)
+        _offset_row(z[row], geometry[i], ground_format, offset[i])
+        _index_row(where, kind, lut.shape[1] - 1, lut.shape[2], index, part)
         for c in range(n_channels):
-            for j in range(m):
-                value = zero
-                if flags[j] == 0:
-                    k = np.uint32(where[j])
-                    f = where[j] - z.dtype.type(k)
-                    kind = np.uint32(cover[i, j])
-                    low = lut[c, kind, k]
-                    value = (low + f * (lut[c, kind, k + 1] - low)) * gain[j] * field_factor[c, np.uint32(field[i, j])]
-                power[c, i, j] = value
+            _echo_row(tables[c], index, part, gain, lit, power[c, i])
+            if field_factor.shape[1] > 0:
+                _field_row(field[row], field_factor[c], power[c, i])
 
 
 @kernel
-def _central_slope(height: AnyArray, cell: float, out: AnyArray) -> None:
-    """Slope of a profile by central differences, one-sided at its ends, 0 for a single cell."""
-    m = height.shape[0]
-    per_two = height.dtype.type(0.5 / cell)
-    for j in range(1, m - 1):
-        out[j] = (height[j + 1] - height[j - 1]) * per_two
-    if m > 1:
-        per_one = height.dtype.type(1.0 / cell)
-        out[0] = (height[1] - height[0]) * per_one
-        out[m - 1] = (height[m - 1] - height[m - 2]) * per_one
-
-
-@kernel
-def _range_offset(
-    z: AnyArray, position: float, height: float, bin_m: float, ground_format: bool, out: AnyArray
+def mark_cells(
+    z: AnyArray,
+    source: AnyArray,
+    cover: AnyArray,
+    none: int,
+    geometry: AnyArray,
+    cell: float,
+    ground_format: bool,
+    offset: AnyArray,
+    state: AnyArray,
 ) -> None:
-    """Range position of a row of elements minus `position`, that of flat ground [bins].
+    """`power_cells` without the power: range position and mask bits of every element.
 
-    sqrt(p**2 + d) - p = d / (p (1 + sqrt(1 + d / p**2))) with d = -z (2 H - z): the same in both formats, where p is
+    Parameters
+    ----------
+    z, source, cover, geometry, cell, ground_format, offset, state
+        As in `power_cells`.
+    none : int
+        Least category that stands for no data.
+    """
+    n = source.shape[0]
+    m = z.shape[1]
+    ray = np.empty(m, dtype=z.dtype)
+    lit = np.empty(m, dtype=z.dtype)
+    where = np.empty(m, dtype=z.dtype)
+    gain = np.empty(m, dtype=z.dtype)
+    slope_x = np.empty(m, dtype=z.dtype)
+    for i in range(n):
+        row = source[i]
+        above, below = max(i - 1, 0), min(i + 1, n - 1)
+        per_range = 1.0 / (cell * (below - above)) if below > above else 0.0
+        _shadow_row(z[row], geometry[i], i == 0, ray, lit)
+        _central_slope(z, row, 0, cell, slope_x)
+        _incidence_row(z[source[above]], z[row], z[source[below]], slope_x, geometry[i], per_range, 1, where, gain)
+        _offset_row(z[row], geometry[i], ground_format, offset[i])
+        _state_row(lit, gain, cover[row], np.uint8(none), state[i])
+
+
+@kernel
+def sum_echoes(
+    z: AnyArray,
+    source: AnyArray,
+    cover: AnyArray,
+    field: AnyArray,
+    geometry: AnyArray,
+    cell: float,
+    ground_format: bool,
+    lut: AnyArray,
+    field_factor: AnyArray,
+    pattern: AnyArray,
+    base: AnyArray,
+    first: int,
+    nearest: bool,
+    low: int,
+    high: int,
+    out: AnyArray,
+) -> None:
+    """`power_cells` and `bin_range` in one pass over columns `low` to `high`, without arrays of cells.
+
+    Every column stands alone, so any division into strips, in any number of threads, gives the same bits.
+
+    Parameters
+    ----------
+    z, source, cover, field, geometry, cell, ground_format, lut, field_factor, pattern
+        As in `power_cells`.
+    base, first, nearest, out
+        As in `bin_range`.
+    low, high : int
+        Columns to do, ``low <= j < high``.
+    """
+    n = source.shape[0]
+    m = high - low
+    n_channels = lut.shape[0]
+    ray = np.empty(m, dtype=z.dtype)
+    lit = np.empty(m, dtype=z.dtype)
+    where = np.empty(m, dtype=z.dtype)
+    gain = np.empty(m, dtype=z.dtype)
+    slope_x = np.empty(m, dtype=z.dtype)
+    part = np.empty(m, dtype=z.dtype)
+    index = np.empty(m, dtype=np.uint32)
+    tables = lut.reshape(n_channels, lut.shape[1] * lut.shape[2])
+    share = np.empty(m, dtype=z.dtype)
+    power = np.empty(m, dtype=z.dtype)
+    start = np.empty(m, dtype=np.int32)
+    stop = np.empty(m, dtype=np.int32)
+    before = np.empty(m, dtype=z.dtype)
+    now = np.empty(m, dtype=z.dtype)
+    after = np.empty(m, dtype=z.dtype)
+    _offset_row(z[source[0], low:high], geometry[0], ground_format, now)
+    before[:] = now
+    for i in range(n):
+        row = source[i]
+        here = z[row, low:high]
+        span = min(i + 1, n - 1) - max(i - 1, 0)
+        _shadow_row(here, geometry[i], i == 0, ray, lit)
+        _central_slope(z, row, low, cell, slope_x)
+        _incidence_row(
+            z[source[max(i - 1, 0)], low:high],
+            here,
+            z[source[min(i + 1, n - 1)], low:high],
+            slope_x,
+            geometry[i],
+            1.0 / (cell * span) if span > 0 else 0.0,
+            lut.shape[2] - 2,
+            where,
+            gain,
+        )
+        if pattern.shape[0] > 0:
+            _pattern_row(here, geometry[i], pattern, gain)
+        if i + 1 < n:
+            _offset_row(z[source[i + 1], low:high], geometry[i + 1], ground_format, after)
+        else:
+            after[:] = now
+        origin = math.floor(base[i + 1])
+        least, most, long = _edges_row(before, now, after, base, i, origin, nearest, share, start, stop)
+        shift = origin - first
+        _index_row(where, cover[row, low:high], lut.shape[1] - 1, lut.shape[2], index, part)
+        for c in range(n_channels):
+            _echo_row(tables[c], index, part, gain, lit, power)
+            if field_factor.shape[1] > 0:
+                _field_row(field[row, low:high], field_factor[c], power)
+            _add_row(power, share, start, stop, shift, least, most, long, low, out[c])
+            if long > 1:
+                _add_long(power, before, now, after, base, i, origin, shift, low, out[c])
+        before, now, after = now, after, before
+
+
+@kernel
+def _shadow_row(here: AnyArray, geometry: AnyArray, first: bool, ray: AnyArray, lit: AnyArray) -> None:
+    """Advance the height of the shadow ray by one row; `lit` is 1 where the ground reaches it, else 0."""
+    one = here.dtype.type(1.0)
+    zero = here.dtype.type(0.0)
+    if first:
+        for j in range(here.shape[0]):
+            ray[j] = here[j]
+            lit[j] = one
+    else:
+        descent = here.dtype.type(geometry[2])
+        height = here.dtype.type(geometry[5])
+        for j in range(here.shape[0]):
+            # One step down the line from the antenna through the highest point so far.
+            s = ray[j] - (height - ray[j]) * descent
+            lit[j] = zero if here[j] < s else one
+            ray[j] = max(s, here[j])
+
+
+@kernel
+def _incidence_row(
+    above: AnyArray,
+    here: AnyArray,
+    below: AnyArray,
+    slope_x: AnyArray,
+    geometry: AnyArray,
+    per_range: float,
+    steps: int,
+    where: AnyArray,
+    gain: AnyArray,
+) -> None:
+    """Position in the table of sigma0, and tilt x (reference range / range)**4; 0 where the ground faces away."""
+    number = here.dtype.type
+    one, half, zero = number(1.0), number(0.5), number(0.0)
+    h = number(geometry[4])
+    y = number(geometry[0])
+    row_gain = number(geometry[3])
+    inverse_r = number(1.0 / geometry[1])
+    inverse_r2 = number(1.0 / geometry[1] ** 2)
+    per_slope = number(per_range)
+    per_q = number(steps / math.sqrt(0.5))
+    last = number(steps)
+    for j in range(here.shape[0]):
+        slope_y = (below[j] - above[j]) * per_slope
+        # u = (R**2 - R_datum**2) / R_datum**2 from the height alone: no difference of two large numbers.
+        u = -here[j] * (h + h - here[j]) * inverse_r2
+        closer = one / math.sqrt(one + u)
+        inverse = inverse_r * closer
+        toward = (h - here[j]) * inverse
+        along = y * inverse
+        tilt2 = one + slope_x[j] * slope_x[j] + slope_y * slope_y
+        tilt = math.sqrt(tilt2)
+        facing = along * slope_y + toward
+        across = toward * slope_y - along
+        # sin(theta/2)**2 from the vector product: exact near theta = 0, where 1 - cos would lose its digits.
+        sine2 = across * across + slope_x[j] * slope_x[j]
+        half_sine2 = half * sine2 / (tilt2 + tilt * max(facing, zero))
+        where[j] = min(math.sqrt(half_sine2) * per_q, last)
+        closer2 = closer * closer
+        gain[j] = row_gain * (closer2 * closer2) * tilt if facing > zero else zero
+
+
+@kernel
+def _state_row(lit: AnyArray, gain: AnyArray, cover: AnyArray, none: np.uint8, state: AnyArray) -> None:
+    """Bits CAST_SHADOW, SELF_SHADOW and NO_DATA."""
+    zero = gain.dtype.type(0.0)
+    for j in range(gain.shape[0]):
+        flag = np.uint8(0)
+        if lit[j] == zero:
+            flag |= np.uint8(CAST_SHADOW)
+        if gain[j] == zero:
+            flag |= np.uint8(SELF_SHADOW)
+        if cover[j] >= none:
+            flag |= np.uint8(NO_DATA)
+        state[j] = flag
+
+
+@kernel
+def _pattern_row(here: AnyArray, geometry: AnyArray, pattern: AnyArray, gain: AnyArray) -> None:
+    """Multiply by the antenna's and the atmosphere's two-way factor at each element's own look angle."""
+    steps = pattern.shape[0] - 1
+    for j in range(here.shape[0]):
+        look = math.atan2(geometry[0], geometry[4] - here[j]) - geometry[8]
+        x = min(max(look * (steps / (0.5 * math.pi)), 0.0), float(steps))
+        k = min(int(x), steps - 1)
+        gain[j] *= pattern[k] + (x - k) * (pattern[k + 1] - pattern[k])
+
+
+@kernel
+def _index_row(where: AnyArray, cover: AnyArray, none: int, width: int, index: AnyArray, part: AnyArray) -> None:
+    """Place of each element in the flat table of sigma0, and the part of a step beyond it."""
+    number = where.dtype.type
+    last = np.int32(none)
+    stride = np.int32(width)
+    for j in range(where.shape[0]):
+        k = np.int32(where[j])
+        part[j] = where[j] - number(k)
+        index[j] = np.uint32(min(np.int32(cover[j]), last) * stride + k)
+
+
+@kernel
+def _echo_row(table: AnyArray, index: AnyArray, part: AnyArray, gain: AnyArray, lit: AnyArray, power: AnyArray) -> None:
+    """sigma0 of each element's category at its angle, times gain, where it is lit."""
+    for j in range(power.shape[0]):
+        # Unsigned indices: spares the test for indices counted from the end.
+        k = np.uint64(index[j])
+        low = table[k]
+        power[j] = (low + part[j] * (table[k + np.uint64(1)] - low)) * (gain[j] * lit[j])
+
+
+@kernel
+def _field_row(field: AnyArray, factor: AnyArray, power: AnyArray) -> None:
+    """Multiply by the factor of each element's field."""
+    for j in range(power.shape[0]):
+        power[j] *= factor[np.uint32(field[j])]
+
+
+@kernel
+def _central_slope(z: AnyArray, row: int, low: int, cell: float, out: AnyArray) -> None:
+    """Slope along the track by central differences, one-sided at the ends of the row, 0 for a single cell."""
+    m = z.shape[1]
+    height = z[row]
+    per_two = z.dtype.type(0.5 / cell)
+    begin = max(low, 1)
+    end = min(low + out.shape[0], m - 1)
+    if end > begin:
+        left = height[begin - 1 : end - 1]
+        right = height[begin + 1 : end + 1]
+        inner = out[begin - low : end - low]
+        for j in range(inner.shape[0]):
+            inner[j] = (right[j] - left[j]) * per_two
+    per_one = z.dtype.type(1.0 / cell)
+    if low == 0:
+        out[0] = (height[1] - height[0]) * per_one if m > 1 else z.dtype.type(0.0)
+    if m > 1 and low + out.shape[0] == m:
+        out[m - 1 - low] = (height[m - 1] - height[m - 2]) * per_one
+
+
+@kernel
+def offset_rows(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyArray) -> None:
+    """Range position minus that of the datum [bins] of heights in some rows (see `power_cells`).
+
+    Parameters
+    ----------
+    z : float array (n, k)
+        Heights over the datum [m].
+    geometry : float64 array (n, 9)
+    ground_format : bool
+    out : float array (n, k)
+        Written.
+    """
+    for i in range(z.shape[0]):
+        _offset_row(z[i], geometry[i], ground_format, out[i])
+
+
+@kernel
+def _offset_row(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyArray) -> None:
+    """Range position of a row of elements minus that of flat ground [bins].
+
+    sqrt(p**2 + d) - p = d / (p (1 + sqrt(1 + d / p**2))) with d = -z (2 h - z): the same in both formats, where p is
     the ground or the slant range of the datum.
     """
-    one = z.dtype.type(1.0)
-    zero = z.dtype.type(0.0)
-    h = z.dtype.type(height)
-    inverse_p2 = z.dtype.type(1.0 / position**2)
-    to_bins = z.dtype.type(1.0 / (bin_m * position))
+    number = z.dtype.type
+    one, zero = number(1.0), number(0.0)
+    h = number(geometry[4])
+    inverse_p2 = number(1.0 / geometry[6] ** 2)
+    to_bins = number(geometry[7] / geometry[6])
     # A point closer than the nadir return has no place on the ground: it is put at nadir.
-    least = z.dtype.type(-position / bin_m)
+    least = number(-geometry[6] * geometry[7]) if ground_format else number(-math.inf)
     for j in range(z.shape[0]):
         rise = -z[j] * (h + h - z[j])
-        out[j] = rise * to_bins / (one + math.sqrt(max(one + rise * inverse_p2, zero)))
-    if ground_format:
-        for j in range(z.shape[0]):
-            out[j] = max(out[j], least)
+        out[j] = max(rise * to_bins / (one + math.sqrt(max(one + rise * inverse_p2, zero))), least)
 
 
 @kernel
@@ -420,7 +547,7 @@ def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
 
 
 @kernel
-def bin_range(power: AnyArray, offset: AnyArray, base: AnyArray, first: int, out: AnyArray) -> None:
+def bin_range(power: AnyArray, offset: AnyArray, base: AnyArray, first: int, nearest: bool, out: AnyArray) -> None:
     """Add every element's power to the range bins it overlaps: eqs. (3-21) to (3-23), split by exact overlap.
 
     An element reaches half way to its neighbours in range, so the elements of a column cover it without gap; layover
@@ -435,78 +562,152 @@ def bin_range(power: AnyArray, offset: AnyArray, base: AnyArray, first: int, out
         Range position of the datum in each row [bins], with one row more at both ends.
     first : int
         Bin of ``out[:, 0]``.
+    nearest : bool
+        Give an element whole to the bin of its centre, as the report does; a homogeneous plane then shows a ripple.
     out : float array (n_channels, n_bins, m)
         Zeroed by the caller; sums are added.
     """
     n_channels, n, m = power.shape
-    n_bins = out.shape[1]
-    half = offset.dtype.type(0.5)
-    one = offset.dtype.type(1.0)
-    zero = offset.dtype.type(0.0)
-    start = np.empty(m, dtype=np.int64)
-    stop = np.empty(m, dtype=np.int64)
+    start = np.empty(m, dtype=np.int32)
+    stop = np.empty(m, dtype=np.int32)
     share = np.empty(m, dtype=offset.dtype)
     for i in range(n):
-        above = max(i - 1, 0)
-        below = min(i + 1, n - 1)
+        above, here, below = offset[max(i - 1, 0)], offset[i], offset[min(i + 1, n - 1)]
         origin = math.floor(base[i + 1])
-        near = offset.dtype.type(0.5 * (base[i] + base[i + 1]) - origin)
-        beyond = offset.dtype.type(0.5 * (base[i + 1] + base[i + 2]) - origin)
-        shift = np.int64(origin) - first
-        several = False
-        for j in range(m):
-            a = near + half * (offset[above, j] + offset[i, j])
-            b = beyond + half * (offset[i, j] + offset[below, j])
-            low = min(a, b)
-            high = max(a, b)
-            k0 = math.floor(low)
-            k1 = math.floor(high)
-            width = high - low
-            # The share of the first bin; with one bin it is all.
-            part = (k0 + one - low) / width if width > zero else one
-            share[j] = min(part, one)
-            start[j] = np.int64(k0) + shift
-            stop[j] = np.int64(k1) + shift
-            several |= k1 > k0 + one
+        least, most, long = _edges_row(above, here, below, base, i, origin, nearest, share, start, stop)
+        shift = origin - first
         for c in range(n_channels):
-            for j in range(m):
-                p = power[c, i, j]
-                k = start[j]
-                if p != zero and (stop[j] - k <= 1):
-                    s = p * share[j]
-                    if 0 <= k < n_bins:
-                        out[c, k, j] += s
-                    if 0 <= k + 1 < n_bins:
-                        out[c, k + 1, j] += p - s
-            if several:
-                _bin_long(power, offset, base, first, out, c, i)
+            _add_row(power[c, i], share, start, stop, shift, least, most, long, 0, out[c])
+            if long > 1:
+                _add_long(power[c, i], above, here, below, base, i, origin, shift, 0, out[c])
 
 
 @kernel
-def _bin_long(power: AnyArray, offset: AnyArray, base: AnyArray, first: int, out: AnyArray, c: int, i: int) -> None:
-    """Add the elements of row `i` that reach over three or more bins (see `bin_range`)."""
-    n, m = offset.shape
-    n_bins = out.shape[1]
-    above = max(i - 1, 0)
-    below = min(i + 1, n - 1)
-    half = offset.dtype.type(0.5)
-    origin = math.floor(base[i + 1])
-    near = offset.dtype.type(0.5 * (base[i] + base[i + 1]) - origin)
-    beyond = offset.dtype.type(0.5 * (base[i + 1] + base[i + 2]) - origin)
-    shift = np.int64(origin) - first
-    for j in range(m):
-        a = near + half * (offset[above, j] + offset[i, j])
-        b = beyond + half * (offset[i, j] + offset[below, j])
+def _edges_row(
+    above: AnyArray,
+    here: AnyArray,
+    below: AnyArray,
+    base: AnyArray,
+    i: int,
+    origin: int,
+    nearest: bool,
+    share: AnyArray,
+    start: AnyArray,
+    stop: AnyArray,
+) -> tuple[int, int, int]:
+    """First and last bin of each element counted from `origin`, and the share of the first.
+
+    Returns the least first bin, the greatest last bin and the greatest number of bins beyond the first.
+    """
+    number = here.dtype.type
+    half, one, zero = number(0.5), number(1.0), number(0.0)
+    if nearest:
+        middle = number(base[i + 1] - origin)
+        for j in range(here.shape[0]):
+            start[j] = _floor(middle + here[j])
+            stop[j] = start[j]
+            share[j] = one
+    else:
+        near = number(0.5 * (base[i] + base[i + 1]) - origin)
+        beyond = number(0.5 * (base[i + 1] + base[i + 2]) - origin)
+        for j in range(here.shape[0]):
+            a = near + half * (above[j] + here[j])
+            b = beyond + half * (here[j] + below[j])
+            low = min(a, b)
+            high = max(a, b)
+            k0 = _floor(low)
+            width = high - low
+            # The share of the first bin; with one bin it is all.
+            part = (number(k0) + one - low) / width if width > zero else one
+            share[j] = min(part, one)
+            start[j] = k0
+            stop[j] = _floor(high)
+    least = np.int32(2147483647)
+    most = np.int32(-2147483648)
+    long = np.int32(0)
+    for j in range(here.shape[0]):
+        least = min(least, start[j])
+        most = max(most, stop[j])
+        long = max(long, np.int32(stop[j] - start[j]))
+    return int(least), int(most), int(long)
+
+
+@kernel
+def _floor(x: float) -> np.int32:
+    """Largest whole number not above `x`, as int32: cast and compare, which vectorise where floor does not."""
+    k = np.int32(x)
+    return np.int32(k - np.int32(1)) if x < k else k
+
+
+@kernel
+def _add_row(
+    power: AnyArray,
+    share: AnyArray,
+    start: AnyArray,
+    stop: AnyArray,
+    shift: int,
+    least: int,
+    most: int,
+    long: int,
+    low: int,
+    out: AnyArray,
+) -> None:
+    """Add the elements of a row that reach over one or two bins, leaving out what falls beyond `out`."""
+    n_bins = out.shape[0]
+    m = power.shape[0]
+    zero = power.dtype.type(0.0)
+    if long <= 1 and most - least < _FEW_BINS:
+        # Bin by bin over the whole row: more arithmetic, but no scatter, so it vectorises.
+        for k in range(max(least, -shift), min(most, n_bins - 1 - shift) + 1):
+            line = out[k + shift, low : low + m]
+            this = np.int32(k)
+            before = np.int32(k - 1)
+            for j in range(m):
+                s = power[j] * share[j]
+                line[j] += (s if start[j] == this else zero) + (power[j] - s if start[j] == before else zero)
+    else:
+        for j in range(m):
+            k = start[j] + shift
+            if stop[j] - start[j] <= 1:
+                s = power[j] * share[j]
+                if 0 <= k < n_bins:
+                    out[k, low + j] += s
+                if 0 <= k + 1 < n_bins:
+                    out[k + 1, low + j] += power[j] - s
+
+
+@kernel
+def _add_long(
+    power: AnyArray,
+    above: AnyArray,
+    here: AnyArray,
+    below: AnyArray,
+    base: AnyArray,
+    i: int,
+    origin: int,
+    shift: int,
+    column: int,
+    out: AnyArray,
+) -> None:
+    """Add the elements of a row that reach over three or more bins (see `bin_range`)."""
+    number = here.dtype.type
+    n_bins = out.shape[0]
+    half = number(0.5)
+    near = number(0.5 * (base[i] + base[i + 1]) - origin)
+    beyond = number(0.5 * (base[i + 1] + base[i + 2]) - origin)
+    for j in range(here.shape[0]):
+        a = near + half * (above[j] + here[j])
+        b = beyond + half * (here[j] + below[j])
         low = min(a, b)
         high = max(a, b)
-        k0 = np.int64(math.floor(low))
-        k1 = np.int64(math.floor(high))
+        k0 = np.int64(_floor(low))
+        k1 = np.int64(_floor(high))
         if k1 - k0 > 1:
-            density = power[c, i, j] / (high - low)
+            density = power[j] / (high - low)
             for k in range(k0, k1 + 1):
-                inside = min(high, offset.dtype.type(k + 1)) - max(low, offset.dtype.type(k))
                 if 0 <= k + shift < n_bins:
-                    out[c, k + shift, j] += density * inside
+                    inside = min(high, number(k + 1)) - max(low, number(k))
+                    out[k + shift, column + j] += density * inside
 
 
 @kernel

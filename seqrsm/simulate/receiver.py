@@ -6,15 +6,148 @@ nothing, and costs nothing.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError, Problem
 
+if TYPE_CHECKING:
+    from seqrsm.sensor.radar import RadarConfiguration
+    from seqrsm.simulate.psm import RadarImage
+
 Transfer = Callable[[FloatArray], FloatArray]
 """Transfer function of one stage: power or intensity in, intensity out, both >= 0."""
+
+
+def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -> AnyArray:
+    """Intensity of an image after the radar's own receiver M and converter Q: eqs. (3-1) to (3-3).
+
+    Parameters
+    ----------
+    power_w : float array (n_channels, n_range, n_azimuth)
+        Received power with fading [W].
+    radar : RadarConfiguration
+        Its receiver, level, and converter.
+    reference_w : float
+        Power of flat ground of sigma0 = 1 at the centre of the swath [W].
+
+    Returns
+    -------
+    float array of the same type
+        On the scale of the input, which a linear receiver returns itself.
+
+    Raises
+    ------
+    ConfigurationError
+        A receiver named as ``package.module:function`` cannot be imported or fails.
+    """
+    level = reference_w * 10.0 ** (0.1 * radar.receiver_level_db)
+    stage = transfer_function(radar, level)
+    if stage is None and radar.adc_bits == 0:
+        return power_w
+    full_scale = level * 10.0 ** (0.1 * radar.adc_range_db)
+    converter = converter_function(radar.adc_bits, full_scale) if radar.adc_bits else None
+    return np.asarray(intensity(power_w, stage, converter), dtype=power_w.dtype)
+
+
+def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | None:
+    """M of a radar's receiver.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+        ``receiver`` is "linear" (None is returned); "square_law": I = P**2 / level; "saturation": I = P up to the level
+        and no further; "compression", of small signals: I = P**2 / (P + level), square-law below the level and linear
+        above; "agc": the mean over all ranges, followed along the flight over `agc_length_m`, is brought to the level;
+        or a function by name, called with the power array.
+    level_w : float
+        The level [W], > 0.
+
+    Returns
+    -------
+    callable or None
+
+    Raises
+    ------
+    ConfigurationError
+        The named function cannot be imported.
+    """
+    match radar.receiver:
+        case "linear":
+            return None
+        case "square_law":
+            return lambda p: np.asarray(p * p / level_w)
+        case "saturation":
+            return lambda p: np.minimum(p, level_w)
+        case "compression":
+            return lambda p: np.asarray(p * (p / (p + level_w)))
+        case "agc":
+            return lambda p: _automatic_gain(p, level_w, radar.agc_length_m / radar.pixel_spacing_m)
+    module, _, name = radar.receiver.partition(":")
+    try:
+        found: Transfer = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        text = f"the receiver cannot be imported: {error}"
+        raise ConfigurationError(
+            Problem(text, "Install its package", field="receiver", value=radar.receiver)
+        ) from error
+    return found
+
+
+def converter_function(n_bits: int, full_scale_w: float) -> Transfer:
+    """Q: uniform steps from 0 to full scale in ``2**n_bits`` levels, the top held beyond."""
+    top = 2.0**n_bits - 1.0
+    return lambda x: np.asarray(np.rint(np.clip(x / full_scale_w, 0.0, 1.0) * top) * (full_scale_w / top))
+
+
+def _automatic_gain(power: FloatArray, level_w: float, length: float) -> FloatArray:
+    """Gain that brings the running mean of the range lines to the level; first-order filter in flight direction."""
+    lines = power.mean(axis=-2)
+    followed = np.empty_like(lines)
+    share = -np.expm1(-1.0 / length)
+    state = lines[..., : max(1, round(length))].mean(axis=-1)
+    for j in range(lines.shape[-1]):
+        state = state + share * (lines[..., j] - state)
+        followed[..., j] = state
+    gain = level_w / np.where(followed > 0.0, followed, level_w)
+    return np.asarray(power * gain[..., None, :])
+
+
+def picture(image: RadarImage) -> AnyArray:
+    """Whole levels of the image as the radar's calibration asks for it: the final product of the report.
+
+    Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones of film density by the pair P_RC,
+    G_RC (eq. 3-18), or with neither so that each channel's median becomes mid-grey.
+
+    Parameters
+    ----------
+    image : RadarImage
+
+    Returns
+    -------
+    uint8, uint16 or uint32 array (n_channels, n_range, n_azimuth)
+    """
+    radar = image.radar
+    bits, decibels = radar.n_bits, radar.dynamic_range_db
+    if radar.i_min_w is not None:
+        return to_levels(quantised_intensity(image.intensity, radar.i_min_w, bits, decibels), bits)
+    if radar.i_c_w is not None and radar.i_qc is not None:
+        tone = quantised_intensity_calibrated(image.intensity, radar.i_c_w, radar.i_qc, bits, decibels)
+        return to_levels(tone, bits)
+    density = film_density(image.intensity, radar.film_gamma, radar.film_k)
+    if radar.p_rc_w is not None and radar.g_rc is not None:
+        calibration = film_density(np.array(radar.p_rc_w), radar.film_gamma, radar.film_k)
+        return to_levels(greytone(density, float(calibration), radar.g_rc, bits, decibels), bits)
+    planes = []
+    for plane in density:
+        lit = plane[np.isfinite(plane)]
+        middle = float(np.median(lit)) if lit.size else 0.0
+        planes.append(to_levels(greytone(plane, middle, 0.5 * (2.0**bits - 1.0), bits, decibels), bits))
+    return np.stack(planes)
 
 
 def intensity(

@@ -1,4 +1,4 @@
-"""Many runs on the cores of one machine; results do not depend on how many."""
+"""Many runs on the cores of one machine or on a cluster; results do not depend on how many or where."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from typing import Any, TypeVar
+
+from seqrsm.errors import Problem, UserError
 
 A = TypeVar("A")
 R = TypeVar("R")
 
 MAX_REBUILDS = 3
-"""How often a pool that lost a worker is built anew."""
+"""How often a pool that lost a worker is built anew, and how often a cluster tries a run whose worker died."""
 
 
 def run_many(
@@ -21,6 +23,7 @@ def run_many(
     arguments: Sequence[A],
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    cluster: str | None = None,
 ) -> Iterator[tuple[int, R]]:
     """Apply a function to every argument and yield results as they complete.
 
@@ -38,6 +41,8 @@ def run_many(
         Processes; 1 runs in this process.
     progress : callable, optional
         Called with (finished, all) after each run.
+    cluster : str, optional
+        Address of a dask scheduler, such as ``"tcp://head:8786"``: the runs go there and `workers` is not used.
 
     Yields
     ------
@@ -50,17 +55,59 @@ def run_many(
         The pool broke more than `MAX_REBUILDS` times.
     ValueError
         `workers` is below 1.
+    UserError
+        The cluster cannot be reached, is lost, or its client library is not installed.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
-    if workers == 1 or len(arguments) <= 1:
-        results: Iterator[tuple[int, R]] = ((index, function(argument)) for index, argument in enumerate(arguments))
+    results: Iterator[tuple[int, R]]
+    if cluster is not None:
+        results = _run_on_cluster(function, arguments, cluster)
+    elif workers == 1 or len(arguments) <= 1:
+        results = ((index, function(argument)) for index, argument in enumerate(arguments))
     else:
         results = _run_in_pool(function, arguments, min(workers, len(arguments)))
     for finished, result in enumerate(results, start=1):
         if progress is not None:
             progress(finished, len(arguments))
         yield result
+
+
+def _run_on_cluster(function: Callable[[A], R], arguments: Sequence[A], address: str) -> Iterator[tuple[int, R]]:
+    """Yield results of a dask cluster as they complete; a run whose worker died is tried again there."""
+    try:
+        from distributed import Client, as_completed
+    except ImportError as error:
+        remedy = "Install it: pip install 'seqrsm[cluster]'"
+        raise UserError(
+            Problem("running on a cluster needs the package distributed", remedy, field="cluster")
+        ) from error
+    try:
+        client: Any = Client(address, timeout="30s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        remedy = "Start a scheduler there (dask scheduler), or correct the address"
+        raise UserError(Problem(f"no cluster answers: {error}", remedy, field="cluster", value=address)) from error
+    futures: list[Any] = []
+    try:
+        # pure=False: equal arguments are runs of their own, never looked up in the cluster's memory.
+        futures = [client.submit(function, a, retries=MAX_REBUILDS, pure=False) for a in arguments]
+        index_of = {future.key: index for index, future in enumerate(futures)}
+        for future in as_completed(futures):
+            if future.cancelled() or future.status == "lost":
+                raise _lost(address)
+            yield index_of[future.key], future.result()
+    except OSError as error:
+        raise _lost(address) from error
+    finally:
+        for future in futures:
+            if not future.done():
+                future.cancel()
+        client.close()
+
+
+def _lost(address: str) -> UserError:
+    text = "the cluster was lost while runs were under way"
+    return UserError(Problem(text, "Start it again; finished runs are kept", field="cluster", value=address))
 
 
 def _run_in_pool(function: Callable[[A], R], arguments: Sequence[A], workers: int) -> Iterator[tuple[int, R]]:

@@ -1,6 +1,6 @@
 """Seconds of the steps between two batches, against a local search of the same surfaces in the same run.
 
-    python tests/benchmarks/bench_decide.py
+python tests/benchmarks/bench_decide.py
 """
 
 from __future__ import annotations

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.scene.scene import Scene
+from seqrsm.score.classification import percent_correct
 from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.echo import LUT_STEPS, PowerMap, power_map
 from seqrsm.simulate.frame import RadarFrame
-from seqrsm.simulate.psm import LUT_STEPS, PowerMap, power_map
+from seqrsm.simulate.psm import simulate_radar
 
 
 @dataclass
@@ -70,7 +72,7 @@ def scene(elevation, cell_m=5.0, cover=None, field=None, categories=None) -> Sce
     )
 
 
-def frame(z, y0, height, cell, dtype=np.float64) -> RadarFrame:
+def frame(z, y0, height, cell, dtype=np.float64, curved=False) -> RadarFrame:
     """Frame of elevations about the datum, without margins, its first row at ground range ``y0``."""
     z = np.atleast_2d(np.asarray(z, dtype=dtype))
     y = y0 + np.arange(z.shape[0]) * cell
@@ -78,6 +80,7 @@ def frame(z, y0, height, cell, dtype=np.float64) -> RadarFrame:
         elevation_m=z,
         cover=np.zeros(z.shape, dtype=np.uint8),
         field=np.zeros(z.shape, dtype=np.int32),
+        source=np.arange(z.shape[0]),
         ground_range_m=y,
         height_m=height,
         cell_m=cell,
@@ -86,6 +89,10 @@ def frame(z, y0, height, cell, dtype=np.float64) -> RadarFrame:
         pad_near=0,
         n_rows=z.shape[0],
         quarter_turns=0,
+        curved=curved,
+        cell_of_scene=None,
+        lowest_m=z.min(axis=1),
+        highest_m=z.max(axis=1),
     )
 
 
@@ -97,3 +104,15 @@ def lut_of(function) -> np.ndarray:
 
 def mapped(z, y0, height, cell, configuration, dtype=np.float64, sigma0=lambda theta: 0.0 * theta + 0.1) -> PowerMap:
     return power_map(frame(z, y0, height, cell, dtype), configuration, lut_of(sigma0), np.ones((1, 1)))
+
+
+def small_score(run_id: int) -> float:
+    """Percent correct of a small three-class scene in one run; importable by worker processes."""
+    rng = np.random.default_rng(9)
+    patch = np.kron(rng.integers(0, 3, (12, 16)), np.ones((10, 10), dtype=int))
+    field = np.kron(np.arange(12 * 16).reshape(12, 16), np.ones((10, 10), dtype=int))
+    z = rng.normal(0.0, 0.3, patch.shape).cumsum(axis=0)
+    s = scene(z, 5.0, patch, field)
+    table = Table((-8.0, -10.0, -12.0), 0.1, field_sd_db=1.0, date_sd_db=0.5, channel_correlation=0.5)
+    image = simulate_radar(s, radar(channels=("HH", "HV"), resolution_m=15.0), table, seed=3, run_id=run_id)
+    return percent_correct(image, s, seed=3, run_id=run_id, tile_m=100.0).value

@@ -7,7 +7,7 @@ import pytest
 from psm_cases import frame, lut_of, mapped, radar
 
 from seqrsm.simulate import kernels
-from seqrsm.simulate.psm import power_map
+from seqrsm.simulate.echo import power_map
 
 TIGHT = {np.float64: 1e-12, np.float32: 1e-6}
 

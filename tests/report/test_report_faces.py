@@ -12,8 +12,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from conftest import load, make_analysis, runs_of, truth_score
 from pypdf import PdfReader
+from report_dossiers import load, make_analysis, runs_of, truth_score
 
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report import write_report
@@ -30,7 +30,7 @@ from seqrsm.report.blocks import (
     Paragraph,
     Table,
 )
-from seqrsm.report.content import build_report, last_score_time
+from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 
@@ -115,7 +115,7 @@ def strings(report):
             yield from of_blocks(section.blocks)
             yield from of_sections(section.sections)
 
-    yield from (report.title, report.subtitle, report.date)
+    yield from (report.title, report.subtitle, report.state)
     yield from of_sections(report.sections)
 
 
@@ -210,13 +210,13 @@ def test_numbers_are_those_of_the_analysis(simulated, page):
     assert abs(mean - truth_score(best.point[None, :])[0]) < 4 * s * np.sqrt(h)
 
 
-def test_pdf_is_tagged_titled_and_dated_by_the_last_score(simulated, paper):
+def test_pdf_is_tagged_and_titled_and_carries_no_date(paper):
     reader = PdfReader(io.BytesIO(paper))
     root = reader.trailer["/Root"]
     assert root["/MarkInfo"]["/Marked"]
     assert root["/Lang"] == "en"
     assert reader.metadata.title == "Campaign crop radar"
-    assert reader.metadata.creation_date.timestamp() == last_score_time(simulated)
+    assert reader.metadata.creation_date is None
     assert "pdfuaid" in root["/Metadata"].get_data().decode()
     assert next(item.title for item in reader.outline if not isinstance(item, list)) == "Campaign crop radar"
     width, height = reader.pages[0].mediabox[2:]
@@ -325,7 +325,6 @@ def test_characters_that_no_font_has_still_give_a_pdf(flight):
 def test_a_campaign_without_any_result_has_a_report(flight):
     empty = dataclasses.replace(flight, analyses=(), runs=())
     report = build_report(empty)
-    assert report.timestamp == 0
     assert "no score yet" in render_html(report)
     assert render_pdf(report).startswith(b"%PDF")
 

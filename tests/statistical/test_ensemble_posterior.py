@@ -56,6 +56,9 @@ def test_normal_model_against_the_exact_posterior(k: int, informative: bool) -> 
     assert np.max(np.abs(scores)) < 4.5
     assert sample.acceptance["independence"] == 1.0  # the proposal is the target, constants included
     assert np.max(sample.r_hat) < 1.01
+    # Independent draws: the ends are known as well as their number says, and the sampler says so.
+    assert sample.ess_ends.shape == (p + 1,)
+    assert sample.ess_ends.min() > 0.8 * sample.ess.min()
     # Control: the posterior of other weights must be seen to differ.
     assert np.max(np.abs(standard_scores(sample, posterior(Z, y, np.sqrt(w), prior)))) > 6
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.rng import generator, stream_key
-from seqrsm.simulate import kernels
+from seqrsm.simulate import kernels_speckle as kernels
 
 # Known answers of the Random123 library, file kat_vectors, philox4x32 with 10 rounds (Salmon et al. 2011).
 VECTORS = [
@@ -38,6 +38,8 @@ def speckled(looks, shape=(1, 400, 500), key=(1, 2), noise=0.0, mean=1.0):
         np.arange(shape[0]),
         np.uint32(key[0]),
         np.uint32(key[1]),
+        False,
+        0,
         out,
     )
     return out

@@ -20,7 +20,7 @@ SETTINGS = {
     "peak_power": 100.0,
     "depression_angle": 45.0,
 }
-FIXED = {"altitude_m": 6000.0}
+FIXED = {"altitude_m": 6000.0, "earth": "flat"}
 C = 299792458.0
 
 
@@ -96,7 +96,8 @@ def test_looks_used_are_those_asked_for_where_there_are_as_many():
 
 
 def test_depression_points_at_the_centre_of_the_scene():
-    y = radar().ground_ranges_m(101, 5.0, 100.0, 200.0)
+    y, rows = radar().ground_ranges_m(101, 5.0, 100.0, 200.0)
+    assert rows == slice(0, 101)
     assert y[50] == pytest.approx(5900.0)
     np.testing.assert_allclose(np.diff(y), 5.0)
 
@@ -115,8 +116,8 @@ def messages(**changes) -> str:
         ({"resolution": 4.0}, ["50 MHz", "4.24", "52.997 MHz"]),
         ({"resolution": 4.5, "antenna_length_m": 12.0}, ["12 m", "6 m"]),
         ({"looks": 200.0}, ["94.34", "at most 94.346 looks"]),
-        ({"looks": 0.5}, ["looks", "1 to 1e6"]),
-        ({"heading_deg": 45.0}, ["0, 90, 180 or 270"]),
+        ({"looks": 0.5}, ["looks", "1 to 1e+06"]),
+        ({"heading_deg": 450.0}, ["-360 to 360"]),
         ({"frequency": 0.0}, ["frequency: out of range", "0.1 to 100 GHz"]),
         ({"frequency": math.nan}, ["frequency: out of range"]),
         ({"polarization": "HH+RL"}, ["HH, HV, VV"]),
@@ -129,6 +130,17 @@ def messages(**changes) -> str:
         ({"wind_low_m_s": 9.0}, ["wind_high_m_s"]),
         ({"peak_power": "much"}, ["not a number", "much"]),
         ({"n_bits": 99}, ["n_bits"]),
+        ({"looks": 10.0, "fading": "gaussian"}, ["0.078 percent", "at least 16 looks"]),
+        ({"receiver": "magic"}, ["saturation", "package.module:function"]),
+        ({"elevation_pattern": "table"}, ["pattern_table"]),
+        ({"pattern_table": "10:0"}, ["not a pattern"]),
+        ({"pattern_table": "10:0, 5:-3"}, ["rising look angles"]),
+        ({"near_incidence_deg": 60.0, "far_incidence_deg": 40.0}, ["beyond the far edge"]),
+        ({"i_min_w": 1e-12, "p_rc_w": 1e-12, "g_rc": 0.0}, ["more than one calibration", "i_min_w; p_rc_w and g_rc"]),
+        ({"i_c_w": 1e-12}, ["half of a calibration pair", "i_c_w and i_qc"]),
+        ({"snow": "wet"}, ["winter only"]),
+        ({"pixel_m": 30.0}, ["coarser than the resolution"]),
+        ({"earth": "curved", "depression_angle": 1.0}, ["horizon, 2.486 deg", "at least 2.4857 deg"]),
     ],
 )
 def test_impossible_sets_are_refused_with_numbers(changes, words):
@@ -144,7 +156,7 @@ def test_all_problems_are_told_at_once():
     for name in ("colour", "frequency_ghz", "polarization", "resolution", "bandwidth", "peak_power", "altitude_m"):
         assert name in fields
     with pytest.raises(ConfigurationError) as caught:
-        dataclasses.replace(radar(), frequency_ghz=-1.0, noise_figure_db=-3.0, heading_deg=10.0)
+        dataclasses.replace(radar(), frequency_ghz=-1.0, noise_figure_db=-3.0, speed_m_s=0.0)
     assert len(caught.value.problems) == 3
 
 

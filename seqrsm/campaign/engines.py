@@ -1,0 +1,147 @@
+"""The two engines behind one face: how settings become a sensor, an image, and what is kept with a score."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from seqrsm.errors import Problem, SpecError
+from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.scene import Scene
+from seqrsm.score.classification import UtilityScore, percent_correct
+from seqrsm.score.retrieval import percent_correct_radiometer, soil_moisture_error
+from seqrsm.sensor import radar, radiometer
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.simulate.frame import make_frame
+from seqrsm.simulate.prm import check_radiometer, simulate_radiometer
+from seqrsm.simulate.prm_image import RadiometerImage
+from seqrsm.simulate.psm import RadarImage, simulate_radar
+from seqrsm.units import linear_to_db
+
+Image = RadarImage | RadiometerImage
+Sensor = RadarConfiguration | RadiometerConfiguration
+Settings = Mapping[str, float | str]
+
+
+class Utility(Protocol):
+    """A utility measure of a simulated image, keyed by campaign seed and run."""
+
+    def __call__(self, image: Any, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
+        """Score the image."""
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """One of the report's two models.
+
+    Attributes
+    ----------
+    configure : callable
+        Settings and fixed parameters -> sensor; raises ConfigurationError.
+    simulate : callable
+        Scene, sensor, seed and run id -> image.
+    examine : callable
+        Scene and sensor -> None; raises UserError where the sensor cannot image the scene, without imaging it.
+    record : callable
+        What is kept with a score.
+    utilities : Mapping
+        Utility measures by the names of ``campaign.toml``.
+    """
+
+    configure: Callable[[Settings, Settings], Any]
+    simulate: Callable[[Scene, Any, int, int], Any]
+    examine: Callable[[Scene, Any], None]
+    record: Callable[[Any, Scene], dict[str, Any]]
+    utilities: Mapping[str, Utility]
+
+    def utility(self, name: str) -> Utility:
+        """The utility measure called ``name``: one of the engine's own, or "package.module:function".
+
+        Raises
+        ------
+        SpecError
+            The engine has none of this name, or it cannot be imported.
+        """
+        if name in self.utilities:
+            return self.utilities[name]
+        if ":" not in name:
+            known = ", ".join(f'"{own}"' for own in self.utilities)
+            raise SpecError(
+                Problem(
+                    "this engine cannot score the utility",
+                    f'Use {known} or "package.module:function", or ingest measured scores.',
+                    field="utility",
+                    value=name,
+                )
+            )
+        module, function = name.split(":")
+        try:
+            found: Utility = getattr(importlib.import_module(module), function)
+        except (ImportError, AttributeError) as error:
+            raise SpecError(
+                Problem(f"the utility cannot be imported: {error}", "Install its package.", field="utility", value=name)
+            ) from error
+        return found
+
+
+@lru_cache(maxsize=1)
+def _sigma0() -> Any:
+    return load_sigma0_table()
+
+
+@lru_cache(maxsize=1)
+def _emissivity() -> Any:
+    return load_emissivity_table()
+
+
+def _radar_image(scene: Scene, sensor: RadarConfiguration, seed: int, run_id: int) -> RadarImage:
+    return simulate_radar(scene, sensor, _sigma0(), seed=seed, run_id=run_id)
+
+
+def _radiometer_image(scene: Scene, sensor: RadiometerConfiguration, seed: int, run_id: int) -> RadiometerImage:
+    return simulate_radiometer(scene, sensor, _emissivity(), seed=seed, run_id=run_id)
+
+
+def _examine_radar(scene: Scene, sensor: RadarConfiguration) -> None:
+    make_frame(scene, sensor, "float32")
+    for channel in sensor.channels:
+        _sigma0().lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)
+
+
+def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration) -> None:
+    check_radiometer(scene, sensor, _emissivity())
+
+
+def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:
+    noise_db = linear_to_db(image.noise_equivalent_sigma0)
+    return {
+        "engine": "psm",
+        "looks": [float(image.looks.min()), float(image.looks.max())],
+        "noise_equivalent_sigma0_db": [round(float(np.min(noise_db)), 2), round(float(np.max(noise_db)), 2)],
+        "occasion": dict(image.occasion.record(image.radar.channels, scene.categories)),
+    }
+
+
+def _radiometer_record(image: RadiometerImage, scene: Scene) -> dict[str, Any]:
+    return dict(image.record(scene.categories))
+
+
+ENGINES: Mapping[str, Engine] = {
+    "psm": Engine(
+        radar.from_settings, _radar_image, _examine_radar, _radar_record, {"percent_correct": percent_correct}
+    ),
+    "prm": Engine(
+        radiometer.from_settings,
+        _radiometer_image,
+        _examine_radiometer,
+        _radiometer_record,
+        {"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
+    ),
+}

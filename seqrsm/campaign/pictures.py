@@ -1,0 +1,177 @@
+"""What a picture of either engine needs: one face for radar and radiometer images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.simulate.prm_image import RadiometerImage
+from seqrsm.simulate.psm import RadarImage
+from seqrsm.simulate.receiver import film_density, greytone, to_levels
+from seqrsm.units import linear_to_db
+
+_TAIL = 0.02
+_LEAST_RATIO = {"dB": 4.0, "K": 1.02}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """An image as it is shown.
+
+    Attributes
+    ----------
+    channels : tuple of str
+    values : float64 array (n_channels, n, m)
+        Positive linear quantity: apparent sigma0, or antenna temperature [K]; nan or 0 where nothing is seen.
+    quantity, unit : str
+        What the values are, and the unit they are told in: "dB" (of the linear values) or "K".
+    pixel_m : float
+        Ground size of a pixel, at nadir for a radiometer [m].
+    n_bits : int
+        Bits of a grey tone.
+    pixel_of_cell : int array (rows, cols)
+        Pixel of each cell of the scene, -1 for none.
+    quarter_turns : int
+        ``numpy.rot90(scene layer, quarter_turns)`` has the picture's orientation.
+    remark : str
+        What a caption says of this image.
+    arrays : Mapping
+        Everything worth keeping in a file, names with units.
+    """
+
+    channels: tuple[str, ...]
+    values: FloatArray
+    quantity: str
+    unit: str
+    pixel_m: float
+    n_bits: int
+    pixel_of_cell: AnyArray
+    quarter_turns: int
+    remark: str
+    arrays: Mapping[str, Any]
+
+    def told(self) -> FloatArray:
+        """The values in ``unit``."""
+        return linear_to_db(self.values) if self.unit == "dB" else self.values
+
+
+@dataclass(frozen=True, slots=True)
+class GreyScale:
+    """Calibration of grey tones: the linear values that are black and white, logarithmic between; told in ``unit``."""
+
+    black: float
+    white: float
+    unit: str
+
+    def __str__(self) -> str:
+        ends = (linear_to_db(x) if self.unit == "dB" else x for x in (self.black, self.white))
+        return " to ".join(f"{x:.1f}" for x in ends) + f" {self.unit}"
+
+
+def picture_of(image: RadarImage | RadiometerImage) -> Picture:
+    """The picture of an image of either engine."""
+    return _radar_picture(image) if isinstance(image, RadarImage) else _radiometer_picture(image)
+
+
+def _radar_picture(image: RadarImage) -> Picture:
+    return Picture(
+        channels=image.radar.channels,
+        values=image.apparent_sigma0().astype(np.float64),
+        quantity="apparent sigma0",
+        unit="dB",
+        pixel_m=image.azimuth_spacing_m,
+        n_bits=image.radar.n_bits,
+        pixel_of_cell=image.pixel_of_cell,
+        quarter_turns=image.quarter_turns,
+        remark=f"{image.looks.min():.3g} to {image.looks.max():.3g} looks; near range at the top",
+        arrays={
+            "intensity_w": image.intensity,
+            "mean_power_w": image.mean_power,
+            "noise_power_w": image.noise_power_w,
+            "looks": image.looks,
+            "noise_equivalent_sigma0": image.noise_equivalent_sigma0,
+            "slant_range_m": image.slant_range_m,
+            "ground_range_m": image.ground_range_m,
+            "incidence_angle_deg": image.incidence_angle_deg,
+            "pixel_of_cell": image.pixel_of_cell,
+            "shadow": image.shadow,
+            "layover": image.layover,
+        },
+    )
+
+
+def _radiometer_picture(image: RadiometerImage) -> Picture:
+    nedt = float(np.nanmedian(image.nedt_k))
+    return Picture(
+        channels=image.radiometer.channels,
+        values=image.brightness_k.astype(np.float64),
+        quantity="antenna temperature",
+        unit="K",
+        pixel_m=image.radiometer.resolution_m,
+        n_bits=8,
+        pixel_of_cell=image.pixel_of_cell,
+        quarter_turns=image.quarter_turns,
+        remark=f"receiver noise {nedt:.2g} K a footprint; left edge of the sweep at the top",
+        arrays={
+            "brightness_k": image.brightness_k,
+            "mean_k": image.mean_k,
+            "nedt_k": image.nedt_k,
+            "look_rad": image.scan.look_rad,
+            "pixel_of_cell": image.pixel_of_cell,
+            "coverage": image.coverage,
+            "blocked": image.blocked,
+        },
+    )
+
+
+def grey_scales(pictures: Iterable[Picture]) -> dict[str, GreyScale]:
+    """Calibration of each channel, common to all of ``pictures``, so that they can be compared.
+
+    Black is the lowest of the 2 % quantiles over pixels that see something, white the highest of the 98 % quantiles: no
+    picture is saturated. They are at least 6 dB, or 2 % of the temperature, apart.
+    """
+    ends: dict[str, list[tuple[float, float, str]]] = {}
+    for picture in pictures:
+        for channel, plane in zip(picture.channels, picture.values, strict=True):
+            lit = plane[np.isfinite(plane) & (plane > 0.0)]
+            if lit.size:
+                low, high = np.quantile(lit, [_TAIL, 1.0 - _TAIL])
+                ends.setdefault(channel, []).append((float(low), float(high), picture.unit))
+    scales = {}
+    for channel, found in ends.items():
+        unit = found[0][2]
+        low, high = min(low for low, _, _ in found), max(high for _, high, _ in found)
+        widen = max(1.0, np.sqrt(_LEAST_RATIO[unit] * low / high))
+        scales[channel] = GreyScale(low / widen, high * widen, unit)
+    return scales
+
+
+def greytones(picture: Picture, scales: Mapping[str, GreyScale] | None = None) -> AnyArray:
+    """Grey tones of every channel by RSL TR 380-1 eqs. (3-18) and (3-50), uint8 (channels, n, m).
+
+    Film with gamma = 1; the known target of the calibration is the black end. What is not seen is black.
+
+    Parameters
+    ----------
+    picture : Picture
+    scales : Mapping, optional
+        Calibration by channel; made from the picture itself if not given.
+    """
+    if scales is None:
+        scales = grey_scales([picture])
+    planes = []
+    for channel, plane in zip(picture.channels, picture.values, strict=True):
+        scale = scales.get(channel)
+        if scale is None:
+            planes.append(np.zeros(plane.shape, dtype=np.uint8))
+            continue
+        with np.errstate(divide="ignore"):
+            density = film_density(np.where(np.isfinite(plane), plane, 0.0))
+        black, white = np.log10(scale.black), np.log10(scale.white)
+        tone = np.rint(greytone(density, black, 0.0, picture.n_bits, 10.0 * (white - black)))
+        planes.append(to_levels(tone * (255.0 / (2**picture.n_bits - 1)), 8))
+    return np.stack(planes)

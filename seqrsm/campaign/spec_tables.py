@@ -1,0 +1,195 @@
+"""The tables of ``campaign.toml`` and the types of their keys; :mod:`seqrsm.campaign.spec` says what each key means."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError
+
+UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
+
+
+def _is_name(text: str) -> str:
+    if not re.fullmatch(r"\w(?:[\w .+-]{0,78}[\w.+-])?", text):
+        raise PydanticCustomError("name", "a name has 1 to 80 letters, digits and . + - _ or inner blanks")
+    return text
+
+
+def _is_utility(text: str) -> str:
+    if text not in UTILITIES and not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", text):
+        raise PydanticCustomError("utility", 'a utility is {known} or "package.module:function"', {"known": _UTILITIES})
+    return text
+
+
+def _is_url(text: str) -> str:
+    if not text.startswith(("postgresql+psycopg://", "sqlite:///")):
+        raise PydanticCustomError("url", 'an address begins with "postgresql+psycopg://" or "sqlite:///"')
+    return text
+
+
+_UTILITIES = ", ".join(UTILITIES)
+Name = Annotated[str, AfterValidator(_is_name)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class Table(BaseModel):
+    """A table: exact types, no unknown keys, never changed."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+Criterion = Literal["optimum", "D", "I", "thompson", "steepest"]
+
+
+class CampaignTable(Table):
+    """``[campaign]``."""
+
+    name: Name
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    batch: Annotated[int, Field(ge=1, le=1000)] = 4
+    criterion: Criterion = "optimum"
+    attempts: Annotated[int, Field(ge=1, le=100)] = 3
+
+
+class FactorTable(Table):
+    """``[[factor]]`` as written; which keys go together is checked later."""
+
+    name: str
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+    low: Number | None = None
+    high: Number | None = None
+    values: list[Number] | None = None
+    levels: list[str] | None = None
+
+
+class ConstraintTable(Table):
+    """``[[constraint]]``."""
+
+    expr: str
+
+
+class ApplicationSpec(Table):
+    """An application: what the scores measure, and whether large or small ones are good.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the campaign.
+    utility : str
+        One of `UTILITIES` or "package.module:function".
+    goal : {"maximize", "minimize"}
+    weight : float
+        Its share in a compromise, > 0, relative to the other applications.
+    unacceptable, ideal : float or None
+        Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
+    """
+
+    name: Name
+    utility: Annotated[str, AfterValidator(_is_utility)]
+    goal: Literal["maximize", "minimize"] = "maximize"
+    weight: PositiveNumber = 1.0
+    unacceptable: Number | None = None
+    ideal: Number | None = None
+
+    @property
+    def is_percent(self) -> bool:
+        """Whether scores are percentages from 0 to 100."""
+        return self.utility == "percent_correct"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the scores, "" where the utility tells none."""
+        return "percent" if self.is_percent else ""
+
+
+class ConsiderationSpec(Table):
+    """Something besides the applications that counts in a compromise: a function of the settings, known exactly.
+
+    Attributes
+    ----------
+    name : str
+    expr : str
+        Its value from the factors, natural units.
+    goal : {"maximize", "minimize"}
+    weight : float
+        As of an application, > 0.
+    unacceptable, ideal : float or None
+        Values of desirability 0 and 1; None: the worst and the best over the region.
+    """
+
+    name: Name
+    expr: str
+    goal: Literal["maximize", "minimize"] = "minimize"
+    weight: PositiveNumber = 1.0
+    unacceptable: Number | None = None
+    ideal: Number | None = None
+
+
+class PriorSpec(Table):
+    """Normal-inverse-gamma prior of the coefficients and the noise.
+
+    Attributes
+    ----------
+    coefficient_sd : float
+        Standard deviation of every coded coefficient but the intercept, in score units (of the logit, if fitted).
+    noise_sd : float
+        Prior guess of the noise standard deviation, in the same units.
+    noise_runs : float
+        How many runs that guess is worth.
+    """
+
+    coefficient_sd: PositiveNumber
+    noise_sd: PositiveNumber
+    noise_runs: PositiveNumber
+
+
+class ModelSpec(Table):
+    """The response surface; see the module for the meaning of each key."""
+
+    order: Literal[1, 2] = 2
+    response: Literal["identity", "logit"] = "identity"
+    errors: Literal["normal", "student_t"] = "normal"
+    block: str | None = None
+    prior: PriorSpec | None = None
+    region: Literal["adaptive", "fixed"] | None = None
+    discrepancy_sd: PositiveNumber | None = None
+
+
+class SimulatorSpec(Table):
+    """The engine, its scene file (relative to the campaign's folder), tolerance in score units, fixed parameters."""
+
+    engine: Literal["psm", "prm"]
+    scene: Annotated[str, Field(min_length=1)]
+    tolerance: PositiveNumber = 0.5
+    fixed: dict[str, Number | str] = Field(default_factory=dict)
+
+
+class CostSpec(Table):
+    """Cost of one run from each source, in one unit of the user's choice."""
+
+    simulation: PositiveNumber = 1.0
+    flight: PositiveNumber = 1.0
+
+
+class StopSpec(Table):
+    """When the campaign ends; see the module for the meaning of each key."""
+
+    half_width: PositiveNumber
+    interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
+    replicates: Annotated[int, Field(ge=2)] = 5
+    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    max_runs: Annotated[int, Field(ge=1)] = 80
+    guard: Literal["runs", "confirmation", "anytime", "spending"] = "runs"
+    confirmation_runs: Annotated[int, Field(ge=2)] = 5
+    lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+
+
+class StoreTable(Table):
+    """``[store]``."""
+
+    url: Annotated[str, AfterValidator(_is_url)] | None = None

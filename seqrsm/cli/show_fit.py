@@ -1,0 +1,183 @@
+"""A fit on the terminal, in the words and digits of the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from seqrsm.cli.console import heading, line, number, show_table
+from seqrsm.report.phrases import (
+    half_width_text,
+    interval_text,
+    level_phrase,
+    mean_text,
+    no_error_estimate,
+    optimum_setting_text,
+    setting_posterior,
+    setting_range_text,
+)
+from seqrsm.report.rounding import (
+    decimals_for,
+    decimals_of_significant,
+    format_number,
+    format_p,
+    format_percent,
+    format_significant,
+)
+from seqrsm.report.surfaces import ranked_factors
+from seqrsm.report.wording import with_unit
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.analysis import Analysis
+
+
+def show_fit(analysis: Analysis) -> None:
+    """Everything `seqrsm fit` has to say."""
+    _show_coefficients(analysis)
+    fit = analysis.fit
+    line(
+        f"{fit.n_runs} runs, {fit.n_terms} terms, s = {format_significant(fit.s, 3)} on {fit.df_residual} df, "
+        f"R2 = {format_number(fit.r2, 3)}, adjusted {format_number(fit.r2_adjusted, 3)}, "
+        f"predicted {format_number(fit.r2_predicted, 3)}"
+    )
+    if fit.reason:
+        line(f"No error estimate: {fit.reason}")
+    _show_anova(analysis)
+    show_importance(analysis)
+    _show_stationary(analysis)
+    show_optimum(analysis)
+    sampler = analysis.posterior.sampler
+    if sampler["method"] == "emcee":
+        line(
+            f"Posterior by emcee: {sampler['steps']} steps, tau {number(float(sampler['tau']), 3)}, "
+            f"least ESS {float(sampler['ess']):.0f}, R-hat {number(float(sampler['r_hat']), 5)}"
+        )
+    _show_decision(analysis)
+    show_warnings(analysis.warnings)
+
+
+def _show_coefficients(analysis: Analysis) -> None:
+    fit = analysis.fit
+    interval = fit.interval(analysis.optimum.level)
+    rows = []
+    for i, name in enumerate(fit.names):
+        estimate, se = float(fit.estimate[i]), float(fit.se[i])
+        places = decimals_for(se, decimals_of_significant(estimate, 3))
+        band = (float(interval.low[i]), float(interval.high[i]))
+        rows.append(
+            [
+                name,
+                format_number(estimate, places),
+                format_number(se, places),
+                format_number(float(fit.t[i]), 1),
+                format_p(float(fit.p_value[i])),
+                *(format_number(end, places) for end in band),
+            ]
+        )
+    scale = ", logit scale" if analysis.response == "logit" else ""
+    level = level_phrase(analysis)
+    title = f"Coefficients of {analysis.application}, coded units{scale}; {level} confidence"
+    show_table(["term", "estimate", "se", "t", "p", "low", "high"], rows, title=title)
+
+
+def _show_anova(analysis: Analysis) -> None:
+    rows = [
+        [
+            f"  {row.source}" if row.source in ("lack of fit", "pure error") else row.source,
+            str(row.df),
+            format_significant(row.ss, 4),
+            _blank_or(row.ms, 4),
+            _blank_or(row.f, 3),
+            format_p(row.p) if math.isfinite(row.p) else "",
+        ]
+        for row in analysis.anova
+    ]
+    show_table(["source", "df", "SS", "MS", "F", "p"], rows, title="Analysis of variance")
+    if isinstance(analysis.lack_of_fit, str):
+        line(f"Lack of fit cannot be tested: {analysis.lack_of_fit}")
+
+
+def _blank_or(value: float, digits: int) -> str:
+    return format_significant(value, digits) if math.isfinite(value) else ""
+
+
+def show_importance(analysis: Analysis) -> None:
+    """Partial F test of every factor, the most important first."""
+    found = {row.factor: row for row in analysis.importance}
+    rows = [
+        [name, str(found[name].df), _blank_or(found[name].f, 3), format_p(found[name].p)]
+        for name in ranked_factors(analysis)
+        if name in found
+    ]
+    show_table(["factor", "df", "F", "p"], rows, title="Importance of the sensor parameters")
+
+
+def _show_stationary(analysis: Analysis) -> None:
+    point = analysis.stationary
+    if point is None:
+        return
+    heading("Shape of the surface")
+    values = ", ".join(format_significant(float(x), 3) for x in point.eigenvalues)
+    where = "inside" if point.inside_region else "outside"
+    line(f"Stationary point: {point.kind}, {where} the region; curvatures {values}")
+    if point.warning:
+        line(point.warning, 2)
+
+
+def show_optimum(analysis: Analysis) -> None:
+    """Recommended settings, the three intervals there, and what may be lost."""
+    best, level = analysis.optimum, level_phrase(analysis)
+    rows = []
+    for factor in analysis.region.factors:
+        posterior = setting_posterior(analysis, factor)
+        at_bound = math.nan if posterior is None else posterior.p_at_bound
+        rows.append(
+            [
+                factor.name,
+                optimum_setting_text(analysis, factor),
+                setting_range_text(analysis, factor),
+                "" if math.isnan(at_bound) else format_percent(at_bound),
+            ]
+        )
+    columns = ["factor", "recommended", f"{level} credible", "at a bound"]
+    show_table(columns, rows, title=f"Optimum of {analysis.application}")
+    line(f"Mean score there: {mean_text(analysis)}")
+    missing = no_error_estimate(analysis)
+    if missing:
+        line(missing, 2)
+    else:
+        for name, interval in (
+            ("prediction interval of one future run", best.prediction),
+            (f"prediction interval of the mean of {best.replicates} runs", best.prediction_mean),
+            ("confidence interval of the mean", best.confidence),
+        ):
+            half = half_width_text(analysis, interval.half_width)
+            line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1 {half})", 2)
+    if best.at_bound:
+        line(f"at the border of the region: {', '.join(best.at_bound)}", 2)
+    regret = analysis.posterior
+    if math.isfinite(regret.expected_regret):
+        line(
+            f"expected loss against the unknown true optimum: "
+            f"{with_unit(format_significant(regret.expected_regret, 2), analysis.score_unit)}; more than "
+            f"{format_significant(regret.regret_epsilon, 2)} with probability {format_percent(regret.p_regret_above)}",
+            2,
+        )
+
+
+def _show_decision(analysis: Analysis) -> None:
+    heading("Decision: stop" if analysis.decision.held else "Decision: go on")
+    for check in analysis.decision.checks:
+        mark = {True: "holds", False: "not yet", None: "unknown"}[check.holds]
+        line(f"- {mark}: {check.text}", 2)
+    for text in analysis.decision.futility:
+        line(text, 2)
+    if analysis.confirmation is not None:
+        line(f"- {analysis.confirmation.text}", 2)
+
+
+def show_warnings(warnings: Sequence[str]) -> None:
+    """What to be careful about."""
+    for warning in warnings:
+        line(f"Warning: {warning}")

@@ -1,0 +1,179 @@
+"""Whether a smooth departure from the quadratic shows in the scores, and where the optimum lies if it does.
+
+The scores are taken as quadratic plus a stationary Gaussian process plus noise. Its likelihood against that of the
+quadratic alone is a test of lack of fit that needs no repeats and sees what pure error with four degrees of freedom
+cannot: neighbouring residuals of one sign. The process also tells where to look next: its mean keeps every run in use.
+
+References
+----------
+Sacks, Welch, Mitchell & Wynn (1989), Statistical Science 4, 409-423 (kriging with a trend); Patterson & Thompson
+(1971), Biometrika 58, 545-554 (restricted likelihood).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.optimum import Goal
+
+LENGTHS = (0.35, 0.6, 1.0)
+"""Lengths of the process that are tried, in coded units of the region looked at."""
+
+VARIANCES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+"""Its variances, in units of the noise variance."""
+
+_MAX_RUNS = 400  # the cost grows with the cube
+_COVER = 900
+_CLIMB = ((0.2, 160), (0.1, 160), (0.05, 160), (0.02, 160))
+_OTHER_CATEGORY = 0.5  # correlation of the departures of two categories at equal settings
+
+
+@dataclass(frozen=True, slots=True)
+class Discrepancy:
+    """The most likely smooth departure from the quadratic.
+
+    Attributes
+    ----------
+    evidence : float
+        Twice the gain of the restricted log likelihood over the quadratic alone, >= 0; 0 where nothing is gained.
+    length : float
+        Length of the process, coded units; nan without one.
+    variance : float
+        Its variance over that of the noise; 0 without one.
+    """
+
+    evidence: float
+    length: float
+    variance: float
+
+
+def _kernel(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) -> FloatArray:
+    numeric, categorical = list(model.numeric), list(model.categorical)
+    gap = A[:, None, numeric] - B[None, :, numeric]
+    K: FloatArray = np.exp(-0.5 * np.sum(gap**2, axis=-1) / length**2)
+    if categorical:
+        differ = np.sum(A[:, None, categorical] != B[None, :, categorical], axis=-1)
+        K = K * _OTHER_CATEGORY**differ
+    return K
+
+
+def _restricted(Z: FloatArray, y: FloatArray, V: FloatArray) -> float:
+    """Restricted log likelihood, sigma profiled out, up to a constant; -inf where V or Z is short of rank."""
+    try:
+        L = np.linalg.cholesky(V)
+    except np.linalg.LinAlgError:
+        return -np.inf
+    white = solve_triangular(L, np.column_stack([Z, y]), lower=True, check_finite=False)
+    Q, R = np.linalg.qr(white[:, :-1])
+    rest = white[:, -1] - Q @ (Q.T @ white[:, -1])
+    diagonal = np.abs(np.diag(R))
+    if diagonal.min(initial=np.inf) <= 1e-10 * diagonal.max(initial=0.0):
+        return -np.inf
+    rss = max(float(rest @ rest), 1e-300)
+    n, p = Z.shape
+    return -float(np.sum(np.log(np.diag(L))) + np.sum(np.log(diagonal)) + 0.5 * (n - p) * np.log(rss))
+
+
+def find_discrepancy(
+    model: QuadraticModel, points: FloatArray, Z: FloatArray, y: FloatArray, weights: FloatArray | None = None
+) -> Discrepancy:
+    """Look for a smooth departure from the quadratic.
+
+    Parameters
+    ----------
+    model : QuadraticModel
+    points : ndarray (n, k)
+        Coded settings.
+    Z : ndarray (n, p + e)
+        Model rows, with e columns for blocks.
+    y : ndarray (n,)
+        Scores.
+    weights : ndarray (n,), optional
+        Inverse relative variances.
+
+    Returns
+    -------
+    Discrepancy
+        None found (evidence 0) with fewer than three residual degrees of freedom or scores that are all alike.
+    """
+    step = max(1, -(-len(y) // _MAX_RUNS))
+    points, Z, y = points[::step], Z[::step], y[::step]
+    noise = np.ones(len(y)) if weights is None else 1.0 / np.asarray(weights)[::step]
+    nothing = Discrepancy(0.0, float("nan"), 0.0)
+    if len(y) < Z.shape[1] + 3 or float(np.ptp(y)) <= 1e-12 * max(1.0, float(np.max(np.abs(y)))):
+        return nothing
+    alone = _restricted(Z, y, np.diag(noise))
+    if not np.isfinite(alone):
+        return nothing
+    best = (alone, float("nan"), 0.0)
+    for length in LENGTHS:
+        K = _kernel(model, points, points, length)
+        for variance in VARIANCES:
+            value = _restricted(Z, y, np.diag(noise) + variance * K)
+            if value > best[0]:
+                best = (value, length, variance)
+    return Discrepancy(2.0 * (best[0] - alone), best[1], best[2])
+
+
+def likely_optimum(
+    model: QuadraticModel,
+    region: Region,
+    points: FloatArray,
+    Z: FloatArray,
+    y: FloatArray,
+    found: Discrepancy,
+    goal: Goal = "maximize",
+    weights: FloatArray | None = None,
+    seed: int = 0,
+) -> FloatArray:
+    """Where quadratic and departure together are best.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+    points, Z, y, weights
+        As for :func:`find_discrepancy`.
+    found : Discrepancy
+        Its result.
+    goal : "maximize" or "minimize"
+    seed : int
+        Of the search; equal inputs give an equal point.
+
+    Returns
+    -------
+    ndarray (k,)
+        Coded, feasible.
+    """
+    step = max(1, -(-len(y) // _MAX_RUNS))
+    points, Z, y = points[::step], Z[::step], y[::step]
+    noise = np.ones(len(y)) if weights is None else 1.0 / np.asarray(weights)[::step]
+    length = found.length if found.variance > 0.0 else 1.0
+    V = np.diag(noise) + found.variance * _kernel(model, points, points, length)
+    factor = (np.linalg.cholesky(V), True)
+    beta = np.linalg.lstsq(
+        solve_triangular(factor[0], Z, lower=True), solve_triangular(factor[0], y, lower=True), rcond=None
+    )[0]
+    pull = cho_solve(factor, y - Z @ beta) * found.variance
+    sign = 1.0 if goal == "maximize" else -1.0
+
+    def value(at: FloatArray) -> FloatArray:
+        mean: FloatArray = model.matrix(at) @ beta[: model.p] + _kernel(model, at, points, length) @ pull
+        return sign * mean
+
+    rng = np.random.default_rng(seed)
+    inside = points[region.feasible(points)]
+    pool = np.vstack([region.candidates(limit=_COVER), region.sample(_COVER, rng), inside])
+    free = list(region.continuous)
+    for radius, count in _CLIMB:
+        best = pool[int(np.argmax(value(pool)))]
+        near = np.repeat(best[None, :], count, axis=0)
+        near[:, free] = np.clip(near[:, free] + radius * rng.standard_normal((count, len(free))), -1.0, 1.0)
+        pool = np.vstack([best, near[region.feasible(near)]])
+    chosen: FloatArray = pool[int(np.argmax(value(pool)))]
+    return chosen

@@ -1,0 +1,266 @@
+"""Simulation and flight together: the flight's surface is the simulation's plus a linear discrepancy.
+
+Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63, 425-464, with the discrepancy in its linear form: simulated runs
+have the model row [z, 0], flights [z, d], where d holds the terms of first order. The discrepancy has a normal prior
+around zero, so that few flights correct the simulation and do not replace it, and each source has its own variance.
+Everything is conjugate: given the variance ratio, intervals are exact Student-t intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.decide.intervals import t_quantile
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, posterior
+from seqrsm.fit.intervals import Interval, Prediction, student_quantile
+
+FEW_FLIGHTS = 4
+"""With fewer flights the discrepancy is mostly its prior."""
+
+_RATIO_RUNS = 2.0  # degrees of freedom that the guess of equal variances is worth
+_FIRST_ORDER = ("intercept", "linear", "category")
+
+
+def discrepancy_terms(model: QuadraticModel) -> IntArray:
+    """Indices of the model's terms that the discrepancy has: intercept, linear terms, contrasts."""
+    return np.array([t for t, term in enumerate(model.terms) if term.kind in _FIRST_ORDER], dtype=np.int64)
+
+
+def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray) -> FloatArray:
+    """Rows [z, d] of flights and [z, 0] of simulations.
+
+    Parameters
+    ----------
+    model : QuadraticModel
+    points : ndarray (n, k)
+        Coded.
+    is_flight : ndarray (n,) of bool
+
+    Returns
+    -------
+    ndarray (n, p + q)
+    """
+    Z = model.matrix(points)
+    return np.hstack([Z, Z[:, discrepancy_terms(model)] * np.asarray(is_flight)[:, None]])
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFit:
+    """The flight's surface from both sources.
+
+    Attributes
+    ----------
+    estimate : ndarray (p,)
+        Coefficients of the flight's surface.
+    simulation : ndarray (p,)
+        Those of the simulation's.
+    s : float
+        Standard deviation of one flight, score units: what intervals for future flights are made of.
+    s_simulation : float
+        That of one simulated run.
+    df_residual : float
+        Degrees of freedom of ``s``: those of the flights' own residuals, with the guess.
+    n_flights, n_simulations : int
+    prior_sd : float
+        Prior standard deviation of each coefficient of the discrepancy, score units.
+    prior_share : float
+        Mean share of the discrepancy's prior variance that is left: 1 before the first flight, near 0 after many.
+    posterior : ConjugatePosterior
+        Of all coefficients, [z, d] and then blocks.
+    model : QuadraticModel
+    """
+
+    estimate: FloatArray
+    simulation: FloatArray
+    s: float
+    s_simulation: float
+    df_residual: float
+    n_flights: int
+    n_simulations: int
+    prior_sd: float
+    prior_share: float
+    posterior: ConjugatePosterior
+    model: QuadraticModel
+
+    @property
+    def flight_weight(self) -> float:
+        """Relative weight of a flight; a simulated run has 1."""
+        return (self.s_simulation / self.s) ** 2
+
+    @property
+    def prior_driven(self) -> bool:
+        """Whether the discrepancy is mostly its prior."""
+        return self.n_flights < FEW_FLIGHTS or self.prior_share > 0.5
+
+    def flight_rows(self, rows: FloatArray) -> FloatArray:
+        """Rows of all coefficients from model rows (m, p) of flights, at the mean block."""
+        full = np.zeros((len(rows), len(self.posterior.mean)))
+        terms = discrepancy_terms(self.model)
+        full[:, : self.model.p] = rows
+        full[:, self.model.p : self.model.p + len(terms)] = rows[:, terms]
+        return full
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """Variance of the flight's mean at model rows (m, p), in units of ``s`` squared."""
+        return self.posterior.variance_unscaled(self.flight_rows(rows)) * self.flight_weight
+
+    def predict(
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Intervals of the flight's mean and of future flights; arguments as in ``LeastSquaresFit.predict``."""
+        full = self.flight_rows(np.atleast_2d(rows))
+        mean = full @ self.posterior.mean
+        own = self.s**2 / (replicates * np.asarray(weight, dtype=np.float64))
+        of_mean = self.s_simulation**2 * self.posterior.variance_unscaled(full)
+        confidence = student_quantile(self.posterior.df, level) * np.sqrt(of_mean)
+        # Satterthwaite: the noise of a flight is known from the flights alone.
+        df = (own + of_mean) ** 2 / (own**2 / self.df_residual + of_mean**2 / self.posterior.df)
+        prediction = t_quantile(df, level) * np.sqrt(own + of_mean)
+        return Prediction(
+            mean,
+            Interval(mean - confidence, mean + confidence),
+            Interval(mean - prediction, mean + prediction),
+            np.sqrt(of_mean),
+            np.sqrt(own + of_mean),
+            level,
+            "",
+        )
+
+    def discrepancy(self, row: FloatArray, level: float = 0.95) -> tuple[float, float, float]:
+        """Flight less simulation at a model row (p,), and the ends of its credible interval."""
+        terms = discrepancy_terms(self.model)
+        full = np.zeros((1, len(self.posterior.mean)))
+        full[0, self.model.p : self.model.p + len(terms)] = row[terms]
+        mean = float(full[0] @ self.posterior.mean)
+        se = self.posterior.scale * float(np.sqrt(self.posterior.variance_unscaled(full)[0]))
+        half = float(student_quantile(self.posterior.df, level)) * se
+        return mean, mean - half, mean + half
+
+    def flight_draws(self, draws: FloatArray) -> FloatArray:
+        """Coefficients (m, p) of the flight's surface from draws of all coefficients."""
+        return to_flight(self.model, draws)
+
+
+def to_flight(model: QuadraticModel, coefficients: FloatArray) -> FloatArray:
+    """Coefficients (m, p) of the flight's surface from those (m, p + q + e) of the stacked model."""
+    found = np.array(coefficients[:, : model.p])
+    terms = discrepancy_terms(model)
+    found[:, terms] += coefficients[:, model.p : model.p + len(terms)]
+    return found
+
+
+def source_prior(
+    model: QuadraticModel, n_extra: int, prior_sd: float, sigma: float, base: NormalInverseGamma | None = None
+) -> NormalInverseGamma:
+    """Prior of the stacked model: the discrepancy around zero with ``prior_sd``, ``base`` for the rest.
+
+    Parameters
+    ----------
+    model : QuadraticModel
+    n_extra : int
+        Columns of blocks.
+    prior_sd, sigma : float
+        Score units, > 0: of each coefficient of the discrepancy, and of one simulated run.
+    base : NormalInverseGamma, optional
+        Prior of the p model terms; flat by default.
+    """
+    q = len(discrepancy_terms(model))
+    size = model.p + q + n_extra
+    mean, precision = np.zeros(size), np.zeros((size, size))
+    if base is not None:
+        mean[: model.p], precision[: model.p, : model.p] = base.m0[: model.p], base.Lambda0[: model.p, : model.p]
+    index = np.arange(model.p, model.p + q)
+    precision[index, index] = (sigma / prior_sd) ** 2
+    return NormalInverseGamma(mean, precision, 0.0 if base is None else base.a0, 0.0 if base is None else base.b0)
+
+
+def fit_sources(
+    model: QuadraticModel,
+    points: FloatArray,
+    y: FloatArray,
+    is_flight: Sequence[bool] | BoolArray,
+    *,
+    weights: FloatArray | None = None,
+    extra: FloatArray | None = None,
+    prior_sd: float | None = None,
+    base: NormalInverseGamma | None = None,
+    rounds: int = 8,
+) -> SourceFit:
+    """Fit simulated runs and flights together.
+
+    The variance of each source is estimated from its own residuals, with equal variances as a guess worth two runs.
+    Intervals take the uncertainty of the flights' variance into account by Satterthwaite's degrees of freedom.
+
+    Parameters
+    ----------
+    model : QuadraticModel
+    points : ndarray (n, k)
+        Coded.
+    y : ndarray (n,)
+        Scores.
+    is_flight : sequence (n,) of bool
+    weights : ndarray (n,), optional
+        Relative weights within a source.
+    extra : ndarray (n, e), optional
+        Columns of blocks.
+    prior_sd : float, optional
+        Of each coefficient of the discrepancy, score units; a fifth of the standard deviation of the scores by default.
+    base : NormalInverseGamma, optional
+        Prior of the model terms.
+    rounds : int
+        Of the iteration for the variances.
+
+    Returns
+    -------
+    SourceFit
+
+    Raises
+    ------
+    FitError
+        Runs and priors leave a coefficient or sigma undetermined.
+    """
+    flights = np.asarray(is_flight, dtype=np.bool_)
+    n = len(y)
+    own = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
+    blocks = np.empty((n, 0)) if extra is None else extra
+    Z = np.hstack([stacked_rows(model, points, flights), blocks])
+    sd = prior_sd if prior_sd is not None else max(float(np.std(y)) / 5.0, 1e-9 * max(1.0, float(np.max(np.abs(y)))))
+    df_flights = _RATIO_RUNS
+    ratio, sigma = 1.0, max(0.25 * float(np.std(y)), 1e-12)
+    for _ in range(rounds):
+        w = np.where(flights, own * ratio, own)
+        found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma, base))
+        before, sigma = sigma, found.scale if found.scale > 0.0 else sigma
+        rest = (y - Z @ found.mean) ** 2 * own
+        free = 1.0 - w * found.variance_unscaled(Z)
+        pooled = sigma**2
+        df_flights = float(np.sum(free[flights])) + _RATIO_RUNS
+        of = [
+            (float(np.sum(rest[mask])) + _RATIO_RUNS * pooled) / (float(np.sum(free[mask])) + _RATIO_RUNS)
+            for mask in (~flights, flights)
+        ]
+        ratio = float(np.clip(of[0] / of[1], 0.01, 100.0)) if of[1] > 0.0 else 1.0
+        if abs(sigma - before) <= 1e-9 * before:
+            break
+    w = np.where(flights, own * ratio, own)
+    found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma, base))
+    terms = discrepancy_terms(model)
+    left = np.sum(found.factor[model.p : model.p + len(terms)] ** 2, axis=1) * found.scale**2 / sd**2
+    return SourceFit(
+        estimate=to_flight(model, found.mean[None, :])[0],
+        simulation=found.mean[: model.p],
+        s=found.scale / np.sqrt(ratio),
+        s_simulation=found.scale,
+        df_residual=df_flights,
+        n_flights=int(np.count_nonzero(flights)),
+        n_simulations=int(np.count_nonzero(~flights)),
+        prior_sd=float(sd),
+        prior_share=float(np.clip(np.mean(left), 0.0, 1.0)),
+        posterior=found,
+        model=model,
+    )

@@ -1,0 +1,82 @@
+"""Runs that would make terms estimable which the present runs cannot tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+
+_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class MissingRuns:
+    """The smallest set of further runs after which the model is estimable.
+
+    Attributes
+    ----------
+    aliased : tuple of str
+        Terms that take part in a dependence now.
+    points : ndarray (r, k)
+        Coded settings, r the number of independent dependences that runs in the region can remove.
+    settings : tuple of dict
+        The same in natural units.
+    unresolved : tuple of str
+        Terms that no run of the region can tell apart: the factors or constraints are at fault, not the runs.
+    """
+
+    aliased: tuple[str, ...]
+    points: FloatArray
+    settings: tuple[dict[str, float | str], ...]
+    unresolved: tuple[str, ...]
+
+
+def missing_runs(model: QuadraticModel, region: Region, points: FloatArray, *, n_candidates: int = 5000) -> MissingRuns:
+    """Name the runs that would make every term estimable.
+
+    Each run removes one dependence at most, so a greedy choice that removes one with every run is a smallest set. Of
+    the candidates that do, the one is taken that is most informative on what is still undetermined.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+    points : ndarray (n, k)
+        Settings of the runs made so far, coded; n may be 0.
+    n_candidates : int
+        Feasible settings to choose from.
+    """
+    points = np.asarray(points, dtype=np.float64).reshape(-1, region.k)
+    candidates = region.candidates(3, limit=n_candidates)
+    Z = model.matrix(candidates)
+    null = _null_space(model.matrix(points)) if len(points) else np.eye(model.p)
+    aliased = _named(model, null)
+    chosen = []
+    while null.shape[1]:
+        shadow = Z @ null
+        size = np.sum(np.square(shadow), axis=1)
+        best = int(np.argmax(np.round(size / max(float(size.max()), 1e-300), 9)))  # the first of equals
+        if size[best] <= _TOLERANCE:
+            break
+        chosen.append(candidates[best])
+        # Rotate the basis so that its first vector carries all of this run, and drop that one.
+        Q, _ = np.linalg.qr(np.column_stack([shadow[best], np.eye(null.shape[1])]))
+        null = null @ Q[:, 1 : null.shape[1]]
+    found = np.array(chosen).reshape(-1, region.k)
+    return MissingRuns(aliased, found, tuple(region.decode(found)) if chosen else (), _named(model, null))
+
+
+def _null_space(Z: FloatArray) -> FloatArray:
+    _, values, rows = np.linalg.svd(Z, full_matrices=True)
+    rank = int(np.count_nonzero(values > max(Z.shape) * np.finfo(np.float64).eps * values[0]))
+    return np.asarray(rows[rank:].T)
+
+
+def _named(model: QuadraticModel, null: FloatArray) -> tuple[str, ...]:
+    if not null.shape[1]:
+        return ()
+    involved = np.any(np.abs(null) > _TOLERANCE, axis=1)
+    return tuple(name for name, hit in zip(model.term_names, involved.tolist(), strict=True) if hit)

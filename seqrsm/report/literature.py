@@ -1,0 +1,211 @@
+"""The optimum beside what the catalogue's literature asks for: which words to look up, and what agrees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
+from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges
+from seqrsm.catalog.search import words_of
+from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.errors import ConfigurationError
+from seqrsm.report.phrases import optimum_setting_text, setting_posterior, setting_range_text
+from seqrsm.report.rounding import NOTHING, format_plain
+from seqrsm.report.wording import describe_factor, span, with_unit
+from seqrsm.units import to_parameter_unit
+
+#: What campaigns and the tables of 1979 call differently.
+SAME_IN_THE_TABLES = {"ground cover": "land use", "land cover": "land use"}
+
+#: Words that tell nothing of an application when they stand alone.
+_GENERIC = frozenset(
+    (
+        "a", "an", "airborne", "and", "area", "best", "by", "cover", "data", "for", "from", "ground", "image",
+        "imaging", "in", "is", "it", "map", "mapping", "measured", "of", "on", "one", "percent", "radar", "radiometer",
+        "real", "remote", "scene", "score", "sensing", "sensor", "simulated", "site", "surface", "system", "test", "that",
+        "the", "to", "which", "with",
+    )
+)  # fmt: skip
+
+_PASSIVE = frozenset({"integration_time", "noise_temperature", "scan_period"})
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One sensor parameter: what is printed, what this campaign found, and whether the two agree.
+
+    Attributes
+    ----------
+    parameter, printed, tables, agreed, found : str
+        Texts for a table.
+    verdict : str
+        "agrees", "not excluded", "differs", "not comparable" or "nothing printed".
+    why : str
+        The verdict in a few words more.
+    """
+
+    parameter: str
+    printed: str
+    tables: str
+    agreed: str
+    found: str
+    verdict: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Literature:
+    """What the catalogue holds on an application.
+
+    Attributes
+    ----------
+    asked : str
+        Words that were looked up.
+    reason : str
+        Where they come from.
+    start : StartRanges
+    comparisons : tuple of Comparison
+    """
+
+    asked: str
+    reason: str
+    start: StartRanges
+    comparisons: tuple[Comparison, ...]
+
+
+def literature(spec: CampaignSpec, analysis: Analysis) -> Literature | None:
+    """Look an application up and compare; None where no entry of the catalogue is about it."""
+    application = spec.application(analysis.application)
+    system = system_of(spec)
+    found = catalogue_words(application, spec.description, system)
+    if found is None:
+        return None
+    asked, reason = found
+    start = start_ranges(asked, system=system)
+    rows = [_compare_range(spec, analysis, item) for item in start.ranges]
+    rows.append(_compare_levels(spec, analysis, start.polarization))
+    return Literature(asked, reason, start, tuple(row for row in rows if row is not None))
+
+
+def system_of(spec: CampaignSpec) -> str:
+    """Kind of sensor, "active" or "passive"."""
+    passive = spec.simulator is not None and spec.simulator.engine == "prm"
+    return "passive" if passive or _PASSIVE & set(spec.region.names) else "active"
+
+
+def catalogue_words(application: ApplicationSpec, description: str, system: str) -> tuple[str, str] | None:
+    """Words of an application that the catalogue knows, and where they come from.
+
+    The longest run of words of the application's name, then of the campaign's description, that some entry holds; a
+    single word only if it says something alone.
+    """
+    wanted = getattr(application, "catalog", None)
+    if wanted and search(str(wanted), system=system):
+        return str(wanted), "named in campaign.toml"
+    for text, reason in ((application.name, "the application's name"), (description, "the campaign's description")):
+        for words in _phrases(words_of(text.replace("_", " "))):
+            asked = SAME_IN_THE_TABLES.get(words, words)
+            if search(asked, system=system):
+                same = "" if asked == words else f", which says \u201c{words}\u201d"
+                return asked, reason + same
+    return None
+
+
+def _phrases(words: tuple[str, ...], longest: int = 4) -> Iterator[str]:
+    for length in range(min(longest, len(words)), 0, -1):
+        for first in range(len(words) - length + 1):
+            phrase = words[first : first + length]
+            if not set(phrase) <= _GENERIC or " ".join(phrase) in SAME_IN_THE_TABLES:
+                yield " ".join(phrase)
+
+
+def _compare_range(spec: CampaignSpec, analysis: Analysis, item: StartRange) -> Comparison | None:
+    factor = next((f for f in analysis.region.factors if f.name == item.name), None)
+    if isinstance(factor, CategoricalFactor):
+        return None
+    tables = ", ".join(item.tables)
+    printed = NOTHING if item.low is None or item.high is None else _ends(item.low, item.high, item.unit)
+    agreed = (
+        NOTHING if item.agreed_low is None or item.agreed_high is None
+        else _ends(item.agreed_low, item.agreed_high, item.unit)
+    )  # fmt: skip
+    found, value, low, high = _found(spec, analysis, item, factor)
+    if not found:
+        return None
+    if item.low is None or item.high is None:
+        verdict, why = "nothing printed", "the tables print no number"
+    elif math.isnan(value):
+        verdict, why = "not comparable", "in another unit"
+    elif item.low <= value <= item.high:
+        inside = item.agreed_low is not None and item.agreed_high is not None
+        most = inside and item.n_agreeing > 1 and item.agreed_low <= value <= item.agreed_high  # type: ignore[operator]
+        verdict, why = "agrees", "within the part that most sources share" if most else "within the printed range"
+    elif low <= item.high and high >= item.low:
+        verdict, why = "not excluded", "the credible interval reaches the printed range"
+    elif factor is not None and _apart(item, factor):
+        verdict, why = "not comparable", "the campaign looked outside the printed range only"
+    else:
+        verdict, why = "differs", "outside the printed range" + ("" if factor is not None else ", held fixed")
+    return Comparison(item.name, printed, tables, agreed, found, verdict, why)
+
+
+def _found(
+    spec: CampaignSpec, analysis: Analysis, item: StartRange, factor: Factor | None
+) -> tuple[str, float, float, float]:
+    """What the campaign says: text, and value with the ends of its credible interval in the table's unit."""
+    if factor is None:
+        fixed = None if spec.simulator is None else spec.simulator.fixed.get(item.name)
+        if fixed is None or isinstance(fixed, str):
+            return "", math.nan, math.nan, math.nan
+        return f"{with_unit(format_plain(fixed), item.unit)}, held fixed", fixed, fixed, fixed
+    assert not isinstance(factor, CategoricalFactor)
+    text = f"{optimum_setting_text(analysis, factor)} ({setting_range_text(analysis, factor)})"
+    posterior = setting_posterior(analysis, factor)
+    best = float(analysis.optimum.settings[factor.name])
+    ends = (best, best) if posterior is None else (posterior.low, posterior.high)
+    try:
+        value, low, high = (to_parameter_unit(item.name, x, factor.unit) for x in (best, *ends))
+    except ConfigurationError:
+        return text, math.nan, math.nan, math.nan
+    return text, value, low, high
+
+
+def _apart(item: StartRange, factor: Factor) -> bool:
+    assert not isinstance(factor, CategoricalFactor)
+    low, high = (to_parameter_unit(item.name, x, factor.unit) for x in span(factor))
+    return item.low is not None and item.high is not None and (high < item.low or low > item.high)
+
+
+def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -> Comparison | None:
+    factor = next((f for f in analysis.region.factors if f.name == "polarization"), None)
+    if isinstance(factor, CategoricalFactor):
+        best = str(analysis.optimum.settings["polarization"])
+        found = f"{best} (of {describe_factor(factor)[1]})"
+    else:
+        fixed = None if spec.simulator is None else spec.simulator.fixed.get("polarization")
+        if not isinstance(fixed, str):
+            return None
+        best, found = fixed, f"{fixed}, held fixed"
+    printed = ", ".join(item.levels) or NOTHING
+    channels = {channel for level in item.levels for channel in level.split("+")}
+    missing = [channel for channel in best.split("+") if channel not in channels]
+    if not item.levels:
+        verdict, why = "nothing printed", "the tables name no channel"
+    elif any(set(level.split("+")) == set(best.split("+")) for level in item.levels):
+        verdict, why = "agrees", "asked for as such"
+    elif not missing:
+        verdict, why = "agrees", "every channel is asked for, though not together"
+    elif len(missing) < len(best.split("+")):
+        verdict, why = "not excluded", f"nobody asks for {', '.join(missing)}"
+    else:
+        verdict, why = "differs", f"nobody asks for {', '.join(missing)}"
+    return Comparison("polarization", printed, ", ".join(item.tables), NOTHING, found, verdict, why)
+
+
+def _ends(low: float, high: float, unit: str) -> str:
+    """A printed range; wavelengths turned into frequencies keep three digits."""
+    first, last = (format_plain(float(f"{end:.3g}")) for end in (low, high))
+    return with_unit(first if first == last else f"{first} to {last}", unit)

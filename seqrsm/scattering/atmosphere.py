@@ -1,0 +1,309 @@
+"""The atmosphere between ground, antenna and space: loss L(f, angle), up-welling and down-welling radiation.
+
+Total losses of dry air and vapour are those of the shipped table of nodes; they are spread over height exponentially,
+cloud and rain as slabs, and every layer radiates at its own temperature. So one account gives the loss below the
+antenna, the radiation of that part, and the whole sky's radiation on the ground: the terms of RSL TR 380-1 eq. (3-35).
+The atmosphere is horizontally layered; slant paths follow 1/cos up to 75 deg and are held beyond.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import COSMIC_BACKGROUND_K
+from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
+from seqrsm.scattering.readers import DATA, read_rows
+from seqrsm.units import LN10_OVER_10
+
+ATMOSPHERES: Final = ("us_standard", "midlatitude_summer", "midlatitude_winter", "none")
+WEATHERS: Final = ("clear", "cloud", "rain")
+
+_PREFIX: Final = {"us_standard": "USstd", "midlatitude_summer": "MLS", "midlatitude_winter": "MLW"}
+# Air temperature at the ground of the model atmospheres [K]; their lapse rate [K/km] follows from the nodes' mean
+# radiating temperature, (T0 - tmr) / scale height of dry absorption.
+_SURFACE_K: Final = {"us_standard": 288.15, "midlatitude_summer": 294.2, "midlatitude_winter": 272.2}
+_LAPSE_K_KM: Final = {"us_standard": 6.5, "midlatitude_summer": 5.8, "midlatitude_winter": 4.4}
+_TOP_KM: Final = 40.0
+_TROPOPAUSE_KM: Final = 11.0
+_DRY_SCALE_KM: Final = 4.2  # absorption goes as pressure squared: half of 8 km and a little more
+_WET_SCALE_KM: Final = 2.2
+_CLOUD_KM: Final = (1.0, 2.0)
+_CLOUD_C: Final = 10.0
+_RAIN_TOP_KM: Final = 3.0
+_LARGEST_SECANT: Final = 1.0 / math.cos(math.radians(75.0))
+_EDGES_KM: Final[FloatArray] = np.concatenate([np.linspace(0.0, 4.0, 81)[:-1], np.linspace(4.0, 40.0, 145)])
+
+# Coefficients of ITU-R P.838-3: rows a, b, c of each sum, then slope and constant.
+_RAIN_K: Final = {
+    "H": (
+        (-5.33980, -0.35351, -0.23789, -0.94158),
+        (-0.10008, 1.26970, 0.86036, 0.64552),
+        (1.13098, 0.45400, 0.15354, 0.16817),
+        -0.18961,
+        0.71147,
+    ),
+    "V": (
+        (-3.80595, -3.44965, -0.39902, 0.50167),
+        (0.56934, -0.22911, 0.73042, 1.07319),
+        (0.81061, 0.51059, 0.11899, 0.27195),
+        -0.16398,
+        0.63297,
+    ),
+}
+_RAIN_ALPHA: Final = {
+    "H": (
+        (-0.14318, 0.29591, 0.32177, -5.37610, 16.1721),
+        (1.82442, 0.77564, 0.63773, -0.96230, -3.29980),
+        (-0.55187, 0.19822, 0.13164, 1.47828, 3.43990),
+        0.67849,
+        -1.95537,
+    ),
+    "V": (
+        (-0.07771, 0.56727, -0.20238, -48.2991, 48.5833),
+        (2.33840, 0.95545, 1.14520, 0.791669, 0.791459),
+        (-0.76284, 0.54039, 0.26809, 0.116226, 0.116479),
+        -0.053739,
+        0.83433,
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Atmosphere:
+    """The atmosphere at one frequency.
+
+    Attributes
+    ----------
+    depth_np : float64 array (n_layers,)
+        Optical depth of each layer at the vertical, from the ground up [Np].
+    temperature_k : float64 array (n_layers,)
+        Physical temperature, or its Planck equivalent [K].
+    edge_km : float64 array (n_layers + 1,)
+        Heights of the layers' edges above the ground [km].
+    space_k : float
+        Radiation of space [K].
+    notes : tuple of str
+    """
+
+    depth_np: FloatArray
+    temperature_k: FloatArray
+    edge_km: FloatArray
+    space_k: float
+    notes: tuple[str, ...]
+
+    @property
+    def zenith_loss_db(self) -> float:
+        """Loss of the whole atmosphere at the vertical [dB]."""
+        return float(self.depth_np.sum()) / LN10_OVER_10
+
+    def loss(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
+        """Loss factor L >= 1 between the ground and an antenna.
+
+        Parameters
+        ----------
+        theta : float array
+            Angle of the path from the vertical [rad].
+        height_m : float
+            Of the antenna above the ground [m].
+        """
+        with np.errstate(over="ignore"):
+            return np.asarray(np.exp(float(self._below(height_m).sum()) * _secant(theta)))
+
+    def transmission(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
+        """1 / L, which stays a number where L does not; arguments as in `loss`."""
+        return np.asarray(np.exp(-float(self._below(height_m).sum()) * _secant(theta)))
+
+    def upwelling_k(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
+        """Radiation of the air below the antenna, (1 - 1/L) T_sky of eq. (3-35) [K]; arguments as in `loss`."""
+        depth = self._below(height_m)[:, None] * _secant(theta).ravel()
+        above = np.cumsum(depth[::-1], axis=0)[::-1] - depth
+        out = (-np.expm1(-depth) * np.exp(-above) * self.temperature_k[:, None]).sum(axis=0)
+        return np.asarray(out.reshape(np.shape(theta)))
+
+    def sky_k(self, theta: ArrayLike) -> FloatArray:
+        """Radiation of air and space that reaches the ground, T_r of eq. (3-35) [K].
+
+        Parameters
+        ----------
+        theta : float array
+            Angle from the zenith [rad].
+        """
+        depth = self.depth_np[:, None] * _secant(theta).ravel()
+        below = np.cumsum(depth, axis=0) - depth
+        air = (-np.expm1(-depth) * np.exp(-below) * self.temperature_k[:, None]).sum(axis=0)
+        out = air + self.space_k * np.exp(-depth.sum(axis=0))
+        return np.asarray(out.reshape(np.shape(theta)))
+
+    def _below(self, height_m: float) -> FloatArray:
+        """Optical depth of the part of each layer that lies below a height."""
+        bottom, top = self.edge_km[:-1], self.edge_km[1:]
+        return np.asarray(self.depth_np * np.clip((height_m / 1000.0 - bottom) / (top - bottom), 0.0, 1.0))
+
+
+def _secant(theta: ArrayLike) -> FloatArray:
+    cosine = np.maximum(np.cos(np.asarray(theta, dtype=np.float64)), 1.0 / _LARGEST_SECANT)
+    return np.asarray(1.0 / cosine)
+
+
+def make_atmosphere(
+    frequency_ghz: float,
+    *,
+    atmosphere: str = "us_standard",
+    weather: str = "clear",
+    cloud_kg_m2: float = 0.3,
+    rain_mm_h: float = 5.0,
+    planck_offset_k: float = 0.0,
+) -> Atmosphere:
+    """Atmosphere at a frequency.
+
+    Parameters
+    ----------
+    frequency_ghz : float
+        Within the table of nodes, 0.4 to 36 [GHz].
+    atmosphere : {"us_standard", "midlatitude_summer", "midlatitude_winter", "none"}
+        "none" leaves only space.
+    weather : {"clear", "cloud", "rain"}
+        Cloud: a slab of water from 1 to 2 km. Rain: that cloud, and drops from the ground to 3 km. Both assumed.
+    cloud_kg_m2 : float
+        Liquid water of the cloud, >= 0 [kg/m2].
+    rain_mm_h : float
+        Rain rate, >= 0 [mm/h].
+    planck_offset_k : float
+        h f / k [K] to count radiation by Planck's law, 0 for Rayleigh-Jeans.
+
+    Returns
+    -------
+    Atmosphere
+
+    Raises
+    ------
+    ScatteringDataError
+        The frequency lies outside the nodes (94 GHz does), or a name or amount is impossible.
+    """
+    problems = [
+        Problem("unknown", f"Known: {', '.join(known)}", field=field, value=value)
+        for field, value, known in (("atmosphere", atmosphere, ATMOSPHERES), ("weather", weather, WEATHERS))
+        if value not in known
+    ]
+    nodes = zenith_nodes()
+    low, high = float(nodes["frequency_ghz"][0]), float(nodes["frequency_ghz"][-1])
+    if not low <= frequency_ghz <= high:
+        remedy = f"Stay within {low:g} to {high:g} GHz"
+        problems.append(Problem("outside the atmosphere's table", remedy, field="frequency", value=frequency_ghz))
+    problems += [
+        Problem("must not be negative", "", field=field, value=value)
+        for field, value in (("cloud_kg_m2", cloud_kg_m2), ("rain_mm_h", rain_mm_h))
+        if not value >= 0.0
+    ]
+    if problems:
+        raise ScatteringDataError(*problems)
+    space = float(radiation_equivalent_k(COSMIC_BACKGROUND_K, planck_offset_k))
+    if atmosphere == "none":
+        return Atmosphere(np.zeros(1), np.zeros(1), np.array([0.0, _TOP_KM]), space, ("no atmosphere",))
+    prefix = _PREFIX[atmosphere]
+    dry, wet = (_at(nodes, f"{prefix}_{part}_db", frequency_ghz) for part in ("dry", "wet"))
+    depth_db = dry * _exponential(_DRY_SCALE_KM) + wet * _exponential(_WET_SCALE_KM)
+    notes = [f"{atmosphere} atmosphere, {weather}; zenith loss of its gases {dry + wet:.3g} dB (computed table)"]
+    if weather != "clear":
+        depth_db = depth_db + cloud_kg_m2 * cloud_db_per_kg_m2(frequency_ghz) * _slab(*_CLOUD_KM)
+        notes.append(f"cloud of {cloud_kg_m2:g} kg/m2 from 1 to 2 km at 10 C (assumed)")
+    if weather == "rain":
+        depth_db = depth_db + _RAIN_TOP_KM * rain_db_km(frequency_ghz, rain_mm_h) * _slab(0.0, _RAIN_TOP_KM)
+        notes.append(f"rain of {rain_mm_h:g} mm/h up to 3 km, its scattering counted as absorption (assumed)")
+    if frequency_ghz < 1.0:
+        notes.append("radiation of the Galaxy, which counts below 1 GHz, is left out")
+    middle = np.minimum(0.5 * (_EDGES_KM[:-1] + _EDGES_KM[1:]), _TROPOPAUSE_KM)
+    temperature = _SURFACE_K[atmosphere] - _LAPSE_K_KM[atmosphere] * middle
+    equivalent = radiation_equivalent_k(temperature, planck_offset_k)
+    return Atmosphere(depth_db * LN10_OVER_10, equivalent, _EDGES_KM, space, tuple(notes))
+
+
+def radiation_equivalent_k(temperature_k: ArrayLike, planck_offset_k: float) -> FloatArray:
+    """Radiation of a black body in kelvin by Planck's law: x / (exp(x / T) - 1) with x = h f / k [K].
+
+    Parameters
+    ----------
+    temperature_k : float array
+        T > 0 [K].
+    planck_offset_k : float
+        x; 0 gives T itself, the law of Rayleigh and Jeans (eq. 3-32).
+    """
+    temperature = np.asarray(temperature_k, dtype=np.float64)
+    if planck_offset_k == 0.0:
+        return temperature
+    return np.asarray(planck_offset_k / np.expm1(planck_offset_k / temperature))
+
+
+def _exponential(scale_km: float) -> FloatArray:
+    """Share of an exponential atmosphere in each layer; all of it lies below the top."""
+    inside = np.exp(-_EDGES_KM[:-1] / scale_km) - np.exp(-_EDGES_KM[1:] / scale_km)
+    return np.asarray(inside / inside.sum())
+
+
+def _slab(bottom_km: float, top_km: float) -> FloatArray:
+    """Share of a uniform slab in each layer."""
+    inside = np.minimum(_EDGES_KM[1:], top_km) - np.maximum(_EDGES_KM[:-1], bottom_km)
+    return np.asarray(np.maximum(inside, 0.0) / (top_km - bottom_km))
+
+
+def cloud_db_per_kg_m2(frequency_ghz: float) -> float:
+    """Loss of a cloud of small drops at 10 C for its liquid water [dB m2/kg].
+
+    Rayleigh absorption, 0.819 f / (eps'' (1 + eta**2)) dB/km for 1 g/m3 with eta = (2 + eps') / eps'' (the form of
+    ITU-R P.840).
+    """
+    water = complex(permittivity_water_ulaby14(frequency_ghz, _CLOUD_C))
+    imaginary = abs(water.imag)
+    eta = (2.0 + water.real) / imaginary
+    return float(0.819 * frequency_ghz / (imaginary * (1.0 + eta**2)))
+
+
+def rain_db_km(frequency_ghz: float, rain_mm_h: float, polarization: str = "") -> float:
+    """Specific loss of rain [dB/km]: k R**alpha, ITU-R P.838-3; the value at 1 GHz holds below it.
+
+    Parameters
+    ----------
+    frequency_ghz : float
+    rain_mm_h : float
+        Rain rate [mm/h], >= 0.
+    polarization : {"H", "V", ""}
+        "" takes the mean of both.
+    """
+    if rain_mm_h == 0.0:
+        return 0.0
+    x = math.log10(max(frequency_ghz, 1.0))
+    asked = (polarization,) if polarization else ("H", "V")
+    values = [10.0 ** _regression(x, *_RAIN_K[p]) * rain_mm_h ** _regression(x, *_RAIN_ALPHA[p]) for p in asked]
+    return float(sum(values)) / len(values)
+
+
+def _regression(
+    x: float, a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...], slope: float, constant: float
+) -> float:
+    return (
+        sum(ai * math.exp(-(((x - bi) / ci) ** 2)) for ai, bi, ci in zip(a, b, c, strict=True)) + slope * x + constant
+    )
+
+
+@lru_cache(maxsize=1)
+def zenith_nodes() -> dict[str, FloatArray]:
+    """The shipped table of nodes, columns by name."""
+    columns = ["frequency_ghz", "P676_13_dry_db", "P676_13_wet_db"]
+    for prefix in _PREFIX.values():
+        columns += [f"{prefix}_{part}" for part in ("dry_db", "wet_db", "tmr_k", "tsky_zenith_k")]
+    rows = read_rows(DATA / "atmosphere_nodes.csv", [*columns, "status", "source"])
+    return {column: np.array([float(row.text(column)) for row in rows]) for column in columns}
+
+
+def _at(nodes: dict[str, FloatArray], column: str, frequency_ghz: float) -> float:
+    """Loss at a frequency: logarithm linear in the logarithm of frequency between nodes."""
+    x = np.log(nodes["frequency_ghz"])
+    return float(np.exp(np.interp(math.log(frequency_ghz), x, np.log(nodes[column]))))

@@ -1,0 +1,323 @@
+"""The table of emissivity: e(category, frequency, polarization, look angle, soil moisture), RSL TR 380-1 Table 3.
+
+Table 3 holds at its nodes to the last digit. The report states neither its frequency nor its polarization; H at about
+20 GHz is inferred. A model of vegetation over ground, fitted to it, carries the table to V, to other frequencies and to
+other soil moistures by the ratio of reflectivities, 1 - e = (1 - e_table) r_model(f, p, mv) / r_model(20 GHz, H, 0.2),
+so that H and V meet at nadir and the table stays exact where it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.curves import THETA_DEG
+from seqrsm.scattering.dielectrics import permittivity_soil_dobson85, permittivity_water_ulaby14
+from seqrsm.scattering.emissivity_curves import (
+    FREQUENCY_RANGE_GHZ,
+    POLARIZATIONS,
+    EmissivityCurve,
+    between_nodes,
+    read_curves,
+)
+from seqrsm.scattering.models import reflectivity_fresnel
+from seqrsm.scattering.readers import DATA, read_rows
+
+TABLE_FREQUENCY_GHZ: Final = 20.0
+"""Frequency at which Table 3 is taken to hold [GHz], inferred from its row of water."""
+
+REFERENCE_MOISTURE: Final = 0.2
+"""Volumetric soil moisture at which Table 3 is taken to hold [m3/m3], assumed."""
+
+MOISTURE_NODES: Final[FloatArray] = np.round(np.arange(0.02, 0.51, 0.03), 2)
+"""Soil moistures at which a look-up gives emissivity [m3/m3]."""
+
+WATER_TEMPERATURE_C: Final = 20.0
+
+_DEFAULT_FIELD_SD: Final = 0.012
+_SOIL_MODEL_HIGH_GHZ: Final = 18.0
+_HELD: Final = np.minimum(np.arange(THETA_DEG.size), 80)
+# Beyond the table's last angle everything is held: there a layer hides the ground and the ratio is 0/0.
+
+
+@dataclass(frozen=True, slots=True)
+class GroundModel:
+    """Vegetation over ground of one category, fitted to its row of Table 3.
+
+    Attributes
+    ----------
+    ground : {"soil", "water", "wet", "constant"}
+        What permittivity follows: soil moisture and frequency, water, the frequency of water, nothing.
+    permittivity : float
+        Real part at 20 GHz (loss tangent 0.15), for "wet" and "constant".
+    roughness : float
+        h: the ground's reflectivity is multiplied by exp(-h).
+    tau_20ghz, omega, tau_exponent : float
+        Optical depth of the vegetation at 20 GHz [Np], its albedo, and the power of frequency the depth follows.
+    heating : float
+        Share of the sun's heating of bare ground that this cover shows.
+    note : str
+        Status and source.
+    """
+
+    ground: str
+    permittivity: float
+    roughness: float
+    tau_20ghz: float
+    omega: float
+    tau_exponent: float
+    heating: float
+    note: str
+
+    def reflectivity(self, frequency_ghz: float, polarization: str, moisture: float) -> FloatArray:
+        """1 - emissivity on `THETA_DEG`, (91,)."""
+        if self.ground == "soil":
+            permittivity = complex(permittivity_soil_dobson85(frequency_ghz, moisture))
+        elif self.ground == "water":
+            permittivity = complex(permittivity_water_ulaby14(frequency_ghz, WATER_TEMPERATURE_C))
+        else:
+            permittivity = complex(self.permittivity, 0.15 * self.permittivity)
+        if self.ground == "wet":
+            water = permittivity_water_ulaby14([frequency_ghz, TABLE_FREQUENCY_GHZ], WATER_TEMPERATURE_C)
+            permittivity *= abs(complex(water[0] / water[1]))
+        tau = self.tau_20ghz * (frequency_ghz / TABLE_FREQUENCY_GHZ) ** self.tau_exponent
+        theta = np.deg2rad(THETA_DEG)
+        return 1.0 - emissivity_mo82(permittivity, self.roughness, tau, self.omega, theta, polarization)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EmissivityLookup:
+    """Emissivity of some categories for one polarization.
+
+    Attributes
+    ----------
+    categories : tuple of str
+    theta_deg : float64 array (91,)
+        Look angles from the normal, 0 to 90 [deg].
+    emissivity : float64 array (n_categories, n_moistures, 91)
+        On `MOISTURE_NODES`, or with one node only if nothing here depends on moisture [1].
+    moist : bool array (n_categories,)
+        Whether the category depends on soil moisture.
+    heating : float64 array (n_categories,)
+        Share of the sun's heating.
+    field_sd, date_sd : float64 array (n_categories,)
+        Standard deviation from field to field, and of the whole category from date to date [1].
+    channel_correlation : float64 array (n_categories,)
+        Correlation of the draws of H and V.
+    status, notes, citations : tuple of str
+        What each category rests on; sources and assumptions; full citations.
+    """
+
+    categories: tuple[str, ...]
+    theta_deg: FloatArray
+    emissivity: FloatArray
+    moist: BoolArray
+    heating: FloatArray
+    field_sd: FloatArray
+    date_sd: FloatArray
+    channel_correlation: FloatArray
+    status: tuple[str, ...]
+    notes: tuple[str, ...]
+    citations: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EmissivityTable:
+    """All categories; made by `load_emissivity_table`.
+
+    Attributes
+    ----------
+    curves : Mapping
+        Curve by category.
+    models : Mapping
+        `GroundModel` by category.
+    spread : Mapping
+        (field sd, date sd, channel correlation) by category.
+    citations : tuple of str
+    file : str
+        The user's file, or "".
+    """
+
+    curves: Mapping[str, EmissivityCurve]
+    models: Mapping[str, GroundModel]
+    spread: Mapping[str, tuple[float, float, float]]
+    citations: tuple[str, ...]
+    file: str = ""
+
+    @property
+    def categories(self) -> tuple[str, ...]:
+        """Names of all categories."""
+        return tuple(self.curves)
+
+    def lookup(
+        self, categories: Sequence[str], frequency_ghz: float, polarization: str, *, as_printed: bool = False
+    ) -> EmissivityLookup:
+        """Emissivity of ``categories`` for one channel.
+
+        Parameters
+        ----------
+        categories : sequence of str
+            Category names, repeats allowed.
+        frequency_ghz : float
+            0.3 to 40 [GHz]; a user's own categories at most a third of an octave beyond their nodes.
+        polarization : {"H", "V"}
+        as_printed : bool
+            True takes Table 3 as it stands for any frequency, polarization and moisture, as the report did.
+
+        Raises
+        ------
+        ScatteringDataError
+            A category without data, an unknown polarization, a frequency out of range: all at once.
+        """
+        problems: list[Problem] = []
+        if polarization not in POLARIZATIONS:
+            remedy = f"One of: {', '.join(POLARIZATIONS)}"
+            problems.append(Problem("no such polarization", remedy, field="polarization", value=polarization))
+        low, high = FREQUENCY_RANGE_GHZ
+        if not low <= frequency_ghz <= high:
+            remedy = f"Stay within {low:g} to {high:g} GHz"
+            problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
+        names = tuple(categories)
+        for name in dict.fromkeys(names):
+            if name not in self.curves:
+                remedy = f"Give its rows in a table of your own; the table has: {', '.join(self.curves)}"
+                message = "no emissivity of this category"
+                problems.append(Problem(message, remedy, self.file or None, field="category", value=name))
+        if problems:
+            raise ScatteringDataError(*problems)
+        found: dict[str, tuple[FloatArray, tuple[str, ...]]] = {}
+        for name in dict.fromkeys(names):
+            try:
+                found[name] = self._evaluate(name, float(frequency_ghz), polarization, as_printed)
+            except ScatteringDataError as error:
+                problems.extend(error.problems)
+        if problems:
+            raise ScatteringDataError(*problems)
+        n_nodes = max((value.shape[0] for value, _ in found.values()), default=1)
+        spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
+        return EmissivityLookup(
+            categories=names,
+            theta_deg=THETA_DEG,
+            emissivity=np.array([np.broadcast_to(found[n][0], (n_nodes, THETA_DEG.size)) for n in names]),
+            moist=np.array([found[name][0].shape[0] > 1 for name in names]),
+            heating=np.array([self.models[n].heating if n in self.models else 1.0 for n in names]),
+            field_sd=spread[:, 0],
+            date_sd=spread[:, 1],
+            channel_correlation=spread[:, 2],
+            status=tuple("assumed" if len(found[n][1]) > 1 else self.curves[n].status for n in names),
+            notes=tuple(dict.fromkeys(note for _, notes in found.values() for note in notes)),
+            citations=self.citations,
+        )
+
+    def _evaluate(self, name: str, f: float, polarization: str, as_printed: bool) -> tuple[FloatArray, tuple[str, ...]]:
+        """Emissivity (1 or n_moistures, 91) of a category, and notes; more than one note means a model was used."""
+        curve = self.curves[name]
+        if not curve.printed:
+            return between_nodes(name, curve, f, polarization, self.file)[None], (curve.note,)
+        table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
+        if as_printed:
+            return table[None], (curve.note,)
+        model = self.models[name]
+        moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
+        at_table = (f, polarization) == (TABLE_FREQUENCY_GHZ, "H")
+        reference = model.reflectivity(TABLE_FREQUENCY_GHZ, "H", REFERENCE_MOISTURE)
+        own = np.array([model.reflectivity(f, polarization, m) for m in moistures])
+        ratio = own[:, _HELD] / reference[_HELD]
+        value = np.clip(1.0 - (1.0 - table) * ratio, 0.0, 1.0)
+        if at_table and model.ground != "soil":
+            return table[None], (curve.note,)
+        notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]
+        if model.ground == "soil" and f > _SOIL_MODEL_HIGH_GHZ:
+            notes.append(f"soil permittivity above {_SOIL_MODEL_HIGH_GHZ:g} GHz lies outside its model (assumed)")
+        return value, tuple(notes)
+
+
+def emissivity_mo82(
+    permittivity: complex, roughness: ArrayLike, tau: ArrayLike, omega: ArrayLike, theta: ArrayLike, polarization: str
+) -> FloatArray:
+    """Emissivity of vegetation over rough ground, both at one temperature (tau-omega).
+
+    Parameters
+    ----------
+    permittivity : complex
+        Of the ground [1].
+    roughness : float array
+        h, >= 0: reflectivity x exp(-h).
+    tau, omega : float array
+        Optical depth of the vegetation at the vertical [Np] and its single-scattering albedo.
+    theta : float array
+        Look angle from the normal [rad], 0 to pi/2.
+    polarization : {"H", "V"}
+
+    Notes
+    -----
+    Mo, Choudhury, Schmugge, Wang and Jackson 1982, J. Geophys. Res. 87(C13):
+    e = (1 - R) g + (1 - omega)(1 - g)(1 + R g), g = exp(-tau / cos theta).
+    """
+    theta = np.asarray(theta, dtype=np.float64)
+    fresnel = reflectivity_fresnel(permittivity, theta)
+    r = (fresnel.h if polarization == "H" else fresnel.v) * np.exp(-np.asarray(roughness, dtype=np.float64))
+    # cos(90 deg) is 6e-17, not 0: no division by zero, and g is 0 there unless tau is.
+    g = np.exp(-np.asarray(tau, dtype=np.float64) / np.cos(theta))
+    return np.asarray((1.0 - r) * g + (1.0 - np.asarray(omega)) * (1.0 - g) * (1.0 + r * g))
+
+
+def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
+    """The shipped table, or the shipped table with the categories of a user's file in place of its own.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        Long CSV with the columns of a sigma0 table (`seqrsm.scattering.longtable`): quantity ``emissivity``, unit
+        ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field).
+
+    Raises
+    ------
+    ScatteringDataError
+        The file cannot be read or holds wrong rows: all of them, each with line and column.
+    """
+    shipped = _shipped_table()
+    if path is None:
+        return shipped
+    curves, sd = read_curves(path, printed=False)
+    spread = dict(shipped.spread)
+    for name, value in sd.items():
+        own = shipped.spread.get(name, (0.0, 0.0, 0.0))
+        spread[name] = (value, own[1], own[2])
+    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, shipped.citations, str(path))
+
+
+@lru_cache(maxsize=1)
+def _shipped_table() -> EmissivityTable:
+    curves, _ = read_curves(DATA / "emissivity_table3.csv", printed=True)
+    columns = ("category", "ground", "permittivity", "roughness", "tau_20ghz", "omega", "tau_exponent", "rms_of_fit",
+               "heating", "status", "source")  # fmt: skip
+    models = {
+        row.text("category"): GroundModel(
+            row.text("ground"),
+            float(row.text("permittivity") or "nan"),
+            float(row.text("roughness")),
+            float(row.text("tau_20ghz")),
+            float(row.text("omega")),
+            float(row.text("tau_exponent")),
+            float(row.text("heating")),
+            f"{row.text('status')}: {row.text('source')}, rms {row.text('rms_of_fit')}",
+        )
+        for row in read_rows(DATA / "emissivity_models.csv", columns)
+    }
+    numbers = ("field_sd", "date_sd", "channel_correlation")
+    spread = {
+        row.text("category"): (float(row.text(numbers[0])), float(row.text(numbers[1])), float(row.text(numbers[2])))
+        for row in read_rows(DATA / "emissivity_variability.csv", ("category", *numbers, "status", "source"))
+    }
+    sources = read_rows(DATA / "emissivity_sources.csv", ("source", "citation"))
+    citations = tuple(f"{row.text('source')}: {row.text('citation')}" for row in sources)
+    return EmissivityTable(curves, models, spread, citations)

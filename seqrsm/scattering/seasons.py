@@ -1,0 +1,213 @@
+"""Backscatter of fall and winter, and of ground under snow, from that of spring and summer.
+
+RSL TR 380-1 section 3.2.2.3, seasonal or meteorological targets. What is assumed is told in the notes of every curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final, Literal
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import wavenumber_rad_m
+from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, limit_db
+from seqrsm.scattering.dielectrics import permittivity_soil_dobson85, permittivity_wet_snow_hallikainen86
+from seqrsm.scattering.models import backscatter_oh92, backscatter_ulaby89_db, reflectivity_fresnel
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, Row, read_rows
+from seqrsm.units import db_to_linear, deg_to_rad, ghz_to_hz, linear_to_db
+
+Snow = Literal["none", "dry", "wet"]
+
+_THETA: Final[FloatArray] = deg_to_rad(np.minimum(THETA_DEG, 89.0))
+_SOIL: Final = "Bareground"
+_SOIL_RMS_M, _ICE_RMS_M = 0.01, 0.003
+_MOISTURE: Final = 0.2
+_FROZEN, _ICE = 4.5 + 0.2j, 3.15 + 0.001j
+_WET_SNOW_PERCENT, _WET_SNOW_DENSITY = 3.0, 0.3
+_COLUMNS: Final = (
+    "category", "season", "model", "soil_share", "offset_hh_db", "offset_hv_db", "offset_vv_db", "status", "source",
+    "note",
+)  # fmt: skip
+
+
+def seasonal_curves(curves: Mapping[tuple[str, str], Curve]) -> dict[tuple[str, str], Curve]:
+    """Curves of fall and winter by (category, season), made from those of spring and summer."""
+    out = {}
+    for row in read_rows(DATA / "seasons.csv", _COLUMNS):
+        category, season = row.text("category"), row.text("season")
+        out[category, season] = _season(row, curves[category, "spring_summer"], curves[_SOIL, "spring_summer"])
+    return out
+
+
+def frozen_change_db(frequency_ghz: float) -> FloatArray:
+    """Change of bare soil by freezing, float64 (3, 91) [dB]: Oh 1992 at both permittivities and the same roughness."""
+    ks = wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * _SOIL_RMS_M
+    moist = complex(permittivity_soil_dobson85(frequency_ghz, _MOISTURE))
+    theta = deg_to_rad(np.clip(THETA_DEG, 10.0, 70.0))
+    frozen, thawed = (np.stack(backscatter_oh92(p, ks, theta)) for p in (_FROZEN, moist))
+    return linear_to_db(frozen / thawed)
+
+
+def _season(row: Row, own: Curve, soil: Curve) -> Curve:
+    """Curve of one row of seasons.csv."""
+    model = row.text("model")
+    note = f"{row.text('season')}: {row.text('note')} ({row.text('status')}: {row.text('source')})"
+    place = f"{row.file.rsplit('/', 1)[-1]}:{row.line} ({row.text('status')})"
+    sources = tuple(dict.fromkeys((*own.sources, row.text("source"))))
+    if model == "unchanged":
+        status = own.status
+        value, frequencies, wind = own.value_db, own.frequency_ghz, own.wind_m_s
+    elif model == "ice":
+        frequencies, wind = own.frequency_ghz, np.zeros(1)
+        value = np.stack([_ice_db(float(f)) for f in frequencies])[np.newaxis]
+        status = ("assumed",) * len(frequencies)
+        sources = (row.text("source"), "assumed_frozen")
+    else:
+        frequencies, wind = own.frequency_ghz, own.wind_m_s
+        offset = np.array([[float(row.text(f"offset_{p.lower()}_db"))] for p in POLARIZATIONS])
+        ground = at_nodes(soil, frequencies)
+        if model == "frozen_mix":
+            ground = ground + np.stack([frozen_change_db(float(f)) for f in frequencies])
+            sources = (*sources, "assumed_frozen")
+            note += "; frozen soil by Oh 1992 with permittivity 4.5 + 0.2j (assumed)"
+        share = float(row.text("soil_share"))
+        mixed = share * db_to_linear(ground) + (1.0 - share) * db_to_linear(own.value_db[0] + offset)
+        value = linear_to_db(mixed)[np.newaxis]
+        status = tuple(max(s, row.text("status"), key=STATUSES.index) for s in own.status)
+    # Frozen ground does not feel the moisture of the occasion.
+    moist = own.soil_rms_height_m if model == "unchanged" else None
+    surface = own.surface or model == "ice"
+    return replace(
+        own,
+        season=row.text("season"),
+        frequency_ghz=frequencies,
+        wind_m_s=wind,
+        value_db=limit_db(value, surface=surface, water=own.water and model != "ice"),
+        surface=surface,
+        water=own.water and model != "ice",
+        soil_rms_height_m=moist,
+        status=status,
+        sources=sources,
+        notes=(*(own.notes if model != "ice" else ()), note),
+        rows=(*(own.rows if model != "ice" else ()), place),
+    )
+
+
+def _ice_db(frequency_ghz: float) -> FloatArray:
+    """Lake ice (3, 91) [dB]."""
+    ks = wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * _ICE_RMS_M
+    return np.maximum(linear_to_db(np.stack(backscatter_oh92(_ICE, ks, _THETA))), FLOOR_DB)
+
+
+def at_nodes(curve: Curve, frequency_ghz: FloatArray) -> FloatArray:
+    """Values (n, 3, 91) of a curve without wind at some frequencies, linear in dB over log frequency, held beyond."""
+    position = np.log(frequency_ghz)
+    nodes = np.log(curve.frequency_ghz)
+    upper = np.clip(np.searchsorted(nodes, position), 1, len(nodes) - 1)
+    share = np.clip((position - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0.0, 1.0)[:, None, None]
+    return np.asarray((1.0 - share) * curve.value_db[0][upper - 1] + share * curve.value_db[0][upper])
+
+
+def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Dry snow: backscatter of its volume at HH and VV, linear, and two-way transmission to the ground beneath.
+
+    Parameters
+    ----------
+    frequency_ghz : float
+        1.25 to 36 GHz; held at the ends.
+    depth_m : float
+        Depth [m], >= 0.
+    theta : float64 array (n,)
+        Incidence angle in air [rad], below pi/2.
+
+    Returns
+    -------
+    float64 array (2, n), float64 array (n,)
+        Single scattering of a layer with refraction at its top; grains of 0.2 mm correlation length, 250 kg/m3
+        (assumed). The volume's HV is negligible below Ka band.
+    """
+    columns = ("frequency_ghz", "scattering_per_m", "absorption_per_m", "permittivity", "status", "source")
+    data = np.array([[float(r.text(n)) for n in columns[:4]] for r in read_rows(DATA / "snow_dry.csv", columns)])
+    at = np.log(frequency_ghz)
+    ks, ka = (float(np.exp(np.interp(at, np.log(data[:, 0]), np.log(data[:, k])))) for k in (1, 2))
+    eps = float(data[0, 3])
+    extinction, albedo = ks + ka, ks / (ks + ka)
+    cosine = np.cos(theta)
+    inside = np.sqrt(1.0 - np.sin(theta) ** 2 / eps)
+    two_way = np.exp(-2.0 * extinction * depth_m / inside)
+    reflected = reflectivity_fresnel(eps, theta)
+    volume = (cosine / inside) ** 2 / eps * 0.75 * albedo * inside * (1.0 - two_way)
+    return np.stack([(1.0 - r) ** 2 * volume for r in (reflected.h, reflected.v)]), two_way
+
+
+def under_snow(value_db: FloatArray, frequency_ghz: float, snow: Snow, depth_m: float) -> tuple[FloatArray, str]:
+    """Backscatter of ground under snow.
+
+    Parameters
+    ----------
+    value_db : float64 array (3, 91)
+        The ground's own sigma0 [dB] at HH, HV, VV against `THETA_DEG`.
+    frequency_ghz : float
+    snow : {"none", "dry", "wet"}
+    depth_m : float
+        Depth [m], >= 0.
+
+    Returns
+    -------
+    float64 array (3, 91), str
+        sigma0 [dB]; what was assumed. Dry: the ground seen through the snow plus the snow's volume. Wet (3 percent
+        water): between the ground and Ulaby and Dobson's wet snow, by the snow's absorption.
+    """
+    if snow == "none" or depth_m <= 0.0:
+        return value_db, ""
+    ground = db_to_linear(value_db)
+    if snow == "dry":
+        volume, two_way = snow_volume(frequency_ghz, depth_m, _THETA)
+        total = ground * two_way + np.stack([volume[0], np.zeros_like(volume[0]), volume[1]])
+        note = f"under {100 * depth_m:g} cm of dry snow (computed: snow_iba; grain size assumed)"
+        return np.maximum(linear_to_db(total), FLOOR_DB), note
+    eps = complex(permittivity_wet_snow_hallikainen86(frequency_ghz, _WET_SNOW_DENSITY, _WET_SNOW_PERCENT))
+    absorption = 2.0 * wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * np.sqrt(eps).imag
+    inside = np.sqrt(1.0 - np.sin(_THETA) ** 2 / eps.real)
+    two_way = np.exp(-2.0 * absorption * depth_m / inside)
+    total = ground * two_way + db_to_linear(_wet_snow_db(frequency_ghz)) * (1.0 - two_way)
+    note = f"under {100 * depth_m:g} cm of wet snow (public_code: dartstst; absorption with 3 percent water, assumed)"
+    return np.maximum(linear_to_db(total), FLOOR_DB), note
+
+
+def _wet_snow_db(frequency_ghz: float) -> FloatArray:
+    """Ulaby and Dobson's wet snow (3, 91) [dB], linear over log frequency between L, S, C, held beyond."""
+    columns = ("class", "band", "frequency_ghz", "polarization", *(f"p{k}" for k in range(1, 7)), "status", "source")
+    rows = read_rows(DATA / "snow_wet.csv", columns)
+    nodes = sorted({float(r.text("frequency_ghz")) for r in rows})
+    value = np.empty((len(nodes), len(POLARIZATIONS), THETA_DEG.size))
+    for r in rows:
+        at = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
+        value[at] = backscatter_ulaby89_db([float(r.text(f"p{k}")) for k in range(1, 7)], _THETA)
+    position = np.clip(np.log(frequency_ghz), np.log(nodes[0]), np.log(nodes[-1]))
+    upper = int(np.clip(np.searchsorted(np.log(nodes), position), 1, len(nodes) - 1))
+    share = (position - np.log(nodes[upper - 1])) / np.log(nodes[upper] / nodes[upper - 1])
+    return limit_db((1.0 - share) * value[upper - 1] + share * value[upper], surface=False, water=False)
+
+
+def high_bands(curve: Curve, nodes_ghz: tuple[float, ...]) -> Curve:
+    """Curve continued to higher bands where its source ends (assumed; see sources.csv, assumed_high_bands)."""
+    new = tuple(f for f in nodes_ghz if f > 1.01 * float(curve.frequency_ghz[-1]))
+    if not new:
+        return curve
+    position = np.log2(curve.frequency_ghz)
+    deviation = position - position.mean()
+    slope = 0.5 * np.tensordot(deviation, curve.value_db, axes=(0, 1)) / np.sum(deviation**2)
+    last = curve.value_db[:, -1]
+    more = np.stack([last + (np.log2(f) - position[-1]) * slope for f in new], axis=1)
+    return replace(
+        curve,
+        frequency_ghz=np.concatenate([curve.frequency_ghz, new]),
+        value_db=limit_db(np.concatenate([curve.value_db, more], axis=1), surface=curve.surface, water=curve.water),
+        status=(*curve.status, *("assumed" for _ in new)),
+        sources=tuple(dict.fromkeys((*curve.sources, "assumed_high_bands"))),
+        notes=(*curve.notes, "X and Ku bands continued from L, S and C (assumed: assumed_high_bands)"),
+    )

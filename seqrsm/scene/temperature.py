@@ -1,0 +1,176 @@
+"""Physical temperature of the ground from its exposure to the sun: RSL TR 380-1 chapter 3.3.3, 300 K to 340 K.
+
+Exposure is the cosine of the sun's incidence on the sloping ground, zero in cast shadow and at night: 1 only for ground
+square to the sun.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.scene.terrain import slopes
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """Place of the sun.
+
+    Attributes
+    ----------
+    elevation_deg : float
+        Above the horizon [deg], negative at night.
+    azimuth_deg : float
+        From north over east [deg].
+    """
+
+    elevation_deg: float
+    azimuth_deg: float
+
+
+def sun_position(latitude_deg: float, day_of_year: float, hour: float) -> Sun:
+    """Place of the sun.
+
+    Parameters
+    ----------
+    latitude_deg : float
+        -90 to 90 [deg], north positive.
+    day_of_year : float
+        1 to 366.
+    hour : float
+        Solar time [h]: 12 is noon.
+
+    Notes
+    -----
+    Declination 23.45 sin(360 (284 + n) / 365) deg: Cooper 1969, Solar Energy 12(3); good to half a degree.
+    """
+    declination = math.radians(23.45) * math.sin(2.0 * math.pi * (284.0 + day_of_year) / 365.0)
+    latitude, angle = math.radians(latitude_deg), math.radians(15.0 * (hour - 12.0))
+    up = math.sin(latitude) * math.sin(declination) + math.cos(latitude) * math.cos(declination) * math.cos(angle)
+    east = -math.cos(declination) * math.sin(angle)
+    north = math.cos(latitude) * math.sin(declination) - math.sin(latitude) * math.cos(declination) * math.cos(angle)
+    return Sun(math.degrees(math.atan2(up, math.hypot(east, north))), math.degrees(math.atan2(east, north)) % 360.0)
+
+
+def cast_shadow(elevation_m: AnyArray, cell_m: float, sun: Sun) -> BoolArray:
+    """Cells that the sun does not reach because other ground stands before it.
+
+    Parallel rays by the recurrence of the shadow's height, row by row (or column by column) away from the sun; between
+    the cells of a row the height is linear. Nothing outside the scene casts a shadow.
+
+    Parameters
+    ----------
+    elevation_m : float array (rows, cols)
+        Row 0 in the north, no gaps [m].
+    cell_m : float
+        Side of a cell [m].
+    sun : Sun
+
+    Returns
+    -------
+    bool array (rows, cols)
+        All True at night.
+    """
+    z = np.asarray(elevation_m, dtype=np.float64)
+    if sun.elevation_deg <= 0.0:
+        return np.ones(z.shape, dtype=bool)
+    azimuth = math.radians(sun.azimuth_deg)
+    to_south, to_east = -math.cos(azimuth), math.sin(azimuth)  # towards the sun, in rows and columns
+    transposed = abs(to_east) > abs(to_south)
+    if transposed:
+        z = z.T
+        to_south, to_east = to_east, to_south
+    # Walk away from the sun: it stands before row 0 of the walk.
+    forward = to_south <= 0.0
+    z = z if forward else z[::-1]
+    shift = to_east / abs(to_south)
+    fall = cell_m * math.hypot(1.0, shift) * math.tan(math.radians(sun.elevation_deg))
+    dark = np.zeros(z.shape, dtype=bool)
+    column = np.arange(z.shape[1], dtype=np.float64)
+    height = z[0]
+    for i in range(1, len(z)):
+        ray = np.interp(column + shift, column, height, left=-np.inf, right=-np.inf) - fall
+        dark[i] = z[i] < ray
+        height = np.maximum(z[i], ray)
+    dark = dark if forward else dark[::-1]
+    return np.ascontiguousarray(dark.T if transposed else dark)
+
+
+def sun_exposure(elevation_m: AnyArray, cell_m: float, sun: Sun) -> FloatArray:
+    """Exposure of each cell, 0 to 1: cosine of the sun's incidence, 0 in shadow.
+
+    Parameters
+    ----------
+    elevation_m, cell_m, sun
+        As in `cast_shadow`.
+
+    Returns
+    -------
+    float64 array (rows, cols)
+    """
+    east, north = slopes(elevation_m, cell_m)
+    up = math.sin(math.radians(sun.elevation_deg))
+    level = math.cos(math.radians(sun.elevation_deg))
+    azimuth = math.radians(sun.azimuth_deg)
+    across = -level * (math.sin(azimuth) * east + math.cos(azimuth) * north) + up
+    cosine = across / np.sqrt(1.0 + east**2 + north**2)
+    return np.where(cast_shadow(elevation_m, cell_m, sun), 0.0, np.clip(cosine, 0.0, 1.0))
+
+
+def time_exposure(
+    elevation_m: AnyArray,
+    cell_m: float,
+    *,
+    latitude_deg: float,
+    day_of_year: float,
+    hour: float,
+    exposure_hours: float = 0.0,
+) -> FloatArray:
+    """Exposure at an hour, or its mean over the hours before.
+
+    Parameters
+    ----------
+    elevation_m, cell_m
+        As in `cast_shadow`.
+    latitude_deg, day_of_year, hour : float
+        As in `sun_position`.
+    exposure_hours : float
+        How far back the mean reaches [h], by the middle of half-hour steps; 0 takes the moment.
+
+    Returns
+    -------
+    float64 array (rows, cols)
+        0 to 1.
+    """
+    steps = math.ceil(2.0 * exposure_hours)
+    hours = [hour] if steps == 0 else [hour - exposure_hours * (k + 0.5) / steps for k in range(steps)]
+    total = sum(sun_exposure(elevation_m, cell_m, sun_position(latitude_deg, day_of_year, h)) for h in hours)
+    return np.asarray(total) / len(hours)
+
+
+def physical_temperature_k(
+    exposure: AnyArray, heating: AnyArray | float, low_k: float = 300.0, high_k: float = 340.0
+) -> FloatArray:
+    """Temperature low + heating x exposure x (high - low) [K].
+
+    Parameters
+    ----------
+    exposure : float array (rows, cols)
+        0 to 1.
+    heating : float array, broadcastable
+        Share of the heating of bare ground that the cover shows, 0 to 1; 1 everywhere in the report.
+    low_k, high_k : float
+        Of ground without sun, and of bare ground square to the sun [K].
+
+    Raises
+    ------
+    SceneError
+        ``low_k`` is not positive or above ``high_k``.
+    """
+    if not 0.0 < low_k <= high_k:
+        raise SceneError(Problem("temperatures must rise from low to high", field="temperature", value=(low_k, high_k)))
+    return np.asarray(low_k + np.asarray(heating) * np.asarray(exposure) * (high_k - low_k))

@@ -1,0 +1,123 @@
+"""Distances and angles between a flight line and flat ground at a given ground range, on a sphere or on a plane.
+
+On the sphere the elements are those of the plane with other numbers: with D the chord that stands for the ground range,
+R**2 = D**2 + H**2 at the datum, and an element at height z over the datum is seen as on a plane whose antenna stands
+``up_m - z`` over the element's own horizontal and ``along_m`` away along it. So one set of kernels serves both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import EARTH_RADIUS_M
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeGeometry:
+    """What the ground range on the datum determines; every array has its shape.
+
+    Attributes
+    ----------
+    ground_range_m : float64 array
+        Arc on the datum from the point under the antenna [m].
+    slant_range_m : float64 array
+        From the antenna to the datum [m].
+    chord_m : float64 array
+        D, with slant range**2 = D**2 + height**2 [m]; the ground range itself on a plane.
+    chord_per_m : float64 array
+        Derivative of `chord_m` with respect to the ground range.
+    along_m, up_m : float64 array
+        Distance and height of the antenna along and over the local horizontal [m].
+    incidence_rad : float64 array
+        Angle at the ground from the local vertical to the antenna [rad].
+    look_rad : float64 array
+        Angle at the antenna from its vertical to the ground [rad]; the incidence angle on a plane.
+    """
+
+    ground_range_m: FloatArray
+    slant_range_m: FloatArray
+    chord_m: FloatArray
+    chord_per_m: FloatArray
+    along_m: FloatArray
+    up_m: FloatArray
+    incidence_rad: FloatArray
+    look_rad: FloatArray
+
+
+def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) -> RangeGeometry:
+    """Geometry of flat ground at given ground ranges.
+
+    Parameters
+    ----------
+    ground_range_m : float64 array
+        Arc on the datum [m]; negative behind nadir.
+    height_m : float
+        Antenna over the datum [m], > 0.
+    curved : bool
+        A sphere of the Earth's mean radius, or a plane.
+
+    Returns
+    -------
+    RangeGeometry
+    """
+    arc = np.asarray(ground_range_m, dtype=np.float64)
+    if not curved:
+        angle = np.arctan2(arc, height_m)
+        up = np.full_like(arc, height_m)
+        return RangeGeometry(arc, np.hypot(arc, height_m), arc, np.ones_like(arc), arc, up, angle, angle)
+    radius = EARTH_RADIUS_M
+    half = 0.5 * arc / radius
+    scale = math.sqrt(radius * (radius + height_m))
+    chord = 2.0 * scale * np.sin(half)
+    along = (radius + height_m) * np.sin(2.0 * half)
+    up = height_m - chord * chord / (2.0 * radius)
+    incidence = np.arctan2(along, up)
+    return RangeGeometry(
+        ground_range_m=arc,
+        slant_range_m=np.hypot(chord, height_m),
+        chord_m=chord,
+        chord_per_m=scale / radius * np.cos(half),
+        along_m=along,
+        up_m=up,
+        incidence_rad=incidence,
+        look_rad=incidence - 2.0 * half,
+    )
+
+
+def ground_range_of_slant(slant_range_m: FloatArray, height_m: float, curved: bool) -> FloatArray:
+    """Ground range [m] of the datum at a slant range [m]; 0 for ranges shorter than the height."""
+    slant = np.asarray(slant_range_m, dtype=np.float64)
+    chord = np.sqrt(np.maximum((slant - height_m) * (slant + height_m), 0.0))
+    if not curved:
+        return chord
+    scale = 2.0 * math.sqrt(EARTH_RADIUS_M * (EARTH_RADIUS_M + height_m))
+    return np.asarray(2.0 * EARTH_RADIUS_M * np.arcsin(np.minimum(chord / scale, 1.0)))
+
+
+def incidence_of_look(look_rad: float, height_m: float, curved: bool) -> float:
+    """Incidence angle [rad] where a ray at a look angle [rad] meets the datum; nan where it passes the horizon."""
+    if not curved:
+        return look_rad
+    sine = (EARTH_RADIUS_M + height_m) / EARTH_RADIUS_M * math.sin(look_rad)
+    return math.asin(sine) if sine < 1.0 else math.nan
+
+
+def ground_range_of_look(look_rad: float, height_m: float, curved: bool) -> float:
+    """Ground range [m] where a ray at a look angle [rad] meets the datum; nan where it passes the horizon."""
+    if not curved:
+        return height_m * math.tan(look_rad)
+    return EARTH_RADIUS_M * (incidence_of_look(look_rad, height_m, curved) - look_rad)
+
+
+def horizon_ground_range_m(height_m: float) -> float:
+    """Ground range of the horizon [m]."""
+    return EARTH_RADIUS_M * math.acos(EARTH_RADIUS_M / (EARTH_RADIUS_M + height_m))
+
+
+def horizon_look_rad(height_m: float) -> float:
+    """Look angle of the horizon [rad]."""
+    return math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + height_m))

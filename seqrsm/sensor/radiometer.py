@@ -1,0 +1,337 @@
+"""Scanning radiometer: the seven passive parameters of RSL TR 380-1 Table 1, the rest of the set, and its noise.
+
+The final resolution is the side of the square footprint at nadir; altitude turns it into the antenna's half-power
+beamwidth. What the scan makes of period, speed, beam and integration time is in `seqrsm.sensor.scan`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Final, Literal
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from seqrsm.errors import ConfigurationError, Problem
+
+PARAMETER_FIELDS: Final[Mapping[str, str]] = {
+    "frequency": "frequency_ghz",
+    "polarization": "channels",
+    "resolution": "resolution_m",
+    "integration_time": "integration_time_ms",
+    "bandwidth": "bandwidth_mhz",
+    "noise_temperature": "noise_temperature_k",
+    "scan_period": "scan_period_s",
+}
+"""Names of the passive parameters of Table 1 in ``campaign.toml`` and the fields they set."""
+
+CHANNELS: Final = ("H", "V")
+"""Polarization channels in the order of every draw."""
+
+TEXT_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "mode": ("full", "report"),
+    "receiver": ("total_power", "dicke", "correlation"),
+    "beam": ("gaussian", "box", "sidelobes", "measured"),
+    "gaps": ("record", "refuse"),
+    "radiation": ("auto", "rayleigh_jeans", "planck"),
+    "atmosphere": ("us_standard", "midlatitude_summer", "midlatitude_winter", "none"),
+    "weather": ("clear", "cloud", "rain"),
+    "temperature": ("exposure", "constant"),
+}
+"""Fields that hold a word, and the words."""
+
+_LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
+    "frequency_ghz": (0.4, 36.0, "GHz: the table of the atmosphere reaches no further"),
+    "resolution_m": (0.05, 1e6, "m"),
+    "integration_time_ms": (1e-4, 1e6, "ms"),
+    "bandwidth_mhz": (1e-3, 1e4, "MHz"),
+    "noise_temperature_k": (0.0, 1e5, "K"),
+    "scan_period_s": (1e-3, 1e5, "s"),
+    "altitude_m": (1.0, 2e6, "m"),
+    "speed_m_s": (1.0, 1e4, "m/s"),
+    "scan_half_angle_deg": (0.0, 75.0, "deg"),
+    "antenna_limit_m": (0.01, 1e3, "m"),
+    "reference_temperature_k": (0.0, 1000.0, "K"),
+    "gain_fluctuation": (0.0, 0.1, ""),
+    "cloud_kg_m2": (0.0, 5.0, "kg/m2"),
+    "rain_mm_h": (0.0, 150.0, "mm/h"),
+    "temperature_low_k": (200.0, 400.0, "K"),
+    "temperature_high_k": (200.0, 400.0, "K"),
+    "temperature_date_sd_k": (0.0, 50.0, "K"),
+    "temperature_field_sd_k": (0.0, 50.0, "K"),
+    "latitude_deg": (-90.0, 90.0, "deg"),
+    "day_of_year": (1.0, 366.0, ""),
+    "hour": (0.0, 24.0, "h"),
+    "exposure_hours": (0.0, 24.0, "h"),
+    "soil_moisture_low": (0.02, 0.5, "m3/m3"),
+    "soil_moisture_high": (0.02, 0.5, "m3/m3"),
+    "soil_moisture_field_sd": (0.0, 0.3, "m3/m3"),
+}
+_SHOWN: Final = {target: name for name, target in PARAMETER_FIELDS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class RadiometerConfiguration:
+    """One scanning radiometer on one flight line over the middle of the scene.
+
+    The defaults stand for a light airborne imager; they are choices, not data of a certain set.
+
+    Attributes
+    ----------
+    frequency_ghz : float
+        Centre frequency [GHz], 0.4 to 36.
+    channels : tuple of str
+        Polarizations received together, of H and V; each has a receiver of its own.
+    resolution_m : float
+        Side of the footprint at nadir [m]: the half-power beam on the ground.
+    integration_time_ms : float
+        Time over which one footprint's power is averaged [ms].
+    bandwidth_mhz : float
+        Bandwidth before detection [MHz].
+    noise_temperature_k : float
+        Noise temperature of the receiver with its feed, referred to the antenna terminals [K]; the system's is this
+        plus the antenna temperature.
+    scan_period_s : float
+        Time of one sweep from left to right and back [s]: two image lines.
+    altitude_m : float
+        Height of the flight line above the zero of the scene's elevations [m].
+    speed_m_s : float
+        Ground speed [m/s].
+    scan_half_angle_deg : float
+        Reach of the sweep to either side of nadir [deg]; 0 sweeps from edge to edge of the scene.
+    heading_deg : float
+        Direction of flight from north [deg]: 0, 90, 180 or 270.
+    mode : {"full", "report"}
+        "report": first-order simulation as RSL TR 380-1 chapter 3.3 ran it: uniform beam, no noise, no smear, no
+        relief displacement, Table 3 as printed, every line just beside the last whatever the scan period.
+    receiver : {"total_power", "dicke", "correlation"}
+    reference_temperature_k : float
+        Load of a Dicke or correlation receiver [K].
+    gain_fluctuation : float
+        Relative rms fluctuation of the gain between calibrations, dG/G.
+    beam : {"gaussian", "box", "sidelobes", "measured"}
+        Pattern along both axes. "sidelobes": (sin x / x)**2 of a uniformly lit antenna. "measured": of `beam_file`.
+    beam_file : str
+        CSV with columns ``angle_beamwidths, gain``.
+    antenna_limit_m : float
+        Largest antenna that the craft carries [m]; a finer beam is refused.
+    gaps : {"record", "refuse"}
+        What to do where lines leave ground unseen at nadir: score what is recorded, or refuse.
+    radiation : {"auto", "rayleigh_jeans", "planck"}
+        "auto": Rayleigh-Jeans unless its error over the scene exceeds the radiometric resolution.
+    atmosphere, weather, cloud_kg_m2, rain_mm_h
+        See `seqrsm.scattering.atmosphere.make_atmosphere`.
+    temperature : {"exposure", "constant"}
+        Physical temperature of the ground by exposure to the sun, or `temperature_low_k` everywhere.
+    temperature_low_k, temperature_high_k : float
+        Of ground without sun, and of bare ground square to the sun [K].
+    temperature_date_sd_k, temperature_field_sd_k : float
+        Departure of a date, and of a field on a date [K].
+    latitude_deg, day_of_year, hour, exposure_hours : float
+        Sun: latitude, day 1 to 366, solar time [h], and how many hours back exposure is averaged (0: that moment).
+    soil_moisture_low, soil_moisture_high : float
+        Mean volumetric soil moisture of a run is uniform between them [m3/m3].
+    soil_moisture_field_sd : float
+        Departure of a field's moisture from it [m3/m3].
+
+    Raises
+    ------
+    ConfigurationError
+        Impossible or contradicting values, all at once, with the numbers.
+    """
+
+    frequency_ghz: float
+    channels: tuple[str, ...]
+    resolution_m: float
+    integration_time_ms: float
+    bandwidth_mhz: float
+    noise_temperature_k: float
+    scan_period_s: float
+    altitude_m: float
+    speed_m_s: float = 70.0
+    scan_half_angle_deg: float = 0.0
+    heading_deg: float = 90.0
+    mode: Literal["full", "report"] = "full"
+    receiver: Literal["total_power", "dicke", "correlation"] = "total_power"
+    reference_temperature_k: float = 300.0
+    gain_fluctuation: float = 0.0
+    beam: Literal["gaussian", "box", "sidelobes", "measured"] = "gaussian"
+    beam_file: str = ""
+    antenna_limit_m: float = 1000.0
+    gaps: Literal["record", "refuse"] = "record"
+    radiation: Literal["auto", "rayleigh_jeans", "planck"] = "auto"
+    atmosphere: str = "us_standard"
+    weather: str = "clear"
+    cloud_kg_m2: float = 0.3
+    rain_mm_h: float = 5.0
+    temperature: Literal["exposure", "constant"] = "exposure"
+    temperature_low_k: float = 300.0
+    temperature_high_k: float = 340.0
+    temperature_date_sd_k: float = 3.0
+    temperature_field_sd_k: float = 1.0
+    latitude_deg: float = 40.0
+    day_of_year: float = 172.0
+    hour: float = 12.0
+    exposure_hours: float = 0.0
+    soil_moisture_low: float = 0.10
+    soil_moisture_high: float = 0.30
+    soil_moisture_field_sd: float = 0.04
+
+    def __post_init__(self) -> None:
+        problems = _value_problems(self) or _set_problems(self)
+        if problems:
+            raise ConfigurationError(*problems)
+
+    @property
+    def wavelength_m(self) -> float:
+        """Wavelength lambda [m]."""
+        return SPEED_OF_LIGHT_M_S / (self.frequency_ghz * 1e9)
+
+    @property
+    def planck_offset_k(self) -> float:
+        """The frequency as a temperature, h f / k [K]; half of it is what Rayleigh-Jeans errs by for warm ground."""
+        return PLANCK_J_S * self.frequency_ghz * 1e9 / BOLTZMANN_J_K
+
+    def beamwidth_rad(self, height_m: float) -> float:
+        """Half-power beamwidth [rad] whose footprint at nadir is `resolution_m` wide from a height [m]."""
+        return 2.0 * math.atan(0.5 * self.resolution_m / height_m)
+
+    def antenna_m(self, height_m: float) -> float:
+        """Length of the antenna with that beam [m]: 1.22 lambda / beamwidth, a common taper of the aperture."""
+        return 1.22 * self.wavelength_m / self.beamwidth_rad(height_m)
+
+    def nedt_k(self, antenna_k: FloatArray | float) -> FloatArray:
+        """Radiometric resolution: standard deviation of one footprint's temperature [K].
+
+        From the variance of the detected power of Gaussian noise in 2 B tau independent samples (Tiuri 1964, Radio
+        astronomy receivers, IEEE Trans. Military Electronics 8):
+
+        * total power: T_sys**2 / (B tau) + (T_sys dG/G)**2, T_sys = T_A + T_N;
+        * Dicke, half the time on the load: 2 (T_sys**2 + T_load**2) / (B tau) + ((T_A - T_ref) dG/G)**2;
+        * correlation of two receivers behind a hybrid with a load: 2 (T_mean**2 + ((T_A - T_ref) / 2)**2) / (B tau) +
+          ((T_A - T_ref) dG/G)**2, T_mean = (T_A + T_ref) / 2 + T_N.
+
+        Parameters
+        ----------
+        antenna_k : float array
+            Antenna temperature T_A [K].
+        """
+        if self.mode == "report":
+            return np.zeros(np.shape(antenna_k))
+        antenna = np.asarray(antenna_k, dtype=np.float64)
+        system = antenna + self.noise_temperature_k
+        load = self.reference_temperature_k + self.noise_temperature_k
+        difference = antenna - self.reference_temperature_k
+        if self.receiver == "total_power":
+            white, slow = system**2, system
+        elif self.receiver == "dicke":
+            white, slow = 2.0 * (system**2 + load**2), difference
+        else:
+            white, slow = 2.0 * ((0.5 * (system + load)) ** 2 + (0.5 * difference) ** 2), difference
+        samples = self.bandwidth_mhz * 1e3 * self.integration_time_ms
+        return np.asarray(np.sqrt(white / samples + (slow * self.gain_fluctuation) ** 2))
+
+    def power_w(self, antenna_k: FloatArray | float) -> FloatArray:
+        """Power k T_A B that enters the receiver [W]: eq. (3-36)."""
+        return np.asarray(BOLTZMANN_J_K * np.asarray(antenna_k, dtype=np.float64) * self.bandwidth_mhz * 1e6)
+
+
+def _value_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
+    """Every value that is impossible alone."""
+    problems = []
+    for name, (low, high, unit) in _LIMITS.items():
+        value = getattr(radiometer, name)
+        if not (isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high):
+            remedy = f"Give a number from {low:g} to {high:g} {unit}".rstrip()
+            problems.append(Problem("out of range", remedy, field=_SHOWN.get(name, name), value=value))
+    for name, allowed in TEXT_FIELDS.items():
+        value = getattr(radiometer, name)
+        if value not in allowed:
+            problems.append(Problem("unknown", f"Known: {', '.join(allowed)}", field=name, value=value))
+    channels = radiometer.channels
+    known = isinstance(channels, tuple) and all(channel in CHANNELS for channel in channels)
+    if not known or not channels or len(set(channels)) != len(channels):
+        problems.append(
+            Problem("not a set of channels", "Give H, V or H+V", field="polarization", value=radiometer.channels)
+        )
+    if radiometer.heading_deg not in (0.0, 90.0, 180.0, 270.0):
+        remedy = "Give 0, 90, 180 or 270 deg: columns of the scene must follow the flight"
+        problems.append(Problem("not along the grid", remedy, field="heading_deg", value=radiometer.heading_deg))
+    return problems
+
+
+def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
+    """Every contradiction between values that are possible alone."""
+    problems = []
+    if radiometer.bandwidth_mhz >= 1e3 * radiometer.frequency_ghz:
+        remedy = f"Keep it below the frequency, {1e3 * radiometer.frequency_ghz:g} MHz"
+        problems.append(Problem("wider than the band", remedy, field="bandwidth", value=radiometer.bandwidth_mhz))
+    if radiometer.bandwidth_mhz * 1e3 * radiometer.integration_time_ms < 1.0:
+        text = "bandwidth x integration time holds less than one independent sample"
+        problems.append(Problem(text, "Integrate longer", field="integration_time"))
+    for low, high in (("temperature_low_k", "temperature_high_k"), ("soil_moisture_low", "soil_moisture_high")):
+        if getattr(radiometer, low) > getattr(radiometer, high):
+            problems.append(Problem("above the high end", f"Keep it at or below {high}", field=low))
+    if radiometer.beam == "measured" and not radiometer.beam_file:
+        problems.append(Problem("missing", "Name the CSV file of the measured pattern", field="beam_file"))
+    return problems
+
+
+def from_settings(
+    settings: Mapping[str, float | str], fixed: Mapping[str, float | str] | None = None
+) -> RadiometerConfiguration:
+    """Radiometer of one point of a design.
+
+    Parameters
+    ----------
+    settings : Mapping[str, float or str]
+        Levels of the factors, by the names of Table 1 (`PARAMETER_FIELDS`) or of the fields of
+        `RadiometerConfiguration`. The polarization ``"H+V"`` is both channels.
+    fixed : Mapping[str, float or str], optional
+        Everything that is no factor, by the same names.
+
+    Raises
+    ------
+    ConfigurationError
+        Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
+    """
+    given: dict[str, float | str] = {}
+    problems: list[Problem] = []
+    by_field = {field.name: field for field in fields(RadiometerConfiguration)}
+    known = [*PARAMETER_FIELDS, *(name for name in by_field if name not in _SHOWN)]
+    for name, value in [*settings.items(), *(fixed or {}).items()]:
+        target = PARAMETER_FIELDS.get(name, name)
+        if target not in by_field:
+            text = "no such radiometer parameter"
+            problems.append(Problem(text, f"Known: {', '.join(known)}", field=name, value=value))
+        elif target in given:
+            problems.append(Problem("given twice", "Give it as a factor or as fixed, not both", field=name))
+        else:
+            given[target] = value
+    for name, field in by_field.items():
+        if field.default is MISSING and name not in given:
+            remedy = "Make it a factor or give it under [simulator.fixed]"
+            problems.append(Problem("missing", remedy, field=_SHOWN.get(name, name)))
+    arguments = {name: _converted(name, value, problems) for name, value in given.items()}
+    if problems:
+        raise ConfigurationError(*problems)
+    build: Callable[..., RadiometerConfiguration] = RadiometerConfiguration
+    return build(**arguments)
+
+
+def _converted(name: str, value: float | str, problems: list[Problem]) -> object:
+    """Value of a field as its type; what cannot be converted is added to ``problems``."""
+    if name == "channels":
+        return tuple(part.strip() for part in str(value).split("+"))
+    if name in TEXT_FIELDS or name == "beam_file":
+        return str(value)
+    try:
+        if isinstance(value, bool):
+            raise ValueError
+        return float(value)
+    except (TypeError, ValueError):
+        problems.append(Problem("not a number", "Give a number", field=_SHOWN.get(name, name), value=value))
+        return value

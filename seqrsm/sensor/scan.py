@@ -1,0 +1,284 @@
+"""Scan of a radiometer: what period, speed, beam and integration time make of one flight over a scene.
+
+The craft flies over the middle line; the antenna sweeps from the left edge to the right edge and back while the craft
+moves on, so the lines zigzag: RSL TR 380-1 chapter 3.3.3. Footprints are square at nadir, and with the look angle phi
+from the vertical longer (h (tan(phi + beta/2) - tan(phi - beta/2))) and wider (resolution / cos phi).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from scipy.special import erf
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+
+BEAM_STEPS_A_WIDTH: Final = 128
+"""Steps of the table of a beam's running integral in one half-power beamwidth."""
+
+_REACH: Final = {"box": 0.5, "gaussian": 1.75, "sidelobes": 8.0}
+_MOST_FOOTPRINTS: Final = 20_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanGeometry:
+    """The scan over one scene.
+
+    Attributes
+    ----------
+    height_m : float
+        Flight line above the mean ground [m].
+    beamwidth_rad, half_angle_rad : float
+        Half-power beamwidth; reach of the sweep to either side [rad].
+    advance_m : float
+        Way flown from one line to the next [m].
+    line_time_s, dwell_ms : float
+        Time of one line [s]; time in which the beam moves by its own width [ms] (inf in the report's mode).
+    smear : float
+        Way the beam moves while it integrates [beamwidths].
+    look_rad : float64 array (n_samples,)
+        Look angle of each footprint of a line, left edge first, nadir 0 [rad].
+    step_rad : float
+        Between footprints [rad].
+    n_lines : int
+    along : FloatArray (n,)
+        Running integral of the beam along the track at steps of 1 / BEAM_STEPS_A_WIDTH from -reach to +reach.
+    across : FloatArray (m,)
+        The same in the direction of the sweep, spread by the smear.
+    notes : tuple of str
+        What the combination does: gaps, overlap, idle time, smear.
+    """
+
+    height_m: float
+    beamwidth_rad: float
+    half_angle_rad: float
+    advance_m: float
+    line_time_s: float
+    dwell_ms: float
+    smear: float
+    look_rad: FloatArray
+    step_rad: float
+    n_lines: int
+    along: FloatArray
+    across: FloatArray
+    notes: tuple[str, ...]
+
+    @property
+    def footprint_across_m(self) -> FloatArray:
+        """Length of each footprint of a line in the direction of the sweep, without smear [m]."""
+        half = 0.5 * self.beamwidth_rad
+        return np.asarray(self.height_m * (np.tan(self.look_rad + half) - np.tan(self.look_rad - half)))
+
+    @property
+    def footprint_along_m(self) -> FloatArray:
+        """Width of each footprint of a line along the track [m]."""
+        return np.asarray(2.0 * self.height_m * math.tan(0.5 * self.beamwidth_rad) / np.cos(self.look_rad))
+
+
+def scan_geometry(
+    radiometer: RadiometerConfiguration, height_m: float, across_m: float, along_m: float
+) -> ScanGeometry:
+    """Scan of a radiometer over a scene.
+
+    Parameters
+    ----------
+    radiometer : RadiometerConfiguration
+    height_m : float
+        Flight line above the mean ground [m].
+    across_m, along_m : float
+        Extent of the scene across and along the track [m].
+
+    Returns
+    -------
+    ScanGeometry
+
+    Raises
+    ------
+    ConfigurationError
+        Flight line in the ground, an antenna larger than the craft carries, an integration longer than a sweep, gaps
+        where they are refused, more footprints than can be simulated.
+    """
+    if height_m <= 0.0:
+        text = "the flight line is not above the ground"
+        raise ConfigurationError(Problem(text, "Fly higher", field="altitude_m", value=radiometer.altitude_m))
+    report = radiometer.mode == "report"
+    beta = radiometer.beamwidth_rad(height_m)
+    edge = math.atan(0.5 * across_m / height_m)
+    half_angle = math.radians(radiometer.scan_half_angle_deg) or edge
+    line_time = 0.5 * radiometer.scan_period_s
+    advance = radiometer.resolution_m if report else radiometer.speed_m_s * line_time
+    rate = 2.0 * half_angle / line_time
+    dwell_ms = math.inf if report else 1e3 * beta / rate
+    smear = 0.0 if report else radiometer.integration_time_ms / dwell_ms
+    problems = _problems(radiometer, height_m, advance, line_time, half_angle)
+    step = beta * max(1.0, smear)
+    n_samples = max(int(2.0 * half_angle / step * (1.0 + 1e-9)), 1)
+    # An odd number keeps one footprint at nadir.
+    n_samples += 1 - n_samples % 2
+    n_lines = max(math.ceil(along_m / advance * (1.0 - 1e-9)), 1)
+    if n_samples * n_lines > _MOST_FOOTPRINTS:
+        text = f"{n_lines} lines of {n_samples} footprints are more than {_MOST_FOOTPRINTS}"
+        problems.append(Problem(text, "Use a coarser resolution or a longer period", field="resolution"))
+    if problems:
+        raise ConfigurationError(*problems)
+    along = beam_integral(radiometer)
+    return ScanGeometry(
+        height_m=height_m,
+        beamwidth_rad=beta,
+        half_angle_rad=half_angle,
+        advance_m=advance,
+        line_time_s=line_time,
+        dwell_ms=dwell_ms,
+        smear=smear,
+        look_rad=np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * step, dtype=np.float64),
+        step_rad=step,
+        n_lines=n_lines,
+        along=along,
+        across=smeared(along, smear),
+        notes=_notes(radiometer, advance, dwell_ms, smear, half_angle, edge),
+    )
+
+
+def _problems(
+    radiometer: RadiometerConfiguration, height_m: float, advance: float, line_time: float, half_angle: float
+) -> list[Problem]:
+    """What makes the scan impossible."""
+    problems = []
+    antenna = radiometer.antenna_m(height_m)
+    if antenna > radiometer.antenna_limit_m * (1.0 + 1e-9):
+        finest = 1.22 * radiometer.wavelength_m * height_m / radiometer.antenna_limit_m
+        text = f"this beam needs an antenna of {antenna:.3g} m, more than the {radiometer.antenna_limit_m:g} m allowed"
+        remedy = f"Use a resolution of at least {finest:.4g} m, a higher frequency or a lower flight"
+        problems.append(Problem(text, remedy, field="resolution", value=radiometer.resolution_m))
+    if radiometer.mode == "report":
+        return problems
+    if radiometer.integration_time_ms > 1e3 * line_time:
+        text = f"one integration lasts longer than a sweep of {1e3 * line_time:.4g} ms: no footprint has a dwell"
+        remedy = "Integrate for less, or scan with a longer period"
+        problems.append(Problem(text, remedy, field="integration_time", value=radiometer.integration_time_ms))
+    if radiometer.gaps == "refuse" and advance > radiometer.resolution_m * (1.0 + 1e-9):
+        text = f"lines lie {advance:.4g} m apart and cover {radiometer.resolution_m:g} m each: gaps at nadir"
+        limit = 2.0 * radiometer.resolution_m / radiometer.speed_m_s
+        remedy = f"Use a period of at most {limit:.4g} s, a coarser resolution or a slower craft"
+        problems.append(Problem(text, remedy, field="scan_period", value=radiometer.scan_period_s))
+    if half_angle < 0.25 * radiometer.beamwidth_rad(height_m) and radiometer.scan_half_angle_deg > 0.0:
+        text = "the sweep is narrower than half a beam"
+        problems.append(Problem(text, "Sweep wider", field="scan_half_angle_deg", value=math.degrees(half_angle)))
+    return problems
+
+
+def _notes(
+    radiometer: RadiometerConfiguration,
+    advance: float,
+    dwell_ms: float,
+    smear: float,
+    half_angle: float,
+    edge: float,
+) -> tuple[str, ...]:
+    """What the combination of parameters does, in words."""
+    notes = []
+    covered = radiometer.resolution_m / advance
+    if radiometer.mode == "report":
+        notes.append("lines lie side by side at nadir whatever the scan period (the report's first-order simulation)")
+    elif covered < 1.0 - 1e-9:
+        notes.append(
+            f"gaps at nadir: lines {advance:.4g} m apart cover {radiometer.resolution_m:g} m each "
+            f"({100.0 * covered:.0f} %); unseen ground takes the value of the nearest footprint"
+        )
+    elif covered > 1.0 + 1e-9:
+        notes.append(f"lines overlap at nadir: each point is seen by {covered:.3g} lines; only the nearest is used")
+    if smear > 1.0:
+        notes.append(
+            f"integration of {radiometer.integration_time_ms:.4g} ms exceeds the dwell of {dwell_ms:.4g} ms: "
+            f"footprints are {smear:.3g} beams long"
+        )
+    elif 0.0 < smear < 0.5:
+        notes.append(f"{100.0 * (1.0 - smear):.0f} % of the dwell of {dwell_ms:.4g} ms is not used for integration")
+    if half_angle < edge - 0.5 * radiometer.beamwidth_rad(radiometer.altitude_m):
+        notes.append("the sweep does not reach the edges of the scene; ground beyond it is not scored")
+    return tuple(notes)
+
+
+def beam_integral(radiometer: RadiometerConfiguration) -> FloatArray:
+    """Running integral of the antenna pattern along one axis, from 0 to 1.
+
+    Parameters
+    ----------
+    radiometer : RadiometerConfiguration
+
+    Returns
+    -------
+    float64 array (2 n + 1,)
+        At steps of 1 / `BEAM_STEPS_A_WIDTH` beamwidths, centred on the beam's axis; the pattern is cut at the ends.
+
+    Raises
+    ------
+    ConfigurationError
+        The file of a measured pattern cannot be used.
+    """
+    beam = "box" if radiometer.mode == "report" else radiometer.beam
+    if beam == "measured":
+        return _measured_integral(radiometer.beam_file)
+    reach = _REACH[beam]
+    n = round(reach * BEAM_STEPS_A_WIDTH)
+    u = np.arange(-n, n + 1) / BEAM_STEPS_A_WIDTH
+    if beam == "box":
+        return np.asarray(u + 0.5)
+    if beam == "gaussian":
+        total = erf(2.0 * math.sqrt(math.log(2.0)) * u)
+        return np.asarray(0.5 + 0.5 * total / total[-1])
+    # (sin x / x)**2 falls to one half at x = 1.39156.
+    return _normalised(np.sinc(2.0 * 1.391557378 / math.pi * u) ** 2)
+
+
+def _normalised(pattern: FloatArray) -> FloatArray:
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (pattern[1:] + pattern[:-1]))])
+    return np.asarray(total / total[-1])
+
+
+def _measured_integral(path: str) -> FloatArray:
+    """Running integral of a pattern read from CSV: angle in half-power beamwidths, linear power gain."""
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
+        header = [cell.strip() for cell in rows[0]]
+    except (OSError, ValueError, IndexError) as error:
+        raise ConfigurationError(Problem(f"not a readable pattern: {error}", file=path, field="beam_file")) from error
+    wrong = header != ["angle_beamwidths", "gain"] or table.ndim != 2 or len(table) < 5
+    if wrong or (np.diff(table[:, 0]) <= 0.0).any() or (table[:, 1] < 0.0).any() or not table[:, 1].sum() > 0.0:
+        text = "a pattern has columns angle_beamwidths (rising) and gain (>= 0), at least 5 rows"
+        raise ConfigurationError(Problem(text, file=Path(path).name, field="beam_file"))
+    n = math.ceil(float(np.abs(table[:, 0]).max()) * BEAM_STEPS_A_WIDTH)
+    u = np.arange(-n, n + 1) / BEAM_STEPS_A_WIDTH
+    return _normalised(np.interp(u, table[:, 0], table[:, 1], left=0.0, right=0.0))
+
+
+def smeared(integral: FloatArray, smear: float) -> FloatArray:
+    """Running integral of a pattern that moves by ``smear`` beamwidths while it integrates.
+
+    The mean of the integral over the way, from the integral's own integral: exact for a piecewise linear one.
+    """
+    if smear <= 0.0:
+        return integral
+    step = 1.0 / BEAM_STEPS_A_WIDTH
+    reach = 0.5 * (len(integral) - 1) * step
+    n = math.ceil((reach + 0.5 * smear) / step)
+    u: FloatArray = np.asarray(np.arange(-n, n + 1) * step, dtype=np.float64)
+    nodes = (np.arange(len(integral)) - 0.5 * (len(integral) - 1)) * step
+    second = np.concatenate([[0.0], np.cumsum(0.5 * (integral[1:] + integral[:-1]) * step)])
+
+    def antiderivative(x: FloatArray) -> FloatArray:
+        k = np.clip(((x + reach) / step).astype(np.int64), 0, len(integral) - 2)
+        f = np.clip((x - nodes[k]) / step, 0.0, 1.0)
+        inside = second[k] + step * f * (integral[k] + 0.5 * f * (integral[k + 1] - integral[k]))
+        return np.asarray(np.where(x <= -reach, 0.0, np.where(x >= reach, second[-1] + (x - reach), inside)))
+
+    return np.asarray((antiderivative(u + 0.5 * smear) - antiderivative(u - 0.5 * smear)) / smear)

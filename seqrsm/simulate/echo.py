@@ -1,0 +1,291 @@
+"""Phase one of the Point Scattering Model: what every element of the data base returns, the report's program POWER.
+
+`power_map` keeps the arrays of elements, for inspection; `echo_sums` collects the elements into range bins as it goes,
+in strips of columns that threads share, and keeps nothing else. Both give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate import kernels
+from seqrsm.simulate.frame import RadarFrame
+from seqrsm.simulate.occasion import Occasion
+
+if TYPE_CHECKING:
+    from seqrsm.scattering.sigma0 import Sigma0Lookup
+
+LUT_STEPS: Final = 2048
+"""Steps of the table of sigma0 in sin(theta/2): 0.03 to 0.06 deg each."""
+
+STRIP: Final = 2048
+"""Columns done at a time: the rows' work arrays stay in the core's own cache."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EchoGrid:
+    """Numbers of each row of a frame that the kernels work with.
+
+    Attributes
+    ----------
+    geometry : float64 array (n, 9)
+        See `kernels.power_cells`.
+    base : float64 array (n + 2,)
+        Range position of flat ground in each row from the near edge of the swath [bins], one row more at both ends.
+    first, n_bins : int
+        First range bin that ground of the swath reaches, and the number of bins.
+    reference_range_m : float
+        Slant range of flat ground at the centre of the scene [m].
+    """
+
+    geometry: FloatArray
+    base: FloatArray
+    first: int
+    n_bins: int
+    reference_range_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PowerMap:
+    """Phase one with its arrays of elements.
+
+    Attributes
+    ----------
+    frame : RadarFrame
+        The ground as the radar sees it.
+    grid : EchoGrid
+    power : float array (n_channels, n, m)
+        sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way
+        and relative to their best; 0 where nothing returns.
+    offset : float array (n, m)
+        Range position minus that of flat ground in the same row [bins].
+    state : uint8 array (n, m)
+        Bits of `kernels`: CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA.
+    """
+
+    frame: RadarFrame
+    grid: EchoGrid
+    power: AnyArray
+    offset: AnyArray
+    state: AnyArray
+
+    @property
+    def base(self) -> FloatArray:
+        """`EchoGrid.base`."""
+        return self.grid.base
+
+    @property
+    def reference_range_m(self) -> float:
+        """`EchoGrid.reference_range_m`."""
+        return self.grid.reference_range_m
+
+
+def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArray:
+    """Table of sigma0 on equal steps of sin(theta/2) from 0 to 90 deg.
+
+    sin(theta/2) is smooth in the angle and needs no inverse function in the kernel. Between the table's angles sigma0
+    is linear in decibels, or in power where it falls to zero.
+
+    Parameters
+    ----------
+    lookups : sequence of Sigma0Lookup
+        One for each channel.
+    occasion : Occasion
+        Its class offsets are applied.
+
+    Returns
+    -------
+    float64 array (n_channels, n_categories, LUT_STEPS + 2)
+    """
+    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
+    theta_deg = np.rad2deg(2.0 * np.arcsin(q))
+    out = np.empty((len(lookups), lookups[0].sigma0.shape[0], LUT_STEPS + 2))
+    for c, lookup in enumerate(lookups):
+        nodes = np.asarray(lookup.theta_deg, dtype=np.float64)
+        k = np.clip(np.searchsorted(nodes, theta_deg, side="right") - 1, 0, len(nodes) - 2)
+        f = np.clip((theta_deg - nodes[k]) / (nodes[k + 1] - nodes[k]), 0.0, 1.0)
+        low, high = lookup.sigma0[:, k], lookup.sigma0[:, k + 1]
+        both = (low > 0.0) & (high > 0.0)
+        ratio = np.where(both, high, 1.0) / np.where(both, low, 1.0)
+        out[c] = np.where(both, low * ratio**f, low + f * (high - low))
+    out *= 10.0 ** (0.1 * occasion.class_offset_db[:, :, None])
+    return out
+
+
+def field_factors(occasion: Occasion) -> FloatArray:
+    """Factor of each field's sigma0 (n_channels, n_fields); (n_channels, 0) where all are 1, which costs nothing."""
+    if not occasion.field_offset_db.any():
+        return np.empty((len(occasion.field_offset_db), 0))
+    return np.asarray(10.0 ** (0.1 * occasion.field_offset_db))
+
+
+def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
+    """Row numbers of a frame for one radar.
+
+    Parameters
+    ----------
+    frame : RadarFrame
+    radar : RadarConfiguration
+
+    Returns
+    -------
+    EchoGrid
+    """
+    cell, height = frame.cell_m, frame.height_m
+    y = frame.ground_range_m
+    around = range_geometry(np.concatenate(([y[0] - cell], y, [y[-1] + cell])), height, frame.curved)
+    marks = range_geometry(np.array([frame.near_edge_m, frame.centre_m]), height, frame.curved)
+    reference = float(marks.slant_range_m[1])
+    ground_format = radar.range_format == "ground"
+    if ground_format:
+        position = around.ground_range_m - frame.near_edge_m
+        place, per_m = around.chord_m, 1.0 / (radar.range_spacing_m * around.chord_per_m)
+    else:
+        position = around.slant_range_m - marks.slant_range_m[0]
+        place, per_m = around.slant_range_m, np.full(len(y) + 2, 1.0 / radar.range_spacing_m)
+    own = slice(1, -1)
+    geometry = np.empty((len(y), 9))
+    geometry[:, 0] = around.along_m[own]
+    geometry[:, 1] = around.slant_range_m[own]
+    geometry[:, 2] = np.concatenate(([0.0], cell / around.along_m[1:-2]))
+    geometry[:, 3] = (reference / around.slant_range_m[own]) ** 4 * radar.atmosphere(around.incidence_rad[own])
+    geometry[:, 4] = around.up_m[own]
+    geometry[:, 5] = around.up_m[:-2]
+    geometry[:, 6] = place[own]
+    geometry[:, 7] = per_m[own]
+    geometry[:, 8] = (around.incidence_rad - around.look_rad)[own]
+    base = position / radar.range_spacing_m
+    first, last = _reach(frame, geometry, base[own], ground_format)
+    # A position that rounds onto the far edge belongs to the last bin inside it.
+    return EchoGrid(geometry, base, first, max(last - first + 1, 1), reference)
+
+
+def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_format: bool) -> tuple[int, int]:
+    """First and last range bin that elements of the swath reach; range falls with height, so the extremes tell."""
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    rows = frame.source[own]
+    extreme = np.stack([frame.lowest_m[rows], frame.highest_m[rows]], axis=1)
+    offset = np.empty_like(extreme)
+    kernels.offset_rows(extreme, geometry[own], ground_format, offset)
+    reached = base[own, None] + offset
+    return math.floor(float(reached.min())), math.floor(float(reached.max()))
+
+
+def _tables(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
+    """Table of sigma0 with the category of no data appended."""
+    return np.asarray(np.concatenate([lut, np.zeros_like(lut[:, :1])], axis=1), dtype=dtype)
+
+
+def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: FloatArray, field_factor: FloatArray) -> PowerMap:
+    """Geometry, propagation and mean power of every element.
+
+    Parameters
+    ----------
+    frame : RadarFrame
+    radar : RadarConfiguration
+    lut : float64 array (n_channels, n_categories, LUT_STEPS + 2)
+        Of `sigma0_lut`.
+    field_factor : float64 array (n_channels, n_fields)
+        Factor of each field's sigma0; n_fields = 0 stands for 1.
+
+    Returns
+    -------
+    PowerMap
+    """
+    dtype = frame.elevation_m.dtype
+    grid = echo_grid(frame, radar)
+    shape = (len(frame.source), frame.elevation_m.shape[1])
+    power = np.empty((lut.shape[0], *shape), dtype=dtype)
+    offset = np.empty(shape, dtype=dtype)
+    state = np.empty(shape, dtype=np.uint8)
+    kernels.power_cells(
+        frame.elevation_m,
+        frame.source,
+        frame.cover,
+        frame.field,
+        grid.geometry,
+        frame.cell_m,
+        radar.range_format == "ground",
+        _tables(lut, dtype),
+        field_factor.astype(dtype),
+        radar.pattern_lut(),
+        power,
+        offset,
+        state,
+    )
+    kernels.mark_layover(offset, grid.base[1:-1], state)
+    return PowerMap(frame, grid, power, offset, state)
+
+
+def echo_sums(
+    frame: RadarFrame,
+    radar: RadarConfiguration,
+    grid: EchoGrid,
+    lut: FloatArray,
+    field_factor: FloatArray,
+    threads: int = 1,
+) -> AnyArray:
+    """Power of every range bin and column, summed over the elements in it.
+
+    Parameters
+    ----------
+    frame, radar, lut, field_factor
+        As in `power_map`.
+    grid : EchoGrid
+        Of `echo_grid`.
+    threads : int
+        Threads that share the columns; the bits do not depend on it.
+
+    Returns
+    -------
+    float array (n_channels, n_bins, m)
+        In the units of `PowerMap.power`.
+    """
+    dtype = frame.elevation_m.dtype
+    m = frame.elevation_m.shape[1]
+    out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
+    tables, factor, pattern = _tables(lut, dtype), field_factor.astype(dtype), radar.pattern_lut()
+    strips = max(-(-m // STRIP), min(threads, m))
+    edges = np.linspace(0, m, strips + 1).astype(np.int64)
+
+    def do(k: int) -> None:
+        kernels.sum_echoes(
+            frame.elevation_m,
+            frame.source,
+            frame.cover,
+            frame.field,
+            grid.geometry,
+            frame.cell_m,
+            radar.range_format == "ground",
+            tables,
+            factor,
+            pattern,
+            grid.base,
+            grid.first,
+            radar.binning == "nearest",
+            edges[k],
+            edges[k + 1],
+            out,
+        )
+
+    in_threads(do, strips, threads)
+    return out
+
+
+def in_threads(do: Callable[[int], None], n: int, threads: int) -> None:
+    """Call ``do(k)`` for k < n, by that many threads; the kernels let go of the interpreter's lock."""
+    if threads == 1 or n == 1:
+        for k in range(n):
+            do(k)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(do, range(n)))

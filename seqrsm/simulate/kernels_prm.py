@@ -1,0 +1,583 @@
+"""Every compiled kernel of the radiometer's simulation, in one self-contained file.
+
+Arrays are ``[across, along]`` the track with the track contiguous: a row has one ground range from nadir and one look
+angle for flat ground, and every step along it is independent, so the inner loops vectorise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray
+from seqrsm.jit import kernel
+
+BLOCKED = 1
+NO_DATA = 2
+
+_M0 = np.uint64(0xD2511F53)
+_M1 = np.uint64(0xCD9E8D57)
+_W0 = np.uint32(0x9E3779B9)
+_W1 = np.uint32(0xBB67AE85)
+_LOW = np.uint64(0xFFFFFFFF)
+_SHIFT = np.uint64(32)
+
+
+@kernel
+def philox4x32(
+    c0: np.uint32, c1: np.uint32, c2: np.uint32, c3: np.uint32, k0: np.uint32, k1: np.uint32
+) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
+    """Four random words of a counter and a key: Philox4x32 with ten rounds (Salmon et al. 2011)."""
+    for _ in range(10):
+        p0 = np.uint64(c0) * _M0
+        p1 = np.uint64(c2) * _M1
+        c0, c1, c2, c3 = (
+            np.uint32(np.uint32(p1 >> _SHIFT) ^ c1 ^ k0),
+            np.uint32(p1 & _LOW),
+            np.uint32(np.uint32(p0 >> _SHIFT) ^ c3 ^ k1),
+            np.uint32(p0 & _LOW),
+        )
+        k0 = np.uint32(k0 + _W0)
+        k1 = np.uint32(k1 + _W1)
+    return c0, c1, c2, c3
+
+
+@kernel
+def add_receiver_noise(
+    mean: AnyArray, nedt: AnyArray, numbers: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray
+) -> None:
+    """Add one Gaussian draw to each footprint.
+
+    Parameters
+    ----------
+    mean : float array (n_channels, n_samples, n_lines)
+        Antenna temperature [K].
+    nedt : float array, same shape
+        Standard deviation [K].
+    numbers : int64 array (n_channels,)
+        Number of each channel in the counter: a channel's noise is the same whoever is received beside it.
+    k0, k1 : uint32
+        Key of the run's noise.
+    out : float array, same shape
+        Written.
+    """
+    n_channels, n_samples, n_lines = mean.shape
+    for c in range(n_channels):
+        for s in range(n_samples):
+            for line in range(n_lines):
+                w0, w1, w2, _ = philox4x32(np.uint32(s), np.uint32(line), np.uint32(numbers[c]), np.uint32(0), k0, k1)
+                u = ((w0 >> np.uint32(5)) * 67108864.0 + (w1 >> np.uint32(6)) + 0.5) / 9007199254740992.0
+                x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * ((w2 + 0.5) / 4294967296.0))
+                out[c, s, line] = mean[c, s, line] + nedt[c, s, line] * x
+
+
+@kernel
+def emit_cells(
+    z: AnyArray,
+    cover: AnyArray,
+    field: AnyArray,
+    surface: AnyArray,
+    geometry: AnyArray,
+    height: float,
+    cell: float,
+    lut: AnyArray,
+    sky: AnyArray,
+    place: AnyArray,
+    field_offset: AnyArray,
+    out: AnyArray,
+    state: AnyArray,
+) -> None:
+    """Radiation of every data-base element towards the antenna: the report's program POWER.
+
+    Blocking by the height of the line of sight on both sides of nadir, local look angle, emissivity of the element's
+    own category and moisture, reflected sky, loss and radiation of the air below the antenna: eq. (3-35).
+
+    Parameters
+    ----------
+    z : float array (n, m)
+        Elevation above the datum [m], no gaps.
+    cover : uint8 array (n, m)
+        Category, 255 where there is none.
+    field : int32 array (n, m)
+        Field, >= 0.
+    surface : float array (n, m)
+        Physical temperature, or its Planck equivalent [K].
+    geometry : float64 array (n, 5)
+        For each row: distance from nadir [m]; ``cell / distance`` of the next row towards nadir (0: nothing there
+        blocks); +1 or -1, the side; radiation of the air below the antenna [K]; 1 / L.
+    height : float
+        Antenna above the datum [m].
+    cell : float
+        Side of a cell [m].
+    lut : float array (n_channels, n_categories, n_moistures, k), contiguous
+        Emissivity at ``k - 1`` equal steps of sin(theta/2) from 0 to sin(45 deg), and the last value once more.
+    sky : float64 array (11,)
+        Radiation of the sky on the ground [K]: the largest sin(theta/2)**2 that counts, then the ten coefficients of a
+        polynomial in ``2 sin(theta/2)**2 / largest - 1``.
+    place : float array (n_fields,)
+        Place of each field's moisture among those of the table, 0 .. n_moistures - 1.
+    field_offset : float array (n_channels, n_fields)
+        Added to each field's emissivity; no columns: nothing is.
+    out : float array (n_channels, n, m)
+        Written: antenna temperature of the element [K]; 0 where it is not seen.
+    state : uint8 array (n, m)
+        Written: bits BLOCKED, NO_DATA.
+    """
+    n, m = z.shape
+    n_channels, n_categories, n_moistures, width = lut.shape
+    none = np.uint8(n_categories)
+    tables = lut.reshape(n_channels, n_categories * n_moistures * width)
+    ray = np.empty(m, dtype=z.dtype)
+    lit = np.empty(m, dtype=z.dtype)
+    where = np.empty(m, dtype=z.dtype)
+    part = np.empty(m, dtype=z.dtype)
+    index = np.empty(m, dtype=np.uint32)
+    slope_x = np.zeros(m, dtype=z.dtype)
+    e = np.empty(m, dtype=z.dtype)
+    reflected = np.empty(m, dtype=z.dtype)
+    middle = 0
+    while middle < n - 1 and geometry[middle, 2] < 0.0:
+        middle += 1
+    # From nadir outward: the right side first, then the left.
+    for step in range(n):
+        i = middle + step if middle + step < n else n - 1 - step
+        here = z[i]
+        _block_row(here, geometry[i, 1], height, ray, lit)
+        _slope_row(here, cell, slope_x)
+        span = min(i + 1, n - 1) - max(i - 1, 0)
+        per_out = geometry[i, 2] / (cell * span) if span > 0 else 0.0
+        _look_row(z[max(i - 1, 0)], here, z[min(i + 1, n - 1)], slope_x, geometry[i, 0], per_out, height, width - 2,
+                  where, lit)  # fmt: skip
+        _state_row(lit, cover[i], none, state[i])
+        _index_row(where, cover[i], none, width * n_moistures, index, part)
+        for c in range(n_channels):
+            if n_moistures > 1:
+                _moist_row(tables[c], index, part, field[i], place, width, e)
+            else:
+                _dry_row(tables[c], index, part, e)
+            if field_offset.shape[1] > 0:
+                _field_row(field[i], field_offset[c], e)
+            if c == 0:
+                _sky_row(where, sky, 0.5 / (width - 2) ** 2, reflected)
+            _radiate_row(e, reflected, surface[i], geometry[i, 3], geometry[i, 4], state[i], out[c, i])
+
+
+@kernel
+def _block_row(here: AnyArray, descent: float, height: float, ray: AnyArray, lit: AnyArray) -> None:
+    """Advance the height of the highest line of sight by one row; `lit` is 1 where the ground rises to it, else 0."""
+    number = here.dtype.type
+    one, zero = number(1.0), number(0.0)
+    if descent == 0.0:
+        for j in range(here.shape[0]):
+            ray[j] = here[j]
+            lit[j] = one
+    else:
+        h, fall = number(height), number(descent)
+        for j in range(here.shape[0]):
+            s = ray[j] - (h - ray[j]) * fall
+            lit[j] = zero if here[j] < s else one
+            ray[j] = max(s, here[j])
+
+
+@kernel
+def _slope_row(here: AnyArray, cell: float, out: AnyArray) -> None:
+    """Slope along the track by central differences, one-sided at the ends of the row."""
+    m = here.shape[0]
+    if m < 2:
+        return
+    number = here.dtype.type
+    per_two, per_one = number(0.5 / cell), number(1.0 / cell)
+    left, right, inner = here[: m - 2], here[2:], out[1 : m - 1]
+    for j in range(m - 2):
+        inner[j] = (right[j] - left[j]) * per_two
+    out[0] = (here[1] - here[0]) * per_one
+    out[m - 1] = (here[m - 1] - here[m - 2]) * per_one
+
+
+@kernel
+def _look_row(
+    above: AnyArray,
+    here: AnyArray,
+    below: AnyArray,
+    slope_x: AnyArray,
+    distance: float,
+    per_out: float,
+    height: float,
+    steps: int,
+    where: AnyArray,
+    lit: AnyArray,
+) -> None:
+    """Place of the local look angle in the tables; ground that faces away is not lit."""
+    number = here.dtype.type
+    one, half, zero = number(1.0), number(0.5), number(0.0)
+    h, y, per_slope = number(height), number(distance), number(per_out)
+    per_q, last = number(steps / math.sqrt(0.5)), number(steps)
+    for j in range(here.shape[0]):
+        slope_y = (below[j] - above[j]) * per_slope
+        drop = h - here[j]
+        # Vectors to the antenna and of the slope, neither normalised: one root for both lengths.
+        lengths2 = (y * y + drop * drop) * (one + slope_x[j] * slope_x[j] + slope_y * slope_y)
+        facing = y * slope_y + drop
+        across = drop * slope_y - y
+        # sin(theta/2)**2 from the vector product: exact near theta = 0, where 1 - cos would lose its digits.
+        sine2 = across * across + (y * y + drop * drop) * (slope_x[j] * slope_x[j])
+        half_sine2 = half * sine2 / (lengths2 + math.sqrt(lengths2) * max(facing, zero))
+        where[j] = min(math.sqrt(half_sine2) * per_q, last)
+        lit[j] = lit[j] if facing > zero else zero
+
+
+@kernel
+def _state_row(lit: AnyArray, cover: AnyArray, none: np.uint8, state: AnyArray) -> None:
+    """Bits BLOCKED and NO_DATA."""
+    zero = lit.dtype.type(0.0)
+    for j in range(lit.shape[0]):
+        flag = np.uint8(BLOCKED) if lit[j] == zero else np.uint8(0)
+        if cover[j] >= none:
+            flag |= np.uint8(NO_DATA)
+        state[j] = flag
+
+
+@kernel
+def _index_row(where: AnyArray, cover: AnyArray, none: np.uint8, stride: int, index: AnyArray, part: AnyArray) -> None:
+    """Place of each element in a flat table, and the part of a step beyond it; category 0 where there is none."""
+    number = where.dtype.type
+    jump = np.uint32(stride)
+    for j in range(where.shape[0]):
+        k = np.int32(where[j])
+        part[j] = where[j] - number(k)
+        kind = np.uint32(cover[j]) if cover[j] < none else np.uint32(0)
+        index[j] = kind * jump + np.uint32(k)
+
+
+@kernel
+def _dry_row(table: AnyArray, index: AnyArray, part: AnyArray, e: AnyArray) -> None:
+    """Emissivity from a table over the angle."""
+    for j in range(e.shape[0]):
+        # Unsigned indices: spares the test for indices counted from the end.
+        k = np.uint64(index[j])
+        low = table[k]
+        e[j] = low + part[j] * (table[k + np.uint64(1)] - low)
+
+
+@kernel
+def _moist_row(
+    table: AnyArray, index: AnyArray, part: AnyArray, field: AnyArray, place: AnyArray, width: int, e: AnyArray
+) -> None:
+    """Emissivity from a table over moisture and angle, at the moisture of each element's field."""
+    number = e.dtype.type
+    row = np.uint64(width)
+    one = np.uint64(1)
+    for j in range(e.shape[0]):
+        at = place[np.uint32(field[j])]
+        p = np.int32(at)
+        g = at - number(p)
+        k = np.uint64(index[j]) + np.uint64(np.uint32(p)) * row
+        low = table[k]
+        dry = low + part[j] * (table[k + one] - low)
+        low = table[k + row]
+        wet = low + part[j] * (table[k + row + one] - low)
+        e[j] = dry + g * (wet - dry)
+
+
+@kernel
+def _field_row(field: AnyArray, offset: AnyArray, e: AnyArray) -> None:
+    """Add the departure of each element's field; emissivity stays within 0 and 1."""
+    zero, one = e.dtype.type(0.0), e.dtype.type(1.0)
+    for j in range(e.shape[0]):
+        e[j] += offset[np.uint32(field[j])]
+    for j in range(e.shape[0]):
+        e[j] = min(max(e[j], zero), one)
+
+
+@kernel
+def _sky_row(where: AnyArray, sky: AnyArray, per_step2: float, out: AnyArray) -> None:
+    """Radiation of the sky at each element's local angle: a polynomial, which vectorises where a table would not."""
+    number = where.dtype.type
+    two, one = number(2.0), number(1.0)
+    scale = number(per_step2 * 2.0 / sky[0])
+    c0, c1, c2, c3, c4 = number(sky[1]), number(sky[2]), number(sky[3]), number(sky[4]), number(sky[5])
+    c5, c6, c7, c8, c9 = number(sky[6]), number(sky[7]), number(sky[8]), number(sky[9]), number(sky[10])
+    for j in range(where.shape[0]):
+        t = min(where[j] * where[j] * scale, two) - one
+        out[j] = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * (c6 + t * (c7 + t * (c8 + t * c9))))))))
+
+
+@kernel
+def _radiate_row(
+    e: AnyArray,
+    reflected: AnyArray,
+    surface: AnyArray,
+    upwelling: float,
+    transmission: float,
+    state: AnyArray,
+    out: AnyArray,
+) -> None:
+    """Emitted and reflected radiation through the air below the antenna, eq. (3-35); 0 where nothing is seen."""
+    number = e.dtype.type
+    zero, up, through = number(0.0), number(upwelling), number(transmission)
+    for j in range(e.shape[0]):
+        value = up + through * (reflected[j] + e[j] * (surface[j] - reflected[j]))
+        out[j] = value if state[j] == 0 else zero
+
+
+@kernel
+def displace_cells(z: AnyArray, across: AnyArray, height: float, cell: float, out: AnyArray) -> None:
+    """Displacement of every element by its height, outward: y z / (h - z).
+
+    Parameters
+    ----------
+    z : float array (n, m)
+        Elevation above the datum [m].
+    across : float64 array (n,)
+        Distance of the rows from nadir, right positive [m].
+    height, cell : float
+        Antenna above the datum; side of a cell [m].
+    out : float array (n, m)
+        Written: towards higher row numbers [cells].
+    """
+    number = z.dtype.type
+    h = number(height)
+    for i in range(z.shape[0]):
+        y = number(across[i] / cell)
+        for j in range(z.shape[1]):
+            out[i, j] = y * z[i, j] / (h - z[i, j])
+
+
+@kernel
+def bin_angle(emitted: AnyArray, offset: AnyArray, state: AnyArray, total: AnyArray, weight: AnyArray) -> None:
+    """Put every seen element where the antenna sees it, on rows of flat ground, split by exact overlap.
+
+    Raised ground is seen farther out. An element reaches half way to its neighbours, so what is seen fills the view
+    without gap, and an element counts by the angle it fills.
+
+    Parameters
+    ----------
+    emitted : float array (n_channels, n, m)
+    offset : float array (n, m)
+        Displacement along the rows' index [cells].
+    state : uint8 array (n, m)
+        Elements with any bit are left out.
+    total : float array (n_channels, n, m)
+        Zeroed by the caller; sums of emitted x overlap.
+    weight : float array (n, m)
+        Zeroed by the caller; sums of overlap.
+    """
+    n_channels, n, m = emitted.shape
+    for i in range(n):
+        above = offset[max(i - 1, 0)]
+        here = offset[i]
+        below = offset[min(i + 1, n - 1)]
+        for j in range(m):
+            if state[i, j] != 0:
+                continue
+            a = i - 0.5 + 0.5 * (above[j] + here[j])
+            b = i + 0.5 + 0.5 * (here[j] + below[j])
+            low = min(a, b) + 0.5
+            high = max(a, b) + 0.5
+            first = max(math.floor(low), 0)
+            past = min(math.floor(high), n - 1)
+            for k in range(first, past + 1):
+                part = min(high, k + 1.0) - max(low, float(k))
+                if part > 0.0:
+                    weight[k, j] += part
+                    for c in range(n_channels):
+                        total[c, k, j] += part * emitted[c, i, j]
+
+
+@kernel
+def _beam_share(integral: AnyArray, u: float, per_width: float) -> float:
+    """Share of a beam below ``u`` [beamwidths], by the table of its running integral."""
+    x = u * per_width + 0.5 * (integral.shape[0] - 1)
+    if x <= 0.0:
+        return 0.0
+    if x >= integral.shape[0] - 1:
+        return 1.0
+    k = int(x)
+    return integral[k] + (x - k) * (integral[k + 1] - integral[k])
+
+
+@kernel
+def line_centre(line: int, part: float, advance: float) -> float:
+    """Place along the track of a line's beam where the sweep has gone ``part`` of its way from the left [m]."""
+    return advance * (line + (part if line % 2 == 0 else 1.0 - part))
+
+
+@kernel
+def average_along(
+    total: AnyArray,
+    weight: AnyArray,
+    part: AnyArray,
+    width: AnyArray,
+    advance: float,
+    cell: float,
+    integral: AnyArray,
+    per_width: float,
+    out: AnyArray,
+    seen: AnyArray,
+) -> None:
+    """Beam-weighted sums along the track, for each row and each line.
+
+    Parameters
+    ----------
+    total : float array (n_channels, n, m)
+    weight : float array (n, m)
+        Of `bin_angle`.
+    part : float64 array (n,)
+        Share of the sweep from left to right that has passed when the axis crosses the row, 0 to 1.
+    width : float64 array (n,)
+        Half-power width of the beam along the track in the row [m].
+    advance, cell : float
+        Way between lines; side of a cell [m].
+    integral : float64 array (2 q + 1,)
+        Running integral of the beam.
+    per_width : float
+        Its steps in one beamwidth.
+    out : float64 array (n_channels, n, n_lines)
+        Written.
+    seen : float64 array (n, n_lines)
+        Written: sums of the weights.
+    """
+    n_channels, n, m = total.shape
+    n_lines = seen.shape[1]
+    reach = 0.5 * (integral.shape[0] - 1) / per_width
+    for i in range(n):
+        for line in range(n_lines):
+            centre = line_centre(line, part[i], advance)
+            first = max(math.floor((centre - reach * width[i]) / cell), 0)
+            past = min(math.ceil((centre + reach * width[i]) / cell), m)
+            for c in range(n_channels):
+                out[c, i, line] = 0.0
+            norm = 0.0
+            low = _beam_share(integral, (first * cell - centre) / width[i], per_width)
+            for j in range(first, past):
+                high = _beam_share(integral, ((j + 1) * cell - centre) / width[i], per_width)
+                share = high - low
+                low = high
+                norm += share * weight[i, j]
+                for c in range(n_channels):
+                    out[c, i, line] += share * total[c, i, j]
+            seen[i, line] = norm
+
+
+@kernel
+def average_across(
+    rows: AnyArray,
+    seen: AnyArray,
+    edge: AnyArray,
+    look: AnyArray,
+    beamwidth: float,
+    integral: AnyArray,
+    per_width: float,
+    out: AnyArray,
+) -> None:
+    """Footprints: beam-weighted means of the rows' sums in the direction of the sweep.
+
+    Parameters
+    ----------
+    rows : float64 array (n_channels, n, n_lines)
+    seen : float64 array (n, n_lines)
+        Of `average_along`.
+    edge : float64 array (n + 1,)
+        Look angles of the rows' edges [rad], rising.
+    look : float64 array (n_samples,)
+        Look angles of the footprints [rad].
+    beamwidth : float
+        [rad]
+    integral : float64 array (2 q + 1,)
+        Running integral of the beam with its smear.
+    per_width : float
+        Its steps in one beamwidth.
+    out : float array (n_channels, n_samples, n_lines)
+        Written [K]; nan where nothing is seen.
+    """
+    n_channels, n, n_lines = rows.shape
+    n_samples = look.shape[0]
+    reach = 0.5 * (integral.shape[0] - 1) / per_width * beamwidth
+    total = np.empty((n_channels, n_lines))
+    norm = np.empty(n_lines)
+    for s in range(n_samples):
+        total[:] = 0.0
+        norm[:] = 0.0
+        for i in range(n):
+            if edge[i + 1] < look[s] - reach or edge[i] > look[s] + reach:
+                continue
+            share = _beam_share(integral, (edge[i + 1] - look[s]) / beamwidth, per_width) - _beam_share(
+                integral, (edge[i] - look[s]) / beamwidth, per_width
+            )
+            if share <= 0.0:
+                continue
+            for line in range(n_lines):
+                norm[line] += share * seen[i, line]
+            for c in range(n_channels):
+                for line in range(n_lines):
+                    total[c, line] += share * rows[c, i, line]
+        for c in range(n_channels):
+            for line in range(n_lines):
+                out[c, s, line] = total[c, line] / norm[line] if norm[line] > 0.0 else math.nan
+
+
+@kernel
+def register_cells(
+    offset: AnyArray,
+    state: AnyArray,
+    look: AnyArray,
+    scan: AnyArray,
+    footprint: AnyArray,
+    coverage: AnyArray,
+) -> None:
+    """Nearest footprint of every element, and how many half-power footprints hold its centre.
+
+    Parameters
+    ----------
+    offset : float array (n, m)
+        Displacement by height [cells].
+    state : uint8 array (n, m)
+    look : float64 array (n_samples,)
+        Look angles of the footprints [rad].
+    scan : float64 array (8,)
+        Height [m], cell [m], half-power width with its smear [rad], half angle of the sweep [rad], step of the
+        footprints [rad], way between lines [m], width of the footprint at nadir [m], number of lines.
+    footprint : int32 array (n, m)
+        Written: ``sample * n_lines + line``; -1 without data and beyond the sweep.
+    coverage : int32 array (n, m)
+        Written.
+    """
+    n, m = offset.shape
+    height, cell, beamwidth, half_angle, step, advance, nadir_m, lines = scan
+    n_lines = int(lines)
+    n_samples = look.shape[0]
+    last = max(look[n_samples - 1], half_angle) + 0.5 * beamwidth
+    for i in range(n):
+        for j in range(m):
+            footprint[i, j] = -1
+            coverage[i, j] = 0
+            if state[i, j] & NO_DATA:
+                continue
+            y = (i - 0.5 * (n - 1) + offset[i, j]) * cell
+            phi = math.atan(y / height)
+            if abs(phi) > last:
+                continue
+            part = min(max(0.5 + 0.5 * phi / half_angle, 0.0), 1.0) if half_angle > 0.0 else 0.5
+            x = (j + 0.5) * cell
+            width = nadir_m / math.cos(phi)
+            guess = math.floor(x / advance)
+            spread = math.ceil(0.5 * width / advance) + 2
+            nearest = 0
+            least = math.inf
+            count = 0
+            for line in range(max(guess - spread, 0), min(guess + spread + 1, n_lines)):
+                distance = abs(x - line_centre(line, part, advance))
+                if distance < least:
+                    least = distance
+                    nearest = line
+                if distance <= 0.5 * width:
+                    count += 1
+            sample = min(max(math.floor((phi - look[0]) / step + 0.5), 0), n_samples - 1)
+            held = 0
+            for s in range(max(sample - 1, 0), min(sample + 2, n_samples)):
+                if abs(phi - look[s]) <= 0.5 * beamwidth:
+                    held += 1
+            footprint[i, j] = sample * n_lines + nearest
+            if (state[i, j] & BLOCKED) == 0:
+                coverage[i, j] = count * held

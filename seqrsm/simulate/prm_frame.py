@@ -1,0 +1,142 @@
+"""The data base turned into a radiometer's frame, and the physical temperature of its elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.scattering.emissivity import EmissivityLookup
+from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.scene.temperature import physical_temperature_k, time_exposure
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.simulate import kernels
+from seqrsm.simulate.prm_occasion import RadiometerOccasion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadiometerFrame:
+    """A scene as the craft flies over its middle: rows across the track, left edge first, columns along it.
+
+    Attributes
+    ----------
+    elevation_m : float array (n, m)
+        Height above the datum, the scene's mean elevation [m]; gaps filled.
+    cover : uint8 array (n, m)
+        Category; 255 where category or elevation is not known.
+    field : int32 array (n, m)
+    across_m : float64 array (n,)
+        Distance of each row's centre from nadir, right positive [m].
+    height_m : float
+        Flight line above the datum [m].
+    cell_m : float
+    quarter_turns : int
+        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame.
+    """
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    across_m: FloatArray
+    height_m: float
+    cell_m: float
+    quarter_turns: int
+
+
+def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, precision: str) -> RadiometerFrame:
+    """Turn a scene so that the craft flies along its columns over the middle, and fill its gaps.
+
+    Raises
+    ------
+    SceneError
+        No cell has an elevation.
+    """
+    known, mean, _ = kernels.elevation_summary(scene.elevation_m)
+    if known == 0:
+        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
+    turns = round((radiometer.heading_deg - 90.0) / 90.0)
+    elevation = np.array(np.rot90(scene.elevation_m, turns), dtype=precision, order="C")
+    elevation -= elevation.dtype.type(mean)
+    cover = np.ascontiguousarray(np.rot90(scene.cover, turns))
+    if known < elevation.size:
+        cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
+        kernels.fill_no_data(elevation)
+    n = len(elevation)
+    return RadiometerFrame(
+        elevation_m=elevation,
+        cover=cover,
+        field=np.ascontiguousarray(np.rot90(scene.field_id, turns)),
+        across_m=np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64),
+        height_m=radiometer.altitude_m - mean,
+        cell_m=scene.cell_m,
+        quarter_turns=turns,
+    )
+
+
+def surface_temperature_k(
+    scene: Scene,
+    frame: RadiometerFrame,
+    radiometer: RadiometerConfiguration,
+    lookup: EmissivityLookup,
+    occasion: RadiometerOccasion,
+    temperature_k: AnyArray | None = None,
+) -> AnyArray:
+    """Physical temperature of every element in the frame [K], with the occasion's departures.
+
+    Parameters
+    ----------
+    scene, frame, radiometer, lookup, occasion
+        As in `simulate_radiometer`; the report's mode heats every cover alike.
+    temperature_k : float array (rows, cols), optional
+        Layer of the data base [K] in place of exposure or a constant.
+
+    Returns
+    -------
+    float array (n, m)
+
+    Raises
+    ------
+    SceneError
+        The layer's size differs from the scene's, or it holds values that are no temperatures.
+    """
+    if temperature_k is not None:
+        layer = np.asarray(temperature_k, dtype=np.float64)
+        if layer.shape != scene.shape or not ((layer > 0.0) & (layer < 1e4)).all():
+            text = f"a temperature layer of {layer.shape} cells, the scene has {scene.shape}, all above 0 K"
+            raise SceneError(Problem(text, "Give one temperature for each cell", field="temperature_k"))
+        base = np.rot90(layer, frame.quarter_turns)
+    elif radiometer.temperature == "constant":
+        base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
+    else:
+        exposure = _exposure(
+            scene, radiometer.latitude_deg, radiometer.day_of_year, radiometer.hour, radiometer.exposure_hours
+        )
+        heating = np.ones(NO_COVER + 1)
+        if radiometer.mode == "full":
+            heating[: len(lookup.heating)] = lookup.heating
+        base = physical_temperature_k(
+            np.rot90(exposure, frame.quarter_turns),
+            heating[frame.cover],
+            radiometer.temperature_low_k,
+            radiometer.temperature_high_k,
+        )
+    departure = (occasion.temperature_offset_k + occasion.field_temperature_k)[frame.field]
+    return np.ascontiguousarray(np.maximum(base + departure, 1.0), dtype=frame.elevation_m.dtype)
+
+
+@lru_cache(maxsize=4)
+def _exposure(scene: Scene, latitude_deg: float, day_of_year: float, hour: float, exposure_hours: float) -> FloatArray:
+    """Exposure of a scene; the sun does not change from run to run."""
+    elevation = scene.elevation_m.astype(np.float64)
+    kernels.fill_no_data(elevation)
+    return time_exposure(
+        elevation,
+        scene.cell_m,
+        latitude_deg=latitude_deg,
+        day_of_year=day_of_year,
+        hour=hour,
+        exposure_hours=exposure_hours,
+    )

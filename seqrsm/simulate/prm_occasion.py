@@ -1,0 +1,119 @@
+"""What is random in a simulated flight of a radiometer: the state of the ground on its date."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.rng import generator
+from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
+from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadiometerOccasion:
+    """State of the ground in one run.
+
+    Attributes
+    ----------
+    soil_moisture : float
+        Mean volumetric soil moisture of the date [m3/m3].
+    field_moisture : float64 array (n_fields,)
+        Soil moisture of each field [m3/m3].
+    class_offset : float64 array (n_channels, n_categories)
+        Departure of each category's emissivity on this date from the table [1].
+    field_offset : float64 array (n_channels, n_fields)
+        Departure of each field's emissivity from its category [1].
+    temperature_offset_k : float
+        Departure of the date's ground temperature [K].
+    field_temperature_k : float64 array (n_fields,)
+        Departure of each field's temperature from the date's [K].
+    """
+
+    soil_moisture: float
+    field_moisture: FloatArray
+    class_offset: FloatArray
+    field_offset: FloatArray
+    temperature_offset_k: float
+    field_temperature_k: FloatArray
+
+    def record(self, channels: Sequence[str], categories: Sequence[str]) -> Mapping[str, object]:
+        """What is kept with a score: plain numbers and names, fields by their spread."""
+        return {
+            "soil_moisture": round(self.soil_moisture, 5),
+            "field_moisture_sd": round(float(self.field_moisture.std()), 5),
+            "class_offset": {
+                channel: {name: round(float(x), 5) for name, x in zip(categories, row, strict=True)}
+                for channel, row in zip(channels, self.class_offset, strict=True)
+            },
+            "field_offset_sd": [round(float(row.std()), 5) for row in self.field_offset],
+            "temperature_offset_k": round(self.temperature_offset_k, 4),
+            "field_temperature_sd_k": round(float(self.field_temperature_k.std()), 4),
+        }
+
+
+def draw_radiometer_occasion(
+    radiometer: RadiometerConfiguration,
+    lookups: Sequence[EmissivityLookup],
+    field_category: AnyArray,
+    *,
+    seed: int,
+    run_id: int,
+) -> RadiometerOccasion:
+    """Draw the ground's state of one run.
+
+    Offsets are Gaussian with the table's standard deviations; H and V share the part of the variance that the table
+    gives as their correlation, and a channel's draw does not depend on which others are received. Moistures stay
+    between the table's ends.
+
+    Parameters
+    ----------
+    radiometer : RadiometerConfiguration
+    lookups : sequence of EmissivityLookup
+        One for each channel.
+    field_category : uint8 array (n_fields,)
+        Category of each field, 255 for none.
+    seed, run_id : int
+        Campaign and run.
+    """
+    n_categories, n_fields = len(lookups[0].categories), len(field_category)
+    state = generator(seed, run_id, "radiometer ground state")
+    low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
+    mean = float(low + state.random() * (high - low))
+    warm = float(radiometer.temperature_date_sd_k * state.standard_normal())
+    moisture = generator(seed, run_id, "field moisture").standard_normal(n_fields)
+    moisture = np.clip(mean + radiometer.soil_moisture_field_sd * moisture, MOISTURE_NODES[0], MOISTURE_NODES[-1])
+    temperature = generator(seed, run_id, "field temperature").standard_normal(n_fields)
+    dates = generator(seed, run_id, "date emissivity").standard_normal((1 + len(CHANNELS), n_categories))
+    plots = generator(seed, run_id, "field emissivity").standard_normal((1 + len(CHANNELS), n_fields))
+    known = field_category < n_categories
+    category = np.where(known, field_category, 0).astype(np.int64)
+    class_offset = np.empty((len(lookups), n_categories))
+    field_offset = np.empty((len(lookups), n_fields))
+    for c, (channel, lookup) in enumerate(zip(radiometer.channels, lookups, strict=True)):
+        own = 1 + CHANNELS.index(channel)
+        shared, apart = np.sqrt(lookup.channel_correlation), np.sqrt(1.0 - lookup.channel_correlation)
+        class_offset[c] = lookup.date_sd * (shared * dates[0] + apart * dates[own])
+        deviate = shared[category] * plots[0] + apart[category] * plots[own]
+        field_offset[c] = np.where(known, lookup.field_sd[category] * deviate, 0.0)
+    spread = radiometer.temperature_field_sd_k * temperature
+    return RadiometerOccasion(mean, moisture, class_offset, field_offset, warm, spread)
+
+
+def nominal_radiometer_occasion(
+    radiometer: RadiometerConfiguration, lookups: Sequence[EmissivityLookup], n_fields: int
+) -> RadiometerOccasion:
+    """The table's own state and the middle of the moistures: for pictures and tests, not for scores."""
+    mean = 0.5 * (radiometer.soil_moisture_low + radiometer.soil_moisture_high)
+    n_channels = len(lookups)
+    return RadiometerOccasion(
+        mean,
+        np.full(n_fields, mean),
+        np.zeros((n_channels, len(lookups[0].categories))),
+        np.zeros((n_channels, n_fields)),
+        0.0,
+        np.zeros(n_fields),
+    )

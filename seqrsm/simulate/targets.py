@@ -1,0 +1,144 @@
+"""Cultural targets: man-made objects with an echo of their own, RSL TR 380-1 section 3.2.2.3.
+
+Each is an isotropic radiator of so many decibels, or specular in named directions from true north.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate import kernels
+from seqrsm.simulate.echo import EchoGrid
+from seqrsm.simulate.frame import RadarFrame
+
+
+@dataclass(frozen=True, slots=True)
+class CulturalTarget:
+    """One man-made object.
+
+    Attributes
+    ----------
+    row, column : int
+        Cell of the scene it stands in.
+    cross_section_dbm2 : float
+        Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2].
+    height_m : float
+        Of its scattering centre over the ground [m].
+    directions_deg : tuple of float
+        Bearings from true north in which it is specular, seen from the target [deg]; empty: isotropic.
+    lobe_deg : float
+        Half-power width of each lobe [deg], > 0.
+
+    Raises
+    ------
+    SceneError
+        A lobe without width, or a value that is not finite.
+    """
+
+    row: int
+    column: int
+    cross_section_dbm2: float
+    height_m: float = 0.0
+    directions_deg: tuple[float, ...] = ()
+    lobe_deg: float = 10.0
+
+    def __post_init__(self) -> None:
+        numbers = (self.cross_section_dbm2, self.height_m, self.lobe_deg, *self.directions_deg)
+        if not all(math.isfinite(x) for x in numbers) or self.lobe_deg <= 0.0:
+            remedy = "Give finite numbers and a lobe wider than 0 deg"
+            raise SceneError(Problem("an impossible cultural target", remedy, field="targets", value=str(self)))
+
+    def cross_section_m2(self, bearing_deg: float) -> float:
+        """Cross section [m2] towards a bearing from true north [deg]: Gaussian lobes of the given half-power width."""
+        peak = 10.0 ** (0.1 * self.cross_section_dbm2)
+        if not self.directions_deg:
+            return float(peak)
+        away = min(abs((bearing_deg - d + 180.0) % 360.0 - 180.0) for d in self.directions_deg)
+        return float(peak * 2.0 ** -((2.0 * away / self.lobe_deg) ** 2))
+
+
+def add_targets(
+    sums: AnyArray,
+    targets: Sequence[CulturalTarget],
+    scene_shape: tuple[int, int],
+    radar: RadarConfiguration,
+    frame: RadarFrame,
+    grid: EchoGrid,
+) -> None:
+    """Add the echoes of targets to the range bins; one hidden by the ground in front of it returns nothing.
+
+    Parameters
+    ----------
+    sums : float array (n_channels, n_bins, m)
+        Of `echo_sums`; changed in place, all channels alike.
+    targets : sequence of CulturalTarget
+    scene_shape : tuple of int
+        Rows and columns of the scene.
+    radar, frame, grid
+        As in `echo_sums`.
+
+    Raises
+    ------
+    SceneError
+        A target lies outside the scene.
+    """
+    rows, cols = scene_shape
+    outside = [t for t in targets if not (0 <= t.row < rows and 0 <= t.column < cols)]
+    if outside:
+        remedy = f"Rows are 0 to {rows - 1}, columns 0 to {cols - 1}"
+        raise SceneError(
+            *(
+                Problem("the target lies outside the scene", remedy, field="targets", value=(t.row, t.column))
+                for t in outside
+            )
+        )
+    # The bearing from which the radar looks, seen from the target.
+    bearing = radar.heading_deg - 90.0
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first_row = int(frame.source[frame.pad_near])
+    flat = range_geometry(frame.ground_range_m, frame.height_m, frame.curved)
+    pattern = radar.pattern_lut()
+    for target in targets:
+        row, column = _place(target, scene_shape, frame)
+        i = row - first_row + frame.pad_near
+        if not own.start <= i < own.stop:
+            continue
+        profile = frame.elevation_m[frame.source, column].astype(np.float64)
+        look = np.arctan2(flat.along_m, flat.up_m - profile) - grid.geometry[:, 8]
+        z = float(profile[i]) + target.height_m
+        own_look = math.atan2(flat.along_m[i], flat.up_m[i] - z) - grid.geometry[i, 8]
+        if i > 0 and float(look[:i].max()) > own_look:
+            continue
+        offset = np.empty((1, 1))
+        kernels.offset_rows(np.full((1, 1), z), grid.geometry[i : i + 1], radar.range_format == "ground", offset)
+        k = math.floor(grid.base[i + 1] + float(offset[0, 0])) - grid.first
+        if not 0 <= k < grid.n_bins:
+            continue
+        slant2 = flat.slant_range_m[i] ** 2 - z * (2.0 * flat.up_m[i] - z)
+        echo = target.cross_section_m2(bearing) * (grid.reference_range_m**2 / slant2) ** 2 / frame.cell_m**2
+        echo *= float(radar.atmosphere(flat.incidence_rad[i : i + 1])[0])
+        if pattern.size:
+            echo *= float(radar.elevation_gain(np.array([own_look]))[0]) ** 2
+        sums[:, k, column] += echo
+
+
+def _place(target: CulturalTarget, scene_shape: tuple[int, int], frame: RadarFrame) -> tuple[int, int]:
+    """Row and column of the frame's layers."""
+    if frame.cell_of_scene is not None:
+        place = int(frame.cell_of_scene.ravel()[target.row * scene_shape[1] + target.column])
+        m = int(frame.elevation_m.shape[1])
+        return place // m, place % m
+    row, column = target.row, target.column
+    cols, rows = scene_shape[1], scene_shape[0]
+    for _ in range(frame.quarter_turns % 4):
+        row, column = cols - 1 - column, row
+        rows, cols = cols, rows
+    return row, column

@@ -1,0 +1,319 @@
+"""Program SIMULATE against closed forms: footprints, coverage, beams, smear, noise, gaps, the report's mode."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from prm_cases import Table, image, radiometer, scene, small_score
+
+from seqrsm.errors import ConfigurationError
+from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, beam_integral, scan_geometry, smeared
+from seqrsm.simulate.prm import greytones, simulate_radiometer
+from seqrsm.simulate.runner import run_many
+
+FLAT = scene(np.zeros((200, 240)), 5.0)
+
+
+def test_footprint_at_nadir_is_the_square_of_the_resolution():
+    for height in (300.0, 1000.0, 8e5):
+        r = radiometer(altitude_m=height, resolution_m=0.03 * height)
+        scan = scan_geometry(r, height, 2.0 * height, 3.0 * height)
+        middle = len(scan.look_rad) // 2
+        assert scan.look_rad[middle] == 0.0
+        assert scan.footprint_across_m[middle] * scan.footprint_along_m[middle] == pytest.approx(
+            r.resolution_m**2, rel=1e-12
+        )
+
+
+def test_footprints_lengthen_and_widen_to_the_sides():
+    scan = scan_geometry(radiometer(), 1000.0, 2000.0, 1000.0)
+    k = len(scan.look_rad) - 1
+    phi, half = scan.look_rad[k], 0.5 * scan.beamwidth_rad
+    assert scan.footprint_across_m[k] == pytest.approx(1000.0 * (math.tan(phi + half) - math.tan(phi - half)))
+    assert scan.footprint_along_m[k] == pytest.approx(50.0 / math.cos(phi))
+    assert scan.footprint_across_m[k] / 50.0 == pytest.approx(1.0 / math.cos(phi) ** 2, rel=0.01)
+    # Neighbours of one line touch and do not overlap.
+    edges = np.tan(scan.look_rad + half)[:-1], np.tan(scan.look_rad - half)[1:]
+    np.testing.assert_allclose(*edges, atol=1e-12)
+
+
+def test_coverage_sums_to_the_area_of_all_footprints():
+    r = radiometer(beam="box", integration_time_ms=0.01, altitude_m=2000.0, resolution_m=60.0, speed_m_s=120.0)
+    found = image(FLAT, r, Table((0.9,)))
+    scan = found.scan
+    # Footprints of the middle third of each line lie inside the scene whatever the line.
+    inner = np.abs(scan.look_rad) < np.arctan(300.0 / 2000.0)
+    area = float((scan.footprint_across_m * scan.footprint_along_m)[inner].sum()) * scan.n_lines
+    reach = 2000.0 * np.tan(np.abs(scan.look_rad[inner]).max() + 0.5 * scan.beamwidth_rad)
+    y = (np.arange(200) - 99.5) * 5.0
+    counted = found.coverage[np.abs(y) < reach].sum() * 25.0
+    assert counted == pytest.approx(area, rel=0.03)
+    assert found.coverage.max() <= 3
+
+
+def test_every_cell_belongs_to_the_footprint_that_sees_it():
+    r = radiometer(beam="box", integration_time_ms=0.01, altitude_m=2000.0, resolution_m=60.0, speed_m_s=60.0)
+    found = image(FLAT, r, Table((0.9,)))
+    sample, line = np.divmod(found.pixel_of_cell, found.scan.n_lines)
+    y = (np.arange(200)[:, None] - 99.5) * 5.0
+    phi = np.arctan(y / 2000.0)
+    assert (np.abs(found.scan.look_rad[sample] - phi) <= 0.5 * found.scan.beamwidth_rad + 1e-12).all()
+    assert (np.diff(line[100]) >= 0).all()
+    assert set(np.unique(line)) == set(range(found.scan.n_lines))
+
+
+def brute_force(found, emitted, beam):
+    """Footprints by a straightforward double sum over cells."""
+    scan = found.scan
+    n, m = emitted.shape
+    y = (np.arange(n) - 0.5 * (n - 1)) * 5.0
+    phi = np.arctan(y / scan.height_m)
+    d_phi = 5.0 * scan.height_m / (scan.height_m**2 + y**2)
+    x = (np.arange(m) + 0.5) * 5.0
+    out = np.empty((len(scan.look_rad), scan.n_lines))
+    part = 0.5 + 0.5 * phi / scan.half_angle_rad
+    width = found.radiometer.resolution_m / np.cos(phi)
+    for s, look in enumerate(scan.look_rad):
+        across = beam((phi - look) / scan.beamwidth_rad) * d_phi
+        for line in range(scan.n_lines):
+            centre = scan.advance_m * (line + (part if line % 2 == 0 else 1.0 - part))
+            along = beam((x - centre[:, None]) / width[:, None]) / width[:, None]
+            weight = across[:, None] * along
+            out[s, line] = (weight * emitted).sum() / weight.sum()
+    return out
+
+
+@pytest.mark.parametrize(("name", "beam", "tolerance"), [
+    ("gaussian", lambda u: np.where(np.abs(u) <= 1.75, np.exp(-4.0 * math.log(2.0) * u**2), 0.0), 0.02),
+    ("sidelobes", lambda u: np.where(np.abs(u) <= 8.0, np.sinc(0.8858929 * u) ** 2, 0.0), 0.05),
+])  # fmt: skip
+def test_footprints_are_the_beam_weighted_means(name, beam, tolerance):
+    layer = np.random.default_rng(3).uniform(250.0, 330.0, (100, 120))
+    s = scene(np.zeros((100, 120)), 5.0)
+    r = radiometer(beam=name, integration_time_ms=1e-3, altitude_m=800.0, scan_period_s=0.8, noise_temperature_k=0.0)
+    found = image(s, r, Table((1.0,)), temperature_k=layer)
+    np.testing.assert_allclose(found.mean_k[0], brute_force(found, layer, beam), atol=tolerance)
+
+
+def test_box_of_one_footprint_is_the_mean_of_its_cells():
+    # A square of 10 x 10 cells beneath the craft, in the report's mode; the zigzag moves it by a fraction of a cell.
+    layer = np.random.default_rng(3).uniform(250.0, 330.0, (210, 240))
+    s = scene(np.zeros((210, 240)), 5.0)
+    found = image(s, radiometer(mode="report", altitude_m=1e5), Table((1.0,)), temperature_k=layer)
+    middle = len(found.scan.look_rad) // 2
+    line = 2
+    centre = 50.0 * (line + 0.5)
+    expected = layer[100:110, int(centre / 5) - 5 : int(centre / 5) + 5].mean()
+    assert found.mean_k[0, middle, line] == pytest.approx(expected, abs=1.0)
+    assert found.nedt_k.max() == 0.0
+    np.testing.assert_array_equal(found.brightness_k, found.mean_k)
+
+
+def test_beam_smaller_than_a_cell_and_larger_than_the_scene():
+    cover = np.arange(600).reshape(20, 30) % 2
+    s = scene(np.zeros((20, 30)), 50.0, cover)
+    fine = image(
+        s, radiometer(resolution_m=2.0, speed_m_s=40.0, scan_period_s=0.1, integration_time_ms=0.01), Table((0.3, 0.9))
+    )
+    levels = np.unique(np.round(np.ravel(fine.mean_k), 6))
+    low, high = 0.3 * 300 + 0.7 * 2.72548, 0.9 * 300 + 0.1 * 2.72548
+    assert levels[0] == pytest.approx(low)
+    assert levels[-1] == pytest.approx(high)
+    assert np.isin(np.round(fine.mean_k, 3), np.round([low, high], 3)).mean() > 0.8
+    wide = image(s, radiometer(resolution_m=1e6, integration_time_ms=1.0), Table((0.3, 0.9)))
+    assert wide.mean_k.shape[1] == 1
+    np.testing.assert_allclose(wide.mean_k, 0.5 * (low + high), rtol=2e-3)
+    assert (wide.pixel_of_cell >= 0).all()
+
+
+def test_one_line_and_one_cell_row():
+    s = scene(np.zeros((40, 60)), 5.0)
+    one = image(s, radiometer(speed_m_s=60.0, scan_period_s=10.0), Table((0.9,)))
+    assert one.scan.n_lines == 1
+    assert np.isfinite(one.mean_k).all()
+    # A craft that is past the scene before the sweep ends records nothing there.
+    fast = image(s, radiometer(speed_m_s=1000.0, scan_period_s=10.0), Table((0.9,)))
+    assert np.isfinite(fast.mean_k[0, 0, 0])
+    assert np.isnan(fast.mean_k[0, -1, 0])
+    thin = image(scene(np.zeros((2, 60)), 5.0), radiometer(), Table((0.9,)))
+    assert np.isfinite(thin.mean_k).all()
+
+
+def test_smear_is_the_beam_averaged_over_its_way():
+    box = beam_integral(radiometer(beam="box"))
+    got = smeared(box, 2.0)
+    u = (np.arange(len(got)) - 0.5 * (len(got) - 1)) / BEAM_STEPS_A_WIDTH
+    # A box of 1 over a way of 2 is a trapezium: flat at 1/2 within 1/2 of the axis, zero beyond 3/2.
+    density = np.gradient(got, u)
+    np.testing.assert_allclose(density[np.abs(u) < 0.48], 0.5, atol=1e-9)
+    np.testing.assert_allclose(got[u <= -1.5], 0.0, atol=1e-12)
+    assert got[-1] == pytest.approx(1.0)
+    assert np.interp(-1.0, u, got) == pytest.approx(0.0625, abs=1e-4)
+    np.testing.assert_array_equal(smeared(box, 0.0), box)
+
+
+def test_long_integration_smears_across_and_spaces_footprints():
+    r = radiometer(altitude_m=2000.0, integration_time_ms=100.0)
+    scan = scan_geometry(r, 2000.0, 1000.0, 1000.0)
+    assert scan.smear == pytest.approx(100.0 / scan.dwell_ms)
+    assert scan.step_rad == pytest.approx(scan.beamwidth_rad * scan.smear)
+    assert any("exceeds the dwell" in note for note in scan.notes)
+
+
+def test_gaps_are_recorded_or_refused_and_told():
+    r = radiometer(scan_period_s=4.0, integration_time_ms=1.0)
+    found = image(FLAT, r, Table((0.9,)))
+    assert any("gaps at nadir" in note and "25 %" in note for note in found.scan.notes)
+    middle = found.coverage[95:105]
+    assert (middle > 0).mean() == pytest.approx(0.25, abs=0.05)
+    assert (found.pixel_of_cell >= 0).all()
+    with pytest.raises(ConfigurationError, match=r"gaps at nadir.*at most 1 s"):
+        image(FLAT, radiometer(scan_period_s=4.0, gaps="refuse"), Table((0.9,)))
+
+
+def test_no_dwell_and_too_large_an_antenna_are_refused_with_numbers():
+    with pytest.raises(ConfigurationError, match=r"longer than a sweep of 500 ms"):
+        scan_geometry(radiometer(integration_time_ms=600.0), 1000.0, 1000.0, 1000.0)
+    with pytest.raises(ConfigurationError, match=r"resolution of at least 36.57 m"):
+        scan_geometry(radiometer(resolution_m=20.0, antenna_limit_m=1.0), 1000.0, 1000.0, 1000.0)
+    with pytest.raises(ConfigurationError, match="not above the ground"):
+        image(scene(np.full((5, 5), 1200.0)), radiometer(), Table((0.9,)))
+
+
+@pytest.mark.parametrize("receiver", ["total_power", "dicke", "correlation"])
+def test_radiometric_resolution_by_monte_carlo(receiver):
+    # The receiver on white Gaussian noise: 2 B tau samples to an estimate of T_A, many estimates.
+    rng = np.random.default_rng(11)
+    antenna, receiver_k, load, n, repeats = 250.0, 400.0, 310.0, 400, 4000
+    r = radiometer(receiver=receiver, noise_temperature_k=receiver_k, reference_temperature_k=load,
+                   bandwidth_mhz=0.2, integration_time_ms=1.0)  # fmt: skip
+    assert 2.0 * r.bandwidth_mhz * 1e3 * r.integration_time_ms == n
+    if receiver == "total_power":
+        estimate = (rng.normal(0.0, math.sqrt(antenna + receiver_k), (repeats, n)) ** 2).mean(axis=1) - receiver_k
+    elif receiver == "dicke":
+        a = rng.normal(0.0, math.sqrt(antenna + receiver_k), (repeats, n // 2)) ** 2
+        b = rng.normal(0.0, math.sqrt(load + receiver_k), (repeats, n // 2)) ** 2
+        estimate = a.mean(axis=1) - b.mean(axis=1) + load
+    else:
+        a, b = (rng.normal(0.0, math.sqrt(0.5 * t), (repeats, n)) for t in (antenna, load))
+        one = a + b + rng.normal(0.0, math.sqrt(receiver_k), (repeats, n))
+        two = a - b + rng.normal(0.0, math.sqrt(receiver_k), (repeats, n))
+        estimate = 2.0 * (one * two).mean(axis=1) + load
+    assert estimate.mean() == pytest.approx(antenna, abs=5.0 * float(r.nedt_k(antenna)) / math.sqrt(repeats))
+    # The standard deviation of a standard deviation is 1 / sqrt(2 n).
+    assert estimate.std() == pytest.approx(float(r.nedt_k(antenna)), rel=4.0 / math.sqrt(2.0 * repeats))
+
+
+def test_radiometric_resolution_of_balanced_receivers():
+    given = {"reference_temperature_k": 300.0, "noise_temperature_k": 700.0, "bandwidth_mhz": 100.0}
+    ideal = 1000.0 / math.sqrt(1e8 * 1e-2)
+    assert radiometer(**given).nedt_k(300.0) == pytest.approx(ideal)
+    assert radiometer(receiver="dicke", **given).nedt_k(300.0) == pytest.approx(2.0 * ideal)
+    assert radiometer(receiver="correlation", **given).nedt_k(300.0) == pytest.approx(math.sqrt(2.0) * ideal)
+    drifting = radiometer(gain_fluctuation=0.01, **given)
+    assert drifting.nedt_k(300.0) == pytest.approx(math.hypot(ideal, 10.0))
+    # A balanced comparison does not feel the gain.
+    assert radiometer(receiver="dicke", gain_fluctuation=0.01, **given).nedt_k(300.0) == pytest.approx(2.0 * ideal)
+
+
+def test_noise_of_the_image_has_the_stated_deviation_and_is_white():
+    r = radiometer(resolution_m=10.0, integration_time_ms=0.05, scan_period_s=0.1, bandwidth_mhz=200.0)
+    found = image(FLAT, r, Table((0.9,)))
+    z = ((found.brightness_k - found.mean_k) / found.nedt_k)[0]
+    n = z.size
+    assert n > 5000
+    assert abs(z.mean()) < 4.0 / math.sqrt(n)
+    assert z.std() == pytest.approx(1.0, abs=4.0 / math.sqrt(2.0 * n))
+    for a, b in ((z[1:], z[:-1]), (z[:, 1:], z[:, :-1])):
+        assert abs(float((a * b).mean())) < 4.0 / math.sqrt(n)
+    assert float((z**3).mean()) == pytest.approx(0.0, abs=4.0 * math.sqrt(15.0 / n))
+
+
+def test_same_bits_in_any_process_and_another_run_differs():
+    serial = [small_score(k) for k in (1, 2)]
+    parallel = [score for _, score in sorted(run_many(small_score, [1, 2], workers=2))]
+    assert serial == parallel
+    assert len(set(serial)) == 2
+
+
+def test_channel_noise_does_not_depend_on_its_company():
+    table = load_emissivity_table()
+    s = scene(np.zeros((60, 60)), categories=("Trees",))
+    one = simulate_radiometer(s, radiometer(channels=("V",)), table, seed=1, run_id=4)
+    two = simulate_radiometer(s, radiometer(channels=("H", "V")), table, seed=1, run_id=4)
+    np.testing.assert_array_equal(one.brightness_k[0], two.brightness_k[1])
+
+
+def test_single_and_double_precision_agree():
+    rng = np.random.default_rng(8)
+    s = scene(rng.normal(0.0, 2.0, (80, 90)).cumsum(axis=0), 10.0, rng.integers(0, 3, (80, 90)))
+    table = Table((0.5, 0.7, lambda t: 0.95 - t / 300.0))
+    a, b = (image(s, radiometer(), table, precision=p) for p in ("float32", "float64"))
+    difference = np.abs(a.mean_k - b.mean_k)
+    assert np.median(difference) < 2e-4
+    assert np.quantile(difference, 0.99) < 0.1
+
+
+def test_headings_turn_the_scene():
+    rng = np.random.default_rng(8)
+    s = scene(rng.normal(0.0, 1.0, (40, 60)).cumsum(axis=0), 10.0, rng.integers(0, 2, (40, 60)))
+    table = Table((0.4, 0.9))
+    east = image(s, radiometer(heading_deg=90.0), table)
+    west = image(s, radiometer(heading_deg=270.0), table)
+    turned = scene(np.rot90(s.elevation_m, 2), 10.0, np.rot90(s.cover, 2))
+    np.testing.assert_allclose(image(turned, radiometer(heading_deg=90.0), table).mean_k, west.mean_k)
+    assert east.pixel_of_cell.shape == west.pixel_of_cell.shape == s.shape
+    # What both see of a cell is much alike.
+    assert np.corrcoef(east.on_cells()[0].ravel(), west.on_cells()[0].ravel())[0, 1] > 0.5
+
+
+def test_no_data_is_left_out_of_the_sums():
+    cover = np.zeros((60, 60), dtype=int)
+    cover[20:30, 20:30] = 255
+    z = np.zeros((60, 60))
+    z[5, 5] = np.nan
+    found = image(scene(z, 10.0, cover), radiometer(), Table((0.8,)))
+    seen = np.isfinite(found.mean_k)
+    np.testing.assert_allclose(found.mean_k[seen], 0.8 * 300.0 + 0.2 * 2.72548, rtol=1e-12)
+    assert (found.pixel_of_cell[20:30, 20:30] == -1).all()
+    assert found.pixel_of_cell[5, 5] == -1
+
+
+def test_measured_pattern_is_the_formula_it_was_measured_from(tmp_path):
+    u = np.linspace(-1.75, 1.75, 400)
+    path = tmp_path / "pattern.csv"
+    rows = "\n".join(f"{a:.6f},{math.exp(-4.0 * math.log(2.0) * a * a):.8f}" for a in u)
+    path.write_text(f"# made\nangle_beamwidths,gain\n{rows}\n")
+    measured = beam_integral(radiometer(beam="measured", beam_file=str(path)))
+    np.testing.assert_allclose(measured, beam_integral(radiometer()), atol=1e-4)
+    path.write_text("angle,gain\n0,1\n")
+    with pytest.raises(ConfigurationError, match="angle_beamwidths"):
+        beam_integral(radiometer(beam="measured", beam_file=str(path)))
+    with pytest.raises(ConfigurationError, match="not a readable pattern"):
+        beam_integral(radiometer(beam="measured", beam_file=str(tmp_path / "none.csv")))
+
+
+def test_greytone_of_equation_3_50():
+    tone = greytones(np.array([300.0, 150.0, 1.0, 1e5]), 300.0, 200.0, density_range=0.6)
+    assert tone[0] == pytest.approx(200.0)
+    assert tone[1] == pytest.approx(200.0 + 255.0 / 0.6 * math.log10(0.5))
+    assert tone[2] == 0.0
+    assert tone[3] == 255.0
+
+
+def test_report_mode_takes_table_3_as_printed():
+    s = scene(np.zeros((50, 50)), categories=("Water",))
+    found = simulate_radiometer(
+        s,
+        radiometer(mode="report", frequency_ghz=1.4, channels=("V",), altitude_m=1e5),
+        load_emissivity_table(),
+        seed=1,
+        run_id=1,
+        precision="float64",
+        random_occasion=False,
+    )
+    np.testing.assert_allclose(found.mean_k, 0.41 * 300.0 + 0.59 * 2.72548, rtol=4e-4)
+    assert any("side by side" in note for note in found.notes)

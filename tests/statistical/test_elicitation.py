@@ -1,0 +1,106 @@
+"""Statements in natural terms: the prior predictive says what was said, and data overrule it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import FitError
+from seqrsm.fit.conjugate import posterior
+from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
+from seqrsm.fit.optimum import optimum_draws
+
+FACTORS = (
+    ContinuousFactor("frequency", 1.0, 18.0, "GHz", "log"),
+    CategoricalFactor("polarization", ("HH", "HV", "VV")),
+    ContinuousFactor("angle", 20.0, 70.0, "deg"),
+)
+MODEL, REGION = QuadraticModel(FACTORS), Region(FACTORS)
+UTILITY = UtilityRange(60.0, 95.0, 0.9)
+
+
+def prior_draws(prior, n: int = 20_000) -> np.ndarray:
+    """Coefficients with sigma at its prior guess."""
+    sigma = np.sqrt(prior.b0 / prior.a0)
+    L = np.linalg.cholesky(np.linalg.inv(prior.Lambda0))
+    return prior.m0 + sigma * (np.random.default_rng(0).normal(size=(n, MODEL.p)) @ L.T)
+
+
+@pytest.mark.parametrize("optima", [(), (OptimumNear("frequency", 5.0, 0.3),)])
+def test_response_lies_in_the_stated_range_with_the_stated_probability(optima: tuple[OptimumNear, ...]) -> None:
+    prior = elicited_prior(MODEL, REGION, UTILITY, optima=optima, scatter=RepeatScatter(2.0, 4.0))
+    assert (prior.a0, prior.b0) == (2.0, 8.0)
+    beta = prior_draws(prior)
+    Z = MODEL.matrix(REGION.sample(len(beta), np.random.default_rng(1)))
+    response = np.sum(Z * beta, axis=1)
+    assert np.mean(response) == pytest.approx(77.5, abs=0.6)
+    assert np.std(response) == pytest.approx(35.0 / 2 / 1.6448536269514722, rel=0.04)
+    assert np.mean((response > 60) & (response < 95)) == pytest.approx(0.9, abs=0.02)
+
+
+@pytest.mark.parametrize("goal", ["maximize", "minimize"])
+def test_optimum_is_expected_near_what_was_said(goal: str) -> None:
+    said = OptimumNear("frequency", 5.0, 0.2)
+    informed = elicited_prior(MODEL, REGION, UTILITY, optima=(said,), goal=goal)
+    silent = elicited_prior(MODEL, REGION, UTILITY, goal=goal)
+    at = float(FACTORS[0].code(5.0))
+    share = []
+    for prior in (informed, silent):
+        beta = prior_draws(prior, 1000)
+        points, _ = optimum_draws(MODEL, REGION, beta, goal)
+        share.append(np.mean(np.abs(points[:, 0] - at) < 0.4))
+    # the slope at 5 GHz is zero within the doubt whatever the interactions do
+    row = np.zeros(MODEL.p)
+    row[MODEL.term_names.index("frequency")], row[MODEL.term_names.index("frequency^2")] = 1.0, 2.0 * at
+    assert row @ informed.m0 == pytest.approx(0.0, abs=1e-12)
+    sigma = np.sqrt(informed.b0 / informed.a0)
+    slope_sd = sigma * np.sqrt(row @ np.linalg.solve(informed.Lambda0, row))
+    curvature = abs(informed.m0[MODEL.term_names.index("frequency^2")])
+    assert slope_sd <= 2 * curvature * 0.2 * (1 + 1e-9)
+    assert share[0] > 1.5 * share[1]
+
+
+def test_one_factor_optimum_has_the_stated_doubt() -> None:
+    """Without interactions the stationary point of the prior draws scatters by about what was said."""
+    factor = (ContinuousFactor("x", 0.0, 10.0),)
+    model, region = QuadraticModel(factor), Region(factor)
+    prior = elicited_prior(model, region, UtilityRange(0.0, 100.0), optima=(OptimumNear("x", 6.0, 0.1),))
+    sigma = np.sqrt(prior.b0 / prior.a0)
+    L = np.linalg.cholesky(np.linalg.inv(prior.Lambda0))
+    beta = prior.m0 + sigma * (np.random.default_rng(0).normal(size=(20_000, 3)) @ L.T)
+    concave = beta[beta[:, 2] < 0.5 * prior.m0[2]]
+    turning = 5.0 - 5.0 * concave[:, 1] / (2 * concave[:, 2])
+    assert np.median(turning) == pytest.approx(6.0, abs=0.1)
+    quarter = np.quantile(turning, [0.1587, 0.8413])
+    assert 0.5 * np.ptp(quarter) == pytest.approx(0.5, rel=0.35)
+
+
+def test_data_overrule() -> None:
+    rng = np.random.default_rng(3)
+    points = REGION.sample(60, rng)
+    truth = rng.normal(0, 8, MODEL.p) + 200.0 * (np.arange(MODEL.p) == 0)
+    y = MODEL.matrix(points) @ truth + rng.normal(size=60)
+    prior = elicited_prior(MODEL, REGION, UTILITY, optima=(OptimumNear("frequency", 5.0),))
+    found, flat = posterior(MODEL.matrix(points), y, None, prior), posterior(MODEL.matrix(points), y)
+    np.testing.assert_allclose(found.mean, flat.mean, atol=4.0)
+    few = posterior(MODEL.matrix(points[:4]), y[:4], None, prior)
+    assert np.isfinite(few.log_evidence)
+
+
+def test_all_that_is_wrong_is_said_at_once() -> None:
+    optima = (OptimumNear("polarization", 1.0), OptimumNear("frequency", 50.0), OptimumNear("frequency", 5.0))
+    with pytest.raises(FitError) as caught:
+        elicited_prior(MODEL, REGION, UtilityRange(95.0, 60.0), optima=optima, scatter=RepeatScatter(-1.0))
+    assert len(caught.value.problems) == 5
+
+
+def test_first_order_and_two_level_factors_take_no_optimum() -> None:
+    factors = (ContinuousFactor("x", 0.0, 1.0), DiscreteFactor("d", (1.0, 2.0)))
+    region = Region(factors)
+    for model in (QuadraticModel(factors, 1), QuadraticModel(factors)):
+        prior = elicited_prior(model, region, UTILITY, optima=(OptimumNear("d", 1.5),))
+        assert np.linalg.eigvalsh(prior.Lambda0)[0] > 0
+        assert prior.m0[0] == 77.5

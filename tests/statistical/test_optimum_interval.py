@@ -1,0 +1,96 @@
+"""Coverage at the estimated optimum, where the place was chosen by the same scores."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import FitError
+from seqrsm.fit.intervals import student_quantile
+from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.optimum import optimum_draws
+from seqrsm.fit.optimum_interval import searched_interval
+
+
+def setup(k: int, n: int, curvature: float, tilt: float):
+    factors = tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(k))
+    model, region = QuadraticModel(factors), Region(factors)
+    points = region.sample(n, np.random.default_rng(1))
+    points[: 2**k] = [[2.0 * (i >> j & 1) - 1 for j in range(k)] for i in range(2**k)]
+    beta = np.zeros(model.p)
+    beta[0] = 70.0
+    for t, term in enumerate(model.terms):
+        beta[t] += -curvature * (term.kind == "square") + tilt * curvature * (term.kind == "linear")
+    return model, region, points, beta
+
+
+def test_curved_surface_has_nominal_t_intervals_and_flat_ones_do_not() -> None:
+    """10 000 data sets: within 1 % of nominal where the surface is curved beside the noise."""
+    found = []
+    for curvature in (6.0, 0.5):
+        model, region, points, beta = setup(2, 16, curvature, 0.2)
+        Z, sets = model.matrix(points), 10_000
+        rng = np.random.default_rng(0)
+        y = Z @ beta + 0.5 * rng.normal(size=(sets, 16))
+        fit = fit_least_squares(Z, y[0], model.terms)
+        estimates = y @ Z @ fit.covariance_unscaled
+        s = np.sqrt(np.sum((y - estimates @ Z.T) ** 2, axis=1) / fit.df_residual)
+        best, value = optimum_draws(model, region, estimates)
+        rows = model.matrix(best)
+        h, truth = fit.variance_unscaled(rows), rows @ beta
+        t = student_quantile(fit.df_residual, 0.95)
+        future = truth + 0.5 * rng.normal(size=sets)
+        found.append(
+            (
+                np.mean(np.abs(value - truth) <= t * s * np.sqrt(h)),
+                np.mean(np.abs(value - future) <= t * s * np.sqrt(1 + h)),
+            )
+        )
+    assert found[0] == pytest.approx((0.95, 0.95), abs=0.01)
+    assert found[1][0] < 0.94  # what the t interval leaves out
+
+
+@pytest.mark.parametrize(("curvature", "tilt"), [(0.5, 0.2), (0.5, 1.0), (6.0, 0.2)])
+def test_interval_that_allows_for_the_search_covers(curvature: float, tilt: float) -> None:
+    model, region, points, beta = setup(2, 16, curvature, tilt)
+    Z, sets = model.matrix(points), 400
+    rng = np.random.default_rng(2)
+    template = fit_least_squares(Z, Z @ beta + rng.normal(size=16), model.terms)
+    mean, new, gaps, optimism = 0, 0, [], []
+    for i in range(sets):
+        y = Z @ beta + 0.5 * rng.normal(size=16)
+        estimate = template.covariance_unscaled @ Z.T @ y
+        s = float(np.sqrt(np.sum((y - Z @ estimate) ** 2) / template.df_residual))
+        fit = dataclasses.replace(template, estimate=estimate, s=s)
+        found = searched_interval(model, region, fit, draws=300, seed=i)
+        truth = float((model.matrix(found.point[None, :]) @ beta)[0])
+        mean += found.confidence[0] <= truth <= found.confidence[1]
+        new += found.prediction[0] <= truth + 0.5 * rng.normal() <= found.prediction[1]
+        gaps.append(found.mean - truth)
+        optimism.append(found.optimism)
+    error = 4 * np.sqrt(0.95 * 0.05 / sets)
+    assert mean / sets > 0.95 - error
+    assert new / sets > 0.95 - error
+    if curvature > 1:
+        assert np.mean(optimism) == pytest.approx(np.mean(gaps), abs=0.05)
+
+
+def test_never_shorter_than_t_and_the_minimum_mirrors_the_maximum() -> None:
+    model, region, points, beta = setup(2, 16, 1.0, 0.5)
+    Z = model.matrix(points)
+    y = Z @ beta + np.random.default_rng(3).normal(size=16)
+    fit, mirror = fit_least_squares(Z, y, model.terms), fit_least_squares(Z, -y, model.terms)
+    found, other = searched_interval(model, region, fit), searched_interval(model, region, mirror, "minimize")
+    plain = fit.predict(model.matrix(found.point[None, :]))
+    assert found.confidence[0] <= plain.confidence.low[0] + 1e-12
+    assert found.prediction[1] >= plain.prediction.high[0] - 1e-12
+    assert found.optimism > 0 > other.optimism
+    assert other.mean == pytest.approx(-found.mean, rel=1e-12)
+    saturated = fit_least_squares(Z[:6], y[:6], model.terms)
+    with pytest.raises(FitError, match="no interval"):
+        searched_interval(model, region, saturated)

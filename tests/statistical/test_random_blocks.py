@@ -1,0 +1,163 @@
+"""Random days: REML against statsmodels, conditional formulas against dense algebra, coverage by simulation."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import dblquad
+from statsmodels.regression.linear_model import GLS
+from statsmodels.regression.mixed_linear_model import MixedLM
+
+from seqrsm.errors import FitError
+from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.random_blocks import fit_random_blocks
+
+BETA = np.array([70.0, 4, -3, 2, -6, -5])
+
+
+def problem(n: int, days: int, sigma_day: float, seed: int, sigma: float = 1.0):
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(-1, 1, (2, n))
+    Z = np.column_stack([np.ones(n), a, b, a * b, a * a, b * b])
+    day = np.arange(n) * days // n
+    return Z, Z @ BETA + sigma_day * rng.normal(size=days)[day] + sigma * rng.normal(size=n), day
+
+
+@pytest.mark.parametrize(
+    ("seed", "days", "sigma_day"), [(0, 6, 1.5), (1, 5, 3.0), (2, 8, 0.7), (3, 4, 2.0), (4, 10, 1.0)]
+)
+def test_reml_against_statsmodels(seed: int, days: int, sigma_day: float) -> None:
+    Z, y, day = problem(40, days, sigma_day, seed)
+    found = fit_random_blocks(Z, y, day.tolist()).reml
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        theirs = MixedLM(y, Z, day).fit(reml=True, method=["bfgs", "nm"], gtol=1e-10, xtol=1e-12)
+    assert found.sigma**2 == pytest.approx(float(theirs.scale), rel=2e-4)
+    assert found.sigma_day**2 == pytest.approx(float(np.asarray(theirs.cov_re).item()), rel=2e-3)
+    np.testing.assert_allclose(found.estimate, theirs.fe_params, rtol=1e-4, atol=1e-4)
+    # their standard errors come from a numerical Hessian; those of GLS at their variances are exact
+    J = (day[:, None] == np.arange(days)).astype(float)
+    V = np.eye(40) + float(np.asarray(theirs.cov_re).item()) / float(theirs.scale) * J @ J.T
+    np.testing.assert_allclose(found.se, GLS(y, Z, V).fit().bse, rtol=1e-3)
+
+
+def test_given_the_ratio_it_is_generalised_least_squares() -> None:
+    Z, y, day = problem(20, 4, 2.0, 5)
+    w = np.random.default_rng(1).uniform(0.3, 3, 20)
+    found = fit_random_blocks(Z, y, day.tolist(), weights=w)
+    c = int(np.argmax(found.shares))
+    ratio = found.ratios[c]
+    J = (day[:, None] == np.arange(4)).astype(float)
+    V = np.diag(1 / w) + ratio * J @ J.T
+    C = np.linalg.inv(Z.T @ np.linalg.solve(V, Z))
+    beta = C @ Z.T @ np.linalg.solve(V, y)
+    s2 = (y - Z @ beta) @ np.linalg.solve(V, y - Z @ beta) / 14
+    np.testing.assert_allclose(found.mean[c], beta, rtol=1e-9)
+    np.testing.assert_allclose(found.factor[c] @ found.factor[c].T, C, rtol=1e-8, atol=1e-12)
+    assert found.s[c] ** 2 == pytest.approx(s2, rel=1e-9)
+    # a run on day 2 at a new setting: the joint normal law of past runs and that one
+    one = found.__class__(**{**{f: getattr(found, f) for f in found.__dataclass_fields__}, **_only(found, c)})
+    row = np.array([[1.0, 0.2, 0.4, 0.08, 0.04, 0.16]])
+    k = np.linalg.solve(V, ratio * J[:, 2])
+    centre = row[0] @ beta + k @ (y - Z @ beta)
+    gap = row[0] - k @ Z
+    variance = s2 * (ratio - ratio * J[:, 2] @ k + gap @ C @ gap)
+    t = stats.t(14).ppf(0.975)
+    asked = one.predict(row, day=2, weight=2.0)
+    assert asked.mean[0] == pytest.approx(centre, rel=1e-10)
+    assert asked.confidence.half_width[0] == pytest.approx(t * np.sqrt(variance), rel=1e-8)
+    assert asked.prediction.half_width[0] == pytest.approx(t * np.sqrt(variance + s2 / 2.0), rel=1e-8)
+    new = one.predict(row, replicates=4)
+    assert new.confidence.half_width[0] == pytest.approx(t * np.sqrt(s2 * row[0] @ C @ row[0]), rel=1e-8)
+    wanted = t * np.sqrt(s2 * (row[0] @ C @ row[0] + ratio + 0.25))
+    assert new.prediction.half_width[0] == pytest.approx(wanted, rel=1e-8)
+
+
+def _only(found: object, c: int) -> dict[str, np.ndarray]:
+    part = {name: getattr(found, name)[c : c + 1] for name in ("ratios", "mean", "factor", "s")}
+    return {**part, "shares": np.ones(1)}
+
+
+def test_posterior_of_the_ratio_by_quadrature() -> None:
+    """One mean, five days of two runs: integrate likelihood and priors over log sigma and the mean for two ratios."""
+    rng = np.random.default_rng(7)
+    day = np.repeat(np.arange(5), 2)
+    y = 3.0 + rng.normal(size=5)[day] + 0.6 * rng.normal(size=10)
+    found = fit_random_blocks(np.ones((10, 1)), y, day.tolist())
+    J = (day[:, None] == np.arange(5)).astype(float)
+    picks = [int(np.argmin(np.abs(found.ratios - r))) for r in (0.3, 3.0)]
+    masses = []
+    for c in picks:
+        V = np.eye(10) + found.ratios[c] * J @ J.T
+        log_det = np.linalg.slogdet(V)[1]
+        inverse = np.linalg.inv(V)
+
+        def density(mu: float, t: float, inverse: np.ndarray = inverse, log_det: float = log_det) -> float:
+            r = y - mu
+            return float(np.exp(-10 * t - 0.5 * log_det - 0.5 * (r @ inverse @ r) * np.exp(-2 * t)))
+
+        root = np.sqrt(found.ratios[c])
+        masses.append(dblquad(density, -2.5, 2.0, -4, 10, epsrel=1e-8)[0] * root / (1 + root**2))
+    assert found.shares[picks[1]] / found.shares[picks[0]] == pytest.approx(masses[1] / masses[0], rel=1e-5)
+
+
+def test_coverage_on_the_same_day_and_on_a_new_one() -> None:
+    """Six days of six runs; the plug-in and the fit that forgets days must cover a new day less."""
+    sets, level = 300, 0.9
+    hits = dict.fromkeys(("mean", "same", "new", "mean of 3", "forgets"), 0)
+    row = np.array([[1.0, 0.3, -0.4, -0.12, 0.09, 0.16]])
+    for seed in range(sets):
+        rng = np.random.default_rng(1000 + seed)
+        Z, _, day = problem(36, 6, 0.0, 11)
+        effect = 1.5 * rng.normal(size=6)
+        y = Z @ BETA + effect[day] + rng.normal(size=36)
+        truth = float(row[0] @ BETA)
+        found = fit_random_blocks(Z, y, day.tolist())
+        same, new = found.predict(row, level, day=3), found.predict(row, level)
+        several = found.predict(row, level, replicates=3)
+        tomorrow = truth + 1.5 * rng.normal()
+        run = tomorrow + rng.normal()
+        plain = fit_least_squares(Z, y, ["intercept"] + ["x"] * 5).predict(row, level)
+        for key, interval, value in (
+            ("mean", new.confidence, truth),
+            ("same", same.prediction, truth + effect[3] + rng.normal()),
+            ("new", new.prediction, run),
+            ("mean of 3", several.prediction, tomorrow + rng.normal() / np.sqrt(3)),
+            ("forgets", plain.confidence, truth),
+        ):
+            hits[key] += bool(interval.low[0] <= value <= interval.high[0])
+    error = 4 * np.sqrt(level * (1 - level) / sets)
+    for key in ("mean", "same", "new", "mean of 3"):
+        assert hits[key] / sets == pytest.approx(level, abs=error), key
+    assert hits["forgets"] / sets < level - error
+
+
+def test_days_that_do_not_differ_and_days_that_do() -> None:
+    Z, y, day = problem(40, 8, 0.0, 21)
+    alike = fit_random_blocks(Z, y, day.tolist())
+    plain = fit_least_squares(Z, y, ["intercept"] + ["x"] * 5)
+    assert alike.reml.ratio < 0.2
+    assert np.max(np.abs(alike.reml.estimate - plain.estimate)) < plain.se.max()
+    Z, y, day = problem(40, 8, 50.0, 22)
+    apart = fit_random_blocks(Z, y, day.tolist())
+    low, high = apart.sigma_ratio_interval()
+    means = np.array([np.mean(y[day == d] - Z[day == d] @ apart.reml.estimate) for d in range(8)])
+    np.testing.assert_allclose(apart.day_effects(), means, atol=0.5)
+    assert low < np.std(means, ddof=1) < high
+    assert apart.coefficient_interval().half_width[0] > 5 * apart.coefficient_interval().half_width[1]
+
+
+def test_refused_and_warned() -> None:
+    Z, y, day = problem(20, 3, 1.0, 0)
+    assert "3 days" in fit_random_blocks(Z, y, day.tolist()).reason
+    for Z_bad, y_bad, days, match in (
+        (Z, y, [0] * 20, "one day"),
+        (Z[:6], y[:6], day[:6].tolist(), "determine|one day"),
+        (np.column_stack([Z, Z[:, 1]]), y, day.tolist(), "determine"),
+        (Z, np.full(20, 5.0), day.tolist(), "exactly"),
+    ):
+        with pytest.raises(FitError, match=match):
+            fit_random_blocks(Z_bad, y_bad, days)

@@ -1,0 +1,100 @@
+"""Several applications: desirability, front, compromise against brute force, and what each gives up."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from seqrsm.decide.compromise import Objective, compromise, desirability, pareto_front
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.region import Region
+from seqrsm.errors import FitError
+
+BOX = Region((ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0)))
+
+
+def bowl(at: tuple[float, float], top: float = 100.0):
+    return lambda x: top - 20 * np.sum((x - np.array(at)) ** 2, axis=1)
+
+
+def test_desirability_by_hand() -> None:
+    values = np.array([0.0, 20.0, 50.0, 80.0, 100.0])
+    np.testing.assert_allclose(desirability(values, "maximize", 20, 80), [0, 0, 0.5, 1, 1])
+    np.testing.assert_allclose(desirability(values, "minimize", 80, 20), [1, 1, 0.5, 0, 0])
+    np.testing.assert_allclose(desirability(values, "maximize", 20, 80, 2.0), [0, 0, 0.25, 1, 1])
+    np.testing.assert_allclose(desirability(values, "maximize", 50, 50), 1.0)
+
+
+def test_front_against_all_pairs() -> None:
+    rng = np.random.default_rng(1)
+    values = np.round(rng.uniform(size=(120, 3)), 1)
+    goals = ("maximize", "minimize", "maximize")
+    signed = values * [1, -1, 1]
+    expected = np.ones(120, dtype=bool)
+    for i, j in itertools.permutations(range(120), 2):
+        if np.all(signed[j] >= signed[i]) and np.any(signed[j] > signed[i]):
+            expected[i] = False
+    np.testing.assert_array_equal(pareto_front(values, goals), expected)
+
+
+def test_compromise_lies_between_and_matches_a_fine_grid() -> None:
+    objectives = [
+        Objective("x", "maximize", 1.0, bowl((-0.5, 0.0))),
+        Objective("y", "maximize", 2.0, bowl((0.5, 0.0)), unacceptable=60.0, ideal=100.0),
+    ]
+    found = compromise(BOX, objectives)
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 401)] * 2), -1).reshape(-1, 2)
+    x, y = (o.mean(grid) for o in objectives)
+    worst = float(min(bowl((-0.5, 0.0))(np.array([[1.0, 1.0]]))))
+    log = np.log(np.maximum(desirability(x, "maximize", worst, 100), 1e-6)) / 3
+    log += 2 * np.log(np.maximum(desirability(y, "maximize", 60, 100), 1e-6)) / 3
+    np.testing.assert_allclose(found.point, grid[np.argmax(log)], atol=0.02)
+    assert found.desirability == pytest.approx(np.exp(log.max()), abs=1e-3)
+    first, second = found.losses
+    np.testing.assert_allclose(first.own_point, [-0.5, 0.0], atol=0.02)
+    assert first.given_up > second.given_up > 0.0  # the heavier weight gives up less
+    assert first.given_up == pytest.approx(first.own_best - first.value)
+
+
+def test_posterior_of_the_compromise() -> None:
+    rng = np.random.default_rng(2)
+    centres = np.array([-0.5, 0.0]) + 0.05 * rng.normal(size=(100, 2))
+    draws = lambda x: np.array([bowl(tuple(c))(x) for c in centres])  # noqa: E731
+    objectives = [
+        Objective("x", "maximize", 1.0, bowl((-0.5, 0.0)), draws),
+        Objective("cost", "minimize", 1.0, lambda x: 2.0 + x[:, 0]),
+    ]
+    found = compromise(BOX, objectives)
+    assert found.draw_points.shape == (100, 2)
+    assert np.abs(found.draw_points.mean(axis=0) - found.point).max() < 0.1
+    assert 0.0 <= found.expected_shortfall < 0.05
+    application, cost = found.losses
+    assert application.low <= application.given_up <= application.high
+    assert np.isnan(cost.low)
+    assert cost.value < 2.0
+
+
+def test_no_objective_and_single_objective() -> None:
+    with pytest.raises(FitError):
+        compromise(BOX, [])
+    alone = compromise(BOX, [Objective("x", "minimize", 1.0, lambda x: -bowl((0.2, -0.3))(x))])
+    np.testing.assert_allclose(alone.point, [0.2, -0.3], atol=0.02)
+    assert alone.losses[0].given_up == pytest.approx(0.0, abs=0.02)
+
+
+def test_discrete_and_constrained_regions() -> None:
+    region = Region((DiscreteFactor("a", (1, 2, 3)), CategoricalFactor("c", ("u", "v"))))
+    found = compromise(region, [Objective("x", "maximize", 1.0, lambda x: x[:, 0] + 5 * x[:, 1])])
+    assert region.decode(found.point)[0] == {"a": 3.0, "c": "v"}
+    cut = Region(BOX.factors, (Constraint("a + b <= 0"),))
+    found = compromise(cut, [Objective("x", "maximize", 1.0, lambda x: x[:, 0] + x[:, 1])])
+    assert cut.feasible(found.point[None, :])[0]
+    assert found.losses[0].value == pytest.approx(0.0, abs=0.01)
+
+
+def test_equal_inputs_give_equal_results() -> None:
+    objectives = [Objective("x", "maximize", 1.0, bowl((0.1, 0.7))), Objective("y", "maximize", 1.0, bowl((0.4, 0.0)))]
+    np.testing.assert_array_equal(compromise(BOX, objectives).point, compromise(BOX, objectives).point)

@@ -1,0 +1,194 @@
+"""Emissivity: Table 3 to the last digit, laws of polarization, independent numbers, user tables, errors that name."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seqrsm.errors import ScatteringDataError
+from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
+from seqrsm.scattering.emissivity import MOISTURE_NODES, emissivity_mo82, load_emissivity_table
+from seqrsm.scattering.emissivity_curves import interpolated
+from seqrsm.scattering.models import reflectivity_fresnel
+
+TABLE = load_emissivity_table()
+
+# RSL TR 380-1, Table 3, typed from the report: 0, 10, ... 80 deg.
+TABLE_3 = {
+    "Swamp": (0.70, 0.69, 0.68, 0.67, 0.65, 0.62, 0.59, 0.58, 0.55),
+    "Bareground": (0.85, 0.84, 0.82, 0.81, 0.78, 0.71, 0.68, 0.65, 0.60),
+    "Gravel": (0.85, 0.84, 0.84, 0.83, 0.81, 0.77, 0.73, 0.64, 0.46),
+    "Trees": (0.88, 0.88, 0.88, 0.87, 0.86, 0.84, 0.82, 0.80, 0.79),
+    "Grass": (0.93, 0.93, 0.93, 0.93, 0.93, 0.93, 0.93, 0.93, 0.93),
+    "Scrub": (0.91, 0.91, 0.90, 0.89, 0.88, 0.86, 0.84, 0.82, 0.80),
+    "Hay": (0.93, 0.93, 0.93, 0.93, 0.93, 0.93, 0.94, 0.92, 0.93),
+    "Oats": (0.92, 0.92, 0.92, 0.92, 0.92, 0.91, 0.90, 0.88, 0.84),
+    "Corn": (0.91, 0.91, 0.90, 0.89, 0.88, 0.86, 0.84, 0.82, 0.80),
+    "Wheat": (0.97, 0.97, 0.96, 0.96, 0.96, 0.96, 0.97, 0.93, 0.92),
+    "Forage": (0.93, 0.93, 0.93, 0.93, 0.93, 0.93, 0.94, 0.92, 0.93),
+    "Vegetables": (0.92, 0.92, 0.92, 0.91, 0.90, 0.89, 0.88, 0.87, 0.86),
+    "Water": (0.41, 0.40, 0.39, 0.36, 0.31, 0.26, 0.23, 0.20, 0.18),
+    "Asphalt": (0.89, 0.87, 0.84, 0.78, 0.70, 0.62, 0.52, 0.42, 0.32),
+}
+
+
+@pytest.mark.parametrize("name", TABLE_3)
+def test_table_3_to_the_last_digit_at_its_nodes(name):
+    printed = TABLE.lookup([name], 3.0, "V", as_printed=True).emissivity[0, 0, :81:10]
+    np.testing.assert_array_equal(printed, TABLE_3[name])
+    own = TABLE.lookup([name], 20.0, "H")
+    node = int(np.flatnonzero(MOISTURE_NODES == 0.2)[0]) if own.moist[0] else 0
+    np.testing.assert_allclose(own.emissivity[0, node, :81:10], TABLE_3[name], rtol=0, atol=2e-16)
+
+
+@pytest.mark.parametrize("name", TABLE_3)
+def test_interpolation_never_leaves_the_values_of_its_two_nodes(name):
+    e = TABLE.lookup([name], 20.0, "H", as_printed=True).emissivity[0, 0]
+    for k in range(8):
+        between = e[10 * k : 10 * k + 11]
+        assert between.min() >= min(between[0], between[-1]) - 1e-15
+        assert between.max() <= max(between[0], between[-1]) + 1e-15
+        assert (np.diff(between) * np.sign(between[-1] - between[0]) >= -1e-15).all()
+    assert (e[80:] == e[80]).all()
+
+
+@pytest.mark.parametrize("frequency", [1.4, 5.4, 10.7, 20.0, 36.0])
+def test_h_and_v_meet_at_nadir_and_v_is_above_below_brewster(frequency):
+    h, v = (TABLE.lookup(TABLE.categories, frequency, p).emissivity for p in "HV")
+    np.testing.assert_allclose(h[..., 0], v[..., 0], rtol=1e-12)
+    # Brewster's angle of the driest ground here is 60 deg and more.
+    assert (v[..., :61] >= h[..., :61] - 1e-12).all()
+    for e in (h, v):
+        assert e.min() >= 0.0
+        assert e.max() <= 1.0
+
+
+def test_soil_moisture_darkens_soil_and_what_lets_it_through():
+    look = TABLE.lookup(TABLE.categories, 1.4, "H")
+    change = look.emissivity[:, -1, 30] - look.emissivity[:, 0, 30]
+    for name, moist, step in zip(look.categories, look.moist, change, strict=True):
+        assert (step < -0.02) == moist, name
+        if not moist:
+            assert step == 0.0
+    # Vegetation hides the soil more at a higher frequency.
+    grass = [np.ptp(TABLE.lookup(["Grass"], f, "H").emissivity[0, :, 30]) for f in (1.4, 5.4, 10.7)]
+    assert grass[0] > 1.5 * grass[1] > 2.0 * grass[2]
+
+
+def test_water_follows_the_dielectric_model():
+    theta = np.deg2rad(np.arange(0.0, 81.0, 10.0))
+    for f in (1.4, 10.7, 36.0):
+        ratio = (1.0 - TABLE.lookup(["Water"], f, "V").emissivity[0, 0, :81:10]) / (1.0 - np.array(TABLE_3["Water"]))
+        model = [reflectivity_fresnel(complex(permittivity_water_ulaby14(g, 20.0)), theta) for g in (f, 20.0)]
+        np.testing.assert_allclose(ratio, model[0].v / model[1].h, rtol=1e-9)
+    # Independent run of the book's code: fresh water, 20 C, 10.7 GHz, 40 deg: 0.4598 (V), 0.3034 (H).
+    water = reflectivity_fresnel(complex(permittivity_water_ulaby14(10.7, 20.0)), np.deg2rad(40.0))
+    assert 1.0 - water.v == pytest.approx(0.4598, abs=5e-5)
+    assert 1.0 - water.h == pytest.approx(0.3034, abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("tau", "v", "h"),
+    [
+        (0.0, 0.8624, 0.7111),
+        (0.12, 0.8913, 0.7798),
+        (0.3, 0.9194, 0.8486),
+        (0.6, 0.9424, 0.9090),
+        (1.2, 0.9533, 0.9455),
+    ],
+)
+def test_layer_model_against_independent_vectors(tau, v, h):
+    # eps 9 - 0.9j, 40 deg, omega 0.05; roughness 0.3 with an angle power of 2 there, so 0.3 cos(40)**2 here.
+    roughness = 0.3 * np.cos(np.deg2rad(40.0)) ** 2
+    for polarization, expected in (("V", v), ("H", h)):
+        got = emissivity_mo82(9 - 0.9j, roughness, tau, 0.05, np.deg2rad(40.0), polarization)
+        assert got == pytest.approx(expected, abs=5.1e-5)
+
+
+def test_smooth_bare_ground_is_fresnel():
+    # Independent run of the book's code: eps 9 - 0.9j, 50 deg: 0.88854 (V), 0.59233 (H).
+    assert emissivity_mo82(9 - 0.9j, 0.0, 0.0, 0.0, np.deg2rad(50.0), "V") == pytest.approx(0.88854, abs=5e-6)
+    assert emissivity_mo82(9 - 0.9j, 0.0, 0.0, 0.0, np.deg2rad(50.0), "H") == pytest.approx(0.59233, abs=5e-6)
+
+
+def test_missing_category_polarization_and_frequency_are_named_together():
+    with pytest.raises(ScatteringDataError) as caught:
+        TABLE.lookup(["Trees", "Lava", "Snow"], 94.0, "HV")
+    text = str(caught.value)
+    for part in ("'Lava'", "'Snow'", "94.0", "'HV'"):
+        assert part in text
+
+
+def test_assumptions_are_told():
+    notes = " ".join(TABLE.lookup(["Grass"], 1.4, "V").notes)
+    assert "inferred" in notes
+    assert "assumed" in notes
+    assert "outside its model" in " ".join(TABLE.lookup(["Grass"], 30.0, "H").notes)
+    assert TABLE.lookup(["Asphalt"], 20.0, "H").status == ("public",)
+    assert TABLE.lookup(["Asphalt"], 20.0, "V").status == ("assumed",)
+    assert any("Mo, Choudhury" in line for line in TABLE.lookup(["Grass"], 1.4, "V").citations)
+
+
+def test_every_shipped_row_has_a_status():
+    folder = Path(__file__).parents[2] / "seqrsm" / "scattering" / "data"
+    names = ("emissivity_table3", "emissivity_models", "emissivity_variability", "atmosphere_nodes")
+    for name in names:
+        lines = [line for line in (folder / f"{name}.csv").read_text().splitlines() if not line.startswith("#")]
+        rows = list(csv.DictReader(lines))
+        assert rows
+        assert all(row["status"] in ("public", "computed", "assumed") and row["source"] for row in rows), name
+
+
+HEADER = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source,sd\n"
+
+
+def write(path: Path, *rows: str) -> Path:
+    path.write_text(HEADER + "\n".join(rows) + "\n", encoding="utf-8")
+    return path
+
+
+def test_user_table_replaces_and_adds_categories(tmp_path):
+    rows = [
+        f"emissivity,Lava,{f},H,{t},{0.9 - t / 200 + f / 1000},1,measured,mine,0.03"
+        for f in (10, 20)
+        for t in (0, 40, 80)
+    ]
+    rows += [f"emissivity,Water,10,H,{t},0.5,1,measured,mine," for t in (0, 80)]
+    table = load_emissivity_table(write(tmp_path / "own.csv", *rows))
+    look = table.lookup(["Lava", "Water", "Trees"], 10.0, "H")
+    assert look.emissivity[0, 0, 40] == pytest.approx(0.71)
+    assert look.emissivity[1, 0, 33] == pytest.approx(0.5)
+    assert look.field_sd[0] == pytest.approx(0.03)
+    assert look.status[0] == "measured"
+    middle = table.lookup(["Lava"], np.sqrt(200.0), "H").emissivity[0, 0, 0]
+    assert middle == pytest.approx(0.915)
+    with pytest.raises(ScatteringDataError, match="no V emissivity of Lava"):
+        table.lookup(["Lava"], 10.0, "V")
+    with pytest.raises(ScatteringDataError, match=r"Lava at H is known at 10 to 20 GHz"):
+        table.lookup(["Lava"], 5.0, "H")
+
+
+def test_user_table_faults_are_told_all_at_once(tmp_path):
+    path = write(
+        tmp_path / "bad.csv",
+        "emissivity,Lava,10,H,0,1.2,1,measured,mine,",
+        "emissivity,Lava,10,HV,0,0.9,1,measured,mine,",
+        "sigma0,Lava,10,H,10,0.9,1,measured,mine,",
+        "emissivity,Lava,10,H,20,0.9,dB,guessed,mine,",
+        "emissivity,,10,H,30,0.9,1,measured,,",
+    )
+    with pytest.raises(ScatteringDataError) as caught:
+        load_emissivity_table(path)
+    assert {p.line for p in caught.value.problems} == {2, 3, 4, 5, 6}
+    twice = write(tmp_path / "twice.csv", *["emissivity,Lava,10,H,0,0.9,1,measured,mine,"] * 2)
+    with pytest.raises(ScatteringDataError, match="given twice"):
+        load_emissivity_table(twice)
+    with pytest.raises(ScatteringDataError, match="no rows"):
+        load_emissivity_table(write(tmp_path / "none.csv"))
+
+
+def test_two_nodes_are_joined_by_a_straight_line():
+    np.testing.assert_allclose(interpolated([0.0, 80.0], [0.9, 0.5])[:81], 0.9 - 0.005 * np.arange(81.0))

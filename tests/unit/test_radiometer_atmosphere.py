@@ -1,0 +1,102 @@
+"""Atmosphere against the nodes of independent packages, limits, weather, and refusals."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from seqrsm.constants import COSMIC_BACKGROUND_K
+from seqrsm.errors import ScatteringDataError
+from seqrsm.scattering.atmosphere import Atmosphere, cloud_db_per_kg_m2, make_atmosphere, rain_db_km, zenith_nodes
+
+NODES = zenith_nodes()
+MODELS = {"us_standard": "USstd", "midlatitude_summer": "MLS", "midlatitude_winter": "MLW"}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_sky_and_loss_against_the_packages_numbers(name):
+    # Stated accuracy of the packages among themselves: 1.3 K of sky temperature, 0.03 dB of loss.
+    prefix = MODELS[name]
+    for k, f in enumerate(NODES["frequency_ghz"]):
+        air = make_atmosphere(float(f), atmosphere=name)
+        loss = NODES[f"{prefix}_dry_db"][k] + NODES[f"{prefix}_wet_db"][k]
+        assert air.zenith_loss_db == pytest.approx(loss, rel=1e-9)
+        assert float(air.sky_k(0.0)) == pytest.approx(NODES[f"{prefix}_tsky_zenith_k"][k], abs=0.5)
+
+
+def test_second_package_gives_the_same_loss_for_the_standard_atmosphere():
+    for part in ("dry", "wet"):
+        a, b = NODES[f"P676_13_{part}_db"], NODES[f"USstd_{part}_db"]
+        assert (np.abs(a - b) < 0.03).all()
+
+
+def test_loss_between_nodes_lies_between_them():
+    f = NODES["frequency_ghz"]
+    for low, high in itertools.pairwise(f):
+        ends = sorted(make_atmosphere(float(g)).zenith_loss_db for g in (low, high))
+        assert ends[0] <= make_atmosphere(float(np.sqrt(low * high))).zenith_loss_db <= ends[1] + 1e-12
+
+
+def test_layers_add_up_from_ground_to_space():
+    air = make_atmosphere(22.235, atmosphere="midlatitude_summer")
+    theta = np.deg2rad(np.array([0.0, 40.0, 60.0]))
+    # Seen from space, sky and up-welling have the same total depth; near the ground nothing is below.
+    np.testing.assert_allclose(10.0 * np.log10(air.loss(theta)), air.zenith_loss_db / np.cos(theta), rtol=1e-12)
+    np.testing.assert_allclose(air.transmission(theta) * air.loss(theta), 1.0)
+    np.testing.assert_allclose(air.loss(theta, 0.0), 1.0)
+    np.testing.assert_allclose(air.upwelling_k(theta, 0.0), 0.0)
+    heights = [100.0, 1000.0, 5000.0, 2e4, 8e5]
+    losses = [float(air.loss(0.0, h)) for h in heights]
+    assert losses == sorted(losses)
+    # The air below a craft at 2 km is warmer than all of it together.
+    low = float(air.upwelling_k(0.0, 2000.0)) / (1.0 - float(air.transmission(0.0, 2000.0)))
+    whole = float(air.upwelling_k(0.0)) / (1.0 - float(air.transmission(0.0)))
+    assert 270.0 < whole < low < 294.2
+
+
+def test_grazing_paths_are_held_and_finite():
+    air = make_atmosphere(36.0)
+    sky = air.sky_k(np.deg2rad(np.array([0.0, 60.0, 75.0, 80.0, 90.0])))
+    assert (np.diff(sky) >= -1e-12).all()
+    assert sky[2] == pytest.approx(sky[4])
+
+
+def test_no_atmosphere_leaves_space():
+    air = make_atmosphere(10.0, atmosphere="none")
+    assert float(air.loss(1.0)) == 1.0
+    assert float(air.sky_k(0.3)) == COSMIC_BACKGROUND_K
+
+
+@pytest.mark.parametrize(("f", "db_km"), [(10.0, 0.0920), (15.0, 0.273), (36.0, 1.52)])
+def test_rain_against_an_independent_package(f, db_km):
+    assert rain_db_km(f, 5.0, "H") == pytest.approx(db_km, rel=0.04)
+    assert rain_db_km(f, 5.0, "V") < rain_db_km(f, 5.0, "H")
+    assert rain_db_km(f, 0.0) == 0.0
+
+
+def test_cloud_against_an_independent_package():
+    # 0.3 g/m3 at 10 C and 10 GHz: 0.0207 dB/km by the Rayleigh formula, 0.0206 by ITU-R P.840.
+    assert 0.3 * cloud_db_per_kg_m2(10.0) == pytest.approx(0.0207, abs=1e-4)
+
+
+def test_weather_adds_loss_in_order():
+    losses = [make_atmosphere(30.0, weather=w).zenith_loss_db for w in ("clear", "cloud", "rain")]
+    assert losses[1] - losses[0] == pytest.approx(0.3 * cloud_db_per_kg_m2(30.0))
+    assert losses[2] - losses[1] == pytest.approx(3.0 * rain_db_km(30.0, 5.0))
+
+
+def test_what_cannot_be_is_told_together():
+    with pytest.raises(ScatteringDataError) as caught:
+        make_atmosphere(94.0, atmosphere="mars", weather="fog", rain_mm_h=-1.0)
+    assert len(caught.value.problems) == 4
+    with pytest.raises(ScatteringDataError, match="36"):
+        make_atmosphere(36.1)
+
+
+def test_thick_air_shows_the_layer_nearest_to_the_observer():
+    air = Atmosphere(np.array([20.0, 20.0]), np.array([300.0, 200.0]), np.array([0.0, 1.0, 2.0]), 3.0, ())
+    assert float(air.upwelling_k(0.0)) == pytest.approx(200.0)
+    assert float(air.upwelling_k(0.0, 1000.0)) == pytest.approx(300.0)
+    assert float(air.sky_k(0.0)) == pytest.approx(300.0)

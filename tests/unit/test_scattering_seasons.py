@@ -1,0 +1,98 @@
+"""Fall, winter and snow: the snow against a radiative transfer code, the seasons against what they are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seqrsm.errors import ConfigurationError
+from seqrsm.scattering.dielectrics import permittivity_wet_snow_hallikainen86
+from seqrsm.scattering.readers import POLARIZATIONS
+from seqrsm.scattering.seasons import snow_volume, under_snow
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.sensor.radar import RadarConfiguration
+
+TABLE = load_sigma0_table()
+
+# SMRT 1.7, IBA and DORT, 15 cm of snow of 250 kg/m3 and 0.2 mm correlation length over a black ground: VV [dB].
+SMRT_VV = {
+    1.25: (-65.3, -65.4, -65.6, -66.0, -66.7, -68.0),
+    5.4: (-39.9, -40.0, -40.2, -40.6, -41.3, -42.6),
+    9.6: (-29.9, -30.0, -30.3, -30.7, -31.4, -32.7),
+    13.6: (-23.9, -24.1, -24.3, -24.7, -25.4, -26.7),
+}
+
+# Hallikainen 1986 as coded with the Ulaby and Long book, 0.3 g/cm3, 3 percent: GHz -> real, imaginary.
+WET_SNOW = {3.0: (1.8001, 0.0883), 5.3: (1.7668, 0.1288), 9.6: (1.6909, 0.1488), 13.6: (1.6333, 0.1406)}
+
+
+@pytest.mark.parametrize("frequency", SMRT_VV)
+def test_dry_snow_is_that_of_a_radiative_transfer_code(frequency):
+    volume, _ = snow_volume(frequency, 0.15, np.deg2rad(np.arange(10.0, 61.0, 10.0)))
+    np.testing.assert_allclose(10.0 * np.log10(volume[1]), SMRT_VV[frequency], atol=0.2)
+
+
+@pytest.mark.parametrize("frequency", WET_SNOW)
+def test_permittivity_of_wet_snow(frequency):
+    eps = permittivity_wet_snow_hallikainen86(frequency, 0.3, 3.0)
+    assert (eps.real, eps.imag) == pytest.approx(WET_SNOW[frequency], abs=6e-5)
+
+
+def test_snow_of_no_depth_changes_nothing_and_dry_snow_is_nearly_transparent_to_x_band():
+    for snow in ("dry", "wet"):
+        bare = TABLE.lookup(["Wheat"], 9.6, "HH", season="winter").sigma0
+        np.testing.assert_array_equal(
+            TABLE.lookup(["Wheat"], 9.6, "HH", season="winter", snow=snow, snow_depth_cm=0.0).sigma0, bare
+        )
+    for frequency, most in ((1.25, 0.01), (5.4, 0.1), (9.6, 0.3)):
+        bare, dry = (
+            10.0 * np.log10(TABLE.lookup(["Wheat"], frequency, "HH", season="winter", snow=s).sigma0[0, 40])
+            for s in ("none", "dry")
+        )
+        assert abs(dry - bare) < most
+
+
+def test_deep_wet_snow_hides_what_is_beneath_and_thin_snow_does_not():
+    value = np.full((3, 91), -10.0)
+    deep, _ = under_snow(value, 9.6, "wet", 5.0)
+    other, _ = under_snow(value - 15.0, 9.6, "wet", 5.0)
+    np.testing.assert_allclose(deep, other, atol=1e-9)
+    thin, _ = under_snow(value, 9.6, "wet", 1e-4)
+    assert np.abs(thin[:, 20:60] - value[:, 20:60]).max() < 0.2
+
+
+@pytest.mark.parametrize("season", ["fall", "winter"])
+@pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4, 9.6, 13.6])
+@pytest.mark.parametrize("channel", POLARIZATIONS)
+def test_every_category_is_known_in_every_season_and_band(season, frequency, channel):
+    found = TABLE.lookup(TABLE.categories, frequency, channel, season=season)
+    level = 10.0 * np.log10(found.sigma0[:, 20:61])
+    assert np.isfinite(level).all()
+    assert level.max() < 3.0
+    assert all(any(note.startswith(f"{c}: {season}:") for note in found.notes) for c in TABLE.categories)
+
+
+def test_harvested_fields_look_like_their_soil():
+    fall, soil = (
+        10.0 * np.log10(TABLE.lookup([c], 5.4, "VV", season="fall", soil_moisture=0.2).sigma0[0, 35])
+        for c in ("Wheat", "Bareground")
+    )
+    summer = 10.0 * np.log10(TABLE.lookup(["Wheat"], 5.4, "VV").sigma0[0, 35])
+    share = 0.85 * 10 ** (0.1 * soil) + 0.15 * 10 ** (0.1 * (summer - 3.0))
+    assert fall == pytest.approx(10.0 * np.log10(share), abs=1e-9)
+
+
+def test_x_band_continues_lower_bands_with_half_their_slope():
+    nodes = (1.25, 3.0, 5.4)
+    level = [10.0 * np.log10(TABLE.lookup(["Grass"], f, "HH").sigma0[0, 40]) for f in nodes]
+    slope = np.polyfit(np.log2(nodes), level, 1)[0]
+    found = TABLE.lookup(["Grass"], 9.6, "HH")
+    expected = level[-1] + 0.5 * slope * np.log2(9.6 / 5.4)
+    assert 10.0 * np.log10(found.sigma0[0, 40]) == pytest.approx(expected, abs=1e-9)
+    assert found.status == ("assumed",)
+    assert any("assumed_high_bands" in note for note in found.notes)
+
+
+def test_snow_needs_a_winter():
+    with pytest.raises(ConfigurationError, match="winter only"):
+        RadarConfiguration(9.6, ("HH",), 30.0, 50.0, 100.0, 45.0, 6000.0, snow="dry")

@@ -1,0 +1,122 @@
+"""Scenes from GeoTIFF: values at known places, resampling, gaps, and what is refused with its remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import tifffile
+
+from seqrsm.errors import SceneError
+from seqrsm.scene.raster import import_scene
+from seqrsm.scene.scene import NO_COVER, load_scene
+
+LEGEND = "code,category,note\n1,Wheat,\n2,Trees,planted\n3,Wheat,\n9,,\n"
+
+
+def write(path, values, step, left=1000.0, top=5000.0, model=1, code=31370, nodata=None, point=False, units=None):
+    keys = [1, 1, 0, 0, 1024, 0, 1, model, 1025, 0, 1, 2 if point else 1, 3072 if model == 1 else 2048, 0, 1, code]
+    if units:
+        keys += [3076, 0, 1, units]
+    keys[3] = (len(keys) - 4) // 4
+    if point:
+        left, top = left + step / 2, top - step / 2
+    tags = [
+        (33550, "d", 3, (step, step, 0.0), True),
+        (33922, "d", 6, (0.0, 0.0, 0.0, left, top, 0.0), True),
+        (34735, "H", len(keys), tuple(keys), True),
+    ]
+    if nodata is not None:
+        tags.append((42113, "s", 0, str(nodata), True))
+    tifffile.imwrite(path, values, extratags=tags, metadata=None)
+    return path
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A plane in 10 m cells and a cover in 5 m cells that starts 20 m further east."""
+    i, j = np.mgrid[0:30, 0:40]
+    plane = (100.0 + 0.3 * (10.0 * j + 5.0) - 0.2 * (10.0 * i + 5.0)).astype(np.float32)
+    cover = np.ones((60, 60), dtype=np.uint8)
+    cover[:, 30:] = 2
+    cover[:10, :10] = 9
+    (tmp_path / "legend.csv").write_text(LEGEND, encoding="utf-8")
+    return {
+        "elevation": write(tmp_path / "z.tif", plane, 10.0),
+        "cover": write(tmp_path / "c.tif", cover, 5.0, left=1020.0),
+        "legend": tmp_path / "legend.csv",
+    }
+
+
+@pytest.mark.parametrize("point", [False, True])
+def test_a_plane_keeps_its_heights_and_the_cover_its_place(files, tmp_path, point):
+    if point:
+        values = tifffile.imread(files["elevation"])
+        files["elevation"] = write(tmp_path / "p.tif", values, 10.0, point=True)
+    scene = import_scene(**files, out=tmp_path / "scene.npz")
+    assert scene.cell_m == 5.0
+    assert scene.shape == (60, 60)
+    assert scene.bounds == (1020.0, 4700.0, 1320.0, 5000.0)
+    assert scene.epsg == 31370
+    assert scene.categories == ("Wheat", "Trees")
+    assert scene.category_notes == {"Trees": "planted"}
+    i, j = np.mgrid[0:60, 0:60]
+    exact = 100.0 + 0.3 * (20.0 + 5.0 * j + 2.5) - 0.2 * (5.0 * i + 2.5)
+    np.testing.assert_allclose(scene.elevation_m[1:-1, :], exact[1:-1, :], atol=1e-4)
+    assert (scene.cover[:10, :10] == NO_COVER).all()
+    assert (scene.cover[10:, :30] == 0).all()
+    assert (scene.cover[:, 30:] == 1).all()
+    assert scene.scored.sum() == 3500
+    assert np.array_equal(load_scene(tmp_path / "scene.npz").cover, scene.cover)
+
+
+def test_coarser_cells_and_gaps(files, tmp_path):
+    values = tifffile.imread(files["elevation"])
+    values[5, 8] = -9999.0
+    files["elevation"] = write(tmp_path / "z.tif", values, 10.0, nodata=-9999)
+    scene = import_scene(**files, cell_m=10.0)
+    assert scene.shape == (30, 30)
+    assert np.isnan(scene.elevation_m[5, 6])
+    assert np.isnan(scene.elevation_m).sum() == 1
+    assert not scene.scored[5, 6]
+
+
+def test_degrees_are_refused_with_the_remedy(files, tmp_path):
+    files["elevation"] = write(tmp_path / "d.tif", np.zeros((30, 30), np.float32), 0.001, 4.7, 50.9, model=2, code=4326)
+    with pytest.raises(SceneError, match=r"in degrees.*gdalwarp -t_srs EPSG:32631"):
+        import_scene(**files)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"code": 32631}, "EPSG 31370 and EPSG 32631.*gdalwarp"),
+        ({"left": 9e5}, "share no ground"),
+        ({"units": 9003}, "not in metres"),
+    ],
+)
+def test_rasters_that_do_not_fit(files, tmp_path, change, words):
+    files["cover"] = write(tmp_path / "other.tif", np.ones((60, 60), np.uint8), 5.0, **change)
+    with pytest.raises(SceneError, match=words):
+        import_scene(**files)
+
+
+def test_codes_without_a_category_and_bad_legends(files, tmp_path):
+    files["cover"] = write(tmp_path / "x.tif", np.full((60, 60), 7, np.uint8), 5.0)
+    with pytest.raises(SceneError, match=r"3600 cells hold a code the legend lacks.*7"):
+        import_scene(**files)
+    for text, words in (("a,b\n1,2\n", "column"), ("code,category\nx,Wheat\n1,A\n1,B\n", "whole number.*\n.*twice")):
+        files["legend"].write_text(text, encoding="utf-8")
+        with pytest.raises(SceneError, match=words):
+            import_scene(**files)
+
+
+def test_files_that_are_no_rasters(files, tmp_path):
+    bad = tmp_path / "bad.tif"
+    for content in (None, b"not a tiff", b""):
+        if content is not None:
+            bad.write_bytes(content)
+        with pytest.raises(SceneError, match=r"no such raster|not a readable GeoTIFF"):
+            import_scene(bad, files["cover"], files["legend"])
+    tifffile.imwrite(bad, np.zeros((4, 4), np.float32))
+    with pytest.raises(SceneError, match="does not say where"):
+        import_scene(bad, files["cover"], files["legend"])

@@ -1,0 +1,354 @@
+"""Whole campaigns on known surfaces, without an engine: what the loop does at the extremes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from seqrsm.campaign import loop
+from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.records import IngestedRun, NewScore
+from seqrsm.campaign.spec import load_spec
+from seqrsm.errors import RegionError, SpecError, UserError
+
+HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
+APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
+
+
+def spec_text(factors: str, stop: str, *, batch: int = 4, more: str = "", rest: str = "") -> str:
+    return HEAD.format(batch=batch, more=more) + factors + APPLICATION + rest + f"[stop]\n{stop}\n"
+
+
+def numeric(k: int) -> str:
+    return "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(k))
+
+
+Score = Callable[[dict, int], float]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run."""
+
+    def make(text: str, score: Score, folder: str = "c") -> Campaign:
+        def carry(_function, tasks, _workers, _progress):
+            for task in tasks:
+                try:
+                    value, failure = score(task.settings, task.run_id), ""
+                except ValueError as error:
+                    value, failure = 0.0, str(error)
+                scores = () if failure else (NewScore("score", float(value)),)
+                yield task, SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure)
+
+        monkeypatch.setattr(loop, "run_many", carry)
+        monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
+        monkeypatch.setattr(
+            loop, "task_of", lambda spec, run_id, settings: SimpleNamespace(run_id=run_id, settings=settings)
+        )
+        place = tmp_path / folder
+        place.mkdir()
+        (place / "campaign.toml").write_text(text, encoding="utf-8")
+        return Campaign.open(place)
+
+    return make
+
+
+def noise(run_id: int) -> float:
+    return float(np.random.default_rng([7, run_id]).normal())
+
+
+def bowl(settings: dict, run_id: int) -> float:
+    return 80.0 - 10.0 * sum((float(v) - 0.2) ** 2 for v in settings.values()) + noise(run_id)
+
+
+def test_one_factor(campaign) -> None:
+    made = campaign(spec_text(numeric(1), 'half_width = 2.0\ninterval = "prediction_mean"\nmax_runs = 40'), bowl)
+    outcome = made.run()
+    assert outcome.held
+    assert outcome.analyses[0].optimum.settings["x0"] == pytest.approx(0.2, abs=0.25)
+
+
+def test_eight_factors(campaign) -> None:
+    made = campaign(spec_text(numeric(8), "half_width = 5.0\nmax_runs = 60", batch=8), bowl)
+    outcome = made.run()
+    assert outcome.analyses[0].fit.n_terms == 45
+    assert outcome.analyses[0].n_scored == 60
+    assert not outcome.held  # 3 x 45 runs would be asked for
+
+
+def test_budget_below_the_terms_is_refused(campaign) -> None:
+    made = campaign(spec_text(numeric(4), "half_width = 2.0\nmax_runs = 10"), bowl)
+    with pytest.raises(SpecError, match="10 runs cannot determine 15 terms"):
+        made.run()
+    assert not made.store.runs()
+
+
+def test_batch_larger_than_the_distinct_settings_repeats_them(campaign) -> None:
+    factors = '[[factor]]\nname = "a"\nvalues = [1, 2, 3]\n[[factor]]\nname = "b"\nlevels = ["u", "v"]\n'
+    made = campaign(
+        spec_text(factors, "half_width = 0.9\nmax_runs = 60", batch=20),
+        lambda s, i: (50.0 - (s["a"] - 2.0) ** 2 + (3.0 if s["b"] == "v" else 0.0)) + 0.1 * noise(i),
+    )
+    outcome = made.run()
+    assert outcome.held
+    assert outcome.analyses[0].optimum.settings == {"a": 2.0, "b": "v"}
+    runs = made.store.runs()
+    assert max(run.batch for run in runs) >= 2
+    assert len({tuple(run.proposed.items()) for run in runs}) <= 6
+
+
+def test_sliver_and_nothing(campaign) -> None:
+    sliver = '[[constraint]]\nexpr = "abs(x0 + x1) <= 0.02"\n'
+    made = campaign(
+        spec_text(numeric(2), "half_width = 3.0\nmax_runs = 40", rest=sliver + "[model]\norder = 1\n"), bowl
+    )
+    with pytest.raises(UserError) as caught:
+        made.run()
+    assert "x1" in str(caught.value) or "x0" in str(caught.value)  # the two factors cannot be told apart
+    assert all(abs(run.proposed["x0"] + run.proposed["x1"]) <= 0.0201 for run in made.store.runs())
+    nothing = '[[constraint]]\nexpr = "x0 >= 3"\n'
+    with pytest.raises((SpecError, RegionError), match="no setting"):
+        campaign(spec_text(numeric(2), "half_width = 3.0", rest=nothing), bowl, "d")
+
+
+def test_equal_scores_everywhere(campaign) -> None:
+    made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 30"), lambda s, i: 7.0)
+    outcome = made.run()
+    (analysis,) = outcome.analyses
+    assert analysis.optimum.mean == pytest.approx(7.0)
+    assert any("equal" in warning for warning in analysis.warnings)
+    assert analysis.region_state.box.whole
+
+
+def wild(settings: dict, run_id: int) -> float:
+    return bowl(settings, run_id) + (400.0 if run_id == 5 else 0.0)
+
+
+def test_student_errors_recover_from_one_wild_outlier(campaign) -> None:
+    text = spec_text(numeric(2), "half_width = 2.0\nmax_runs = 24", rest='[model]\nregion = "fixed"\n{0}')
+    found = {}
+    for errors in ("normal", "student_t"):
+        # the scores of one campaign with normal errors, fitted both ways
+        made = campaign(text.format(f'errors = "{errors}"\n'), bowl, errors)
+        runs = [
+            IngestedRun(None, settings, "flight", "", 1.0, (NewScore("score", wild(settings, i + 1)),))
+            for i, settings in enumerate(
+                {"x0": float(x), "x1": float(y)} for x in (-1, -0.5, 0, 0.5, 1) for y in (-1, -0.5, 0, 0.5, 1)
+            )
+        ]
+        made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+        (found[errors],) = made.analyse_all(n_draws=1000)
+    robust, naive = found["student_t"], found["normal"]
+    truth = np.array([0.2, 0.2])
+    assert np.abs(robust.optimum.point - truth).max() < 0.25
+    assert np.abs(naive.optimum.point - truth).max() > 0.5
+    assert robust.optimum.prediction.half_width < 6.0 < naive.optimum.prediction.half_width
+    assert robust.optimum.prediction.low < 80.0 < robust.optimum.prediction.high
+
+
+def test_source_that_always_fails_ends_at_once(campaign) -> None:
+    def broken(settings: dict, run_id: int) -> float:
+        raise ValueError("no licence for the engine")
+
+    made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 30"), broken)
+    with pytest.raises(UserError, match="no licence"):
+        made.run()
+    assert len(made.store.runs()) == 12  # the start design, once
+
+
+def test_source_that_breaks_later_is_given_up_after_a_few_batches(campaign) -> None:
+    def breaks(settings: dict, run_id: int) -> float:
+        if run_id > 15:
+            raise ValueError("disk full")
+        return bowl(settings, run_id)
+
+    made = campaign(spec_text(numeric(2), "half_width = 0.1\nmax_runs = 60", more="attempts = 2"), breaks)
+    with pytest.raises(UserError, match="disk full"):
+        made.run()
+    assert sum(run.state == "failed" for run in made.store.runs()) <= 3 * 4
+
+
+def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> None:
+    """A quarter of the region cannot be carried out: it is not proposed for ever."""
+
+    def corner(settings: dict, run_id: int) -> float:
+        if settings["x0"] > 0.5 and settings["x1"] > 0.5:
+            raise ValueError("no signal")
+        return bowl(settings, run_id)
+
+    made = campaign(spec_text(numeric(2), "half_width = 2.5\nmax_runs = 40"), corner)
+    outcome = made.run()
+    failed = np.array([[run.proposed["x0"], run.proposed["x1"]] for run in made.store.runs("failed")])
+    assert outcome.n_scored >= 18
+    assert len(failed) <= 20
+    later = [run for run in made.store.runs("failed") if run.batch > 1]
+    for i, run in enumerate(later):
+        here = np.array([run.proposed["x0"], run.proposed["x1"]])
+        before = [r for r in made.store.runs("failed") if r.batch < run.batch]
+        gap = [np.abs(here - [r.proposed["x0"], r.proposed["x1"]]).max() for r in before]
+        assert not gap or min(gap) > 0.09, i
+
+
+@pytest.mark.parametrize("criterion", ["D", "I", "thompson", "steepest"])
+def test_criteria_by_name(campaign, criterion: str) -> None:
+    made = campaign(spec_text(numeric(2), "half_width = 2.6\nmax_runs = 26", more=f'criterion = "{criterion}"'), bowl)
+    outcome = made.run()
+    assert outcome.analyses[0].optimum.mean == pytest.approx(80.0, abs=2.5)
+    purposes = {run.purpose for run in made.store.runs() if run.batch > 1}
+    wanted = {"D": "spread", "I": "average", "thompson": "thompson", "steepest": "steepest"}[criterion]
+    assert wanted in purposes
+
+
+@pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime", "spending"])
+def test_guards_by_name(campaign, guard: str) -> None:
+    rule = f'half_width = 2.0\ninterval = "prediction_mean"\nguard = "{guard}"\nmax_runs = 80'
+    outcome = campaign(spec_text(numeric(2), rule), bowl).run()
+    assert outcome.held
+    (analysis,) = outcome.analyses
+    assert {check.name for check in analysis.decision.checks} >= {"interval", "pure_error", "lack_of_fit"}
+
+
+def two_humps(settings: dict, run_id: int) -> float:
+    x = np.array([settings["x0"], settings["x1"]])
+    high, low = np.sum((x - [0.5, 0.2]) ** 2), np.sum((x + [0.5, 0.2]) ** 2)
+    return 45 + 35 * np.exp(-high / 0.32) + 27 * np.exp(-low / 0.32) + noise(run_id)
+
+
+def test_region_shrinks_and_the_store_says_so(campaign) -> None:
+    text = spec_text(numeric(2), 'half_width = 1.5\ninterval = "confidence"\nmax_runs = 90')
+    made = campaign(text, two_humps)
+    outcome = made.run()
+    (analysis,) = outcome.analyses
+    assert [change.kind for change in analysis.region_history][:2] == ["shrink", "filled"]
+    assert not analysis.region_state.box.whole
+    best = np.array([analysis.optimum.settings["x0"], analysis.optimum.settings["x1"]])
+    assert np.abs(best - [0.5, 0.2]).max() < 0.2
+    assert analysis.fit.n_runs < analysis.n_scored
+    assert analysis.optimum.at_bound == ()
+    events = made.store.events(kind="region")
+    assert len(events) == len(analysis.region_history)
+    fixed = campaign(text.replace("[stop]", '[model]\nregion = "fixed"\n[stop]'), two_humps, "fixed").run()
+    wrong = fixed.analyses[0].optimum.settings
+    assert two_humps(analysis.optimum.settings, 1) > two_humps(wrong, 1) + 5.0
+
+
+def test_interrupted_campaign_ends_like_one_that_was_not(campaign) -> None:
+    text = spec_text(numeric(2), 'half_width = 1.5\ninterval = "confidence"\nmax_runs = 60')
+    whole = campaign(text, two_humps)
+    whole.run()
+    broken = campaign(text, two_humps, "broken")
+    for budget in (20, 33, 47):
+        broken.run(max_runs=budget)
+        broken = Campaign.open(broken.folder)
+    broken.run()
+
+    def settings(made: Campaign) -> list:
+        return [run.proposed for run in made.store.runs() if run.purpose != "confirmation"]
+
+    assert settings(broken)[:20] == settings(whole)[:20]
+
+
+TWO = """
+[campaign]
+name = "two"
+[[factor]]
+name = "resolution"
+low = 5.0
+high = 50.0
+scale = "log"
+[[factor]]
+name = "angle"
+low = 20.0
+high = 60.0
+[[application]]
+name = "crops"
+utility = "percent_correct"
+weight = 2.0
+unacceptable = 40.0
+[[application]]
+name = "moisture"
+utility = "measured"
+goal = "minimize"
+[[consideration]]
+name = "cost"
+expr = "100 / resolution"
+[stop]
+half_width = 4.0
+"""
+
+
+def test_two_applications_and_a_cost(campaign) -> None:
+    made = campaign(TWO, bowl)
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (40, 2))
+    runs = []
+    for settings, (x, y) in zip(made.spec.region.decode(points), points, strict=True):
+        crops = 75 - 10 * (x + 0.6) ** 2 - 8 * (y - 0.2) ** 2 + rng.normal()
+        moisture = 4 + 2 * (x - 0.5) ** 2 + (y + 0.4) ** 2 + 0.2 * rng.normal()
+        scores = (NewScore("crops", crops), NewScore("moisture", moisture))
+        runs.append(IngestedRun(None, settings, "flight", "", 1.0, scores))
+    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    analyses = made.analyse_all(n_draws=300)
+    assert all(analysis.region_state.box.whole for analysis in analyses)
+    found = made.compromise(analyses)
+    crops, moisture, cost = found.given_up
+    assert analyses[0].optimum.settings["resolution"] < found.settings["resolution"]
+    assert crops.given_up > 0.0
+    assert moisture.given_up > 0.0
+    assert moisture.interval.low <= moisture.given_up <= moisture.interval.high
+    assert cost.value == pytest.approx(100 / found.settings["resolution"])
+    assert cost.own_settings["resolution"] == pytest.approx(50.0)
+    assert found.to_json()["pareto_front"]
+    assert made.compromise(analyses[:1]) is None
+
+
+def test_simulation_and_flight_share_a_surface(campaign) -> None:
+    text = spec_text(numeric(2), "half_width = 3.0\nmax_runs = 80", rest="[cost]\nflight = 20.0\n")
+    made = campaign(text, bowl)
+    made.run(max_runs=18)
+    before = made.analyse_all()[0]
+    assert before.sources is None
+    rng = np.random.default_rng(5)
+    flights = [
+        IngestedRun(None, s, "flight", "", 20.0, (NewScore("score", bowl(s, 100 + i) + 4.0 + 2 * s["x0"]),))
+        for i, s in enumerate(made.spec.region.decode(rng.uniform(-1, 1, (12, 2))))
+    ]
+    made.store.ingest_scores(flights[:2], name="a.csv", sha256="1", row_count=2)
+    few = made.analyse_all()[0]
+    assert few.sources.prior_driven
+    assert any("prior" in warning for warning in few.warnings)
+    made.store.ingest_scores(flights[2:], name="b.csv", sha256="2", row_count=10)
+    many = made.analyse_all()[0]
+    assert many.sources.n_flights == 12
+    assert many.sources.interval.low < 4.4 < many.sources.interval.high
+    assert many.sources.prior_share < few.sources.prior_share
+    assert many.optimum.mean == pytest.approx(84.5, abs=2.0)
+    proposals = made.propose(6, source="best", analyses=[many])
+    assert {run.source for run in proposals} <= {"simulation", "flight"}
+    cheap = sum(run.source == "simulation" for run in proposals)
+    assert cheap >= 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('expr = "100 / resolution"', 'expr = "100 / band"', "band"),
+        ('expr = "100 / resolution"', 'expr = "100 /"', "consideration"),
+        ("unacceptable = 40.0", "unacceptable = 40.0\nideal = 30.0", "ideal is not better"),
+        ('name = "two"', 'name = "two"\ncriterion = "E"', "criterion"),
+        ('name = "two"', 'name = "two"\nattempts = 0', "attempts"),
+        ("half_width = 4.0", 'half_width = 4.0\nguard = "luck"', "guard"),
+        ("[stop]", '[model]\nregion = "round"\n[stop]', "region"),
+        ("[stop]", "[model]\ndiscrepancy_sd = -1.0\n[stop]", "discrepancy_sd"),
+    ],
+)
+def test_faults_of_the_new_keys(tmp_path: Path, old: str, new: str, said: str) -> None:
+    (tmp_path / "campaign.toml").write_text(TWO.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(SpecError) as caught:
+        load_spec(tmp_path)
+    assert said in str(caught.value)
+    assert all(problem.line for problem in caught.value.problems)

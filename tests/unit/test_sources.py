@@ -1,0 +1,104 @@
+"""Simulation and flight together: the prior as extra rows, coverage of the flight's optimum, what few flights say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seqrsm.decide.sources import discrepancy_terms, fit_sources, stacked_rows, to_flight
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+
+FACTORS = (ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0))
+MODEL = QuadraticModel(FACTORS)
+BETA = np.array([60.0, 3.0, -2.0, 1.0, -6.0, -5.0])
+
+
+def campaign(n_sim: int, n_flight: int, seed: int, gamma=(3.0, 1.0, -1.0), s_sim=1.0, s_flight=2.0):
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(-1, 1, (n_sim + n_flight, 2))
+    flight = np.arange(len(X)) >= n_sim
+    Z = stacked_rows(MODEL, X, flight)
+    noise = np.where(flight, s_flight, s_sim) * rng.normal(size=len(X))
+    return X, Z @ np.concatenate([BETA, gamma]) + noise, flight
+
+
+def test_rows_of_the_two_sources() -> None:
+    model = QuadraticModel((*FACTORS, CategoricalFactor("c", ("x", "y", "z"))))
+    names = [model.term_names[t] for t in discrepancy_terms(model)]
+    assert names == ["intercept", "a", "b", "c[x]", "c[y]"]
+    points = np.array([[0.5, -0.5, 1.0], [0.5, -0.5, 1.0]])
+    rows = stacked_rows(model, points, np.array([False, True]))
+    np.testing.assert_array_equal(rows[0, model.p :], 0.0)
+    np.testing.assert_array_equal(rows[1, model.p :], model.matrix(points)[1, discrepancy_terms(model)])
+
+
+def test_posterior_is_least_squares_with_the_prior_as_rows() -> None:
+    X, y, flight = campaign(20, 8, 1)
+    found = fit_sources(MODEL, X, y, flight, prior_sd=2.0)
+    Z = stacked_rows(MODEL, X, flight)
+    w = np.where(flight, found.flight_weight, 1.0)
+    K = np.hstack([np.zeros((3, 6)), np.eye(3) * found.s_simulation / 2.0])
+    rows = np.vstack([Z * np.sqrt(w)[:, None], K])
+    target = np.concatenate([y * np.sqrt(w), np.zeros(3)])
+    beta, rss, _, _ = np.linalg.lstsq(rows, target, rcond=None)
+    np.testing.assert_allclose(found.posterior.mean, beta, rtol=1e-6)
+    np.testing.assert_allclose(found.estimate, to_flight(MODEL, beta[None, :])[0], rtol=1e-6)
+    assert found.s_simulation == pytest.approx(np.sqrt(rss[0] / (28 - 6)), rel=1e-3)
+    row = MODEL.matrix(np.array([[0.3, 0.1]]))
+    C = np.linalg.inv(rows.T @ rows)
+    z = found.flight_rows(row)[0]
+    h = z @ C @ z
+    predicted = found.predict(row)
+    assert predicted.se_mean[0] == pytest.approx(found.s_simulation * np.sqrt(h), rel=1e-6)
+    expected = np.sqrt(found.s**2 + found.s_simulation**2 * h)
+    assert predicted.se_prediction[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_each_source_has_its_own_variance() -> None:
+    X, y, flight = campaign(300, 300, 2)
+    found = fit_sources(MODEL, X, y, flight, prior_sd=5.0)
+    assert found.s_simulation == pytest.approx(1.0, rel=0.1)
+    assert found.s == pytest.approx(2.0, rel=0.1)
+    assert not found.prior_driven
+
+
+def test_few_flights_are_said_to_be_prior() -> None:
+    X, y, flight = campaign(30, 2, 3)
+    few = fit_sources(MODEL, X, y, flight, prior_sd=2.0)
+    assert few.prior_driven
+    X, y, flight = campaign(30, 40, 3)
+    many = fit_sources(MODEL, X, y, flight, prior_sd=2.0)
+    assert many.prior_share < 0.2 < few.prior_share
+    mean, low, high = many.discrepancy(MODEL.matrix(np.zeros((1, 2)))[0])
+    assert low < 3.0 < high
+    assert mean == pytest.approx(3.0, abs=1.5)
+
+
+def test_tight_prior_is_the_simulation_and_a_wide_one_the_flights() -> None:
+    X, y, flight = campaign(30, 30, 4, gamma=(8.0, 0.0, 0.0))
+    tight = fit_sources(MODEL, X, y, flight, prior_sd=1e-4)
+    np.testing.assert_allclose(tight.estimate, tight.simulation, atol=0.01)
+    wide = fit_sources(MODEL, X, y, flight, prior_sd=1e4)
+    assert wide.estimate[0] - wide.simulation[0] == pytest.approx(8.0, abs=1.5)
+
+
+def test_interval_shrinks_with_flights_and_covers_new_ones() -> None:
+    """40 simulations and 12 flights, discrepancy drawn from the prior: the 95 % interval of a new flight."""
+    covered, widths = [], {4: [], 12: []}
+    row = MODEL.matrix(np.array([[0.2, -0.2]]))
+    for seed in range(120):
+        rng = np.random.default_rng(10_000 + seed)
+        gamma = 2.0 * rng.normal(size=3)
+        X, y, flight = campaign(40, 12, seed, gamma=gamma)
+        for n in widths:
+            keep = slice(None, 40 + n)
+            found = fit_sources(MODEL, X[keep], y[keep], flight[keep], prior_sd=2.0)
+            interval = found.predict(row).prediction
+            widths[n].append(float(interval.high[0] - interval.low[0]))
+        truth = row @ BETA + row[:, :3] @ gamma
+        fresh = truth[0] + 2.0 * rng.normal(size=20)
+        covered.append(np.mean((fresh >= interval.low[0]) & (fresh <= interval.high[0])))
+    se = np.std(covered) / np.sqrt(len(covered))
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.02 + 2 * se)
+    assert np.median(widths[12]) < np.median(widths[4]) * 1.1
