@@ -46,6 +46,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         assumptions=(*assumptions, *pictures.notes),
         provenance=_provenance(campaign),
         reproduce=_reproduce(campaign),
+        compromise=campaign.compromise(analyses),
     )
 
 

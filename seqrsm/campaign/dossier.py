@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from seqrsm.arrays import AnyArray
 from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.compromise import CompromiseEstimate
 from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord
 from seqrsm.campaign.spec import CampaignSpec
 
@@ -94,6 +95,8 @@ class Dossier:
         have equal reports.
     reproduce : tuple of str
         Commands that reproduce this campaign.
+    compromise : CompromiseEstimate or None
+        Of several applications, or of one with other considerations.
     """
 
     spec: CampaignSpec
@@ -106,3 +109,4 @@ class Dossier:
     assumptions: tuple[str, ...]
     provenance: Mapping[str, str]
     reproduce: tuple[str, ...]
+    compromise: CompromiseEstimate | None = None

@@ -236,7 +236,7 @@ class Campaign:
         tasks = [task for task in tasks if task.run_id in claimed]
         unfinished = set(claimed)
         try:
-            for _, result in run_many(carry_out, tasks, workers, on_progress):
+            for _, result in run_many(carry_out, tasks, workers, on_progress, cluster):
                 self._keep(result)
                 unfinished.discard(result.run_id)
         finally:

@@ -90,7 +90,8 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
     """Draws of the coefficients and of sigma; keyed by the campaign's seed."""
     Z, weights, prior = _stacked(spec, fitted)
     rng = generator(spec.seed, fitted.n_scored, "posterior")
-    if sampler == "exact" and spec.model.errors == "normal":
+    # A surface through every score leaves nothing to sample: sigma is 0.
+    if fitted.fit.sse == 0.0 or (sampler == "exact" and spec.model.errors == "normal"):
         beta, sigma = posterior(Z, fitted.fit.y, weights, prior).draws(n_draws, rng)
         made: dict[str, float | str | int] = {"method": "exact", "draws": n_draws}
     else:

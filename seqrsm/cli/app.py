@@ -329,6 +329,22 @@ def image(
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 
+@scene_app.command("import")
+@guarded
+def scene_import(
+    elevation: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of elevations in metres.")],
+    cover: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of cover codes.")],
+    legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV: code, category, note.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
+    cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
+) -> None:
+    """Build a data base from elevation and ground cover on a projected grid in metres."""
+    from seqrsm.scene.raster import import_scene
+
+    scene = import_scene(elevation, cover, legend, out, cell_m=cell_m, name=out.stem)
+    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
+
+
 @scene_app.command("show")
 @guarded
 def scene_show(

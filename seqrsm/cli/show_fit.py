@@ -30,6 +30,7 @@ from seqrsm.report.wording import with_unit
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
+    from seqrsm.campaign.compromise import CompromiseEstimate
 
 
 def show_fit(analysis: Analysis) -> None:
@@ -175,6 +176,20 @@ def _show_decision(analysis: Analysis) -> None:
         line(text, 2)
     if analysis.confirmation is not None:
         line(f"- {analysis.confirmation.text}", 2)
+
+
+def show_compromise(found: CompromiseEstimate) -> None:
+    """Settings that serve all applications, and what each gives up."""
+    rows = []
+    for name, value in found.settings.items():
+        interval = found.credible.get(name)
+        shown = value if isinstance(value, str) else f"{value:.4g}"
+        rows.append([name, shown, "" if interval is None else f"{interval.low:.4g} to {interval.high:.4g}"])
+    level = f"{100 * found.level:g} %"
+    show_table(["factor", "setting", f"{level} credible"], rows, title="Compromise")
+    line(f"Desirability {found.desirability:.3g}; expected shortfall {found.expected_shortfall:.2g}")
+    for item in found.given_up:
+        line(f"- {item.text}", 2)
 
 
 def show_warnings(warnings: Sequence[str]) -> None:

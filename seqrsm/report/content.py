@@ -6,6 +6,7 @@ import seqrsm
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Report, Section
+from seqrsm.report.section_compromise import compromise_section
 from seqrsm.report.section_data import data_section, question_section, run_section
 from seqrsm.report.section_history import history_section
 from seqrsm.report.section_literature import literature_section
@@ -35,6 +36,8 @@ def build_report(dossier: Dossier) -> Report:
             sections += parts
         else:
             sections.append(Section(f"a{number}", f"Application {analysis.application}", (), parts, new_page=True))
+    weighed = compromise_section(dossier)
+    sections += [weighed] if weighed is not None else []
     images = image_section(dossier)
     sections += [images] if images is not None else []
     written = literature_section(dossier)

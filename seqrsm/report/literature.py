@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
+from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.design.factors import CategoricalFactor, Factor
@@ -78,9 +78,10 @@ class Literature:
 
 def literature(spec: CampaignSpec, analysis: Analysis) -> Literature | None:
     """Look an application up and compare; None where no entry of the catalogue is about it."""
-    application = spec.application(analysis.application)
+    application = next((one for one in spec.applications if one.name == analysis.application), None)
+    wanted = getattr(application, "catalog", None)
     system = system_of(spec)
-    found = catalogue_words(application, spec.description, system)
+    found = catalogue_words(analysis.application, spec.description, system, str(wanted) if wanted else "")
     if found is None:
         return None
     asked, reason = found
@@ -96,16 +97,15 @@ def system_of(spec: CampaignSpec) -> str:
     return "passive" if passive or _PASSIVE & set(spec.region.names) else "active"
 
 
-def catalogue_words(application: ApplicationSpec, description: str, system: str) -> tuple[str, str] | None:
+def catalogue_words(name: str, description: str, system: str, wanted: str = "") -> tuple[str, str] | None:
     """Words of an application that the catalogue knows, and where they come from.
 
     The longest run of words of the application's name, then of the campaign's description, that some entry holds; a
     single word only if it says something alone.
     """
-    wanted = getattr(application, "catalog", None)
-    if wanted and search(str(wanted), system=system):
-        return str(wanted), "named in campaign.toml"
-    for text, reason in ((application.name, "the application's name"), (description, "the campaign's description")):
+    if wanted and search(wanted, system=system):
+        return wanted, "named in campaign.toml"
+    for text, reason in ((name, "the application's name"), (description, "the campaign's description")):
         for words in _phrases(words_of(text.replace("_", " "))):
             asked = SAME_IN_THE_TABLES.get(words, words)
             if search(asked, system=system):

@@ -53,7 +53,7 @@ def _agreement(found: Literature) -> str:
     counts = Counter(row.verdict for row in found.comparisons)
     comparable = counts["agrees"] + counts["not excluded"] + counts["differs"]
     if not comparable:
-        return "None of their numbers can be compared with this campaign."
+        return "No number of theirs can be compared with this campaign."
     words = [
         f"{readable(row.parameter)} {row.verdict}"
         for row in found.comparisons

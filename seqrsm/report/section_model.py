@@ -34,7 +34,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import listing, readable, readable_term, slug, with_unit
+from seqrsm.report.wording import listing, readable, readable_term, readable_text, slug, with_unit
 
 MODEL_EQUATION = Equation(
     "y = beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2 + epsilon,"
@@ -58,6 +58,7 @@ MAX_INFLUENCE_ROWS = 30
 def model_section(analysis: Analysis, key: str) -> Section:
     """Return model, fit statistics, analysis of variance and coefficients."""
     blocks: list[Block] = [
+        *_region_blocks(analysis),
         Paragraph(_model_text(analysis)),
         MODEL_EQUATION if analysis.model.order == 2 else FIRST_ORDER_EQUATION,
         _statistics_table(analysis),
@@ -70,6 +71,36 @@ def model_section(analysis: Analysis, key: str) -> Section:
     if analysis.model.p > 1:
         blocks.append(_coefficient_figure(analysis))
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
+
+
+def _region_blocks(analysis: Analysis) -> list[Block]:
+    """How the fitted region came to be, and how simulation and flight compare, where there is something to say."""
+    blocks: list[Block] = []
+    names = analysis.region.names
+    if analysis.region_history:
+        rows = tuple(
+            (
+                whole_cell(change.batch),
+                whole_cell(change.n_runs),
+                Cell(_REGION_KINDS.get(change.kind, change.kind)),
+                Cell(readable_text(change.text, names)),
+            )
+            for change in analysis.region_history
+        )
+        columns = (Column("Batch", align="right"), Column("Runs", align="right"), Column("Change"), Column("What it is"))
+        where = "in a part of the campaign's region" if _is_part(analysis) else "over the whole region still"
+        text = f"The surface is fitted {where}: {analysis.fit.n_runs} of {analysis.n_scored} scored runs enter."
+        blocks += [Paragraph(text), Table(columns, rows, "How the fitted region moved")]
+    if analysis.sources is not None:
+        blocks.append(Paragraph(readable_text(analysis.sources.text, names)))
+    return blocks
+
+
+_REGION_KINDS = {"shrink": "smaller region called for", "move": "region follows the optimum", "filled": "now fitted"}
+
+
+def _is_part(analysis: Analysis) -> bool:
+    return analysis.region_state is not None and not analysis.region_state.box.whole
 
 
 def _sentence(text: str) -> str:

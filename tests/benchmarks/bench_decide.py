@@ -45,7 +45,13 @@ def main() -> None:
     baseline = 50.0 * median_seconds(local_searches, 1)
     points = start_design(model, region, 40, 3, 0)
     targets, _ = optimum_draws(model, region, betas[:64])
-    batch = dict(Z_done=model.matrix(points), x_hat=targets[0], target_points=targets, points_done=points, n=4)
+    batch = {
+        "Z_done": model.matrix(points),
+        "x_hat": targets[0],
+        "target_points": targets,
+        "points_done": points,
+        "n": 4,
+    }
     rows = [
         ("1000 optima, ten L-BFGS-B starts each (baseline)", baseline),
         ("1000 exact optima of posterior draws", median_seconds(lambda: optimum_draws(model, region, betas))),

@@ -12,6 +12,7 @@ are wall time. ``--write`` writes ``reports/performance.md``.
 from __future__ import annotations
 
 import math
+import os
 import platform
 import subprocess
 import sys
@@ -180,9 +181,11 @@ def main() -> None:
     lines = [
         "# Speed of the radar engine",
         "",
-        f"Written by `python tests/benchmarks/bench_psm.py --write` on {platform.machine()}, Python "
-        f"{platform.python_version()}, numpy {np.__version__}; another program was using the machine if the figures of",
-        "two runs differ. Whole chain: scene to 8-bit grey tones of one channel, 25 cells a pixel, one core, float32.",
+        f"Written by `python tests/benchmarks/bench_psm.py --write` on {platform.machine()}, {os.cpu_count()} cores,",
+        f"Python {platform.python_version()}, numpy {np.__version__}, load average {os.getloadavg()[0]:.1f}.",
+        "With a load near or above the number of cores the CPU times suffer from shared caches, and the figure for two",
+        "threads, which is wall time, tells nothing. Whole chain: scene to 8-bit grey tones of one channel, 25 cells a",
+        "pixel, one core, float32.",
         "",
         "| cells | package [ms] | million cells/s | numpy [ms] | ratio |",
         "|---|---|---|---|---|",
@@ -226,8 +229,8 @@ def main() -> None:
         "which square roots and divisions of the local incidence 0.8, the look-up of sigma0 0.9, exact overlap of",
         "elements and bins 1.0, range position 0.3, slopes and shadow 0.2 (shares measured on one row in the cache).",
         "Fading costs some 50 ns a pixel, 2 ns a cell at 25 cells a pixel: exact gamma variates by rejection, from a",
-        "counter. The numpy version of this file runs at 12 million cells a second at 1000 x 1000 on this machine, so 50",
-        "times would be 600 million cells a second for the whole chain, above what this pass alone can do.",
+        "counter. The numpy version of this file runs at 12 million cells a second at 1000 x 1000 on this machine, so",
+        "50 times would be 600 million cells a second for the whole chain, above what this pass alone can do.",
         "",
     ]
     text = "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Simulation-based calibration of every sampled posterior: ``python tests/benchmarks/sbc_samplers.py [sets [study ...]]``.
+"""Simulation-based calibration of sampled posteriors: ``python tests/benchmarks/sbc_samplers.py [sets [study ...]]``.
 
 Truths are drawn from the prior, scores from the truths, and the ranks of the truths among the posterior draws must be
 uniform. Printed: Kolmogorov-Smirnov p value of every parameter's ranks (each above 0.001 but for chance), and that of
@@ -61,7 +61,7 @@ def discrepancy(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.nda
     y = mean + sigma[SOURCE] * rng.normal(size=12)
     differs = Discrepancy(np.ones((12, 1)), flight, np.ones(1), scale_sd=0.3)
     model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist(), discrepancy=differs)
-    return np.array([*beta, *sigma, *gamma, scale]), sample_model(model, seed=seed, **LIGHT).draws
+    return np.array([*beta, *gamma, *sigma, scale]), sample_model(model, seed=seed, **LIGHT).draws
 
 
 def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:

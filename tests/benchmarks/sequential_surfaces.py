@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.moving import Plan, RegionState, look, sub_region, whole_box
 from seqrsm.decide.intervals import half_width
+from seqrsm.decide.moving import Plan, RegionState, look, sub_region, whole_box
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel

@@ -102,6 +102,12 @@ def study(repeats: int, n_runs: int, sigmas: tuple[float, ...]) -> list[dict[str
     return table
 
 
+LINE = (
+    "| {surface} | {sigma:g} | {runs} | {regret_fixed:.3f} ({regret_fixed_mean:.2f}) | "
+    "{regret_zoom:.3f} ({regret_zoom_mean:.2f}) | {ratio:.2f} | {better:.0f} % | {new_run_fixed:.1f} % | "
+    "{new_run_zoom:.1f} ± {new_run_zoom_se:.1f} % | {mean_fixed:.0f} % | {mean_zoom:.0f} % | {half_width_fixed:.2f} | "
+    "{half_width_zoom:.2f} | {box:.2f} |"
+)
 HEAD = """# Moving and zooming against the fixed whole-region quadratic
 
 `python tests/benchmarks/zoom_study.py --repeats {repeats} --runs {runs}`: pairs of campaigns on the same randomly drawn
@@ -113,7 +119,7 @@ mean; *box* is the median half-width of the fitted box (1: the whole region).
 
 | surface | sigma | runs | regret fixed | regret zoom | ratio | zoom better in | new run covered: fixed | zoom | mean covered: fixed | zoom | half-width of the mean: fixed | zoom | box |
 |---|---|---|---|---|---|---|---|---|---|---|---|---|---|
-"""
+"""  # noqa: E501
 
 
 def write(table: list[dict[str, object]], folder: Path, repeats: int, runs: int) -> None:
@@ -125,13 +131,10 @@ def write(table: list[dict[str, object]], folder: Path, repeats: int, runs: int)
     lines = []
     for row in table:
         ratio = row["regret_zoom"] / row["regret_fixed"] if row["regret_fixed"] else float("nan")
-        lines.append(
-            f"| {row['surface']} | {row['sigma']:g} | {row['runs']} | {row['regret_fixed']:.3f} "
-            f"({row['regret_fixed_mean']:.2f}) | {row['regret_zoom']:.3f} ({row['regret_zoom_mean']:.2f}) | {ratio:.2f} | "
-            f"{100 * row['better']:.0f} % | {100 * row['new_run_fixed']:.1f} % | {100 * row['new_run_zoom']:.1f} ± "
-            f"{100 * row['new_run_zoom_se']:.1f} % | {100 * row['mean_fixed']:.0f} % | {100 * row['mean_zoom']:.0f} % | "
-            f"{row['half_width_fixed']:.2f} | {row['half_width_zoom']:.2f} | {row['box']:.2f} |"
-        )
+        fields = {**row, "ratio": ratio}
+        for key in ("better", "new_run_fixed", "new_run_zoom", "new_run_zoom_se", "mean_fixed", "mean_zoom"):
+            fields[key] = 100 * row[key]
+        lines.append(LINE.format(**fields))
     notes = folder / "zoom_notes.md"
     tail = "\n" + notes.read_text(encoding="utf-8") if notes.exists() else ""
     text = HEAD.format(repeats=repeats, runs=runs) + "\n".join(lines) + "\n" + tail

@@ -112,6 +112,35 @@ def normal_scores(sample: GeneralPosterior, mean: np.ndarray, sd: np.ndarray) ->
     )
 
 
+def test_integrated_and_joint_densities_agree() -> None:
+    """Joint = marginal of the hyperparameters times the exact law of the coefficients given them, at any values."""
+    rng = np.random.default_rng(12)
+    n = 14
+    Z = np.column_stack([np.ones(n), rng.uniform(-1, 1, (n, 2))])
+    flight, w = np.arange(n) >= 9, rng.uniform(0.5, 2, n)
+    y = 5 + Z @ np.array([0.0, 1, 2]) + rng.normal(size=n)
+    extra = Discrepancy(np.column_stack([np.ones(n), Z[:, 1]]), flight, np.array([1.0, 0.5]), scale_sd=0.3)
+    sd, mean = np.array([6.0, 2, 2]), np.array([4.0, 0, 0])
+    days = (np.arange(n) // 3).tolist()
+    make = {"weights": w, "sources": flight.tolist(), "days": days, "discrepancy": extra}
+    marginal = normal_model(Z, y, CoefficientPrior(mean, sd), **make)
+    wide = CoefficientPrior(mean, sd, np.full(3, -np.inf), np.full(3, np.inf))
+    joint = normal_model(Z, y, wide, **make)
+    assert marginal.complete is not None
+    hyper = np.column_stack([rng.uniform(0.3, 2, (3, 3)), rng.uniform(0.7, 1.3, 3)])
+    gaps = []
+    for v in hyper:
+        names, draws = marginal.complete(np.tile(v, (20_000, 1)), rng)
+        assert names[:5] == ("beta[0]", "beta[1]", "beta[2]", "gamma[0]", "gamma[1]")
+        # the joint density at five points fixes the normal law of the coefficients up to its constant
+        law = stats.multivariate_normal(draws[:, :5].mean(axis=0), np.cov(draws[:, :5], rowvar=False))
+        at = draws[:200]
+        difference = joint.log_density(at) - law.logpdf(at[:, :5])
+        assert difference.std() < 0.1
+        gaps.append(difference.mean() - marginal.log_density(v[None, :])[0])
+    np.testing.assert_allclose(gaps, gaps[0], atol=0.05)
+
+
 def test_scale_between_simulation_and_flight_against_a_grid() -> None:
     """Surface known from many simulation runs; the scale's posterior is then that of a regression on it."""
     rng = np.random.default_rng(5)
@@ -180,7 +209,7 @@ def test_scores_of_none_and_all_have_a_posterior() -> None:
 def test_simulation_based_calibration_of_the_two_source_model() -> None:
     """Truths from the prior rank uniformly; ranks against posteriors that ignore the second source do not."""
     rng = np.random.default_rng(8)
-    sets = 40
+    sets = 32
     Z = np.column_stack([np.ones(10), np.linspace(-1, 1, 10)])
     source = np.arange(10) % 2
     prior = CoefficientPrior(np.zeros(2), np.full(2, 2.0))
