@@ -45,6 +45,7 @@ from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import StationaryPoint, stationary_point
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
+from seqrsm.fit.residuals import extrapolated, influential_runs
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 
@@ -290,9 +291,13 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
             f"With {fitted.sources.n_flights} flights the difference between flight and simulation is mostly what the "
             "prior says ([model] discrepancy_sd)."
         )
-    h_best = float(fit.variance_unscaled(fitted.model.matrix(best.point[None, :]))[0])
-    if h_best > float(np.max(fit.leverage)) + 1e-9:
-        found.append("The optimum is an extrapolation: its leverage is larger than that of every run.")
+    if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
+        found.append("The optimum is an extrapolation: it lies further from the runs than any run does.")
+    found += [
+        f"Run {data.run_ids[run.run]} stands out ({'; '.join(run.reasons)})."
+        for run in influential_runs(fit)
+        if any("outlier" in reason for reason in run.reasons)
+    ]
     if best.flat:
         found.append("The optimum is a ridge: other settings are as good, see the canonical analysis.")
     if fit.condition_number > 1e3:

@@ -90,5 +90,6 @@ def _reproduce(campaign: Campaign) -> tuple[str, ...]:
     name = campaign.folder.name
     if campaign.spec.simulator is not None:
         return (f"seqrsm run {name}", f"seqrsm report {name}")
-    files = [f"seqrsm ingest {name} {file.name}" for file in campaign.store.files()]
+    inside = (campaign.folder / file.name for file in campaign.store.files())
+    files = [f"seqrsm ingest {name} {f'{name}/' if file.exists() else ''}{file.name}" for file in inside]
     return (*files, f"seqrsm fit {name}", f"seqrsm report {name}")

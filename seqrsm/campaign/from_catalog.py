@@ -121,8 +121,8 @@ def campaign_text(start: StartRanges) -> str:
         f'[[application]]\nname = "{name}"\nutility = "percent_correct"\ngoal = "maximize"',
         '# Langegracht, Flanders (see SCENE.md): put your own site here.\n[simulator]\nengine = "psm"\n'
         'scene = "scene.npz"',
-        "[simulator.fixed]\n"
-        f"bandwidth = {bandwidth:.1f}             # MHz: resolves the finest ground resolution at the steepest angle\npeak_power = 300.0            # W\naltitude_m = {altitude:.1f}",
+        "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
+        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\naltitude_m = {altitude:.1f}",
         *_fixed_text(chosen, levels),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'

@@ -49,12 +49,15 @@ class Outcome:
         Time spent by stage in this call [s].
     n_scored : int
         Scored runs in all, confirmation runs included.
+    compromise : CompromiseEstimate or None
+        Over several applications and considerations.
     """
 
     held: bool
     analyses: tuple[Analysis, ...]
     seconds: dict[str, float]
     n_scored: int
+    compromise: CompromiseEstimate | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Outcome as a JSON document."""
@@ -65,6 +68,7 @@ class Outcome:
             "n_scored": self.n_scored,
             "seconds": self.seconds,
             "applications": [analysis_to_json(analysis) for analysis in self.analyses],
+            "compromise": None if self.compromise is None else self.compromise.to_json(),
         }
 
 
@@ -362,7 +366,7 @@ class Campaign:
             event.kind == kind and event.detail.get("n_scored") == n_scored for event in self.store.events(kind=kind)
         ):
             self.store.add_event(kind, {"n_scored": n_scored})
-        return Outcome(held, analyses, clock.seconds, n_scored)
+        return Outcome(held, analyses, clock.seconds, n_scored, self.compromise(analyses))
 
     def _add_confirmation(self, analyses: Sequence[Analysis], say: Callable[[str], None]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""

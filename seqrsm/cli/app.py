@@ -5,6 +5,7 @@ Heavy libraries are imported inside the command that needs them, so that ``--hel
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,6 +25,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode="rich" if sys.stdout.isatty() else None,  # no boxes in a pipe
 )
 scene_app = typer.Typer(help="Ground-truth data bases.", no_args_is_help=True)
 app.add_typer(scene_app, name="scene")
@@ -237,16 +239,21 @@ def fit(
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
     from seqrsm.campaign.loop import Campaign
     from seqrsm.campaign.serialise import analysis_to_json
-    from seqrsm.cli.show_fit import show_fit
+    from seqrsm.cli.show_fit import show_compromise, show_fit
 
+    campaign = Campaign.open(folder)
     with activity("sampling the posterior"):
-        analyses = Campaign.open(folder).analyse_all(application, sampler="emcee")
+        analyses = campaign.analyse_all(application, sampler="emcee")
+        weighed = campaign.compromise(analyses)
     if as_json:
-        documents = [analysis_to_json(analysis) for analysis in analyses]
-        print_json(documents[0] if len(documents) == 1 else {"applications": documents})
-    else:
-        for analysis in analyses:
-            show_fit(analysis)
+        documents: list[dict[str, Any]] = [analysis_to_json(analysis) for analysis in analyses]
+        document = documents[0] if len(documents) == 1 else {"applications": documents}
+        print_json(document if weighed is None else {**document, "compromise": weighed.to_json()})
+        return
+    for analysis in analyses:
+        show_fit(analysis)
+    if weighed is not None:
+        show_compromise(weighed)
 
 
 @app.command()

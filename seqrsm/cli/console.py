@@ -34,6 +34,9 @@ EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
 
+_said: list[str] = []
+"""What the running command has written to stdout: no empty line goes before the first."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -64,6 +67,7 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(command)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
+        _said.clear()
         try:
             return command(*args, **kwargs)
         except UserError as error:
@@ -100,12 +104,15 @@ def line(text: str = "", indent: int = 0) -> None:
         )
     else:
         text = " " * indent + text
+    _said.append(text)
     stdout().print(text.rstrip(), markup=False)
 
 
 def heading(text: str) -> None:
-    """Title of what follows, after an empty line."""
-    stdout().print()
+    """Title of what follows, after an empty line unless it is the first."""
+    if _said:
+        stdout().print()
+    _said.append(text)
     stdout().print(ascii_signs(text), markup=False, style="bold")
 
 
@@ -182,7 +189,9 @@ class RunDisplay:
     def step(self, text: str) -> None:
         """Something without a known length begins."""
         if self._bar is not None and self._task is not None:
-            self._bar.reset(self._task, description=text, total=None)
+            # A total cannot be taken back from a task: a new one has none.
+            self._bar.remove_task(self._task)
+            self._task = self._bar.add_task(text, total=None)
 
 
 @contextmanager
@@ -199,11 +208,18 @@ def _bar_columns() -> tuple[ProgressColumn, ...]:
     return (
         TextColumn("{task.description}"),
         BarColumn(bar_width=20),
-        MofNCompleteColumn(),
+        _CountColumn(),
         _RateColumn(),
         TimeElapsedColumn(),
         _LeftColumn(),
     )
+
+
+class _CountColumn(MofNCompleteColumn):
+    """Things done of how many, where that is known."""
+
+    def render(self, task: Task) -> Text:
+        return Text("") if task.total is None else super().render(task)
 
 
 class _LeftColumn(TimeRemainingColumn):

@@ -38,7 +38,7 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     """One line a look, on stderr: score, half-width against its target, and what is still missing."""
     decision = analysis.decision
     name = f"{analysis.application}: " if len(spec.applications) > 1 else ""
-    missing = [check.name for check in decision.checks if check.holds is not True]
+    missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
     rest = (
         "the stop rule holds" if decision.held else f"missing: {', '.join(missing)}" if missing else "to be confirmed"
     )
@@ -141,7 +141,7 @@ def _show_application(result: Mapping[str, Any], application: Mapping[str, Any])
     look = application["last_look"]
     if look is None:
         heading(application["name"])
-        line(application.get("reason") or "no look yet", 2)
+        line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
     units = result.get("units", {})
@@ -195,7 +195,7 @@ def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     for run in runs:
         found = ", ".join(f"{score.application} {number(score.score)}" for score in run.scores) or run.reason
         line(f"run {run.run_id}: {run.state}, {found} ({settings_text(run.settings, units)})")
-    line(f"{len(runs)} runs carried out")
+    line(f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} carried out")
 
 
 def show_ingest(report: IngestReport) -> None:
@@ -244,7 +244,7 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
 def show_design(result: Mapping[str, Any]) -> None:
     """A stand-alone design and its quality."""
     k = result["factors"]
-    rows = [[str(i + 1), *(f"{x:+.4f}" for x in row)] for i, row in enumerate(result["points"])]
+    rows = [[str(i + 1), *(f"{round(x, 4) + 0.0:+.4f}" for x in row)] for i, row in enumerate(result["points"])]
     show_table(["run", *(f"x{i + 1}" for i in range(k))], rows)
     for name, value in result.items():
         if isinstance(value, float):

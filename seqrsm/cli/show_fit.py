@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from seqrsm.cli.console import heading, line, number, show_table
 from seqrsm.report.phrases import (
-    half_width_text,
     interval_text,
     level_phrase,
     mean_text,
@@ -153,7 +152,7 @@ def show_optimum(analysis: Analysis) -> None:
             (f"prediction interval of the mean of {best.replicates} runs", best.prediction_mean),
             ("confidence interval of the mean", best.confidence),
         ):
-            half = half_width_text(analysis, interval.half_width)
+            half = format_significant(interval.half_width, 2)
             line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1 {half})", 2)
     if best.at_bound:
         line(f"at the border of the region: {', '.join(best.at_bound)}", 2)

@@ -269,6 +269,10 @@ def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float
 
 def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str, departure: Departure | None) -> Check:
     if p is None or not np.isfinite(p):
+        if departure is not None and departure.evidence > departure.limit:
+            seen = f"evidence {departure.evidence:.1f}, limit {departure.limit:.1f}"
+            text = f"The quadratic does not describe this region: a smooth departure from it is seen ({seen})."
+            return Check("lack_of_fit", False, text)
         return Check("lack_of_fit", None, f"Lack of fit cannot be tested{': ' + reason if reason else ''}.")
     effective = _effective_p(rule, p, departure)
     if departure is not None and effective != p:

@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report import drawing
 from seqrsm.report.figures import run_texts, score_label, set_numeric_axis
 from seqrsm.report.history import Look
@@ -198,9 +198,8 @@ def mean_history_panel(analysis: Analysis, looks: Sequence[Look]) -> str:
     return drawing.draw(paint)
 
 
-def setting_history_panel(analysis: Analysis, index: int, looks: Sequence[Look]) -> str:
-    """Draw the optimal setting of one factor against the number of runs."""
-    factor = analysis.region.factors[index]
+def setting_history_panel(factor: Factor, looks: Sequence[Look]) -> str:
+    """Draw the optimal setting of one factor against the number of runs, over the campaign's whole range."""
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()

@@ -25,11 +25,12 @@ _GENERIC = frozenset(
     (
         "a", "an", "airborne", "and", "area", "best", "by", "cover", "data", "for", "from", "ground", "image",
         "imaging", "in", "is", "it", "map", "mapping", "measured", "of", "on", "one", "percent", "radar", "radiometer",
-        "real", "remote", "scene", "score", "sensing", "sensor", "simulated", "site", "surface", "system", "test", "that",
-        "the", "to", "which", "with",
+        "real", "remote", "scene", "score", "sensing", "sensor", "simulated", "site", "surface", "system", "test",
+        "that", "the", "to", "which", "with",
     )
 )  # fmt: skip
 
+_CHANNELS = frozenset({"HH", "HV", "VH", "VV", "H", "V"})
 _PASSIVE = frozenset({"integration_time", "noise_temperature", "scan_period"})
 
 
@@ -192,7 +193,9 @@ def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -
     printed = ", ".join(item.levels) or NOTHING
     channels = {channel for level in item.levels for channel in level.split("+")}
     missing = [channel for channel in best.split("+") if channel not in channels]
-    if not item.levels:
+    if not set(best.split("+")) <= _CHANNELS:
+        verdict, why = "not comparable", "more than a set of channels"
+    elif not item.levels:
         verdict, why = "nothing printed", "the tables name no channel"
     elif any(set(level.split("+")) == set(best.split("+")) for level in item.levels):
         verdict, why = "agrees", "asked for as such"

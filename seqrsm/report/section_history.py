@@ -8,7 +8,7 @@ from functools import partial
 
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, FigureBlock, Panel, Paragraph, Section, Table
 from seqrsm.report.figure_data import look_data
 from seqrsm.report.figures_fit import half_width_panel, mean_history_panel, setting_history_panel
@@ -35,7 +35,7 @@ def history_section(dossier: Dossier, analysis: Analysis, key: str) -> Section:
     looks = read_looks(dossier.looks, analysis.application)
     blocks: list[Block] = []
     if looks:
-        blocks.append(_history_figure(analysis, looks, stop.half_width))
+        blocks.append(_history_figure(analysis, looks, stop.half_width, dossier.spec.factors))
         blocks.append(Details(f"All {len(looks)} looks", (_look_table(analysis, looks),)))
     else:
         blocks.append(Paragraph("No look at the data is recorded."))
@@ -53,7 +53,7 @@ def _holds(holds: bool | None) -> str:
     return {True: "yes", False: "no", None: "not testable"}[holds]
 
 
-def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) -> FigureBlock:
+def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float, factors: Sequence[Factor]) -> FigureBlock:
     known = [look for look in looks if math.isfinite(look.half_width)]
     target_text = with_unit(format_plain(target), analysis.score_unit)
     panels = []
@@ -70,10 +70,10 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
         alt = f"Estimated mean score at the optimum of each look, last {score_text(analysis, looks[-1].mean)}."
         svg = mean_history_panel(analysis, looks)
         panels.append(Panel("Mean score at the optimum", alt, svg=svg, name="history-of-mean-score", data=data))
-    for index, factor in enumerate(analysis.region.factors):
+    for factor in factors:
         if any(factor.name in look.settings for look in looks):
             alt = f"Optimal {readable(factor.name)} of each look, last {optimum_setting_text(analysis, factor)}."
-            svg = setting_history_panel(analysis, index, looks)
+            svg = setting_history_panel(factor, looks)
             name = slug(f"history of optimal {factor.name}")
             panels.append(Panel(readable(factor.name), alt, svg=svg, name=name, data=data))
     caption = (

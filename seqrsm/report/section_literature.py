@@ -11,6 +11,8 @@ from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Sectio
 from seqrsm.report.literature import Literature, literature, system_of
 from seqrsm.report.wording import listing, readable
 
+MAX_NAMED = 2
+
 _LATER = (
     "The tables hold what was asked for, and believed possible, up to 1979: a difference is a question to the reader, "
     "not an error of either side."
@@ -87,6 +89,13 @@ def _comparison_table(found: Literature, analysis: Analysis) -> Table:
     return Table(columns, rows, caption)
 
 
+def _some(applications: tuple[str, ...]) -> str:
+    """The first applications of a statement; the catalogue command lists all."""
+    if len(applications) <= MAX_NAMED:
+        return "; ".join(applications)
+    return f"{'; '.join(applications[:MAX_NAMED])}; {len(applications) - MAX_NAMED} more"
+
+
 def _statement_table(found: Literature) -> Table:
     rows = tuple(
         (
@@ -94,7 +103,7 @@ def _statement_table(found: Literature) -> Table:
             Cell(statement.printed),
             Cell(statement.read_as),
             Cell(", ".join(statement.tables)),
-            Cell("; ".join(statement.applications)),
+            Cell(_some(statement.applications)),
         )
         for statement in summary(found.start.entries)
     )

@@ -87,7 +87,12 @@ def _region_blocks(analysis: Analysis) -> list[Block]:
             )
             for change in analysis.region_history
         )
-        columns = (Column("Batch", align="right"), Column("Runs", align="right"), Column("Change"), Column("What it is"))
+        columns = (
+            Column("Batch", align="right"),
+            Column("Runs", align="right"),
+            Column("Change"),
+            Column("What it is"),
+        )
         where = "in a part of the campaign's region" if _is_part(analysis) else "over the whole region still"
         text = f"The surface is fitted {where}: {analysis.fit.n_runs} of {analysis.n_scored} scored runs enter."
         blocks += [Paragraph(text), Table(columns, rows, "How the fitted region moved")]
@@ -190,12 +195,19 @@ def _lack_of_fit_text(analysis: Analysis) -> str:
         return f"Lack of fit cannot be tested: {test.rstrip('.')}."
     p = format_p(test.p)
     numbers = f"F({test.df_lof}, {test.df_pe}) = {format_significant(test.f, 3)}, p {p if p[0] == '<' else '= ' + p}"
+    verdict = next((check for check in analysis.decision.checks if check.name == "lack_of_fit"), None)
+    if verdict is not None and verdict.holds is not None:
+        text = f"Test of lack of fit: {numbers}. {readable_text(verdict.text, analysis.region.names)}"
+        return text if verdict.holds else f"{text} {_NOT_COVERED}"
     if test.p < 0.05:
-        return (
-            f"Lack of fit is significant: {numbers}. The surface departs from the polynomial by more than repeated "
-            "runs scatter; the intervals below then do not cover what they claim."
-        )
+        return f"Lack of fit is significant: {numbers}. {_NOT_COVERED}"
     return f"No significant lack of fit: {numbers}."
+
+
+_NOT_COVERED = (
+    "The surface departs from the polynomial by more than repeated runs scatter; the intervals below then do not cover "
+    "what they claim."
+)
 
 
 def _coefficient_figure(analysis: Analysis) -> FigureBlock:

@@ -133,7 +133,7 @@ def surface_section(analysis: Analysis, key: str) -> Section:
         blocks.append(_contours(analysis, pairs))
     blocks.append(_slices(analysis))
     path = ridge(analysis)
-    if path is not None:
+    if path is not None and np.any(path.allowed[1:]):
         blocks.append(_ridge(analysis, path))
     return Section(f"{key}-surfaces", "Response surfaces", tuple(blocks))
 

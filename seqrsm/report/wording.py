@@ -120,7 +120,7 @@ _SUFFIXES = {
     "m": "m", "cm": "cm", "km": "km", "s": "s", "ms": "ms", "us": "\u00b5s", "hz": "Hz", "mhz": "MHz", "ghz": "GHz",
     "w": "W", "kw": "kW", "k": "K", "db": "dB", "deg": "deg", "mv": "V", "v": "V",
 }  # fmt: skip
-_SPEED = re.compile(r"(.*)_m_s$")
+_RATES = {"_m_s": "m/s", "_mm_h": "mm/h"}
 
 
 def fixed_unit(name: str, value: float | str) -> str:
@@ -129,8 +129,9 @@ def fixed_unit(name: str, value: float | str) -> str:
         return ""
     if name in PARAMETER_UNITS:
         return PARAMETER_UNITS[name].unit
-    if _SPEED.match(name):
-        return "m/s"
+    for suffix, unit in _RATES.items():
+        if name.endswith(suffix):
+            return unit
     if name.startswith("soil_moisture"):
         return "m\u00b3/m\u00b3"
     return _SUFFIXES.get(name.rpartition("_")[2], "") if "_" in name else ""
@@ -140,9 +141,9 @@ def fixed_label(name: str) -> str:
     """Name of a sensor parameter without underscores and without the suffix that tells its unit."""
     if name in PARAMETER_UNITS:
         return readable(name)
-    speed = _SPEED.match(name)
-    if speed:
-        return readable(speed[1])
+    for suffix in _RATES:
+        if name.endswith(suffix):
+            return readable(name.removesuffix(suffix))
     head, _, tail = name.rpartition("_")
     return readable(head) if head and tail in _SUFFIXES else readable(name)
 

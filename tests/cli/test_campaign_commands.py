@@ -63,6 +63,23 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     other = make_tiny(tmp_path / "other", tiny_scene)
     ok("run", other, "--workers", 2)
     assert scores(other) == scores(finished[0])
+    # made at another time, in another folder, by other processes: the same report to the byte
+    again = shutil.copytree(finished[0], tmp_path / "again" / "other")
+    for folder in (other, again):
+        ok("report", folder, "--html", folder / "report.html")
+    assert (other / "report.html").read_bytes() == (again / "report.html").read_bytes()
+    # the terminal, the report and fit --json tell the same numbers
+    page = (other / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+    lines = ok("fit", other).splitlines()
+    mean = next(line for line in lines if line.startswith("Mean score there")).split(": ")[1]
+    of_five = next(line for line in lines if "prediction interval of the mean" in line).split(": ")[1].split(" (")[0]
+    assert mean in page
+    assert of_five in page
+    best = json.loads(ok("fit", other, "--json"))["optimum"]
+    low, high = (float(end) for end in of_five.removesuffix(" percent").split(" to "))
+    assert low == pytest.approx(best["prediction_mean"]["low"], abs=0.5)
+    assert high == pytest.approx(best["prediction_mean"]["high"], abs=0.5)
+    assert float(mean.split()[0]) == pytest.approx(best["mean"], abs=0.5)
 
 
 def test_another_seed_gives_other_scores(finished, tmp_path, tiny_scene) -> None:

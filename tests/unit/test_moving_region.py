@@ -148,6 +148,17 @@ def test_box_follows_an_optimum_over_its_edge_but_not_over_the_bounds() -> None:
     assert falling.target is None
 
 
+def test_box_does_not_follow_noise() -> None:
+    """A surface without any slope has its fitted optimum on an edge more often than not."""
+    box, moves = Box((-0.4, -0.4), (0.4, 0.4)), 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        X = rng.uniform(-0.4, 0.4, (40, 2))
+        state = moving.look(Plan(PAIR, max_runs=500), moving.RegionState(box), X, rng.normal(size=40), 1)
+        moves += bool(state.steps) and state.steps[-1].kind == "move"
+    assert moves <= 12
+
+
 def test_crowded_runs_do_not_fill_a_box() -> None:
     box = Box((0.0, 0.0), (1.0, 1.0))
     crowd = 0.5 + 0.02 * scattered(60, 3)

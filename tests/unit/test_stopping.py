@@ -17,7 +17,8 @@ from seqrsm.decide.intervals import (
     noise_floor,
     t_quantile,
 )
-from seqrsm.decide.stopping import Decision, StopRule, decide, target_problem
+from seqrsm.decide.rule import rule_half_width, spending_level
+from seqrsm.decide.stopping import Decision, Departure, StopRule, decide, target_problem
 from seqrsm.errors import FitError, SpecError
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -295,3 +296,38 @@ def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
     student = np.mean(np.any(np.abs(mean[:, looks]) > t_quantile(n[looks] - 1, 0.95) * se, axis=1))
     assert ever <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 3000)
     assert student > 0.15
+
+
+def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
+    rule = StopRule(interval="confidence", half_width=2.0, max_runs=60, looks=1)
+    numbers = {"n_runs": 40, "n_terms": 6, "s": 1.0, "df_residual": 34, "df_pure_error": 6, "h": 0.1}
+
+    def check(p: float | None, evidence: float):
+        decision = decide(rule, **numbers, lack_of_fit_p=p, departure=Departure(evidence, 3.5))
+        (found,) = (c for c in decision.checks if c.name == "lack_of_fit")
+        return found, decision.held
+
+    assert check(0.4, 0.2)[1]
+    seen, held = check(0.4, 9.0)  # pure error alone would not have seen it
+    assert seen.holds is False
+    assert not held
+    assert "smooth departure" in seen.text
+    unequal, held = check(0.01, 0.2)
+    assert held
+    assert "unequal variance" in unequal.text
+    assert not check(0.01, 2.0)[1]  # some sign of a departure: the test against pure error stands
+    assert check(None, 0.2)[0].holds is None
+    assert check(None, 9.0)[0].holds is False
+
+
+def test_spending_sums_to_the_error_probability() -> None:
+    rule = StopRule(max_runs=80, guard="spending")
+    looks = np.arange(20, 81, 4)
+    before = np.concatenate([[0], looks[:-1]])
+    spent = 1.0 - spending_level(rule, looks, before)
+    assert spent.sum() == pytest.approx(0.05, rel=1e-9)
+    assert np.all(np.diff(spent[:8]) > 0.0)  # little at first
+    # Lan & DeMets: at half the information 2 - 2 Phi(1.96 / sqrt(0.5)) = 0.0056
+    assert 1.0 - float(spending_level(rule, 40)) == pytest.approx(0.00557, abs=2e-5)
+    narrow = rule_half_width(StopRule(max_runs=80), 1.0, 34, 0.1, 6)
+    assert rule_half_width(rule, 1.0, 34, 0.1, 6, n_runs=40, n_before=36) > narrow

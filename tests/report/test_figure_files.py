@@ -1,0 +1,132 @@
+"""Figures as files: four forms of each, the numbers behind them, the same bytes every time."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from pypdf import PdfReader
+from report_dossiers import truth_score
+
+from seqrsm.report.content import build_report
+from seqrsm.report.drawing import draw, svg_for_html, tell
+from seqrsm.report.figure_files import named_panels, write_figures
+from seqrsm.report.wording import slug
+
+
+@pytest.fixture(scope="module")
+def folder(simulated, tmp_path_factory):
+    made = tmp_path_factory.mktemp("figures")
+    write_figures(build_report(simulated), made)
+    return made
+
+
+def table(path):
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_every_picture_has_four_files_and_a_caption(folder):
+    names = [row["file"] for row in table(folder / "captions.csv")]
+    assert len(names) == len(set(names))
+    assert {"surface-depression-angle-against-frequency", "slice-polarization", "ridge-score", "coefficients"} <= set(
+        names
+    )
+    assert {"image-at-the-optimum-hv", "ground-truth", "history-of-half-width"} <= set(names)
+    expected = {f"{name}{suffix}" for name in names for suffix in (".svg", ".pdf", ".png", ".csv")} | {"captions.csv"}
+    assert {path.name for path in folder.iterdir()} == expected
+    assert all(row["what it shows"] and row["caption of its figure"] for row in table(folder / "captions.csv"))
+
+
+def test_files_are_what_their_names_say(folder):
+    from xml.etree import ElementTree
+
+    for path in folder.glob("*.svg"):
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
+    with Image.open(folder / "slice-frequency.png") as image:
+        assert image.width > 1000
+    page = PdfReader(folder / "slice-frequency.pdf")
+    assert len(page.pages) == 1
+    assert page.metadata.creation_date is None
+    assert abs(float(page.pages[0].mediabox[2]) / 72 - 3.7) < 0.05
+
+
+def test_slice_data_are_the_model(simulated, folder):
+    """The polynomial of the slice, refitted to the CSV, is that of the coefficients."""
+    analysis = simulated.analyses[0]
+    rows = [row for row in table(folder / "slice-frequency.csv") if row["layer"] == "fitted"]
+    x = np.array([float(row["frequency [GHz]"]) for row in rows])
+    y = np.array([float(row["score [percent]"]) for row in rows])
+    coded = 2.0 * np.log(x / 1.2) / np.log(17.0 / 1.2) - 1.0
+    square = np.polyfit(coded, y, 2)[0]
+    assert square == pytest.approx(analysis.fit.estimate[list(analysis.fit.names).index("frequency^2")], rel=1e-6)
+    runs = [row for row in table(folder / "slice-frequency.csv") if row["layer"].startswith("run")]
+    assert len(runs) == analysis.fit.n_runs
+
+
+def test_contour_data_hold_the_surface_the_runs_and_the_optimum(simulated, folder):
+    rows = table(folder / "surface-depression-angle-against-frequency.csv")
+    layers = [row["layer"] for row in rows]
+    assert layers.count("fitted mean") == 41 * 41
+    assert layers.count("run") == simulated.analyses[0].fit.n_runs
+    (best,) = [row for row in rows if row["layer"] == "recommended"]
+    assert float(best["score [percent]"]) == pytest.approx(simulated.analyses[0].optimum.mean)
+    # the constraint looks <= 20 - frequency at the optimal number of looks
+    looks = simulated.analyses[0].optimum.settings["looks"]
+    for row in rows[: 41 * 41 : 37]:
+        assert (row["allowed"] == "yes") == (float(row["frequency [GHz]"]) <= 20 - looks + 1e-9)
+    assert truth_score(simulated.analyses[0].optimum.point[None, :])[0] == pytest.approx(
+        float(best["score [percent]"]), abs=4.0
+    )
+
+
+def test_picture_data_are_the_pixels(folder):
+    with (folder / "image-at-the-optimum-hv.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.reader(stream))
+    grey = np.array([[float(cell) for cell in row[1:]] for row in rows[1:]])
+    with Image.open(folder / "image-at-the-optimum-hv.png") as image:
+        assert np.array_equal(np.asarray(image)[: len(grey)], grey)
+
+
+def test_same_report_same_files(simulated, folder, tmp_path):
+    report = build_report(simulated)
+    only = {name for name, *_ in named_panels(report) if name in ("slice-frequency", "ground-truth")}
+    write_figures(report, tmp_path)
+    for name in only:
+        for suffix in (".svg", ".pdf", ".png", ".csv"):
+            assert (tmp_path / f"{name}{suffix}").read_bytes() == (folder / f"{name}{suffix}").read_bytes()
+
+
+def test_several_applications_have_their_own_names(flight):
+    import dataclasses
+
+    first = flight.analyses[0]
+    both = dataclasses.replace(flight, analyses=(first, dataclasses.replace(first, application="other use")))
+    names = [name for name, *_ in named_panels(build_report(both))]
+    assert len(names) == len(set(names))
+    assert "application-drainage-slice-film" in names
+    assert "application-other-use-slice-film" in names
+
+
+def test_slug_is_a_safe_file_name():
+    assert slug("../a b/Ünïcode\\x\n") == "a-b-n-code-x"
+    assert slug("///") == "x"
+
+
+def test_marks_tell_their_run_without_any_script():
+    def paint(figure):
+        axes = figure.add_subplot()
+        tell(axes.scatter([1, 2, 3], [3, 1, 2], clip_on=False), ["run 1 <b>", 'run 2 & "c"', "run 3"])
+        tell(axes.scatter([1], [1]), ["a", "b"])  # the number does not match: no texts, no harm
+
+    drawing = draw(paint)
+    for svg in (drawing, svg_for_html(drawing, "p-")):
+        assert "<title>run 1 &lt;b&gt;</title>" in svg
+        assert svg.count("<title>") == 3
+        assert "tips:" not in svg
+    from xml.etree import ElementTree
+
+    ElementTree.parse(io.StringIO(drawing))

@@ -1,0 +1,78 @@
+"""The optimum beside the catalogue: which words are asked, and which verdict follows from the printed numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from report_dossiers import simulated_dossier
+
+from seqrsm.campaign.analysis import SettingPosterior
+from seqrsm.report.literature import catalogue_words, literature
+from seqrsm.report.section_literature import literature_section
+
+
+@pytest.mark.parametrize(
+    ("name", "description", "asked"),
+    [
+        ("crop-classification", "", "crop classification"),
+        ("ground-cover", "", "land use"),
+        ("utility", "How well is soil moisture seen?", "soil moisture"),
+        ("best", "radar of the site", None),
+    ],
+)
+def test_words_are_the_longest_the_tables_know(name, description, asked):
+    found = catalogue_words(name, description, "active")
+    assert (None if found is None else found[0]) == asked
+
+
+def test_a_named_entry_goes_first():
+    assert catalogue_words("crop-classification", "", "active", "sea ice") == ("sea ice", "named in campaign.toml")
+
+
+@pytest.fixture(scope="module")
+def dossier(tmp_path_factory):
+    return simulated_dossier(tmp_path_factory.mktemp("literature"), draws=200)
+
+
+def with_optimum(dossier, name, value, low, high):
+    analysis = dossier.analyses[0]
+    settings = {**analysis.optimum.settings, name: value}
+    rows = tuple(
+        SettingPosterior(name, value, low, high, 0.0, {}) if row.factor == name else row
+        for row in analysis.posterior.settings
+    )
+    return dataclasses.replace(
+        analysis,
+        optimum=dataclasses.replace(analysis.optimum, settings=settings),
+        posterior=dataclasses.replace(analysis.posterior, settings=rows),
+    )
+
+
+# Table A.16, Crop Classification: 1 to 2 frequencies between 9 and 36 GHz with A.12; nadir angle 40 to 50, best 50.
+@pytest.mark.parametrize(
+    ("value", "low", "high", "verdict"),
+    [(12.0, 11.0, 13.0, "agrees"), (7.0, 5.0, 9.5, "not excluded"), (3.0, 2.0, 4.0, "differs")],
+)
+def test_verdict_follows_from_the_printed_range(dossier, value, low, high, verdict):
+    found = literature(dossier.spec, with_optimum(dossier, "frequency", value, low, high))
+    rows = {row.parameter: row for row in found.comparisons}
+    assert rows["frequency"].verdict == verdict
+    assert rows["frequency"].printed.startswith("9 to 36")
+    assert rows["frequency"].tables == "A.12, A.16"
+
+
+def test_polarization_is_compared_by_channels(dossier):
+    found = literature(dossier.spec, with_optimum(dossier, "polarization", "HV", 0.0, 0.0))
+    row = next(row for row in found.comparisons if row.parameter == "polarization")
+    assert row.verdict == "differs"
+    assert "HV" in row.why
+    found = literature(dossier.spec, with_optimum(dossier, "polarization", "VV", 0.0, 0.0))
+    assert next(row for row in found.comparisons if row.parameter == "polarization").verdict == "agrees"
+
+
+def test_no_entry_is_said(dossier):
+    spec = dataclasses.replace(dossier.spec, description="")
+    analysis = dataclasses.replace(dossier.analyses[0], application="xyzzy")
+    section = literature_section(dataclasses.replace(dossier, spec=spec, analyses=(analysis,)))
+    assert "no radar entry" in section.blocks[0].text

@@ -1,0 +1,45 @@
+"""Names and units as a reader wants them."""
+
+from __future__ import annotations
+
+import pytest
+
+from seqrsm.report.wording import fixed_label, fixed_unit, readable_text
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "label", "unit"),
+    [
+        ("bandwidth", 50.0, "bandwidth", "MHz"),
+        ("peak_power", 30.0, "peak power", "W"),
+        ("altitude_m", 6000.0, "altitude", "m"),
+        ("wind_low_m_s", 2.0, "wind low", "m/s"),
+        ("rain_mm_h", 8.0, "rain", "mm/h"),
+        ("noise_figure_db", 4.0, "noise figure", "dB"),
+        ("snow_depth_cm", 15.0, "snow depth", "cm"),
+        ("soil_moisture_low", 0.1, "soil moisture low", "m\u00b3/m\u00b3"),
+        ("polarization", "HH", "polarization", ""),
+        ("looks", 4.0, "looks", ""),
+        ("n_bits", 8.0, "n bits", ""),
+    ],
+)
+def test_fixed_parameters_have_their_unit(name, value, label, unit):
+    assert (fixed_label(name), fixed_unit(name, value)) == (label, unit)
+
+
+def test_every_number_of_a_radar_has_a_unit_or_is_a_pure_number():
+    from dataclasses import fields
+
+    from seqrsm.sensor.radar import RadarConfiguration
+
+    pure = {"looks", "n_bits", "adc_bits", "film_gamma", "film_k", "i_qc", "g_rc", "aperture", "fading", "earth"}
+    for field in fields(RadarConfiguration):
+        if "float" in str(field.type) and field.name not in pure and "tuple" not in str(field.type):
+            assert fixed_unit(field.name, 1.0), field.name
+
+
+def test_factors_are_readable_in_sentences_of_others():
+    text = "depression_angle and angle are flat; depression_angle_2 is not"
+    assert readable_text(text, ("angle", "depression_angle")) == (
+        "depression angle and angle are flat; depression_angle_2 is not"
+    )
