@@ -72,7 +72,8 @@ def test_killed_at_random_moments(tmp_path, tiny_scene, undisturbed) -> None:
 
 
 def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
-    folder = make_tiny(tmp_path / "tiny", tiny_scene, TINY.replace("half_width = 9.0", "half_width = 3.5"))
+    endless = TINY.replace("half_width = 9.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, endless)
     process = start("run", folder)
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline and not (folder / "campaign.db").exists():
