@@ -15,7 +15,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analyse import stop_rule
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import carry_out, configuration, scene_at, task_of
+from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_at, task_of
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.decide.stopping import target_problem
@@ -126,18 +126,30 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
 
 
 def check_simulator(spec: CampaignSpec) -> None:
-    """Scene, sensor at the corners of the region, and scattering data, before any run.
+    """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
 
     Raises
     ------
     UserError
         What is wrong with them.
     """
+    if spec.simulator is None:
+        raise SpecError(
+            Problem(
+                "this campaign has no simulator: its scores are measured",
+                "Propose flights (`seqrsm propose --source flight`), take scores in (`seqrsm ingest`), then `seqrsm fit`.",
+            )
+        )
     if not bool(np.any(scene_at(str(spec.scene_path)).scored)):
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
     _check_sensors(spec)
+    first = carry_out(task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]))
+    if first.failure:
+        raise SpecError(
+            Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
+        )
 
 
 def _check_sensors(spec: CampaignSpec) -> None:

@@ -299,6 +299,8 @@ class Campaign:
         UserError
             No run of the start design, or of several batches after it, gave a score, and with what reasons.
         """
+        if self.spec.simulator is None and not self.store.runs(source="simulation"):
+            check_simulator(self.spec)
         budget = max_runs or self.spec.stop.max_runs
         clock = _Clock()
         while True:
@@ -307,6 +309,7 @@ class Campaign:
             clock.stop("simulate")
             self._refuse_hopeless(made)
             if self._n_used() == 0:
+                say("checking the simulator with one image at the centre of the region")
                 check_simulator(self.spec)
                 say("searching the start design")
                 clock.start()

@@ -165,7 +165,9 @@ def run(
 def propose(
     folder: Folder,
     n: Annotated[int | None, typer.Option("-n", min=1, help="How many runs; default is the campaign's batch.")] = None,
-    source: Annotated[str, typer.Option(help="simulation or flight.")] = "simulation",
+    source: Annotated[
+        str | None, typer.Option(help="simulation, flight or best; default is simulation where there is a simulator.")
+    ] = None,
     csv: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write them as the form a flight crew fills in.")
     ] = None,
@@ -176,8 +178,11 @@ def propose(
     from seqrsm.cli.show import run_row, show_proposals
 
     campaign = Campaign.open(folder)
+    measured_only = campaign.spec.simulator is None
+    if measured_only and source in ("simulation", "best"):
+        raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
     with activity("choosing the next runs"):
-        runs = campaign.propose(n, source=source, csv=csv)
+        runs = campaign.propose(n, source=source or ("flight" if measured_only else "simulation"), csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
 
 

@@ -87,6 +87,18 @@ def test_scores_file(tiny, tmp_path, name) -> None:
     assert '"runs": {}' in status.stdout
 
 
+def test_a_campaign_without_simulator_is_not_run(tmp_path) -> None:
+    folder = tmp_path / "polder"
+    assert seqrsm("init", folder, "--template", "flevoland").exit_code == 0
+    refused(seqrsm("run", folder), "no simulator", "ingest")
+    assert seqrsm("ingest", folder, folder / "flight_scores.csv").exit_code == 0
+    refused(seqrsm("run", folder), "no simulator")
+    refused(seqrsm("propose", folder, "--source", "simulation"), "no simulator")
+    assert '"issued"' not in seqrsm("status", folder, "--json").stdout
+    proposed = seqrsm("propose", folder, "-n", "1", "--json")
+    assert '"source": "flight"' in proposed.stdout
+
+
 def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("status", tmp_path / "nowhere"), "nowhere")
     refused(seqrsm("init", tmp_path / "new"), "--template")
