@@ -137,7 +137,7 @@ def check_simulator(spec: CampaignSpec) -> None:
         raise SpecError(
             Problem(
                 "this campaign has no simulator: its scores are measured",
-                "Propose flights (`seqrsm propose --source flight`), take scores in (`seqrsm ingest`), then `seqrsm fit`.",
+                "Propose flights (`seqrsm propose --source flight`), then `seqrsm ingest` and `seqrsm fit`.",
             )
         )
     if not bool(np.any(scene_at(str(spec.scene_path)).scored)):

@@ -45,9 +45,7 @@ def test_the_last_digit_is_between_a_thirtieth_and_nine_tenths_of_the_uncertaint
     last = 10.0 ** -decimals_for(uncertainty)
     assert uncertainty / 35.6 <= last <= uncertainty / 0.949 / 1.0
     rounded = round(value, decimals_for(uncertainty))
-    assert abs(rounded - value) <= 0.5000001 * last + 1e-9 + 4e-16 * abs(
-        value
-    )  # the last: a float near 1e8 is no finer
+    assert abs(rounded - value) <= 0.5000001 * last + 1e-9 + 4e-16 * abs(value)
 
 
 @given(st.floats(-1e6, 1e6), st.integers(0, 6))
