@@ -17,9 +17,16 @@ from tiny_campaign import TINY, make_tiny
 KILLS = 4
 
 
+def _heed_interrupts() -> None:
+    """A shell's background jobs inherit deafness to SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def start(*arguments: object) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "seqrsm", *(str(argument) for argument in arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ, preexec_fn=_heed_interrupts
+    )
 
 
 def finish(*arguments: object) -> str:
@@ -80,6 +87,7 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
         time.sleep(0.05)
     time.sleep(1.0)
     # A library that compiles may swallow one interrupt; a second one, as a person would give, must end the command.
+    err = ""
     for _ in range(20):
         process.send_signal(signal.SIGINT)
         try:

@@ -78,6 +78,8 @@ def test_leaving_a_parallel_run_stops_its_workers():
         assert index == 0
         break
     assert time.monotonic() - start < 30.0
+    while multiprocessing.active_children() and time.monotonic() - start < 30.0:
+        time.sleep(0.05)
     assert not multiprocessing.active_children()
 
 
