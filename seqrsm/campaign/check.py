@@ -166,7 +166,8 @@ def _check_sensors(spec: CampaignSpec) -> None:
     for settings in spec.region.decode(points):
         try:
             task = task_of(spec, 0, settings)
-            ENGINES[task.engine].examine(scene, configuration(task))
+            engine = ENGINES[task.engine]
+            engine.examine(scene, configuration(task), engine.table(task.table))
         except UserError as error:
             shown = ", ".join(f"{name} = {_short(value)}" for name, value in settings.items())
             for problem in error.problems:

@@ -6,13 +6,14 @@ import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from seqrsm.errors import Problem, SpecError
-from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
+from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore, percent_correct
 from seqrsm.score.retrieval import percent_correct_radiometer, soil_moisture_error
@@ -45,21 +46,27 @@ class Engine:
     ----------
     configure : callable
         Settings and fixed parameters -> sensor; raises ConfigurationError.
+    table : callable
+        Path, or "" for the shipped one -> table of sigma0 or emissivity, read once per process.
     simulate : callable
-        Scene, sensor, seed and run id -> image.
+        Scene, sensor, table, seed and run id -> image.
     examine : callable
-        Scene and sensor -> None; raises UserError where the sensor cannot image the scene, without imaging it.
+        Scene, sensor and table -> None; raises UserError where the sensor cannot image the scene, without imaging it.
     record : callable
         What is kept with a score.
     utilities : Mapping
         Utility measures by the names of ``campaign.toml``.
+    files : tuple of str
+        Sensor parameters that name a file; in ``campaign.toml`` its path is from the campaign's folder.
     """
 
     configure: Callable[[Settings, Settings], Any]
-    simulate: Callable[[Scene, Any, int, int], Any]
-    examine: Callable[[Scene, Any], None]
+    table: Callable[[str], Any]
+    simulate: Callable[[Scene, Any, Any, int, int], Any]
+    examine: Callable[[Scene, Any, Any], None]
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
+    files: tuple[str, ...] = ()
 
     def utility(self, name: str) -> Utility:
         """The utility measure called ``name``: one of the engine's own, or "package.module:function".
@@ -91,32 +98,45 @@ class Engine:
         return found
 
 
-@lru_cache(maxsize=1)
-def _sigma0() -> Any:
-    return load_sigma0_table()
+@lru_cache(maxsize=4)
+def _loaded(load: Callable[[str | None], Any], path: str, modified_ns: int) -> Any:
+    del modified_ns  # part of the key: an edited table is read again
+    return load(path or None)
 
 
-@lru_cache(maxsize=1)
-def _emissivity() -> Any:
-    return load_emissivity_table()
+def _sigma0(path: str) -> Sigma0Table:
+    table: Sigma0Table = _loaded(load_sigma0_table, path, modified_ns(path))
+    return table
 
 
-def _radar_image(scene: Scene, sensor: RadarConfiguration, seed: int, run_id: int) -> RadarImage:
-    return simulate_radar(scene, sensor, _sigma0(), seed=seed, run_id=run_id)
+def _emissivity(path: str) -> EmissivityTable:
+    table: EmissivityTable = _loaded(load_emissivity_table, path, modified_ns(path))
+    return table
 
 
-def _radiometer_image(scene: Scene, sensor: RadiometerConfiguration, seed: int, run_id: int) -> RadiometerImage:
-    return simulate_radiometer(scene, sensor, _emissivity(), seed=seed, run_id=run_id)
+def modified_ns(path: str) -> int:
+    """When a file was last changed [ns]; 0 where there is none."""
+    return Path(path).stat().st_mtime_ns if path and Path(path).exists() else 0
 
 
-def _examine_radar(scene: Scene, sensor: RadarConfiguration) -> None:
+def _radar_image(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, seed: int, run_id: int) -> RadarImage:
+    return simulate_radar(scene, sensor, table, seed=seed, run_id=run_id)
+
+
+def _radiometer_image(
+    scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable, seed: int, run_id: int
+) -> RadiometerImage:
+    return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id)
+
+
+def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> None:
     make_frame(scene, sensor, "float32")
     for channel in sensor.channels:
-        _sigma0().lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)
+        table.lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)
 
 
-def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration) -> None:
-    check_radiometer(scene, sensor, _emissivity())
+def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable) -> None:
+    check_radiometer(scene, sensor, table)
 
 
 def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:
@@ -135,13 +155,20 @@ def _radiometer_record(image: RadiometerImage, scene: Scene) -> dict[str, Any]:
 
 ENGINES: Mapping[str, Engine] = {
     "psm": Engine(
-        radar.from_settings, _radar_image, _examine_radar, _radar_record, {"percent_correct": percent_correct}
+        configure=radar.from_settings,
+        table=_sigma0,
+        simulate=_radar_image,
+        examine=_examine_radar,
+        record=_radar_record,
+        utilities={"percent_correct": percent_correct},
     ),
     "prm": Engine(
-        radiometer.from_settings,
-        _radiometer_image,
-        _examine_radiometer,
-        _radiometer_record,
-        {"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
+        configure=radiometer.from_settings,
+        table=_emissivity,
+        simulate=_radiometer_image,
+        examine=_examine_radiometer,
+        record=_radiometer_record,
+        utilities={"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
+        files=("beam_file",),
     ),
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from seqrsm.campaign.engines import ENGINES, Image, Sensor
+from seqrsm.campaign.engines import ENGINES, Image, Sensor, modified_ns
 from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import Problem, SpecError, UserError
@@ -31,6 +31,8 @@ class SimulationTask:
         Levels of the factors, and every other sensor parameter.
     scene : str
         Path of the data base.
+    table : str
+        Path of the user's table of sigma0 or emissivity, "" for the shipped one alone.
     utilities : tuple of (application, utility)
         What to score.
     """
@@ -41,6 +43,7 @@ class SimulationTask:
     settings: Mapping[str, float | str]
     fixed: Mapping[str, float | str]
     scene: str
+    table: str
     utilities: tuple[tuple[str, str], ...]
 
 
@@ -67,15 +70,19 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
             Problem("this campaign has no simulator", "Ingest measured scores, or add a [simulator] table.")
         )
     utilities = tuple((application.name, application.utility) for application in spec.applications)
+    engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
-        ENGINES[spec.simulator.engine].utility(name)
+        engine.utility(name)
+    fixed = dict(spec.simulator.fixed)
+    fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     return SimulationTask(
         spec.simulator.engine,
         run_id,
         spec.seed,
         dict(settings),
-        spec.simulator.fixed,
+        fixed,
         str(spec.scene_path),
+        str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
         utilities,
     )
 
@@ -88,7 +95,7 @@ def _scene(path: str, modified_ns: int) -> Scene:
 
 def scene_at(path: str) -> Scene:
     """The data base at ``path``, read once per process."""
-    return _scene(path, Path(path).stat().st_mtime_ns if Path(path).exists() else 0)
+    return _scene(path, modified_ns(path))
 
 
 def configuration(task: SimulationTask) -> Sensor:
@@ -106,7 +113,8 @@ def configuration(task: SimulationTask) -> Sensor:
 def simulate_image(task: SimulationTask) -> tuple[Image, Scene]:
     """Image of a task, and the scene it shows."""
     scene = scene_at(task.scene)
-    image: Image = ENGINES[task.engine].simulate(scene, configuration(task), task.seed, task.run_id)
+    engine = ENGINES[task.engine]
+    image: Image = engine.simulate(scene, configuration(task), engine.table(task.table), task.seed, task.run_id)
     return image, scene
 
 

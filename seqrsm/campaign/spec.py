@@ -30,7 +30,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
     coefficient, in score units, by default the standard deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
-    ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign's folder; ``tolerance`` (0.5): accepted
+    ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
+    sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted
     error of a simulated score, in score units; ``fixed``: every sensor parameter that is no factor.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.

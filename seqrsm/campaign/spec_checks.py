@@ -280,11 +280,13 @@ def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: 
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
-    """The scene exists, and no sensor parameter is both a factor and fixed; ``table`` as written."""
-    scene, fixed = table.get("scene"), table.get("fixed")
-    if isinstance(scene, str) and scene and not (folder / scene).is_file():
-        remedy = "Give its path from the campaign's folder; `seqrsm scene import` makes one."
-        report.add(("simulator", "scene"), "there is no such file", remedy, scene)
+    """Scene and table exist, and no sensor parameter is both a factor and fixed; ``table`` as written."""
+    fixed = table.get("fixed")
+    for key, more in (("scene", "; `seqrsm scene import` makes one"), ("table", "")):
+        file = table.get(key)
+        if isinstance(file, str) and file and not (folder / file).is_file():
+            remedy = f"Give its path from the campaign's folder{more}."
+            report.add(("simulator", key), "there is no such file", remedy, file)
     for key, value in fixed.items() if isinstance(fixed, dict) else ():
         for name in factor_names:
             # A unit may follow the name of a parameter: frequency_ghz fixes "frequency".

@@ -161,10 +161,11 @@ class ModelSpec(Table):
 
 
 class SimulatorSpec(Table):
-    """The engine, its scene file (relative to the campaign's folder), tolerance in score units, fixed parameters."""
+    """The engine, its files (paths from the campaign's folder), tolerance in score units, fixed parameters."""
 
     engine: Literal["psm", "prm"]
     scene: Annotated[str, Field(min_length=1)]
+    table: str = ""
     tolerance: PositiveNumber = 0.5
     fixed: dict[str, Number | str] = Field(default_factory=dict)
 

@@ -1,0 +1,131 @@
+"""A radiometer campaign through the command line: files beside campaign.toml, retrieval as a utility."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from seqrsm.cli.app import app
+from seqrsm.scene.scene import Scene, save_scene
+
+TOML = """\
+[campaign]
+name = "moisture"
+seed = 5
+
+[[factor]]
+name = "frequency"
+low = 1.4
+high = 6.0
+scale = "log"
+
+[[factor]]
+name = "resolution"
+low = 20.0
+high = 80.0
+scale = "log"
+
+[[application]]
+name = "moisture"
+utility = "retrieval_error"
+goal = "minimize"
+
+[[application]]
+name = "water"
+utility = "seqrsm.score.retrieval:water_fraction_error"
+goal = "minimize"
+
+[simulator]
+engine = "prm"
+scene = "scene.npz"
+
+[simulator.fixed]
+polarization = "H+V"
+bandwidth = 300.0
+noise_temperature = 300.0
+integration_time = 0.3
+scan_period = 0.3
+altitude_m = 1000.0
+speed_m_s = 100.0
+
+[stop]
+interval = "prediction_mean"
+half_width = 3.0
+max_runs = 20
+"""
+ROWS = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source\n" + "".join(
+    f"emissivity,Grass,{f},{p},{theta},{e},1,measured,mine\n"
+    for f in (1.0, 10.0)
+    for p in "HV"
+    for theta, e in ((0, 0.30), (80, 0.29))
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Fields of bare soil and grass and some water, 600 m x 800 m, flat."""
+    rng = np.random.default_rng(9)
+    cover = np.kron(rng.choice(3, (12, 16), p=[0.5, 0.3, 0.2]), np.ones((5, 5), dtype=int)).astype(np.uint8)
+    field = np.kron(np.arange(12 * 16).reshape(12, 16), np.ones((5, 5), dtype=int)).astype(np.int32)
+    flat = np.zeros(cover.shape, dtype=np.float32)
+    names = ("Bareground", "Grass", "Water")
+    save_scene(Scene(flat, cover, names, field, flat == 0.0, 10.0), tmp_path / "scene.npz")
+    (tmp_path / "campaign.toml").write_text(TOML, encoding="utf-8")
+    return tmp_path
+
+
+def call(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def image(folder: Path, *settings: str) -> dict:
+    return json.loads(call("image", folder, *settings, "--out", folder / "image.npz", "--json").stdout)
+
+
+def test_retrieval_of_moisture_and_water_runs_from_check_to_fit(folder):
+    assert json.loads(call("check", folder, "--json").stdout)["seconds_per_run"] > 0.0
+    outcome = json.loads(call("run", folder, "--max-runs", "14", "--json", code=3).stdout)
+    assert not outcome["held"]
+    found = json.loads(call("fit", folder, "--json").stdout)["applications"]
+    assert len(found) == 2
+    low = image(folder, "--set", "frequency=1.4", "--set", "resolution=20")["scores"]
+    high = image(folder, "--set", "frequency=6.0", "--set", "resolution=80")["scores"]
+    # Moisture is seen best at L band, water by the finest beam: known before the fit.
+    assert low["moisture"] < high["moisture"]
+    assert low["water"] < high["water"]
+
+
+def test_a_table_of_ones_own_and_a_measured_beam_lie_beside_the_campaign(folder, monkeypatch):
+    shipped = image(folder)
+    text = TOML.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntable = "emissivity.csv"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    call("check", folder, code=2)
+    (folder / "emissivity.csv").write_text(ROWS, encoding="utf-8")
+    # Grass of emissivity 0.30 leaves 90 K of some 300 K: told from bare soil at a glance.
+    own = image(folder)
+    coldest = np.nanmin(np.load(folder / "image.npz")["brightness_k"])
+    assert coldest < 110.0
+    assert own["record"]["occasion"] == shipped["record"]["occasion"]
+    assert any("mine" in note for note in own["notes"])
+    # The path is from the campaign's folder, wherever the command is called.
+    beam = "\n".join(f"{u},{np.exp(-4 * np.log(2) * u * u)}" for u in np.linspace(-1.75, 1.75, 60))
+    (folder / "beam.csv").write_text(f"angle_beamwidths,gain\n{beam}\n", encoding="utf-8")
+    measured = 'beam = "measured"\nbeam_file = "beam.csv"\npolarization = "H+V"'
+    (folder / "campaign.toml").write_text(text.replace('polarization = "H+V"', measured), encoding="utf-8")
+    monkeypatch.chdir(folder.parent)
+    image(folder)
+    np.testing.assert_allclose(np.nanmin(np.load(folder / "image.npz")["brightness_k"]), coldest, atol=0.5)
+
+
+def test_faults_of_these_files_are_told_with_their_place(folder):
+    text = TOML.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntable = "emissivity.csv"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    assert "emissivity.csv" in call("check", folder, code=2).output
+    (folder / "emissivity.csv").write_text(ROWS.replace("0.3,1", "1.3,1", 1), encoding="utf-8")
+    assert "emissivity.csv:2" in call("check", folder, code=2).output.replace("\n", "")
