@@ -12,7 +12,7 @@ Sacks, Welch, Mitchell & Wynn (1989), Statistical Science 4, 409-423 (kriging wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
@@ -46,11 +46,15 @@ class Discrepancy:
         Length of the process, coded units; nan without one.
     variance : float
         Its variance over that of the noise; 0 without one.
+    gains : ndarray (lengths, 1 + variances)
+        Gain of the restricted log likelihood over the quadratic alone, for each of `LENGTHS` and for variance 0 and
+        each of `VARIANCES`; empty where it could not be found.
     """
 
     evidence: float
     length: float
     variance: float
+    gains: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
 
 def _kernel(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) -> FloatArray:
@@ -63,21 +67,23 @@ def _kernel(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) 
     return K
 
 
-def _restricted(Z: FloatArray, y: FloatArray, V: FloatArray) -> float:
-    """Restricted log likelihood, sigma profiled out, up to a constant; -inf where V or Z is short of rank."""
-    try:
-        L = np.linalg.cholesky(V)
-    except np.linalg.LinAlgError:
-        return -np.inf
-    white = solve_triangular(L, np.column_stack([Z, y]), lower=True, check_finite=False)
-    Q, R = np.linalg.qr(white[:, :-1])
-    rest = white[:, -1] - Q @ (Q.T @ white[:, -1])
-    diagonal = np.abs(np.diag(R))
-    if diagonal.min(initial=np.inf) <= 1e-10 * diagonal.max(initial=0.0):
-        return -np.inf
-    rss = max(float(rest @ rest), 1e-300)
-    n, p = Z.shape
-    return -float(np.sum(np.log(np.diag(L))) + np.sum(np.log(diagonal)) + 0.5 * (n - p) * np.log(rss))
+def _restricted(K: FloatArray, white: FloatArray) -> FloatArray:
+    """Restricted log likelihood with variance 0 and `VARIANCES` of a process, up to a constant; sigma profiled out.
+
+    Parameters
+    ----------
+    K : ndarray (m, m)
+        Covariance of the scores' contrasts that the quadratic leaves free, for a process of variance 1; theirs by noise
+        alone is the unit matrix.
+    white : ndarray (m,)
+        These contrasts.
+    """
+    spread, turn = np.linalg.eigh(K)
+    square = (turn.T @ white) ** 2
+    scale = 1.0 + np.concatenate([[0.0], VARIANCES])[:, None] * np.maximum(spread, 0.0)
+    rss = np.maximum(np.sum(square / scale, axis=1), 1e-300)
+    found: FloatArray = -0.5 * (np.sum(np.log(scale), axis=1) + len(white) * np.log(rss))
+    return found
 
 
 def find_discrepancy(
@@ -108,17 +114,21 @@ def find_discrepancy(
     nothing = Discrepancy(0.0, float("nan"), 0.0)
     if len(y) < Z.shape[1] + 3 or float(np.ptp(y)) <= 1e-12 * max(1.0, float(np.max(np.abs(y)))):
         return nothing
-    alone = _restricted(Z, y, np.diag(noise))
-    if not np.isfinite(alone):
+    root = 1.0 / np.sqrt(noise)
+    Q, R = np.linalg.qr(Z * root[:, None], mode="complete")
+    diagonal = np.abs(np.diag(R))
+    if diagonal.min(initial=np.inf) <= 1e-10 * diagonal.max(initial=0.0):
         return nothing
-    best = (alone, float("nan"), 0.0)
-    for length in LENGTHS:
-        K = _kernel(model, points, points, length)
-        for variance in VARIANCES:
-            value = _restricted(Z, y, np.diag(noise) + variance * K)
-            if value > best[0]:
-                best = (value, length, variance)
-    return Discrepancy(2.0 * (best[0] - alone), best[1], best[2])
+    free = Q[:, Z.shape[1] :] * root[:, None]  # contrasts of the scores that the quadratic cannot follow
+    contrasts = free.T @ y
+    gain = np.empty((len(LENGTHS), 1 + len(VARIANCES)))
+    for i, length in enumerate(LENGTHS):
+        gain[i] = _restricted(free.T @ _kernel(model, points, points, length) @ free, contrasts)
+    gain -= gain[0, 0]
+    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    if j == 0:
+        return replace(nothing, gains=gain)
+    return Discrepancy(2.0 * float(gain[i, j]), LENGTHS[i], VARIANCES[j - 1], gain)
 
 
 def likely_optimum(

@@ -16,7 +16,7 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.constrained import climb, constraint_slacks, line_ascent, polish
-from seqrsm.fit.faces import cube_maxima, face_maxima
+from seqrsm.fit.faces import cube_maxima, face_maxima, well_curved
 from seqrsm.fit.slices import Slice, deepest, feasible_cover, full_points, slices, stack
 
 Goal = Literal["maximize", "minimize"]
@@ -147,10 +147,12 @@ def _box_optimum(
 ) -> tuple[FloatArray, float, FloatArray, bool]:
     pieces = list(slices(model, region, signed))
     constant, linear, quadratic = stack(pieces)
-    _, values = cube_maxima(constant, linear, quadratic)
+    found_points, values = cube_maxima(constant, linear, quadratic)
     close = np.flatnonzero(values >= values.max() - _tolerance(signed))[:256]
     limit = float(values.max()) - _tolerance(signed)
-    found = []
+    single = well_curved(linear[close], quadratic[close])
+    found = [full_points(region, pieces[i].template, found_points[i]) for i in close[single]]
+    close = close[~single]
     for rows, points, face_values in face_maxima(constant[close], linear[close], quadratic[close]):
         row, face = np.nonzero(face_values >= limit)
         found += [

@@ -320,3 +320,17 @@ def test_a_search_that_ends_outside_is_drawn_back(monkeypatch: pytest.MonkeyPatc
     point, value = polish(region, float(c), b, B, np.array([0.1, 0.0]))
     np.testing.assert_array_equal(point, [0.1, 0.0])
     assert value == pytest.approx(0.1)
+
+
+def test_active_bounds_prove_what_enumeration_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(31)
+    for q in (2, 3, 5):
+        root = rng.normal(size=(300, q, q))
+        quadratic = -root @ root.transpose(0, 2, 1) + np.where(rng.random((300, 1, 1)) < 0.3, 0.8, 0.0) * np.eye(q)
+        linear = rng.normal(size=(300, q)) * rng.choice([0.3, 3.0, 30.0], size=(300, 1))
+        points, values = cube_maxima(np.zeros(300), linear, quadratic)
+        with monkeypatch.context() as patch:
+            patch.setattr("seqrsm.fit.faces.well_curved", lambda linear, _: np.zeros(len(linear), dtype=np.bool_))
+            enumerated, best = cube_maxima(np.zeros(300), linear, quadratic)
+        np.testing.assert_allclose(values, best, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(points, enumerated, atol=1e-9)
