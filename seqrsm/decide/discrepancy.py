@@ -125,7 +125,7 @@ def find_discrepancy(
     for i, length in enumerate(LENGTHS):
         gain[i] = _restricted(free.T @ _kernel(model, points, points, length) @ free, contrasts)
     gain -= gain[0, 0]
-    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    i, j = divmod(int(np.argmax(gain)), gain.shape[1])
     if j == 0:
         return replace(nothing, gains=gain)
     return Discrepancy(2.0 * float(gain[i, j]), LENGTHS[i], VARIANCES[j - 1], gain)
