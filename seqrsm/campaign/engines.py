@@ -23,7 +23,7 @@ from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.frame import make_frame
 from seqrsm.simulate.prm import check_radiometer, simulate_radiometer
 from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.psm import RadarImage, simulate_radar
+from seqrsm.simulate.psm import Precision, RadarImage, simulate_radar
 from seqrsm.units import linear_to_db
 
 Image = RadarImage | RadiometerImage
@@ -49,7 +49,7 @@ class Engine:
     table : callable
         Path, or "" for the shipped one -> table of sigma0 or emissivity, read once per process.
     simulate : callable
-        Scene, sensor, table, seed and run id -> image.
+        Scene, sensor, table, seed, run id and, where it is not to be single, precision -> image.
     examine : callable
         Scene, sensor and table -> None; raises UserError where the sensor cannot image the scene, without imaging it.
     record : callable
@@ -62,7 +62,7 @@ class Engine:
 
     configure: Callable[[Settings, Settings], Any]
     table: Callable[[str], Any]
-    simulate: Callable[[Scene, Any, Any, int, int], Any]
+    simulate: Callable[..., Any]
     examine: Callable[[Scene, Any, Any], None]
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
@@ -119,14 +119,26 @@ def modified_ns(path: str) -> int:
     return Path(path).stat().st_mtime_ns if path and Path(path).exists() else 0
 
 
-def _radar_image(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, seed: int, run_id: int) -> RadarImage:
-    return simulate_radar(scene, sensor, table, seed=seed, run_id=run_id)
+def _radar_image(
+    scene: Scene,
+    sensor: RadarConfiguration,
+    table: Sigma0Table,
+    seed: int,
+    run_id: int,
+    precision: Precision = "float32",
+) -> RadarImage:
+    return simulate_radar(scene, sensor, table, seed=seed, run_id=run_id, precision=precision)
 
 
 def _radiometer_image(
-    scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable, seed: int, run_id: int
+    scene: Scene,
+    sensor: RadiometerConfiguration,
+    table: EmissivityTable,
+    seed: int,
+    run_id: int,
+    precision: Precision = "float32",
 ) -> RadiometerImage:
-    return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id)
+    return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id, precision=precision)
 
 
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> None:

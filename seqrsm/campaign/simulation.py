@@ -13,6 +13,7 @@ from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.scene.scene import Scene, load_scene
+from seqrsm.simulate.psm import Precision
 
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
@@ -110,11 +111,12 @@ def configuration(task: SimulationTask) -> Sensor:
     return sensor
 
 
-def simulate_image(task: SimulationTask) -> tuple[Image, Scene]:
+def simulate_image(task: SimulationTask, precision: Precision = "float32") -> tuple[Image, Scene]:
     """Image of a task, and the scene it shows."""
     scene = scene_at(task.scene)
     engine = ENGINES[task.engine]
-    image: Image = engine.simulate(scene, configuration(task), engine.table(task.table), task.seed, task.run_id)
+    table = engine.table(task.table)
+    image: Image = engine.simulate(scene, configuration(task), table, task.seed, task.run_id, precision)
     return image, scene
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,9 @@ _CANDIDATES = 3000
 _POLISHED = 2
 _MAX_PASSES = 60
 _COARSE, _PASS_GAIN = 1e-3, 1e-9
+# Smallest eigenvalue of M with unit diagonal: below the first M is singular but for rounding, below the second too
+# near to it to be exchanged from (random runs over many levels are), and a ridge carries the search out of there.
+_SINGULAR, _DOUBTFUL, _RIDGE = 1e-14, 1e-8, 1e-2
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +51,20 @@ class Task:
     def value(self, Z: FloatArray) -> float:
         """Value to be maximised, from rows (n, p) of the model matrix: log|M| or -log tr(weight M^-1)."""
         M = self.precision + Z.T @ Z
-        sign, log_det = np.linalg.slogdet(M)
-        if sign <= 0 or not np.isfinite(log_det):
+        if smallest_eigenvalue(M) <= _SINGULAR * M.shape[0]:
             return -np.inf
         if self.weight is None:
-            return float(log_det)
+            return float(np.linalg.slogdet(M)[1])
         trace = float(np.trace(np.linalg.solve(M, self.weight)))
         return -float(np.log(trace)) if trace > 0.0 else -np.inf
+
+
+def smallest_eigenvalue(M: FloatArray) -> float:
+    """Smallest eigenvalue of a symmetric matrix (p, p) scaled to unit diagonal; 0 where the diagonal has a 0."""
+    d = np.sqrt(np.diagonal(M))
+    if not np.all(d > 0.0):
+        return 0.0
+    return float(np.linalg.eigvalsh(M / np.outer(d, d))[0])
 
 
 def layout(model: QuadraticModel, region: Region) -> kernels.Layout:
@@ -122,7 +132,10 @@ def search_constrained(
     for _ in range(starts):
         chosen = rng.choice(candidates.shape[0], task.n, replace=candidates.shape[0] < task.n)
         points = candidates[chosen].copy()
-        found.append((_candidate_exchange(points, rows[chosen], candidates, rows, task, _COARSE), points))
+        if smallest_eigenvalue(task.precision + rows[chosen].T @ rows[chosen]) < _DOUBTFUL:
+            ridge = replace(task, precision=task.precision + _RIDGE * np.eye(model.p), weight=None)
+            _candidate_exchange(points, rows[chosen], candidates, rows, ridge, _COARSE)
+        found.append((_candidate_exchange(points, model.matrix(points), candidates, rows, task, _COARSE), points))
     found.sort(key=lambda pair: -pair[0])
     polished = []
     for value, points in found[:_POLISHED]:

@@ -17,7 +17,10 @@ from seqrsm.errors import DesignError, Problem
 
 Criterion: TypeAlias = Literal["D", "I", "A"]
 
-_START_SEARCHES = 120
+START_SEARCHES = 120
+"""Local searches of a start design in a box."""
+START_SEARCHES_CONSTRAINED = 4
+"""Local searches of a start design where constraints cut the box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +178,7 @@ def start_design(
     centre = np.tile(region.centre(), (centre_repeats, 1))
     if centre_repeats == n_runs and n_runs > 0:
         _check_counts(model, n_runs, "D", np.empty((0, model.k)), np.zeros((model.p, model.p)))
-    searches = _START_SEARCHES if region.is_box else 4
+    searches = START_SEARCHES if region.is_box else START_SEARCHES_CONSTRAINED
     return optimal_design(model, region, n_runs - centre_repeats, seed=seed, starts=searches, fixed=centre).all_points
 
 

@@ -219,3 +219,15 @@ def test_leverages_sum_to_the_number_of_terms():
     assert report.g_value >= prediction_variance(MODEL, points, sample).max()
     assert report.i_value == pytest.approx(prediction_variance(MODEL, points, sample).mean(), rel=0.03)
     assert np.all(np.diff(report.fraction_of_design_space) >= 0.0)
+
+
+def test_random_starts_that_are_singular_lead_to_the_same_design_as_others():
+    """With eight levels and a constraint most random starts cannot determine the model, some but for rounding."""
+    factors = (CategoricalFactor("channels", tuple("abcdefgh")), *MIXED[1:2], MIXED[3])
+    region = Region(factors, (LOOKS,))
+    model = QuadraticModel(factors)
+    centre = np.tile(region.centre(), (3, 1))
+    found = [optimal_design(model, region, 30, seed=seed, starts=1, fixed=centre) for seed in range(12)]
+    values = np.array([design.value for design in found])
+    assert np.all(values > 0.97 * np.max(values)), values
+    assert all(design.rank == model.p for design in found)
