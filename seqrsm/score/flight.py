@@ -3,7 +3,8 @@
 A table as text, UTF-8 with or without a byte order mark, cells separated by comma, semicolon or tab. One column for
 each factor by its name, in natural units, and ``score``; optional ``run_id``, ``application``, ``se``, ``n`` and
 ``correct``, ``block``, ``source``, ``date``, ``note``; every other column is kept as metadata. A factor's column may
-name its unit, ``frequency [MHz]``, and is converted. Where cells are separated by semicolon or tab, numbers may have a
+name its unit, ``frequency [MHz]`` or ``frequency (MHz)``, and is converted. Lines before the header that begin with
+``#``, and a spreadsheet's ``sep=;``, are passed over. Where cells are separated by semicolon or tab, numbers may have a
 decimal comma.
 
 Nothing is guessed: what cannot be read for certain is an error with its line and column, and all errors come at once.
@@ -29,7 +30,11 @@ MAX_PROBLEMS = 100
 SOURCES = ("flight", "simulation")
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
 
-_HEADER = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[\s*(?P<unit>[^\[\]]*?)\s*\])?\s*")
+_HEADER = re.compile(r"\s*(?P<name>[^\[\]()]*?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])])?\s*")
+# What spreadsheets make of 1.5 or 5-1 where they take it for a day: "01. Mai", "5-Jan", "Mai 05", "2024-05-01".
+_DATE = re.compile(
+    r"\d{1,2}[. -]+[^\W\d_]{3,9}\.?([ -]\d{2,4})?|[^\W\d_]{3,9}[. -]+\d{2,4}|\d{1,4}([-/.])\d{1,2}\2\d{2,4}"
+)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
@@ -129,9 +134,9 @@ def read_scores(path: Path | str, factors: Sequence[FactorColumn], measures: Seq
         With all problems, each with file, line, column, value and remedy (at most `MAX_PROBLEMS`).
     """
     place = Path(path)
-    data = _read_bytes(place)
+    data = read_bytes(place)
     known = {*OPTIONAL, *(factor.name for factor in factors)}
-    table = read_table(place.name, data, lambda text: _split_header(text)[0] in known)
+    table = read_table(place.name, data, lambda text: split_header(text)[0] in known)
     reader = _Reader(table, factors, measures)
     scores, unscored = reader.rows()
     if reader.problems:
@@ -160,7 +165,8 @@ def unit_factor(unit: str, wanted: str) -> float | None:
     return None
 
 
-def _read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
+    """Bytes of a file of at most `MAX_BYTES`; ScoresFileError when it is absent, larger, or cannot be read."""
     if not path.is_file():
         raise ScoresFileError(Problem("there is no such file", "Check the name.", file=str(path)))
     size = path.stat().st_size
@@ -173,10 +179,22 @@ def _read_bytes(path: Path) -> bytes:
         raise ScoresFileError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
 
 
-def _split_header(text: str) -> tuple[str, str]:
-    """Name and unit of a header cell such as ``frequency [GHz]``."""
+def split_header(text: str) -> tuple[str, str]:
+    """Name and unit of a header cell such as ``frequency [GHz]`` or ``frequency (GHz)``."""
     match = _HEADER.fullmatch(text)
     return (match["name"], match["unit"] or "") if match else (text.strip(), "")
+
+
+def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
+    """Which column may be the factor's; one whose name ends in a unit must keep it, or values change their meaning."""
+    near = [name for name in free if name.casefold().startswith(factor.name.casefold())]
+    near += difflib.get_close_matches(factor.name, free, n=1)
+    if not near:
+        return "Add it."
+    rest = near[0][len(factor.name) :].strip(" _-./")
+    units = [unit for entry in PARAMETER_UNITS.values() for unit in entry.accepted if factor.unit in entry.accepted]
+    unit = next((unit for unit in units if unit and unit.casefold() == rest.casefold()), "")
+    return f"Rename the column '{near[0]}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
 
 
 class _Reader:
@@ -199,8 +217,11 @@ class _Reader:
 
     def header(self) -> None:
         line = self.table.header_line
+        known = {*OPTIONAL, *(factor.name for factor in self.factors)}
         for index, text in enumerate(self.table.header):
-            name, unit = _split_header(text)
+            name, unit = split_header(text)
+            if name not in known:  # a column of the user's own is kept under its full name, unit and all
+                name, unit = text.strip(), ""
             if not name:
                 if any(index < len(cells) and cells[index].strip() for _, cells in self.table.rows):
                     self.add(f"column {index + 1} has no name", "Name it in the first line, or remove it.", line)
@@ -227,10 +248,7 @@ class _Reader:
         free = [name for name in self.columns if name not in OPTIONAL]
         for factor in self.factors:
             if factor.name not in self.columns:
-                near = difflib.get_close_matches(factor.name, free, n=1)
-                near += [name for name in free if name.casefold().startswith(factor.name.casefold())][:1]
-                hint = f"Rename the column '{near[0]}' to '{factor.name}'." if near else "Add it."
-                self.add("there is no column for this factor", hint, line, factor.name)
+                self.add("there is no column for this factor", _rename_hint(factor, free), line, factor.name)
         if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
             near = [name for name in free if "score" in name.casefold() or "correct" in name.casefold()]
             hint = f"Rename the column '{near[0]}' to 'score'." if near else "Add it, or n and correct."
@@ -354,7 +372,9 @@ class _Reader:
         if _NUMBER.fullmatch(digits) and math.isfinite(value := float(digits)):
             return value
         remedy = "Give a plain finite number, without unit and without a sign between thousands."
-        if "," in text and self.table.delimiter == ",":
+        if _DATE.fullmatch(text):
+            remedy = "A spreadsheet has made a date of a number: give the column the format 'Text' and type it again."
+        elif "," in text and self.table.delimiter == ",":
             remedy = "Use a decimal point, or separate the cells by semicolons."
         self.add("this is no number", remedy, line, column, text)
         return None

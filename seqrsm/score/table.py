@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -66,13 +67,27 @@ def read_table(name: str, data: bytes, is_known: Callable[[str], bool]) -> Table
     if not text.strip():
         raise ScoresFileError(Problem("the file is empty", "Give a header and a row for each score.", file=name))
 
+    text = _without_preamble(text, is_known)
+
     def merit(delimiter: str) -> tuple[int, int]:
         header = next(_records(name, text, delimiter, lenient=True), (1, ()))[1]
         return sum(is_known(cell) for cell in header), len(header)
 
     delimiter = max(DELIMITERS, key=merit)
-    (header_line, header), *rows = _records(name, text, delimiter)
+    (header_line, header), *rows = list(_records(name, text, delimiter)) or [(1, ())]
     return Table(name, delimiter, header_line, header, tuple(rows))
+
+
+def _without_preamble(text: str, is_known: Callable[[str], bool]) -> str:
+    """The text with the lines before its header made blank: a spreadsheet's ``sep=;`` and comments after ``#``."""
+    lines = text.splitlines(keepends=True)
+    for number, line in enumerate(lines):
+        bare = line.strip()
+        comment = bare.startswith("#") and not any(is_known(cell) for cell in re.split("[,;\t]", bare))
+        if bare and not comment and not re.fullmatch(r'"?sep=[,;\t]?"?', bare, re.IGNORECASE):
+            break
+        lines[number] = "\n"
+    return "".join(lines)
 
 
 def _decode(name: str, data: bytes) -> str:

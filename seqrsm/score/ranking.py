@@ -1,0 +1,277 @@
+"""Scores of images from the rankings of several interpreters: the Plackett-Luce model.
+
+An interpreter who chooses the best of the images at hand, then the best of the rest, and so on, takes image i with
+probability w_i / (sum of the w left) at each step, where w_i = exp(kappa_j theta_i). ``theta`` is the score of the
+image in logits: of two images whose scores differ by d, the better one is preferred with probability 1 / (1 + exp(-d)).
+``kappa_j`` is the effect of interpreter j: how sharply he or she tells images apart, 1 for the average interpreter, 0
+for one who guesses. A shift that an interpreter adds to all images cancels in a ranking, so it cannot and need not be
+known. Images that an interpreter ranks equal count as ranked in some order that we are not told: their probability is
+summed over all orders, which is the integral of eq. 2.
+
+Scores are relative: their mean is zero, and each new ranking changes all of them.
+
+References: R. L. Plackett, Appl. Statist. 24 (1975) 193-202; R. D. Luce, Individual Choice Behavior, 1959; the integral
+for ties is that of J. D. Kalbfleisch and R. L. Prentice, Biometrika 60 (1973) 267-278, for equal times of death; scales
+of rankers are those of K. Raman and T. Joachims, KDD 2014, 1037-1046.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import kendalltau
+
+from seqrsm.arrays import FloatArray, IntArray
+
+SCORE_PRIOR_SD = 5.0
+"""Weak prior [logit] of a score about the mean: an image that everybody ranks first has a finite score."""
+SHARPNESS_PRIOR_SD = 0.5
+"""Prior of log kappa: two thirds of interpreters are between 0.6 and 1.6 times as sharp as the average one."""
+
+# Nodes of eq. 2 in v = log t: the integrand is analytic and dies out doubly exponentially, so the trapezoidal rule on
+# them is exact to rounding.
+_V = np.arange(-40.0, 4.5, 0.125)
+_T = np.exp(_V)
+_WEIGHT = 0.125 * np.exp(_V - _T)
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """One interpreter's order of some images.
+
+    Attributes
+    ----------
+    interpreter : int
+        Index of the interpreter.
+    groups : tuple of tuple of int
+        Indices of the images, the best first; images ranked equal stand in one group.
+    """
+
+    interpreter: int
+    groups: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, interpreter: int, images: Sequence[int], ranks: Sequence[float]) -> Ranking:
+        """From the rank of each image, 1 (or the smallest) for the best; equal ranks are ties."""
+        levels = sorted(set(ranks))
+        groups = tuple(
+            tuple(image for image, rank in zip(images, ranks, strict=True) if rank == level) for level in levels
+        )
+        return cls(interpreter, groups)
+
+
+@dataclass(frozen=True, slots=True)
+class RankingFit:
+    """Scores of images and effects of interpreters.
+
+    Attributes
+    ----------
+    scores, se : ndarray (n,)
+        theta and its standard error [logit]; the scores have mean zero.
+    covariance : ndarray (n, n)
+        Of the scores; its rows add up to zero.
+    sharpness, sharpness_log_se : ndarray (m,)
+        kappa of each interpreter (geometric mean 1), and the standard error of its logarithm.
+    agreement : ndarray (m,)
+        Kendall's tau-b between each interpreter's rankings and the scores; nan where it is undefined.
+    log_likelihood : float
+        At the estimate, without the priors.
+    """
+
+    scores: FloatArray
+    se: FloatArray
+    covariance: FloatArray
+    sharpness: FloatArray
+    sharpness_log_se: FloatArray
+    agreement: FloatArray
+    log_likelihood: float
+
+
+def fit_rankings(
+    rankings: Sequence[Ranking],
+    n_images: int,
+    n_interpreters: int,
+    *,
+    score_prior_sd: float = SCORE_PRIOR_SD,
+    sharpness_prior_sd: float = SHARPNESS_PRIOR_SD,
+) -> RankingFit:
+    """Posterior mode of scores and interpreter effects, and standard errors from the curvature there.
+
+    Parameters
+    ----------
+    rankings : sequence of Ranking
+        Every image in at least one; the images should be connected by them, see `connected`.
+    n_images, n_interpreters : int
+        At least 1 each.
+    score_prior_sd : float
+        inf for maximum likelihood (which does not exist when an image is always first or last).
+    sharpness_prior_sd : float
+        0 makes all interpreters equal.
+    """
+    basis = _contrasts(n_images)
+    free = sharpness_prior_sd > 0.0 and n_interpreters > 1
+    sharp_basis = _contrasts(n_interpreters) if free else np.zeros((n_interpreters, 0))
+    to_all = np.block(
+        [
+            [basis, np.zeros((n_images, sharp_basis.shape[1]))],
+            [np.zeros((n_interpreters, basis.shape[1])), sharp_basis],
+        ]
+    )
+    precision = np.concatenate(
+        [np.full(n_images, score_prior_sd**-2.0), np.full(n_interpreters, sharpness_prior_sd**-2.0 if free else 0.0)]
+    )
+
+    @lru_cache(maxsize=2)  # value, gradient and Hessian are asked for one after the other at the same place
+    def evaluate(place: bytes) -> tuple[float, FloatArray, FloatArray]:
+        return minus_log_posterior(np.frombuffer(place))
+
+    def minus_log_posterior(reduced: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        x = to_all @ reduced
+        value, gradient, hessian = log_likelihood(rankings, x[:n_images], x[n_images:])
+        value -= 0.5 * float(precision @ x**2)
+        gradient = gradient - precision * x
+        hessian = hessian - np.diag(precision)
+        return -value, -to_all.T @ gradient, -to_all.T @ hessian @ to_all
+
+    start = np.zeros(to_all.shape[1])
+    if len(start):
+        # A start in the direction of the mean ranks: at zero the sharpness has no effect, the surface is flat in it.
+        start[: basis.shape[1]] = basis.T @ _mean_standing(rankings, n_images)
+        found = minimize(
+            lambda x: evaluate(x.tobytes())[0],
+            start,
+            jac=lambda x: evaluate(x.tobytes())[1],
+            hess=lambda x: evaluate(x.tobytes())[2],
+            method="trust-exact",
+            options={"gtol": 1e-8, "maxiter": 500},
+        )
+        start = found.x
+    x = to_all @ start
+    covariance = to_all @ np.linalg.inv(minus_log_posterior(start)[2]) @ to_all.T if len(start) else np.zeros((2, 2))
+    scores = x[:n_images]
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return RankingFit(
+        scores=scores,
+        se=deviations[:n_images],
+        covariance=covariance[:n_images, :n_images],
+        sharpness=np.exp(x[n_images:]),
+        sharpness_log_se=deviations[n_images:],
+        agreement=np.array([_agreement(rankings, scores, j) for j in range(n_interpreters)]),
+        log_likelihood=log_likelihood(rankings, scores, x[n_images:])[0],
+    )
+
+
+def log_likelihood(
+    rankings: Sequence[Ranking], scores: FloatArray, log_sharpness: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Log likelihood, its gradient and Hessian.
+
+    Parameters
+    ----------
+    rankings : sequence of Ranking
+    scores : ndarray (n,)
+        theta [logit].
+    log_sharpness : ndarray (m,)
+        log kappa.
+
+    Returns
+    -------
+    float, ndarray (n + m,), ndarray (n + m, n + m)
+        In the order scores, log sharpness.
+    """
+    n = len(scores)
+    value, gradient, hessian = 0.0, np.zeros(n + len(log_sharpness)), np.zeros((n + len(log_sharpness),) * 2)
+    for ranking in rankings:
+        left = np.array([image for group in ranking.groups for image in group], dtype=np.intp)
+        kappa, j = float(np.exp(log_sharpness[ranking.interpreter])), n + ranking.interpreter
+        for group in ranking.groups[:-1]:  # the last group is what is left: certain
+            m = len(group)
+            eta = kappa * scores[left]
+            log_p, g, h = _stage(eta, m)
+            value += log_p
+            gradient[left] += kappa * g
+            gradient[j] += g @ eta
+            hessian[np.ix_(left, left)] += kappa**2 * h
+            cross = kappa * (g + h @ eta)
+            hessian[left, j] += cross
+            hessian[j, left] += cross
+            hessian[j, j] += g @ eta + eta @ h @ eta
+            left = left[m:]
+    return value, gradient, hessian
+
+
+def _stage(eta: FloatArray, m: int) -> tuple[float, FloatArray, FloatArray]:
+    """Log probability that the first ``m`` of the images with log worths ``eta`` come before all others.
+
+    With w = exp(eta), W = sum of w over the others and a_i = w_i / W (eq. 2):
+    P = integral from 0 to infinity of exp(-t) product over i of (1 - exp(-a_i t)) dt; for m = 1, w_1 / (w_1 + W).
+    """
+    chosen, rest = eta[:m], eta[m:]
+    top = rest.max()
+    worth = np.exp(rest - top)
+    share = worth / worth.sum()
+    alpha = chosen - top - np.log(worth.sum())
+    if m == 1:
+        p = 1.0 / (1.0 + np.exp(-alpha[0]))
+        log_p, g_alpha, h_alpha = -float(np.logaddexp(0.0, -alpha[0])), np.array([1.0 - p]), np.array([[-p * (1 - p)]])
+    else:
+        x = np.clip(np.exp(alpha)[:, None] * _T, 1e-300, 700.0)
+        density = _WEIGHT * np.prod(-np.expm1(-x), axis=0)
+        total = density.sum()
+        density = density / total
+        slope = x / np.expm1(x)
+        log_p, g_alpha = float(np.log(total)), slope @ density
+        h_alpha = (slope * density) @ slope.T - np.outer(g_alpha, g_alpha)
+        np.fill_diagonal(h_alpha, (slope * (1.0 - x)) @ density - g_alpha**2)
+    jacobian = np.hstack([np.eye(m), np.tile(-share, (m, 1))])
+    gradient = jacobian.T @ g_alpha
+    hessian = jacobian.T @ h_alpha @ jacobian
+    hessian[m:, m:] -= g_alpha.sum() * (np.diag(share) - np.outer(share, share))
+    return log_p, gradient, hessian
+
+
+def connected(rankings: Sequence[Ranking], n_images: int) -> IntArray:
+    """Number of the group of each image; images that no chain of rankings joins are in different groups."""
+    label = np.arange(n_images)
+    for ranking in rankings:
+        images = [image for group in ranking.groups for image in group]
+        touched = np.isin(label, label[images])
+        label[touched] = label[images].min()
+    return np.unique(label, return_inverse=True)[1].astype(np.int64)
+
+
+def _contrasts(n: int) -> FloatArray:
+    """Orthonormal basis (n, n - 1) of the vectors whose elements add up to zero."""
+    full = np.linalg.qr(np.column_stack([np.ones(n), np.eye(n)[:, 1:]]))[0]
+    return np.asarray(full[:, 1:], dtype=np.float64)
+
+
+def _mean_standing(rankings: Sequence[Ranking], n_images: int) -> FloatArray:
+    """Mean over its rankings of each image's standing, from -1 (last) to 1 (first)."""
+    total, count = np.zeros(n_images), np.zeros(n_images)
+    for ranking in rankings:
+        for place, group in enumerate(ranking.groups):
+            images = list(group)
+            total[images] += 1.0 - 2.0 * place / max(len(ranking.groups) - 1, 1) if len(ranking.groups) > 1 else 0.0
+            count[images] += 1.0
+    standing: FloatArray = total / np.maximum(count, 1.0)
+    return standing - standing.mean()
+
+
+def _agreement(rankings: Sequence[Ranking], scores: FloatArray, interpreter: int) -> float:
+    """Kendall's tau-b of an interpreter's rankings with the scores, weighted by the number of pairs."""
+    total, pairs = 0.0, 0.0
+    for ranking in rankings:
+        if ranking.interpreter != interpreter or len(ranking.groups) < 2:
+            continue
+        images = [image for group in ranking.groups for image in group]
+        places = [place for place, group in enumerate(ranking.groups) for _ in group]
+        tau = float(kendalltau(-np.array(places), scores[images]).statistic)
+        if np.isfinite(tau):
+            weight = len(images) * (len(images) - 1) / 2.0
+            total, pairs = total + weight * tau, pairs + weight
+    return total / pairs if pairs else float("nan")
