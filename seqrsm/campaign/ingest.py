@@ -17,7 +17,8 @@ from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.store import Store
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.errors import Problem, RegionError, ScoresFileError
-from seqrsm.score.flight import FactorColumn, Measure, MeasuredScore, ScoresFile, read_scores
+from seqrsm.score.cells import FactorColumn, Measure
+from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,10 @@ of rankers are those of K. Raman and T. Joachims, KDD 2014, 1037-1046.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.stats import kendalltau
 
 from seqrsm.arrays import FloatArray, IntArray
@@ -125,10 +123,6 @@ def fit_rankings(
         [np.full(n_images, score_prior_sd**-2.0), np.full(n_interpreters, sharpness_prior_sd**-2.0 if free else 0.0)]
     )
 
-    @lru_cache(maxsize=2)  # value, gradient and Hessian are asked for one after the other at the same place
-    def evaluate(place: bytes) -> tuple[float, FloatArray, FloatArray]:
-        return minus_log_posterior(np.frombuffer(place))
-
     def minus_log_posterior(reduced: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         x = to_all @ reduced
         value, gradient, hessian = log_likelihood(rankings, x[:n_images], x[n_images:])
@@ -141,15 +135,7 @@ def fit_rankings(
     if len(start):
         # A start in the direction of the mean ranks: at zero the sharpness has no effect, the surface is flat in it.
         start[: basis.shape[1]] = basis.T @ _mean_standing(rankings, n_images)
-        found = minimize(
-            lambda x: evaluate(x.tobytes())[0],
-            start,
-            jac=lambda x: evaluate(x.tobytes())[1],
-            hess=lambda x: evaluate(x.tobytes())[2],
-            method="trust-exact",
-            options={"gtol": 1e-8, "maxiter": 500},
-        )
-        start = found.x
+        start = _newton(minus_log_posterior, start)
     x = to_all @ start
     covariance = to_all @ np.linalg.inv(minus_log_posterior(start)[2]) @ to_all.T if len(start) else np.zeros((2, 2))
     scores = x[:n_images]
@@ -163,6 +149,28 @@ def fit_rankings(
         agreement=np.array([_agreement(rankings, scores, j) for j in range(n_interpreters)]),
         log_likelihood=log_likelihood(rankings, scores, x[n_images:])[0],
     )
+
+
+def _newton(function: Callable[[FloatArray], tuple[float, FloatArray, FloatArray]], start: FloatArray) -> FloatArray:
+    """Minimum of a function given with gradient and Hessian, by Newton steps, damped while they do not descend."""
+    x, (value, gradient, hessian) = start, function(start)
+    damping = 0.0
+    for _ in range(500):
+        if np.max(np.abs(gradient)) < 1e-9:
+            break
+        lowest = float(np.linalg.eigvalsh(hessian)[0])
+        shift = max(damping, 1e-3 - lowest if lowest < 1e-9 else 0.0)
+        step = -np.linalg.solve(hessian + shift * np.eye(len(x)), gradient)
+        step *= min(1.0, 5.0 / float(np.max(np.abs(step))))
+        new = function(x + step)
+        if new[0] <= value + 1e-12 * abs(value):
+            x, (value, gradient, hessian) = x + step, new
+            damping *= 0.1
+        else:
+            damping = max(10.0 * damping, 1e-2)
+            if damping > 1e8:  # rounding is all that is left
+                break
+    return x
 
 
 def log_likelihood(
@@ -258,8 +266,8 @@ def _mean_standing(rankings: Sequence[Ranking], n_images: int) -> FloatArray:
             images = list(group)
             total[images] += 1.0 - 2.0 * place / max(len(ranking.groups) - 1, 1) if len(ranking.groups) > 1 else 0.0
             count[images] += 1.0
-    standing: FloatArray = total / np.maximum(count, 1.0)
-    return standing - standing.mean()
+    standing = total / np.maximum(count, 1.0)
+    return np.asarray(standing - standing.mean(), dtype=np.float64)
 
 
 def _agreement(rankings: Sequence[Ranking], scores: FloatArray, interpreter: int) -> float:

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from seqrsm.campaign.spec import load_spec
 from seqrsm.campaign.toml_lines import key_lines
 from seqrsm.errors import UserError
-from seqrsm.score.flight import FactorColumn, Measure, read_scores
+from seqrsm.score.cells import FactorColumn, Measure
+from seqrsm.score.flight import read_scores
 
 LEVELS = ("HH", "VV", "HH+HV", "-45", "=x", "a;b", 'a"b', "\u00fc, \u6f22")
 FACTORS = (FactorColumn("frequency", "GHz"), FactorColumn("kind", levels=LEVELS))

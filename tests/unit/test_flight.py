@@ -7,8 +7,9 @@ import math
 import pytest
 
 from seqrsm.errors import ScoresFileError
-from seqrsm.score import flight
-from seqrsm.score.flight import FactorColumn, Measure, binomial_percent, read_scores, unit_factor
+from seqrsm.score import cells
+from seqrsm.score.cells import FactorColumn, Measure, unit_factor
+from seqrsm.score.flight import binomial_percent, read_scores
 
 FACTORS = (
     FactorColumn("frequency", "GHz"),
@@ -191,7 +192,7 @@ def test_all_problems_at_once(read):
 def test_endless_problems_are_cut_short(read):
     with pytest.raises(ScoresFileError) as caught:
         read(HEADER + "\n" + "x,4,HH,50\n" * 150)
-    assert len(caught.value.problems) == flight.MAX_PROBLEMS + 1
+    assert len(caught.value.problems) == cells.MAX_PROBLEMS + 1
     assert "50 more" in str(caught.value.problems[-1])
 
 
@@ -200,7 +201,7 @@ def test_missing_and_large_files(tmp_path, monkeypatch):
         read_scores(tmp_path / "absent.csv", FACTORS, CROPS)
     path = tmp_path / "large.csv"
     path.write_text(PLAIN)
-    monkeypatch.setattr(flight, "MAX_BYTES", 10)
+    monkeypatch.setattr(cells, "MAX_BYTES", 10)
     with pytest.raises(ScoresFileError, match="split it"):
         read_scores(path, FACTORS, CROPS)
 
