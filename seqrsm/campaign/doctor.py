@@ -48,10 +48,14 @@ def _warm_up() -> dict[str, float]:
     from seqrsm.design.optimal import optimal_design
     from seqrsm.design.quadratic import QuadraticModel
     from seqrsm.design.region import Region
+    from seqrsm.scattering.emissivity import load_emissivity_table
     from seqrsm.scattering.sigma0 import load_sigma0_table
     from seqrsm.scene.synthetic import synthetic_scene
     from seqrsm.score.classification import percent_correct
+    from seqrsm.score.retrieval import percent_correct_radiometer
+    from seqrsm.sensor import radiometer
     from seqrsm.sensor.radar import from_settings
+    from seqrsm.simulate.prm import simulate_radiometer
     from seqrsm.simulate.psm import simulate_radar
 
     start = time.perf_counter()
@@ -67,6 +71,12 @@ def _warm_up() -> dict[str, float]:
         one = replace(radar, aperture=aperture, resolution_m=20.0 if aperture == "synthetic" else 400.0)
         image = simulate_radar(scene, one, load_sigma0_table(), seed=0, run_id=0)
         percent_correct(image, scene, seed=0, run_id=0)
-    simulated = time.perf_counter()
     assert np.isfinite(image.intensity).all()
+    passive = radiometer.from_settings(
+        {"frequency": 10.7, "polarization": "H", "resolution": 40.0, "scan_period": 0.8, "integration_time": 1.0},
+        {"bandwidth": 100.0, "noise_temperature": 500.0, "altitude_m": 1000.0},
+    )
+    scanned = simulate_radiometer(scene, passive, load_emissivity_table(), seed=0, run_id=0)
+    percent_correct_radiometer(scanned, scene, seed=0, run_id=0)
+    simulated = time.perf_counter()
     return {"design": designed - start, "simulation": simulated - designed}

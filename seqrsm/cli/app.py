@@ -348,12 +348,15 @@ def scene_import(
     cover: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of cover codes.")],
     legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV: code, category, note.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
+    temperature: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the ground's temperature in kelvin.")
+    ] = None,
     cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
 ) -> None:
     """Build a data base from elevation and ground cover on a projected grid in metres."""
     from seqrsm.scene.raster import import_scene
 
-    scene = import_scene(elevation, cover, legend, out, cell_m=cell_m, name=out.stem)
+    scene = import_scene(elevation, cover, legend, out, cell_m=cell_m, temperature=temperature, name=out.stem)
     say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
 
 

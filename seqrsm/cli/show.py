@@ -239,6 +239,9 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
             line(f"{name}: {number(value)}")
         elif isinstance(value, int | str):
             line(f"{name}: {value}")
+    if scene.temperature_k is not None:
+        known = scene.temperature_k[scene.valid()]
+        line(f"temperature of the ground: {known.min():.1f} to {known.max():.1f} K")
 
 
 def show_design(result: Mapping[str, Any]) -> None:

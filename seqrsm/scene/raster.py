@@ -62,13 +62,14 @@ def import_scene(
     out: str | Path | None = None,
     *,
     cell_m: float | None = None,
+    temperature: str | Path | None = None,
     name: str = "",
     licence: str = "",
 ) -> Scene:
-    """Scene of two rasters and a legend.
+    """Scene of two or three rasters and a legend.
 
-    Both are resampled to square cells over the ground they share: elevation by straight lines, cover by the nearest
-    cell. Touching cells of one cover code are one field.
+    All are resampled to square cells over the ground that elevation and cover share: elevation and temperature by
+    straight lines, cover by the nearest cell. Touching cells of one cover code are one field.
 
     Parameters
     ----------
@@ -80,6 +81,8 @@ def import_scene(
         Scene file to write.
     cell_m : float, optional
         Side of a cell [m]; the finer of both rasters' if not given.
+    temperature : path, optional
+        Single-layer GeoTIFF of the ground's physical temperature [K] in the same system; it reaches at least as far.
     name, licence : str
         Kept in the scene.
 
@@ -93,10 +96,7 @@ def import_scene(
         A file that cannot be read, is in degrees, does not overlap the other, or holds codes the legend lacks.
     """
     height, kind = read_geotiff(elevation), read_geotiff(cover)
-    if None not in (height.epsg, kind.epsg) and height.epsg != kind.epsg:
-        remedy = f"Bring both to one, for instance: gdalwarp -t_srs EPSG:{height.epsg} {cover} cover.tif"
-        text = f"the rasters differ in coordinate system: EPSG {height.epsg} and EPSG {kind.epsg}"
-        raise SceneError(Problem(text, remedy, file=str(cover)))
+    _same_system(height, kind, str(cover))
     names, notes, category_of = read_legend(legend)
     cell = min(height.step_x, height.step_y, kind.step_x, kind.step_y) if cell_m is None else cell_m
     left, top, rows, cols = _common(height, kind, cell, str(cover))
@@ -105,6 +105,12 @@ def import_scene(
     codes, known = _nearest(kind, x, y)
     indices = _categories(codes, known, category_of, str(legend))
     z = _bilinear(height, x, y).astype(np.float32)
+    kelvin = None
+    if temperature is not None:
+        warmth = read_geotiff(temperature)
+        _same_system(height, warmth, str(temperature))
+        kelvin = _bilinear(warmth, x, y, beyond=np.nan).astype(np.float32)
+    files = [elevation, cover] if temperature is None else [elevation, cover, temperature]
     scene = Scene(
         elevation_m=z,
         cover=indices,
@@ -116,12 +122,20 @@ def import_scene(
         bounds=(left, top - rows * cell, left + cols * cell, top),
         name=name or Path(cover).stem,
         licence=licence,
-        provenance=f"imported from {Path(elevation).name}, {Path(cover).name} and {Path(legend).name}",
+        provenance=f"imported from {', '.join(Path(file).name for file in files)} and {Path(legend).name}",
         category_notes=notes,
+        temperature_k=kelvin,
     )
     if out is not None:
         save_scene(scene, out)
     return scene
+
+
+def _same_system(one: Raster, other: Raster, file: str) -> None:
+    if None not in (one.epsg, other.epsg) and one.epsg != other.epsg:
+        remedy = f"Bring all to one, for instance: gdalwarp -t_srs EPSG:{one.epsg} {file} projected.tif"
+        text = f"the rasters differ in coordinate system: EPSG {one.epsg} and EPSG {other.epsg}"
+        raise SceneError(Problem(text, remedy, file=file))
 
 
 def read_geotiff(path: str | Path) -> Raster:
@@ -262,8 +276,11 @@ def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, An
     return np.where(known, values, 0).astype(np.int64), known
 
 
-def _bilinear(raster: Raster, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Values at points by straight lines between cell centres, held at the rim; nan beside a cell of no data."""
+def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | None = None) -> FloatArray:
+    """Values at points by straight lines between cell centres, held at the rim; nan beside a cell of no data.
+
+    Points outside the raster take ``beyond``, or hold the rim's value where it is None.
+    """
     values = raster.values.astype(np.float64)
     if raster.nodata is not None:
         values[raster.values == raster.nodata] = np.nan
@@ -279,6 +296,9 @@ def _bilinear(raster: Raster, x: FloatArray, y: FloatArray) -> FloatArray:
             part = values[np.ix_(np.minimum(i + di, rows - 1), np.minimum(j + dj, cols - 1))]
             # A neighbour without weight may be without data.
             out += np.where(weight > 0.0, weight * part, 0.0)
+    if beyond is not None:
+        left, bottom, right, top = raster.bounds
+        out[~((y >= bottom) & (y <= top))[:, None] | ~((x >= left) & (x <= right))[None, :]] = beyond
     return out
 
 

@@ -35,6 +35,7 @@ _NO_CENTIMETRES: Final = -32768
 _MAX_BYTES: Final = 16 * MAX_CELLS
 _MIN_CELL_M: Final = 0.05
 _LOWEST_M, _HIGHEST_M = -500.0, 9000.0
+_COLDEST_K, _WARMEST_K = 150.0, 500.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +64,8 @@ class Scene:
         What it is, under which terms, and how it was made.
     category_notes : Mapping[str, str]
         Remark on a category, for instance that it was drawn and not observed.
+    temperature_k : float32 array (rows, cols) or None
+        Physical temperature of the ground [K], 150 to 500, known in every valid cell; None: not in this data base.
 
     Raises
     ------
@@ -82,6 +85,7 @@ class Scene:
     licence: str = ""
     provenance: str = ""
     category_notes: Mapping[str, str] = field(default_factory=dict)
+    temperature_k: Float32Array | None = None
 
     def __post_init__(self) -> None:
         problems = [*_layer_problems(self), *_grid_problems(self)]
@@ -108,12 +112,14 @@ class Scene:
 
 def _layer_problems(scene: Scene) -> list[Problem]:
     """Type and shape of each layer."""
-    wanted: tuple[tuple[str, AnyArray, type[np.generic]], ...] = (
+    wanted: list[tuple[str, AnyArray, type[np.generic]]] = [
         ("elevation_m", scene.elevation_m, np.float32),
         ("cover", scene.cover, np.uint8),
         ("field_id", scene.field_id, np.int32),
         ("scored", scene.scored, np.bool_),
-    )
+    ]
+    if scene.temperature_k is not None:
+        wanted.append(("temperature_k", scene.temperature_k, np.float32))
     problems = []
     shape = np.shape(scene.elevation_m)
     if len(shape) != 2 or min(shape) < 2:
@@ -205,6 +211,13 @@ def _content_problems(scene: Scene) -> list[Problem]:
     if blind.any():
         message = f"{int(blind.sum())} scored cells have no elevation or no category"
         problems.append(Problem(message, "Set scored to False there", field="scored"))
+    if scene.temperature_k is not None:
+        kelvin = scene.temperature_k[scene.valid()]
+        cold = ~((kelvin >= _COLDEST_K) & (kelvin <= _WARMEST_K))
+        if cold.any():
+            message = f"{int(cold.sum())} cells lie outside {_COLDEST_K:.0f} to {_WARMEST_K:.0f} K or are not known"
+            remedy = "Give kelvin, in every cell that has an elevation and a category"
+            problems.append(Problem(message, remedy, field="temperature_k", value=float(kelvin[cold][0])))
     return problems
 
 
@@ -232,6 +245,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "licence": np.array(scene.licence),
         "provenance": np.array(scene.provenance),
     }
+    if scene.temperature_k is not None:
+        members["temperature_k"] = scene.temperature_k
     try:
         with open(path, "wb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **members)
@@ -317,6 +332,7 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
             licence=str(members["licence"]),
             provenance=str(members["provenance"]),
             category_notes={name: note for name, note in zip(names, notes, strict=True) if note},
+            temperature_k=members.get("temperature_k"),
         )
     except SceneError as error:
         raise SceneError(*(replace(problem, file=file) for problem in error.problems)) from None

@@ -36,10 +36,11 @@ TEXT_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     "receiver": ("total_power", "dicke", "correlation"),
     "beam": ("gaussian", "box", "sidelobes", "measured"),
     "gaps": ("record", "refuse"),
+    "overlap": ("average", "nearest"),
     "radiation": ("auto", "rayleigh_jeans", "planck"),
     "atmosphere": ("us_standard", "midlatitude_summer", "midlatitude_winter", "none"),
     "weather": ("clear", "cloud", "rain"),
-    "temperature": ("exposure", "constant"),
+    "temperature": ("exposure", "constant", "layer"),
 }
 """Fields that hold a word, and the words."""
 
@@ -119,13 +120,17 @@ class RadiometerConfiguration:
     antenna_limit_m : float
         Largest antenna that the craft carries [m]; a finer beam is refused.
     gaps : {"record", "refuse"}
-        What to do where lines leave ground unseen at nadir: score what is recorded, or refuse.
+        What to do where sweeps leave ground unseen at nadir: score what is recorded, or refuse.
+    overlap : {"average", "nearest"}
+        What to do where a footprint at nadir holds two sweeps or more: average as many as it holds into one line of the
+        image, with less noise and a line wider by up to a half, or make each a line of its own.
     radiation : {"auto", "rayleigh_jeans", "planck"}
         "auto": Rayleigh-Jeans unless its error over the scene exceeds the radiometric resolution.
     atmosphere, weather, cloud_kg_m2, rain_mm_h
         See `seqrsm.scattering.atmosphere.make_atmosphere`.
-    temperature : {"exposure", "constant"}
-        Physical temperature of the ground by exposure to the sun, or `temperature_low_k` everywhere.
+    temperature : {"exposure", "constant", "layer"}
+        Physical temperature of the ground by exposure to the sun, `temperature_low_k` everywhere, or the layer of the
+        data base.
     temperature_low_k, temperature_high_k : float
         Of ground without sun, and of bare ground square to the sun [K].
     temperature_date_sd_k, temperature_field_sd_k : float
@@ -162,12 +167,13 @@ class RadiometerConfiguration:
     beam_file: str = ""
     antenna_limit_m: float = 1000.0
     gaps: Literal["record", "refuse"] = "record"
+    overlap: Literal["average", "nearest"] = "average"
     radiation: Literal["auto", "rayleigh_jeans", "planck"] = "auto"
     atmosphere: str = "us_standard"
     weather: str = "clear"
     cloud_kg_m2: float = 0.3
     rain_mm_h: float = 5.0
-    temperature: Literal["exposure", "constant"] = "exposure"
+    temperature: Literal["exposure", "constant", "layer"] = "exposure"
     temperature_low_k: float = 300.0
     temperature_high_k: float = 340.0
     temperature_date_sd_k: float = 3.0

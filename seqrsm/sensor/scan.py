@@ -37,17 +37,18 @@ class ScanGeometry:
         Flight line above the mean ground [m].
     beamwidth_rad, half_angle_rad : float
         Half-power beamwidth; reach of the sweep to either side [rad].
-    advance_m : float
-        Way flown from one line to the next [m].
-    line_time_s, dwell_ms : float
-        Time of one line [s]; time in which the beam moves by its own width [ms] (inf in the report's mode).
+    sweep_advance_m, advance_m : float
+        Way flown from one sweep to the next, and from one line of the image to the next [m].
+    sweep_time_s, dwell_ms : float
+        Time of one sweep [s]; time in which the beam moves by its own width [ms] (inf in the report's mode).
     smear : float
         Way the beam moves while it integrates [beamwidths].
     look_rad : float64 array (n_samples,)
         Look angle of each footprint of a line, left edge first, nadir 0 [rad].
     step_rad : float
         Between footprints [rad].
-    n_lines : int
+    n_sweeps, sweeps_a_line, n_lines : int
+        Sweeps over the scene; sweeps averaged into one line of the image; lines.
     along : FloatArray (n,)
         Running integral of the beam along the track at steps of 1 / BEAM_STEPS_A_WIDTH from -reach to +reach.
     across : FloatArray (m,)
@@ -59,12 +60,15 @@ class ScanGeometry:
     height_m: float
     beamwidth_rad: float
     half_angle_rad: float
+    sweep_advance_m: float
     advance_m: float
-    line_time_s: float
+    sweep_time_s: float
     dwell_ms: float
     smear: float
     look_rad: FloatArray
     step_rad: float
+    n_sweeps: int
+    sweeps_a_line: int
     n_lines: int
     along: FloatArray
     across: FloatArray
@@ -112,19 +116,21 @@ def scan_geometry(
     beta = radiometer.beamwidth_rad(height_m)
     edge = math.atan(0.5 * across_m / height_m)
     half_angle = math.radians(radiometer.scan_half_angle_deg) or edge
-    line_time = 0.5 * radiometer.scan_period_s
-    advance = radiometer.resolution_m if report else radiometer.speed_m_s * line_time
-    rate = 2.0 * half_angle / line_time
+    sweep_time = 0.5 * radiometer.scan_period_s
+    advance = radiometer.resolution_m if report else radiometer.speed_m_s * sweep_time
+    rate = 2.0 * half_angle / sweep_time
     dwell_ms = math.inf if report else 1e3 * beta / rate
     smear = 0.0 if report else radiometer.integration_time_ms / dwell_ms
-    problems = _problems(radiometer, height_m, advance, line_time, half_angle)
+    problems = _problems(radiometer, height_m, advance, sweep_time, half_angle)
     step = beta * max(1.0, smear)
     n_samples = max(int(2.0 * half_angle / step * (1.0 + 1e-9)), 1)
     # An odd number keeps one footprint at nadir.
     n_samples += 1 - n_samples % 2
-    n_lines = max(math.ceil(along_m / advance * (1.0 - 1e-9)), 1)
-    if n_samples * n_lines > _MOST_FOOTPRINTS:
-        text = f"{n_lines} lines of {n_samples} footprints are more than {_MOST_FOOTPRINTS}"
+    n_sweeps = max(math.ceil(along_m / advance * (1.0 - 1e-9)), 1)
+    averaged = radiometer.overlap == "average"
+    sweeps_a_line = max(int(radiometer.resolution_m / advance * (1.0 + 1e-9)), 1) if averaged else 1
+    if n_samples * n_sweeps > _MOST_FOOTPRINTS:
+        text = f"{n_sweeps} sweeps of {n_samples} footprints are more than {_MOST_FOOTPRINTS}"
         problems.append(Problem(text, "Use a coarser resolution or a longer period", field="resolution"))
     if problems:
         raise ConfigurationError(*problems)
@@ -133,21 +139,24 @@ def scan_geometry(
         height_m=height_m,
         beamwidth_rad=beta,
         half_angle_rad=half_angle,
-        advance_m=advance,
-        line_time_s=line_time,
+        sweep_advance_m=advance,
+        advance_m=advance * sweeps_a_line,
+        sweep_time_s=sweep_time,
         dwell_ms=dwell_ms,
         smear=smear,
         look_rad=np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * step, dtype=np.float64),
         step_rad=step,
-        n_lines=n_lines,
+        n_sweeps=n_sweeps,
+        sweeps_a_line=sweeps_a_line,
+        n_lines=math.ceil(n_sweeps / sweeps_a_line),
         along=along,
         across=smeared(along, smear),
-        notes=_notes(radiometer, advance, dwell_ms, smear, half_angle, edge),
+        notes=_notes(radiometer, advance, sweeps_a_line, dwell_ms, smear, half_angle, edge),
     )
 
 
 def _problems(
-    radiometer: RadiometerConfiguration, height_m: float, advance: float, line_time: float, half_angle: float
+    radiometer: RadiometerConfiguration, height_m: float, advance: float, sweep_time: float, half_angle: float
 ) -> list[Problem]:
     """What makes the scan impossible."""
     problems = []
@@ -159,12 +168,12 @@ def _problems(
         problems.append(Problem(text, remedy, field="resolution", value=radiometer.resolution_m))
     if radiometer.mode == "report":
         return problems
-    if radiometer.integration_time_ms > 1e3 * line_time:
-        text = f"one integration lasts longer than a sweep of {1e3 * line_time:.4g} ms: no footprint has a dwell"
+    if radiometer.integration_time_ms > 1e3 * sweep_time:
+        text = f"one integration lasts longer than a sweep of {1e3 * sweep_time:.4g} ms: no footprint has a dwell"
         remedy = "Integrate for less, or scan with a longer period"
         problems.append(Problem(text, remedy, field="integration_time", value=radiometer.integration_time_ms))
     if radiometer.gaps == "refuse" and advance > radiometer.resolution_m * (1.0 + 1e-9):
-        text = f"lines lie {advance:.4g} m apart and cover {radiometer.resolution_m:g} m each: gaps at nadir"
+        text = f"sweeps lie {advance:.4g} m apart and cover {radiometer.resolution_m:g} m each: gaps at nadir"
         limit = 2.0 * radiometer.resolution_m / radiometer.speed_m_s
         remedy = f"Use a period of at most {limit:.4g} s, a coarser resolution or a slower craft"
         problems.append(Problem(text, remedy, field="scan_period", value=radiometer.scan_period_s))
@@ -177,6 +186,7 @@ def _problems(
 def _notes(
     radiometer: RadiometerConfiguration,
     advance: float,
+    sweeps_a_line: int,
     dwell_ms: float,
     smear: float,
     half_angle: float,
@@ -189,11 +199,14 @@ def _notes(
         notes.append("lines lie side by side at nadir whatever the scan period (the report's first-order simulation)")
     elif covered < 1.0 - 1e-9:
         notes.append(
-            f"gaps at nadir: lines {advance:.4g} m apart cover {radiometer.resolution_m:g} m each "
+            f"gaps at nadir: sweeps {advance:.4g} m apart cover {radiometer.resolution_m:g} m each "
             f"({100.0 * covered:.0f} %); unseen ground takes the value of the nearest footprint"
         )
     elif covered > 1.0 + 1e-9:
-        notes.append(f"lines overlap at nadir: each point is seen by {covered:.3g} lines; only the nearest is used")
+        used = (
+            f"{sweeps_a_line} at a time are averaged into a line" if sweeps_a_line > 1 else "only the nearest is used"
+        )
+        notes.append(f"sweeps overlap at nadir: each point is seen by {covered:.3g} of them; {used}")
     if smear > 1.0:
         notes.append(
             f"integration of {radiometer.integration_time_ms:.4g} ms exceeds the dwell of {dwell_ms:.4g} ms: "

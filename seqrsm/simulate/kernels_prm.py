@@ -399,7 +399,7 @@ def _beam_share(integral: AnyArray, u: float, per_width: float) -> float:
 
 @kernel
 def line_centre(line: int, part: float, advance: float) -> float:
-    """Place along the track of a line's beam where the sweep has gone ``part`` of its way from the left [m]."""
+    """Place along the track of a sweep's beam where the sweep has gone ``part`` of its way from the left [m]."""
     return advance * (line + (part if line % 2 == 0 else 1.0 - part))
 
 
@@ -440,24 +440,40 @@ def average_along(
     """
     n_channels, n, m = total.shape
     n_lines = seen.shape[1]
-    reach = 0.5 * (integral.shape[0] - 1) / per_width
+    middle = 0.5 * (integral.shape[0] - 1)
+    below = np.empty(m + 1)
     for i in range(n):
+        reach = middle / per_width * width[i]
+        per_cell = cell / width[i] * per_width
         for line in range(n_lines):
             centre = line_centre(line, part[i], advance)
-            first = max(math.floor((centre - reach * width[i]) / cell), 0)
-            past = min(math.ceil((centre + reach * width[i]) / cell), m)
-            for c in range(n_channels):
-                out[c, i, line] = 0.0
-            norm = 0.0
-            low = _beam_share(integral, (first * cell - centre) / width[i], per_width)
+            first = min(max(math.floor((centre - reach) / cell), 0), m)
+            past = max(min(math.ceil((centre + reach) / cell), m), first)
+            _shares_row(integral, middle - centre / cell * per_cell, per_cell, first, past, below)
+            # Two sums beside each other: one alone waits for its own last addition.
+            norm = first_sum = 0.0
             for j in range(first, past):
-                high = _beam_share(integral, ((j + 1) * cell - centre) / width[i], per_width)
-                share = high - low
-                low = high
+                share = below[j + 1] - below[j]
                 norm += share * weight[i, j]
-                for c in range(n_channels):
-                    out[c, i, line] += share * total[c, i, j]
+                first_sum += share * total[0, i, j]
             seen[i, line] = norm
+            out[0, i, line] = first_sum
+            for c in range(1, n_channels):
+                value = 0.0
+                for j in range(first, past):
+                    value += (below[j + 1] - below[j]) * total[c, i, j]
+                out[c, i, line] = value
+
+
+@kernel
+def _shares_row(integral: AnyArray, start: float, per_cell: float, first: int, past: int, out: AnyArray) -> None:
+    """Share of a beam below the edge of each cell from ``first`` to ``past``; `start` is the place of edge 0."""
+    last = integral.shape[0] - 1.0
+    for j in range(first, past + 1):
+        x = min(max(start + j * per_cell, 0.0), last)
+        k = np.uint64(min(x, last - 1.0))
+        low = integral[k]
+        out[j] = low + (x - k) * (integral[k + np.uint64(1)] - low)
 
 
 @kernel
@@ -521,63 +537,121 @@ def average_across(
 def register_cells(
     offset: AnyArray,
     state: AnyArray,
-    look: AnyArray,
     scan: AnyArray,
     footprint: AnyArray,
     coverage: AnyArray,
 ) -> None:
-    """Nearest footprint of every element, and how many half-power footprints hold its centre.
+    """Nearest footprint of every element, and how many half-power footprints of single sweeps hold its centre.
 
     Parameters
     ----------
     offset : float array (n, m)
         Displacement by height [cells].
     state : uint8 array (n, m)
-    look : float64 array (n_samples,)
-        Look angles of the footprints [rad].
-    scan : float64 array (8,)
-        Height [m], cell [m], half-power width with its smear [rad], half angle of the sweep [rad], step of the
-        footprints [rad], way between lines [m], width of the footprint at nadir [m], number of lines.
+    scan : float64 array (12,)
+        Height [m], cell [m], half-power width with its smear [rad], half angle of the sweep [rad], first look angle and
+        step of the footprints [rad], their number, width of the footprint at nadir [m], way between sweeps [m], number
+        of sweeps, sweeps averaged into a line, number of lines.
     footprint : int32 array (n, m)
         Written: ``sample * n_lines + line``; -1 without data and beyond the sweep.
     coverage : int32 array (n, m)
         Written.
     """
     n, m = offset.shape
-    height, cell, beamwidth, half_angle, step, advance, nadir_m, lines = scan
-    n_lines = int(lines)
-    n_samples = look.shape[0]
-    last = max(look[n_samples - 1], half_angle) + 0.5 * beamwidth
+    height, cell, half_angle = scan[0], scan[1], scan[3]
+    look = np.empty(m)
+    place = np.empty(m)
+    part = np.empty(m)
+    half_width = np.empty(m)
+    line = np.empty(m)
     for i in range(n):
+        y = (i - 0.5 * (n - 1)) * cell
+        _look_angle_row(offset[i], y, height, cell, look, half_width)
         for j in range(m):
-            footprint[i, j] = -1
-            coverage[i, j] = 0
-            if state[i, j] & NO_DATA:
-                continue
-            y = (i - 0.5 * (n - 1) + offset[i, j]) * cell
-            phi = math.atan(y / height)
-            if abs(phi) > last:
-                continue
-            part = min(max(0.5 + 0.5 * phi / half_angle, 0.0), 1.0) if half_angle > 0.0 else 0.5
-            x = (j + 0.5) * cell
-            width = nadir_m / math.cos(phi)
-            guess = math.floor(x / advance)
-            spread = math.ceil(0.5 * width / advance) + 2
-            nearest = 0
-            least = math.inf
-            count = 0
-            for line in range(max(guess - spread, 0), min(guess + spread + 1, n_lines)):
-                distance = abs(x - line_centre(line, part, advance))
-                if distance < least:
-                    least = distance
-                    nearest = line
-                if distance <= 0.5 * width:
-                    count += 1
-            sample = min(max(math.floor((phi - look[0]) / step + 0.5), 0), n_samples - 1)
-            held = 0
-            for s in range(max(sample - 1, 0), min(sample + 2, n_samples)):
-                if abs(phi - look[s]) <= 0.5 * beamwidth:
-                    held += 1
-            footprint[i, j] = sample * n_lines + nearest
-            if (state[i, j] & BLOCKED) == 0:
-                coverage[i, j] = count * held
+            part[j] = min(max(0.5 + 0.5 * look[j] / half_angle, 0.0), 1.0) if half_angle > 0.0 else 0.5
+            half_width[j] *= 0.5 * scan[7]
+            place[j] = (j + 0.5) * cell
+        _nearest_line_row(place, part, scan[8], scan[10], scan[11], line)
+        _sweeps_over_row(place, part, half_width, scan[8], scan[9], coverage[i])
+        _footprint_row(look, line, state[i], scan, footprint[i], coverage[i])
+
+
+@kernel
+def _look_angle_row(
+    offset: AnyArray, y: float, height: float, cell: float, look: AnyArray, per_cosine: AnyArray
+) -> None:
+    """Look angle of the place where each element of a row is seen, and 1 / cos of it."""
+    straight = math.atan(y / height)
+    most = 0.0
+    for j in range(look.shape[0]):
+        shift = offset[j] * cell
+        t = shift * height / (height * height + y * (y + shift))
+        most = max(most, abs(t))
+        # The difference of two arc tangents is the arc tangent of t, which is small: its series to t**7.
+        look[j] = straight + t * (1.0 - t * t * (1.0 / 3.0 - t * t * (0.2 - t * t * (1.0 / 7.0))))
+        s = (y + shift) / height
+        per_cosine[j] = math.sqrt(1.0 + s * s)
+    if not most < 0.1:
+        for j in range(look.shape[0]):
+            look[j] = math.atan((y + offset[j] * cell) / height)
+
+
+@kernel
+def _nearest_line_row(
+    place: AnyArray, part: AnyArray, advance: float, averaged: float, lines: float, out: AnyArray
+) -> None:
+    """Nearest image line of each element of a row; of two at one distance the first.
+
+    A line is the mean of some sweeps: an odd number of them zigzags as one sweep does, by a square of the number less;
+    an even number is straight.
+    """
+    per_pair = 0.5 / (advance * averaged)
+    less = 1.0 / (averaged * averaged) if averaged % 2.0 == 1.0 else 0.0
+    last_even, last_odd = np.floor(0.5 * (lines - 1.0)), np.floor(0.5 * (lines - 2.0))
+    for j in range(place.shape[0]):
+        half = 0.5 * (0.5 + (part[j] - 0.5) * less)
+        # In pairs of lines: even ones lie at q + half, odd ones at q + 1 - half.
+        even = place[j] * per_pair - half
+        odd = place[j] * per_pair - 1.0 + half
+        a = min(max(np.floor(even + 0.5), 0.0), last_even)
+        b = min(max(np.floor(odd + 0.5), 0.0), last_odd)
+        to_a = abs(even - a)
+        to_b = abs(odd - b) if last_odd >= 0.0 else math.inf
+        first, second = 2.0 * a, 2.0 * b + 1.0
+        nearer = first if to_a < to_b else second
+        out[j] = min(first, second) if to_a == to_b else nearer
+
+
+@kernel
+def _sweeps_over_row(
+    place: AnyArray, part: AnyArray, half_width: AnyArray, advance: float, sweeps: float, out: AnyArray
+) -> None:
+    """Number of single sweeps whose half-power beam holds each element of a row."""
+    per_pair = 0.5 / advance
+    last_even, last_odd = np.floor(0.5 * (sweeps - 1.0)), np.floor(0.5 * (sweeps - 2.0))
+    for j in range(place.shape[0]):
+        half = 0.5 * part[j]
+        reach = half_width[j] * per_pair
+        even = place[j] * per_pair - half
+        odd = place[j] * per_pair - 1.0 + half
+        n_even = min(np.floor(even + reach), last_even) - max(np.ceil(even - reach), 0.0) + 1.0
+        n_odd = min(np.floor(odd + reach), last_odd) - max(np.ceil(odd - reach), 0.0) + 1.0
+        out[j] = np.int32(max(n_even, 0.0) + max(n_odd, 0.0))
+
+
+@kernel
+def _footprint_row(
+    look: AnyArray, line: AnyArray, state: AnyArray, scan: AnyArray, footprint: AnyArray, coverage: AnyArray
+) -> None:
+    """Number of each element's footprint, and its count of sweeps times that of the footprints of one sweep."""
+    beamwidth, half_angle, start, step, samples, n_lines = scan[2], scan[3], scan[4], scan[5], scan[6], scan[11]
+    farthest = max(start + (samples - 1.0) * step, half_angle) + 0.5 * beamwidth
+    for j in range(look.shape[0]):
+        at = (look[j] - start) / step
+        reach = 0.5 * beamwidth / step
+        held = min(np.floor(at + reach), samples - 1.0) - max(np.ceil(at - reach), 0.0) + 1.0
+        sample = min(max(np.floor(at + 0.5), 0.0), samples - 1.0)
+        inside = abs(look[j]) <= farthest and (state[j] & NO_DATA) == 0
+        footprint[j] = np.int32(sample * n_lines + line[j]) if inside else np.int32(-1)
+        seen = inside and (state[j] & BLOCKED) == 0
+        coverage[j] = coverage[j] * np.int32(max(held, 0.0)) if seen else np.int32(0)

@@ -26,7 +26,7 @@ from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
 from seqrsm.simulate import kernels, kernels_prm
 from seqrsm.simulate.prm_effects import effect_notes, effects_k, planck_offset_used_k
-from seqrsm.simulate.prm_frame import RadiometerFrame, make_radiometer_frame, surface_temperature_k
+from seqrsm.simulate.prm_frame import RadiometerFrame, make_radiometer_frame, surface_temperature_k, temperature_layer
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.prm_occasion import (
     RadiometerOccasion,
@@ -72,7 +72,6 @@ def simulate_radiometer(
     run_id: int,
     precision: Precision = "float32",
     random_occasion: bool = True,
-    temperature_k: AnyArray | None = None,
 ) -> RadiometerImage:
     """Image of a scene by a radiometer on one occasion.
 
@@ -89,8 +88,6 @@ def simulate_radiometer(
         Element type of the arrays of cells; footprints are summed in double precision in any case.
     random_occasion : bool
         False takes the table's own values and the middle of the moistures, for pictures and tests.
-    temperature_k : float array (rows, cols), optional
-        Physical temperature of the ground as a layer of the data base [K], in place of the configuration's.
 
     Returns
     -------
@@ -103,7 +100,7 @@ def simulate_radiometer(
     ScatteringDataError
         A category, frequency or polarization without data.
     SceneError
-        No cell has an elevation, or the temperature layer does not fit.
+        No cell has an elevation, or the layer of temperature is asked for and missing.
     """
     frame = make_radiometer_frame(scene, radiometer, precision)
     n, m = frame.elevation_m.shape
@@ -127,7 +124,7 @@ def simulate_radiometer(
         rain_mm_h=radiometer.rain_mm_h,
         planck_offset_k=planck_k,
     )
-    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion, temperature_k)
+    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
     mapped = radiation_map(frame, radiometer, lookups, air, ground_k, occasion, planck_k)
     effects = effects_k(radiometer, lookups, air, frame, ground_k)
     notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
@@ -165,6 +162,8 @@ def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: E
         As in `simulate_radiometer`.
     """
     _, mean, _ = kernels.elevation_summary(scene.elevation_m)
+    if radiometer.temperature == "layer":
+        temperature_layer(scene)
     for channel in radiometer.channels:
         table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=radiometer.mode == "report")
     turns = round((radiometer.heading_deg - 90.0) / 90.0)
@@ -312,17 +311,17 @@ def scan_image(
     edge = np.arctan2(np.append(frame.across_m, -frame.across_m[0] + frame.cell_m) - 0.5 * frame.cell_m, frame.height_m)
     part = np.clip(0.5 + 0.5 * look / scan.half_angle_rad, 0.0, 1.0)
     width = radiometer.resolution_m / np.cos(look)
-    rows = np.empty((n_channels, n, scan.n_lines))
-    seen = np.empty((n, scan.n_lines))
+    rows = np.empty((n_channels, n, scan.n_sweeps))
+    seen = np.empty((n, scan.n_sweeps))
     per_width = float(BEAM_STEPS_A_WIDTH)
     kernels_prm.average_along(
-        total, weight, part, width, scan.advance_m, frame.cell_m, scan.along, per_width, rows, seen
+        total, weight, part, width, scan.sweep_advance_m, frame.cell_m, scan.along, per_width, rows, seen
     )
-    mean = np.empty((n_channels, len(scan.look_rad), scan.n_lines))
+    mean = np.empty((n_channels, len(scan.look_rad), scan.n_sweeps))
     kernels_prm.average_across(rows, seen, edge, scan.look_rad, scan.beamwidth_rad, scan.across, per_width, mean)
     if mapped.planck_offset_k > 0.0:
         mean = mapped.planck_offset_k / np.log1p(mapped.planck_offset_k / mean)
-    nedt = radiometer.nedt_k(mean)
+    mean, nedt = _lines(mean, radiometer.nedt_k(mean), scan)
     brightness = mean
     if nedt.any():
         brightness = np.empty_like(mean)
@@ -332,12 +331,12 @@ def scan_image(
     footprint = np.empty((n, m), dtype=np.int32)
     coverage = np.empty((n, m), dtype=np.int32)
     held_rad = scan.beamwidth_rad * max(1.0, scan.smear)
-    parameters = (scan.height_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.step_rad, scan.advance_m)
+    sweep = (scan.height_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.look_rad[0], scan.step_rad)
+    sampled = (len(scan.look_rad), radiometer.resolution_m, scan.sweep_advance_m, scan.n_sweeps)
     kernels_prm.register_cells(
         mapped.offset,
         mapped.state,
-        scan.look_rad,
-        np.array([*parameters, radiometer.resolution_m, scan.n_lines]),
+        np.array([*sweep, *sampled, scan.sweeps_a_line, scan.n_lines], dtype=np.float64),
         footprint,
         coverage,
     )
@@ -358,6 +357,18 @@ def scan_image(
         effects_k=effects_k,
         notes=(*notes, *scan.notes, *_ENGINE_NOTES),
     )
+
+
+def _lines(mean_k: FloatArray, nedt_k: FloatArray, scan: ScanGeometry) -> tuple[FloatArray, FloatArray]:
+    """Image lines, each the mean of the sweeps that see it, and the noise that is left (n_channels, n_samples, n)."""
+    if scan.sweeps_a_line == 1:
+        return mean_k, nedt_k
+    shape = (*mean_k.shape[:2], scan.n_lines, scan.sweeps_a_line)
+    missing = ((0, 0), (0, 0), (0, scan.n_lines * scan.sweeps_a_line - scan.n_sweeps))
+    mean, nedt = (np.pad(x, missing, constant_values=np.nan).reshape(shape) for x in (mean_k, nedt_k))
+    count = np.isfinite(mean).sum(axis=3)
+    each = np.where(count > 0, count, np.nan)
+    return np.nansum(mean, axis=3) / each, np.sqrt(np.nansum(nedt**2, axis=3)) / each
 
 
 _ENGINE_NOTES = (

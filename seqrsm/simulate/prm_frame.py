@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, Float32Array, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import NO_COVER, Scene
@@ -82,7 +82,6 @@ def surface_temperature_k(
     radiometer: RadiometerConfiguration,
     lookup: EmissivityLookup,
     occasion: RadiometerOccasion,
-    temperature_k: AnyArray | None = None,
 ) -> AnyArray:
     """Physical temperature of every element in the frame [K], with the occasion's departures.
 
@@ -90,8 +89,6 @@ def surface_temperature_k(
     ----------
     scene, frame, radiometer, lookup, occasion
         As in `simulate_radiometer`; the report's mode heats every cover alike.
-    temperature_k : float array (rows, cols), optional
-        Layer of the data base [K] in place of exposure or a constant.
 
     Returns
     -------
@@ -100,14 +97,11 @@ def surface_temperature_k(
     Raises
     ------
     SceneError
-        The layer's size differs from the scene's, or it holds values that are no temperatures.
+        The layer of temperature is asked for, and the scene has none.
     """
-    if temperature_k is not None:
-        layer = np.asarray(temperature_k, dtype=np.float64)
-        if layer.shape != scene.shape or not ((layer > 0.0) & (layer < 1e4)).all():
-            text = f"a temperature layer of {layer.shape} cells, the scene has {scene.shape}, all above 0 K"
-            raise SceneError(Problem(text, "Give one temperature for each cell", field="temperature_k"))
-        base = np.rot90(layer, frame.quarter_turns)
+    if radiometer.temperature == "layer":
+        layer = temperature_layer(scene)
+        base = np.rot90(np.where(np.isfinite(layer), layer, np.nanmean(layer)), frame.quarter_turns)
     elif radiometer.temperature == "constant":
         base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
     else:
@@ -125,6 +119,14 @@ def surface_temperature_k(
         )
     departure = (occasion.temperature_offset_k + occasion.field_temperature_k)[frame.field]
     return np.ascontiguousarray(np.maximum(base + departure, 1.0), dtype=frame.elevation_m.dtype)
+
+
+def temperature_layer(scene: Scene) -> Float32Array:
+    """Layer of temperature (rows, cols) of a scene [K]; SceneError where it has none."""
+    if scene.temperature_k is None:
+        remedy = 'Import one with `seqrsm scene import --temperature`, or choose temperature = "exposure" or "constant"'
+        raise SceneError(Problem("the scene has no layer of temperature", remedy, field="temperature", value="layer"))
+    return scene.temperature_k
 
 
 @lru_cache(maxsize=4)

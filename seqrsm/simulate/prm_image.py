@@ -72,6 +72,7 @@ class RadiometerImage:
             "beamwidth_deg": round(math.degrees(scan.beamwidth_rad), 5),
             "lines_and_samples": [scan.n_lines, len(scan.look_rad)],
             "advance_m": round(scan.advance_m, 4),
+            "sweeps_a_line": scan.sweeps_a_line,
             "dwell_ms": round(scan.dwell_ms, 5) if math.isfinite(scan.dwell_ms) else None,
             "smear_beams": round(scan.smear, 5),
             "covered_percent": round(100.0 * float((self.coverage > 0).mean()), 3),

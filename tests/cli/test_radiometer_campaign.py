@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import Scene, save_scene
+from seqrsm.scene.scene import Scene, load_scene, save_scene
 
 TOML = """\
 [campaign]
@@ -129,3 +130,33 @@ def test_faults_of_these_files_are_told_with_their_place(folder):
     assert "emissivity.csv" in call("check", folder, code=2).output
     (folder / "emissivity.csv").write_text(ROWS.replace("0.3,1", "1.3,1", 1), encoding="utf-8")
     assert "emissivity.csv:2" in call("check", folder, code=2).output.replace("\n", "")
+
+
+def test_temperature_is_a_layer_of_the_data_base(folder):
+    def antenna_k(temperature: str) -> np.ndarray:
+        fixed = f'polarization = "H+V"\n{temperature}'
+        (folder / "campaign.toml").write_text(TOML.replace('polarization = "H+V"', fixed), encoding="utf-8")
+        call("image", folder, "--out", folder / "image.npz")
+        return np.load(folder / "image.npz")["mean_k"]
+
+    assert "no layer of temperature" in call(
+        "image", write_layer(folder, None), "--out", folder / "i.npz", code=2
+    ).output.replace("\n", " ")
+    same = antenna_k('temperature = "constant"\ntemperature_low_k = 290.0')
+    write_layer(folder, 290.0)
+    np.testing.assert_array_equal(antenna_k('temperature = "layer"'), same)
+    write_layer(folder, 320.0)
+    # Each footprint is warmer by its emissivity times 30 K.
+    warmer = antenna_k('temperature = "layer"') - same
+    assert 30.0 * 0.3 < warmer.min() < warmer.max() < 30.0
+    assert "320.0 to 320.0 K" in call("scene", "show", folder / "scene.npz").output
+
+
+def write_layer(folder: Path, kelvin: float | None) -> Path:
+    """The scene with one temperature everywhere, and a campaign that asks for the layer."""
+    scene = load_scene(folder / "scene.npz")
+    layer = None if kelvin is None else np.full(scene.shape, kelvin, dtype=np.float32)
+    save_scene(replace(scene, temperature_k=layer), folder / "scene.npz")
+    fixed = 'polarization = "H+V"\ntemperature = "layer"'
+    (folder / "campaign.toml").write_text(TOML.replace('polarization = "H+V"', fixed), encoding="utf-8")
+    return folder

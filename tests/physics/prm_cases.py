@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,8 +71,11 @@ def scene(elevation, cell_m=10.0, cover=None, field=None, categories=None) -> Sc
     )
 
 
-def image(s: Scene, r: RadiometerConfiguration, table: Table, precision="float64", **extra):
-    return simulate_radiometer(s, r, table, seed=1, run_id=1, precision=precision, random_occasion=False, **extra)
+def image(s: Scene, r: RadiometerConfiguration, table: Table, precision="float64", temperature_k=None):
+    if temperature_k is not None:
+        s = replace(s, temperature_k=np.asarray(temperature_k, dtype=np.float32))
+        r = replace(r, temperature="layer")
+    return simulate_radiometer(s, r, table, seed=1, run_id=1, precision=precision, random_occasion=False)
 
 
 def mapped(s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, ground_k, planck=0.0, dtype="float64"):

@@ -148,10 +148,12 @@ def test_temperature_layer_and_its_refusals():
     layer = np.linspace(280.0, 330.0, 1200).reshape(30, 40)
     found = image(s, radiometer(beam="box"), Table((1.0,)), temperature_k=layer)
     assert 280.0 < found.mean_k.min() < 300.0 < 310.0 < found.mean_k.max() < 330.0
-    with pytest.raises(SceneError, match="temperature layer"):
+    with pytest.raises(SceneError, match="layers differ in size: temperature_k"):
         image(s, radiometer(), Table((1.0,)), temperature_k=layer[1:])
-    with pytest.raises(SceneError, match="temperature layer"):
+    with pytest.raises(SceneError, match="1200 cells lie outside 150 to 500 K"):
         image(s, radiometer(), Table((1.0,)), temperature_k=0.0 * layer)
+    with pytest.raises(SceneError, match="no layer of temperature"):
+        image(s, radiometer(temperature="layer"), Table((1.0,)))
 
 
 @pytest.mark.parametrize(("f", "low", "high"), [(1.4, 0.03, 0.04), (36.0, 0.8, 0.9)])

@@ -54,6 +54,26 @@ def test_round_trip(tmp_path: Path) -> None:
         assert getattr(got, part) == getattr(scene, part)
 
 
+def test_layer_of_temperature_comes_back_and_is_checked(tmp_path: Path) -> None:
+    kelvin = np.linspace(280.0, 320.0, 12, dtype=np.float32).reshape(3, 4)
+    save_scene(small(temperature_k=kelvin), tmp_path / "s.npz")
+    np.testing.assert_array_equal(load_scene(tmp_path / "s.npz").temperature_k, kelvin)
+    save_scene(small(), tmp_path / "none.npz")
+    assert load_scene(tmp_path / "none.npz").temperature_k is None
+    celsius = kelvin - 273.15
+    with pytest.raises(SceneError, match=r"12 cells lie outside 150 to 500 K.*kelvin"):
+        small(temperature_k=celsius)
+    hole = kelvin.copy()
+    hole[1, 2] = np.nan
+    with pytest.raises(SceneError, match="1 cells lie outside"):
+        small(temperature_k=hole)
+    # Where the ground itself is not known its temperature need not be.
+    z = np.arange(12.0, dtype=np.float32).reshape(3, 4)
+    z[1, 2] = np.nan
+    scored = np.isfinite(z)
+    assert small(elevation_m=z, scored=scored, temperature_k=hole).temperature_k is hole
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.0 / 3.0, 100.0])
 def test_elevation_comes_back_exactly(tmp_path: Path, factor: float) -> None:
     """Whole centimetres are packed, others and tall ones are not; both come back to the bit."""
