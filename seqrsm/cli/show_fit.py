@@ -154,6 +154,14 @@ def show_optimum(analysis: Analysis) -> None:
         ):
             half = format_significant(interval.half_width, 2)
             line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1 {half})", 2)
+        if best.with_departure is not None:
+            allowed = best.with_departure
+            half = format_significant(allowed.prediction.half_width, 2)
+            line(
+                f"{level} prediction interval of one future run, allowing for a departure from the quadratic too small "
+                f"to be seen: {interval_text(analysis, allowed.prediction)} (\u00b1 {half})",
+                2,
+            )
     if best.at_bound:
         line(f"at the border of the region: {', '.join(best.at_bound)}", 2)
     regret = analysis.posterior

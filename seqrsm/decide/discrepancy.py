@@ -57,7 +57,8 @@ class Discrepancy:
     gains: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
 
-def _kernel(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) -> FloatArray:
+def smooth_covariance(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) -> FloatArray:
+    """Covariance (m, n) of a process of variance 1 between coded points A (m, k) and B (n, k)."""
     numeric, categorical = list(model.numeric), list(model.categorical)
     gap = A[:, None, numeric] - B[None, :, numeric]
     K: FloatArray = np.exp(-0.5 * np.sum(gap**2, axis=-1) / length**2)
@@ -123,7 +124,7 @@ def find_discrepancy(
     contrasts = free.T @ y
     gain = np.empty((len(LENGTHS), 1 + len(VARIANCES)))
     for i, length in enumerate(LENGTHS):
-        gain[i] = _restricted(free.T @ _kernel(model, points, points, length) @ free, contrasts)
+        gain[i] = _restricted(free.T @ smooth_covariance(model, points, points, length) @ free, contrasts)
     gain -= gain[0, 0]
     i, j = divmod(int(np.argmax(gain)), gain.shape[1])
     if j == 0:
@@ -164,7 +165,7 @@ def likely_optimum(
     points, Z, y = points[::step], Z[::step], y[::step]
     noise = np.ones(len(y)) if weights is None else 1.0 / np.asarray(weights)[::step]
     length = found.length if found.variance > 0.0 else 1.0
-    V = np.diag(noise) + found.variance * _kernel(model, points, points, length)
+    V = np.diag(noise) + found.variance * smooth_covariance(model, points, points, length)
     factor = (np.linalg.cholesky(V), True)
     beta = np.linalg.lstsq(
         solve_triangular(factor[0], Z, lower=True), solve_triangular(factor[0], y, lower=True), rcond=None
@@ -173,7 +174,7 @@ def likely_optimum(
     sign = 1.0 if goal == "maximize" else -1.0
 
     def value(at: FloatArray) -> FloatArray:
-        mean: FloatArray = model.matrix(at) @ beta[: model.p] + _kernel(model, at, points, length) @ pull
+        mean: FloatArray = model.matrix(at) @ beta[: model.p] + smooth_covariance(model, at, points, length) @ pull
         return sign * mean
 
     rng = np.random.default_rng(seed)
