@@ -211,9 +211,27 @@ def show_ingest(report: IngestReport) -> None:
             if ids
         ]
         would = "would be taken in" if report.dry_run else "taken in"
-        line(f"{report.file}: {report.n_scores} scores {would}: {', '.join(parts) or 'nothing new'}")
+        what = "ranks" if report.ranked or report.rankings else "scores"
+        if report.rankings:
+            parts.append(f"rankings {report.rankings[0]} to {report.rankings[-1]}")
+        line(f"{report.file}: {report.n_scores} {what} {would}: {', '.join(parts) or 'nothing new'}")
     for message in report.messages:
         line(f"{report.file}: {message}")
+    for summary in report.ranked:
+        show_table(
+            ["interpreter", "rankings", "sharpness", "95 %", "agreement"],
+            [
+                [
+                    one.interpreter,
+                    str(one.rankings),
+                    number(one.sharpness, 2),
+                    f"{number(one.low, 2)} to {number(one.high, 2)}",
+                    "-" if one.agreement is None else f"{one.agreement:.2f}",
+                ]
+                for one in summary.interpreters
+            ],
+            title=f"interpreters of {summary.application}",
+        )
 
 
 # -- the rest -----------------------------------------------------------------------------------------------------
