@@ -87,6 +87,10 @@ def show_check(result: CheckResult, verbose: bool) -> None:
     if known:
         rows.append(["  found from", result.noise_source])
     show_table(["", ""], rows, title=f"campaign {result.name}", left=True)
+    if result.combinations:
+        heading("What some settings do")
+        for combination in result.combinations:
+            line(f"- {combination}")
     if result.notes:
         from seqrsm.campaign.notes import summarise_notes
 
