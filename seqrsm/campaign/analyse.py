@@ -48,6 +48,7 @@ from seqrsm.fit.canonical import StationaryPoint, stationary_point
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
+from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 
@@ -277,11 +278,12 @@ def _confirmation(
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
-    verdict = "agrees with" if agreement.agrees else "contradicts"
+    verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
     text = (
-        f"{len(scores)} fresh runs at the recommended settings scored {interval.mean:.4g} on average "
-        f"({spec.stop.level:.0%} interval {interval.low:.4g} to {interval.high:.4g}); this {verdict} the model, "
-        f"which predicted their mean between {low:.4g} and {high:.4g} (p = {agreement.p:.2g})."
+        f"{len(scores)} fresh runs at the recommended settings scored {known(interval.mean, half)} on average "
+        f"({spec.stop.level:.0%} interval {known(interval.low, half)} to {known(interval.high, half)}); this {verdict} "
+        f"the model, which predicted their mean between {known(low, half)} and {known(high, half)} "
+        f"(p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(
         run_ids=tuple(run.run_id for run in fresh),

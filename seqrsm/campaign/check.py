@@ -19,6 +19,7 @@ from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_a
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.decide.stopping import target_problem
+from seqrsm.design.factors import setting_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, SpecError, UserError
 
@@ -181,7 +182,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     problems: dict[str, Problem] = {}
     met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
-        shown = ", ".join(f"{name} = {_short(value)}" for name, value in settings.items())
+        shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
         try:
             task = task_of(spec, 0, settings)
             engine = ENGINES[task.engine]
@@ -208,10 +209,6 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
 def _corners(spec: CampaignSpec) -> FloatArray:
     corners = spec.region.candidates(n_continuous_levels=3, limit=3000)
     return corners[:3000]
-
-
-def _short(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[float, int, float, tuple[str, ...]]:

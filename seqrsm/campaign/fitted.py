@@ -16,7 +16,7 @@ from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
 from seqrsm.decide.sources import SourceFit, fit_sources
 from seqrsm.decide.stopping import Departure
-from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.factors import ContinuousFactor, setting_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
@@ -163,7 +163,7 @@ def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float
         beta = np.linalg.lstsq(Z * root[:, None], y * root, rcond=None)[0]
         square = weights * (y - Z @ beta) ** 2
         variance = float(np.sum(share * square)) / (n - p)
-        if variance <= 1e-24 * max(1.0, float(np.mean(y**2))):
+        if variance <= (n * np.finfo(np.float64).eps) ** 2 * float(np.mean(y**2)):  # nothing but rounding is left
             return weights
         after = (nu + 1.0) / (nu + square / variance)
         if np.max(np.abs(after - share)) < 1e-10:
@@ -283,9 +283,9 @@ def region_history(spec: CampaignSpec, state: RegionState) -> tuple[RegionChange
 def range_text(region: Region, box: Box) -> str:
     """The ranges that a box cuts, in words; "the whole region" where it cuts none."""
     parts = [
-        f"{factor.name} {factor.low:.4g} to {factor.high:.4g}{' ' + factor.unit if factor.unit else ''}"
-        for factor, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
-        if isinstance(factor, ContinuousFactor) and factor != whole
+        f"{cut.name} {setting_text(cut, cut.low)} to {setting_text(cut, cut.high)} {cut.unit}".rstrip()
+        for cut, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
+        if isinstance(cut, ContinuousFactor) and cut != whole
     ]
     return ", ".join(parts) or "the whole region"
 

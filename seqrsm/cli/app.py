@@ -267,7 +267,7 @@ def fit(
     for analysis in analyses:
         show_fit(analysis)
     if weighed is not None:
-        show_compromise(weighed)
+        show_compromise(campaign.spec.factors, weighed)
 
 
 @app.command()
@@ -278,12 +278,13 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Runs by state, optimum and intervals so far, stop or go on and why."""
+    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show import show_status
 
     with activity("reading"):
         result = campaign_status(folder, history=history)
-    print_json(result) if as_json else show_status(result)
+    print_json(result) if as_json else show_status(load_spec(folder).factors, result)
 
 
 @app.command()
