@@ -10,7 +10,6 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import (
     Analysis,
     Confirmation,
-    DepartureIntervals,
     FactorImportance,
     Interval,
     OptimumEstimate,
@@ -18,7 +17,6 @@ from seqrsm.campaign.analysis import (
 from seqrsm.campaign.fitted import (
     CONFIRMATION,
     Fitted,
-    block_labels,
     compare_sources,
     fit_application,
     natural_ranges,
@@ -38,7 +36,8 @@ from seqrsm.campaign.posterior import (
 from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
-from seqrsm.decide.allowance import departure_allowance
+from seqrsm.campaign.study import study_fit
+from seqrsm.campaign.surface import block_labels
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval
 from seqrsm.decide.stopping import Decision, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
@@ -48,7 +47,6 @@ from seqrsm.fit.canonical import StationaryPoint, stationary_point
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
-from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 
@@ -75,6 +73,7 @@ def analyse(
     *,
     sampler: Sampler = "exact",
     n_draws: int = 4000,
+    thorough: bool = False,
 ) -> Analysis:
     """Response surface, optimum, intervals, posterior and decision of one application.
 
@@ -91,6 +90,8 @@ def analyse(
         How the posterior is drawn; errors = "student_t" needs and always gets emcee.
     n_draws : int
         Posterior draws of the optimum.
+    thorough : bool
+        Add the study: regions of the optimum's place, averaging over models, paths and the rest.
 
     Raises
     ------
@@ -109,6 +110,7 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, runs)
     decision = _decision(spec, application, fitted, estimate, lack, looks, agreement)
     posterior = summarise_posterior(spec, fitted, estimate, draws, goal=goal)
+    stationary = _stationary(model, region, fitted.beta, best)
     return Analysis(
         application=application.name,
         goal=goal,
@@ -121,7 +123,7 @@ def analyse(
         anova=fit.anova(),
         lack_of_fit=lack,
         importance=tuple(_importance(model, fit)),
-        stationary=_stationary(model, region, fitted.beta, best),
+        stationary=stationary,
         optimum=estimate,
         posterior=posterior,
         decision=decision,
@@ -132,6 +134,8 @@ def analyse(
         region_state=fitted.state,
         region_history=region_history(spec, fitted.state),
         sources=compare_sources(fitted, best.point, spec.stop.level),
+        dropped=fitted.dropped,
+        study=study_fit(spec, fitted, best.point, stationary, draws) if thorough else None,
     )
 
 
@@ -147,8 +151,8 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
     confidence = in_scores(one.confidence.low, one.confidence.high)
     prediction = in_scores(one.prediction.low, one.prediction.high)
     prediction_mean = in_scores(several.prediction.low, several.prediction.high)
-    if spec.model.errors == "student_t":
-        # The t interval of least squares knows nothing of heavy tails: these are quantiles of the posterior.
+    if spec.model.errors != "normal":
+        # The t interval of least squares knows nothing of heavy tails or counts: these are quantiles of the posterior.
         futures = [future_scores(spec, fitted, draws, row[0], m) for m in (1, stop.replicates)]
         mean = scale.to_score(draws.terms @ row[0])
         confidence, prediction, prediction_mean = (central(x, stop.level) for x in (mean, *futures))
@@ -163,33 +167,7 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
         prediction_mean=prediction_mean,
         replicates=stop.replicates,
         level=stop.level,
-        with_departure=_with_departure(spec, fitted, best, confidence, prediction, prediction_mean),
     )
-
-
-def _with_departure(
-    spec: CampaignSpec, fitted: Fitted, best: Optimum, *intervals: Interval
-) -> DepartureIntervals | None:
-    """Confidence, prediction and prediction interval of the mean of several with a departure allowed for."""
-    fit, scale = fitted.fit, fitted.scale
-    if fitted.sources is not None or not fit.s > 0.0:
-        return None
-    row = fit.rows_with_mean_block(fitted.model.matrix(best.point[None, :]))[0]
-    allowance = departure_allowance(
-        fitted.model, fitted.region, fitted.data.points, fit.Z, fit.y, best.point, row, fit.weights
-    )
-    mean = float(row @ fit.estimate)
-    found, widening = [], 1.0
-    for kind, interval in zip(("confidence", "prediction", "prediction_mean"), intervals, strict=True):
-        # On the scale of the fit, where the interval of the quadratic is (nearly) symmetric.
-        low, high = scale.of_score(np.array([interval.low, interval.high]))
-        ends = allowance.ends(mean, 0.5 * float(high - low), fit.df_residual, spec.stop.level)
-        scores = scale.to_score(np.array(ends))
-        found.append(Interval(float(scores[0]), float(scores[1])))
-        if kind == spec.stop.interval:
-            widening = (ends[1] - ends[0]) / float(high - low)
-    shifted = float(scale.to_score(np.array([mean + allowance.shift]))[0])
-    return DepartureIntervals(shifted, found[0], found[1], found[2], widening)
 
 
 def _importance(model: QuadraticModel, fit: LeastSquaresFit) -> list[FactorImportance]:
@@ -197,6 +175,9 @@ def _importance(model: QuadraticModel, fit: LeastSquaresFit) -> list[FactorImpor
     rows = []
     for factor in model.factors:
         indices: IntArray = model.factor_terms(factor.name)
+        if not len(indices):  # every term of it was left out
+            rows.append(FactorImportance(factor.name, 0, np.nan, np.nan))
+            continue
         test = fit.partial_f(indices)
         rows.append(FactorImportance(factor.name, test.df, test.f, test.p))
     return sorted(rows, key=lambda row: -row.f if np.isfinite(row.f) else np.inf)
@@ -231,7 +212,8 @@ def _decision(
     return decide(
         rule,
         n_runs=fit.n_runs,
-        n_terms=fit.n_terms,
+        # Terms that were left out by selection have used up their runs.
+        n_terms=fit.n_terms + len(fitted.dropped),
         s=fitted.s,
         df_residual=fitted.df_residual,
         df_pure_error=lack.df_pe if isinstance(lack, LackOfFit) else 0,
@@ -240,13 +222,12 @@ def _decision(
         h=float(fitted.variance_unscaled(fitted.model.matrix(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
         held_at_previous_look=bool(before.get("conditions_hold")) and same,
-        model_p=fit.partial_f(all_terms).p if fit.df_residual else None,
+        model_p=fit.partial_f(all_terms).p if fit.df_residual and len(all_terms) else None,
         confirmation=agreement,
         unit=application.unit,
         n_spent=fitted.n_scored,
         n_before=earlier[-1].after_run if earlier else 0,
         departure=fitted.departure,
-        widening=1.0 if estimate.with_departure is None else estimate.with_departure.widening,
     )
 
 
@@ -278,12 +259,11 @@ def _confirmation(
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
-    verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
+    verdict = "agrees with" if agreement.agrees else "contradicts"
     text = (
-        f"{len(scores)} fresh runs at the recommended settings scored {known(interval.mean, half)} on average "
-        f"({spec.stop.level:.0%} interval {known(interval.low, half)} to {known(interval.high, half)}); this {verdict} "
-        f"the model, which predicted their mean between {known(low, half)} and {known(high, half)} "
-        f"(p = {agreement.p:.2g})."
+        f"{len(scores)} fresh runs at the recommended settings scored {interval.mean:.4g} on average "
+        f"({spec.stop.level:.0%} interval {interval.low:.4g} to {interval.high:.4g}); this {verdict} the model, "
+        f"which predicted their mean between {low:.4g} and {high:.4g} (p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(
         run_ids=tuple(run.run_id for run in fresh),
@@ -315,8 +295,15 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
         if outside:
             found.append(f"{outside} runs were made outside the region; they are part of the fit.")
-    if len(set(block_labels(spec, data, with_source=False))) > 1:
+    if fitted.blocks is None and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
+    if fitted.dropped:
+        found.append(
+            f"{len(fitted.dropped)} terms were left out by the same scores that are fitted: intervals hold given the "
+            "terms that stay, and are too short for the doubt about them; `seqrsm fit` shows averages over models."
+        )
+    if fitted.blocks is not None and fitted.blocks.reason:
+        found.append(f"{fitted.blocks.reason[:1].upper()}{fitted.blocks.reason[1:]}.")
     if fitted.sources is not None and fitted.sources.prior_driven:
         found.append(
             f"With {fitted.sources.n_flights} flights the difference between flight and simulation is mostly what the "

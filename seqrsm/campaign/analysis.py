@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.campaign.findings import Study
+from seqrsm.campaign.interval import Interval
 from seqrsm.decide.moving import RegionState
 from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
@@ -18,18 +20,18 @@ from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal
 
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A two-sided interval in score units."""
-
-    low: float
-    high: float
-
-    @property
-    def half_width(self) -> float:
-        """Half of ``high - low``."""
-        return 0.5 * (self.high - self.low)
+__all__ = [
+    "Analysis",
+    "Confirmation",
+    "FactorImportance",
+    "Interval",
+    "OptimumEstimate",
+    "PosteriorSummary",
+    "RegionChange",
+    "ScoredRuns",
+    "SettingPosterior",
+    "SourceComparison",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,8 @@ class ScoredRuns:
         Utility and its own standard error (nan where none was given), in score units.
     sources, purposes, blocks : tuple of str
         "simulation" or "flight"; why the run was made; block label ("" where none).
+    trials, correct : ndarray (n,), optional
+        Binomial counts; nan where none were given.
     """
 
     run_ids: IntArray
@@ -56,6 +60,8 @@ class ScoredRuns:
     sources: tuple[str, ...]
     purposes: tuple[str, ...]
     blocks: tuple[str, ...]
+    trials: FloatArray | None = None
+    correct: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,27 +72,6 @@ class FactorImportance:
     df: int
     f: float
     p: float
-
-
-@dataclass(frozen=True, slots=True)
-class DepartureIntervals:
-    """The intervals at the optimum with a departure from the quadratic allowed for, in score units.
-
-    Attributes
-    ----------
-    mean : float
-        Mean utility with the departure averaged over.
-    confidence, prediction, prediction_mean : Interval
-        As in `OptimumEstimate`.
-    widening : float
-        Half-width of the interval that the stop rule watches over that of the quadratic alone, >= 1.
-    """
-
-    mean: float
-    confidence: Interval
-    prediction: Interval
-    prediction_mean: Interval
-    widening: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +98,6 @@ class OptimumEstimate:
         m of ``prediction_mean``.
     level : float
         Two-sided probability of all three.
-    with_departure : DepartureIntervals or None
-        The same where the surface may depart from the quadratic by less than can be seen; None where nothing is left
-        over to judge that by, and with two sources.
     """
 
     settings: dict[str, float | str]
@@ -127,7 +109,6 @@ class OptimumEstimate:
     prediction_mean: Interval
     replicates: int
     level: float
-    with_departure: DepartureIntervals | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +249,9 @@ class Analysis:
     ``fit`` is on the scale named by ``response`` ("identity" or "logit"); everything else is in score units.
     ``region``, ``model`` and ``data.points`` are those of the fitted region, which may be a part of the campaign's;
     ``data`` holds the runs in it. ``n_scored`` counts the scored runs inside and outside. ``beta`` are the coefficients
-    that the optimum belongs to: those of ``fit``, or of the flight's surface where there are two sources.
+    that the optimum belongs to: those of ``fit``, of the flight's surface where there are two sources, or of the
+    average block where blocks are random. ``dropped`` names the terms that were left out by selection; ``study`` is
+    there where a thorough analysis was asked for.
     """
 
     application: str
@@ -293,3 +276,5 @@ class Analysis:
     region_state: RegionState | None = None
     region_history: tuple[RegionChange, ...] = ()
     sources: SourceComparison | None = None
+    dropped: tuple[str, ...] = ()
+    study: Study | None = None

@@ -30,7 +30,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     """
     spec, store = campaign.spec, campaign.store
     step("sampling the posterior")
-    analyses = campaign.analyse_all(sampler="emcee")
+    analyses = campaign.analyse_all(sampler="emcee", thorough=True)
     pictures, assumptions = Pictures((), None, ()), _measured_assumptions(campaign)
     if spec.simulator is not None:
         step("simulating pictures")
@@ -52,9 +52,14 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
 
 def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
     spec = campaign.spec
-    errors = "normal" if spec.model.errors == "normal" else "Student-t with 4 degrees of freedom"
+    errors = {
+        "normal": "normal",
+        "student_t": "Student-t with 4 degrees of freedom",
+        "beta_binomial": "beta-binomial, with one correlation of the decisions within a run",
+    }[spec.model.errors]
+    variance = "variance in proportion to the square of their standard errors" if spec.model.weights == "se" else ""
     found = [
-        f"errors of different runs are independent, {errors}, with equal variance"
+        f"errors of different runs are independent, {errors}, with {variance or 'equal variance'}"
         + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
         f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region",
     ]

@@ -12,26 +12,22 @@ from seqrsm.campaign.analysis import Interval, RegionChange, ScoredRuns, SourceC
 from seqrsm.campaign.records import RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
+from seqrsm.campaign.surface import block_labels, fit_surface, random_blocks, response_scale, select_terms
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
 from seqrsm.decide.sources import SourceFit, fit_sources
 from seqrsm.decide.stopping import Departure
-from seqrsm.design.factors import ContinuousFactor, setting_text
+from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import FitError, Problem
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
+from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.random_blocks import RandomBlockPosterior
+from seqrsm.fit.robust import student_weights
 
 CONFIRMATION = "confirmation"
 """Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
-
-STUDENT_DF = 4.0
-"""Degrees of freedom of errors = "student_t"."""
-
-_SAME_SETTING_DECIMALS = 9
-_EM_STEPS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +50,11 @@ class Fitted:
         Scored runs in and outside the box.
     departure : Departure
         Smooth departure from the quadratic in the box.
+    application : ApplicationSpec
+    dropped : tuple of str
+        Terms of the whole model that were left out by selection.
+    blocks : RandomBlockPosterior or None
+        The surface of the average block, where blocks are random.
     """
 
     region: Region
@@ -65,33 +66,49 @@ class Fitted:
     state: RegionState
     n_scored: int
     departure: Departure
+    application: ApplicationSpec
+    dropped: tuple[str, ...] = ()
+    blocks: RandomBlockPosterior | None = None
 
     @property
     def beta(self) -> FloatArray:
         """Coefficients (p,) of the surface whose optimum is sought."""
+        if self.blocks is not None:
+            return self.blocks.estimate
         found: FloatArray = self.fit.estimate[: self.model.p] if self.sources is None else self.sources.estimate
         return found
 
     @property
     def s(self) -> float:
-        """Standard deviation of a future run of weight 1, on the scale of the fit."""
+        """Standard deviation of a future run of weight 1, on the scale of the fit; in a new block where they vary."""
+        if self.blocks is not None:
+            return self.blocks.s_new_day
         return self.fit.s if self.sources is None else self.sources.s
 
     @property
     def df_residual(self) -> int:
         """Degrees of freedom of ``s``."""
+        if self.blocks is not None:
+            return int(self.blocks.df)
         return self.fit.df_residual if self.sources is None else int(self.sources.df_residual)
 
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
     ) -> Prediction:
-        """Mean, confidence and prediction interval at model rows (m, p); of flights where there are two sources."""
+        """Mean, confidence and prediction interval at model rows (m, p); of flights where there are two sources.
+
+        Where blocks are random: of the average block, and of runs in a new one.
+        """
+        if self.blocks is not None:
+            return self.blocks.predict(rows, level, weight=float(np.mean(weight)), replicates=replicates)
         if self.sources is None:
             return self.fit.predict(rows, level, weight, replicates)
         return self.sources.predict(rows, level, weight, replicates)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """Variance of the mean at model rows (m, p), in units of ``s`` squared."""
+        if self.blocks is not None:
+            return self.blocks.variance(rows) / self.s**2
         return self.fit.variance_unscaled(rows) if self.sources is None else self.sources.variance_unscaled(rows)
 
 
@@ -111,7 +128,13 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         sources=tuple(run.source for run, _ in used),
         purposes=tuple(run.purpose for run, _ in used),
         blocks=tuple(run.block for run, _ in used),
+        trials=_counts([score.n for _, score in used]),
+        correct=_counts([score.correct for _, score in used]),
     )
+
+
+def _counts(values: Sequence[int | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
@@ -120,6 +143,7 @@ def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
         return data
     keep: BoolArray = box.contains(data.points)
     names = [np.array(getattr(data, name), dtype=object)[keep] for name in ("sources", "purposes", "blocks")]
+    counts = [None if column is None else column[keep] for column in (data.trials, data.correct)]
     return ScoredRuns(
         run_ids=data.run_ids[keep],
         batches=data.batches[keep],
@@ -129,90 +153,16 @@ def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
         sources=tuple(names[0]),
         purposes=tuple(names[1]),
         blocks=tuple(names[2]),
+        trials=counts[0],
+        correct=counts[1],
     )
-
-
-def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:
-    """Equal for equal executed settings; coded points (n, k) compared to 1e-9 of half a factor's range."""
-    return [tuple(row) for row in np.round(points, _SAME_SETTING_DECIMALS) + 0.0]
-
-
-def block_labels(spec: CampaignSpec, data: ScoredRuns, *, with_source: bool = True) -> list[str]:
-    """Block of each run: its flight day, where ``[model] block`` asks for it, and its source where there are two."""
-    source_too = with_source and len(set(data.sources)) > 1
-    with_block = spec.model.block is not None
-    return [
-        " ".join(part for part in (source if source_too else "", block if with_block else "") if part) or "all"
-        for source, block in zip(data.sources, data.blocks, strict=True)
-    ]
-
-
-def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float = STUDENT_DF) -> FloatArray:
-    """Weights (n,) that turn least squares into the most likely fit with Student-t errors.
-
-    Lange, Little & Taylor (1989), J. Am. Stat. Assoc. 84, 881-896: each run counts ``(nu + 1) / (nu + r^2 / s^2)``, so
-    that a wild score counts for next to nothing. Scaled to mean 1; with fewer than three residual degrees of freedom
-    every run counts alike.
-    """
-    n, p = Z.shape
-    if n < p + 3:
-        return weights
-    share = np.ones(n)
-    for _ in range(_EM_STEPS):
-        root = np.sqrt(weights * share)
-        beta = np.linalg.lstsq(Z * root[:, None], y * root, rcond=None)[0]
-        square = weights * (y - Z @ beta) ** 2
-        variance = float(np.sum(share * square)) / (n - p)
-        if variance <= (n * np.finfo(np.float64).eps) ** 2 * float(np.mean(y**2)):  # nothing but rounding is left
-            return weights
-        after = (nu + 1.0) / (nu + square / variance)
-        if np.max(np.abs(after - share)) < 1e-10:
-            break
-        share = after
-    found: FloatArray = weights * share / float(np.mean(share))
-    return found
-
-
-def fit_surface(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale) -> LeastSquaresFit:
-    """Least-squares fit on the scale of ``[model] response``, with blocks and sources as effects.
-
-    Raises
-    ------
-    FitError
-        Fewer scores than terms, or terms that the runs cannot tell apart.
-    """
-    labels = block_labels(spec, data)
-    columns, names = block_columns(labels)
-    n, needed = len(data.scores), model.p + len(names)
-    if n < needed:
-        raise FitError(
-            Problem(f"{n} scored runs cannot determine {needed} terms", "Score more runs, or set [model] order = 1.")
-        )
-    Z = np.hstack([model.matrix(data.points), columns])
-    robust = spec.model.errors == "student_t"
-    fit = fit_least_squares(
-        Z,
-        scale.values,
-        [*model.terms, *names],
-        weights=student_weights(Z, scale.values, scale.weights) if robust else scale.weights,
-        setting_ids=setting_ids(data.points),
-        block_ids=labels,
-    )
-    if fit.aliased:
-        raise FitError(
-            Problem(
-                f"the runs cannot tell these terms apart: {', '.join(fit.aliased)}",
-                "Add runs that vary these factors (`seqrsm propose`), or set [model] order = 1.",
-            )
-        )
-    return fit
 
 
 def region_state(spec: CampaignSpec, application: ApplicationSpec, data: ScoredRuns) -> RegionState:
     """The fitted part of the region, from the scored runs batch by batch."""
     if not spec.region_moves or not len(data.scores):
         return RegionState(whole_box(spec.region.k))
-    scale = ResponseScale.of(spec.model.response, data.scores)
+    scale = response_scale(spec, data)
     columns, _ = block_columns(block_labels(spec, data))
     weights = scale.weights
     Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
@@ -240,11 +190,12 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
     everything = scored_runs(spec.region, runs, application.name)
     state = region_state(spec, application, everything)
     region = sub_region(spec.region, state.box)
-    model = QuadraticModel(region.factors, spec.model.order)
+    whole = QuadraticModel(region.factors, spec.model.order)
     data = in_box(everything, state.box)
-    scale = ResponseScale.of(spec.model.response, data.scores)
-    fit = fit_surface(spec, model, data, scale)
-    sources = None
+    scale = response_scale(spec, data)
+    model = select_terms(spec, whole, data, scale) if spec.model.terms == "hierarchical" else whole
+    fit = fit_surface(spec, region, model, data, scale)
+    sources = blocks = None
     if len(set(data.sources)) > 1:
         columns, _ = block_columns(block_labels(spec, data, with_source=False))
         sources = fit_sources(
@@ -256,9 +207,14 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
             extra=columns,
             prior_sd=spec.model.discrepancy_sd,
         )
-    found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights)
-    departure = Departure(found.evidence, evidence_limit(fit.df_residual))
-    return Fitted(region, model, data, scale, fit, sources, state, len(everything.scores), departure)
+    if spec.model.block_effect == "random":
+        blocks = random_blocks(spec, model, data, scale)
+    dropped = tuple(name for name in whole.term_names if name not in model.term_names)
+    found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights, application.goal)
+    ratio = float(np.exp(0.5 * found.noise_slope))
+    departure = Departure(found.evidence, evidence_limit(fit.df_residual), found.noise_evidence, ratio)
+    scored = len(everything.scores)
+    return Fitted(region, model, data, scale, fit, sources, state, scored, departure, application, dropped, blocks)
 
 
 def natural_ranges(region: Region, box: Box) -> dict[str, tuple[float, float]]:
@@ -283,9 +239,9 @@ def region_history(spec: CampaignSpec, state: RegionState) -> tuple[RegionChange
 def range_text(region: Region, box: Box) -> str:
     """The ranges that a box cuts, in words; "the whole region" where it cuts none."""
     parts = [
-        f"{cut.name} {setting_text(cut, cut.low)} to {setting_text(cut, cut.high)} {cut.unit}".rstrip()
-        for cut, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
-        if isinstance(cut, ContinuousFactor) and cut != whole
+        f"{factor.name} {factor.low:.4g} to {factor.high:.4g}{' ' + factor.unit if factor.unit else ''}"
+        for factor, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
+        if isinstance(factor, ContinuousFactor) and factor != whole
     ]
     return ", ".join(parts) or "the whole region"
 
@@ -340,15 +296,12 @@ def compare_sources(fitted: Fitted, point: FloatArray, level: float) -> SourceCo
 __all__ = [
     "CONFIRMATION",
     "Fitted",
-    "block_labels",
     "compare_sources",
     "fit_application",
-    "fit_surface",
     "in_box",
     "natural_ranges",
     "range_text",
     "region_history",
     "region_state",
     "scored_runs",
-    "setting_ids",
 ]

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
@@ -26,9 +26,6 @@ from seqrsm.campaign.store import Store
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.simulate.runner import run_many
-
-if TYPE_CHECKING:
-    from seqrsm.campaign.ingest import IngestReport
 
 Progress = Callable[[int, int], None]
 WAITING = ("proposed", "issued", "running")
@@ -123,9 +120,14 @@ class Campaign:
     # -- looking --------------------------------------------------------------------------------------------------
 
     def analyse_all(
-        self, application: str | None = None, *, sampler: Sampler = "exact", n_draws: int = 4000
+        self,
+        application: str | None = None,
+        *,
+        sampler: Sampler = "exact",
+        n_draws: int = 4000,
+        thorough: bool = False,
     ) -> tuple[Analysis, ...]:
-        """Analysis of every application, or of the one named.
+        """Analysis of every application, or of the one named; ``thorough`` adds the study of each.
 
         Raises
         ------
@@ -134,7 +136,9 @@ class Campaign:
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
         runs = self.store.runs()
         return tuple(
-            analyse(self.spec, app, runs, self.store.looks(app.name), sampler=sampler, n_draws=n_draws)
+            analyse(
+                self.spec, app, runs, self.store.looks(app.name), sampler=sampler, n_draws=n_draws, thorough=thorough
+            )
             for app in wanted
         )
 
@@ -257,11 +261,11 @@ class Campaign:
         else:
             self.store.record_scores(result.run_id, result.scores)
 
-    def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:
-        """Take in files of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
-        from seqrsm.campaign.ingest import ingest_files
+    def ingest(self, file: Path, *, dry_run: bool = False) -> Any:
+        """Take in a CSV of measured scores, all or nothing; see `seqrsm.campaign.ingest`."""
+        from seqrsm.campaign.ingest import ingest_file
 
-        return ingest_files(self.store, self.spec, files, dry_run=dry_run)
+        return ingest_file(self.store, self.spec, file, dry_run=dry_run)
 
     def void(self, run_id: int, why: str) -> None:
         """Take a run out of the fit."""

@@ -10,12 +10,13 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.fitted import range_text
+from seqrsm.campaign.knowledge import stated_prior
 from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
-from seqrsm.decide.sources import discrepancy_terms, stacked_rows
-from seqrsm.design.factors import CategoricalFactor, plain_setting
+from seqrsm.decide.sources import source_prior, stacked_rows
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -28,6 +29,9 @@ START = "start"
 CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
 """Runs of the start design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
+
+SIGNIFICANT_DIGITS = 4
+"""Settings are proposed with this many: nobody sets a frequency to sixteen digits."""
 
 _WEAK = 0.05  # prior precision while a box is being filled: it cannot be estimated yet
 _TARGETS = 256
@@ -167,8 +171,14 @@ class _Chooser:
         return 1.0 if found is None else (found.s_simulation / found.s_flight) ** 2
 
     def beta(self) -> FloatArray:
-        found = self.analysis.beta
-        return self.analysis.fit.estimate[: self.model.p] if found is None else found
+        """Coefficients of the whole model: proposals keep terms testable that were left out of the fit."""
+        fitted = self.analysis.model
+        found = self.analysis.fit.estimate[: fitted.p] if self.analysis.beta is None else self.analysis.beta
+        if fitted.keep is None:
+            return found
+        whole = np.zeros(self.model.p)
+        whole[list(fitted.keep)] = found
+        return whole
 
     def target(self) -> FloatArray:
         return self.region.centre() if self.filling else self.analysis.optimum.point
@@ -187,20 +197,17 @@ class _Chooser:
 
     def precision(self, two: bool) -> FloatArray | None:
         """Prior precision of the model terms, and of the discrepancy where there are two sources."""
-        prior, p = self.spec.model.prior, self.model.p
         if self.filling:
-            return _WEAK * np.eye(p)
-        own = np.zeros(p)
-        if prior is not None:
-            own[1:] = (prior.noise_sd / prior.coefficient_sd) ** 2
+            return _WEAK * np.eye(self.model.p)
+        application = self.spec.application(self.analysis.application)
+        prior = stated_prior(self.spec, application, self.model, self.region)
         if two:
             found, s = self.analysis.sources, self.analysis.fit.s
             spread = float(np.std(self.scale.values)) / 5.0
             sd = self.spec.model.discrepancy_sd or (spread if found is None else found.prior_sd)
             sigma = s if found is None else found.s_simulation
-            extra = np.full(len(discrepancy_terms(self.model)), (sigma / max(sd, 1e-9)) ** 2)
-            return np.diag(np.concatenate([own, extra]))
-        return None if prior is None else np.diag(own)
+            return source_prior(self.model, 0, max(sd, 1e-9), sigma, prior).Lambda0
+        return None if prior is None else prior.Lambda0
 
     def why(self, text: str) -> str:
         if not self.filling:
@@ -293,13 +300,13 @@ def _pure_error_df(analysis: Analysis, active: Sequence[RunRecord]) -> int:
 
 
 def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float | str]]:
-    """Natural settings with the digits that people set, where rounding does not leave the region."""
+    """Natural settings to `SIGNIFICANT_DIGITS`, where rounding does not leave the region."""
     found = []
     for point, settings in zip(points, region.decode(points), strict=True):
         rounded: dict[str, float | str] = {
             factor.name: value
             if isinstance(value, str) or isinstance(factor, CategoricalFactor)
-            else plain_setting(factor, value)
+            else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
             for factor, value in ((f, settings[f.name]) for f in region.factors)
         }
         at_bounds = np.abs(point) >= 1.0 - 1e-9

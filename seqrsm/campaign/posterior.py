@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import Interval, OptimumEstimate, PosteriorSummary, SettingPosterior
-from seqrsm.campaign.fitted import STUDENT_DF, Fitted, block_labels
+from seqrsm.campaign.fitted import Fitted
+from seqrsm.campaign.knowledge import precision_of, stated_prior
 from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.campaign.surface import block_labels
 from seqrsm.decide.moving import Box
 from seqrsm.decide.sources import source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
+from seqrsm.errors import FitError, Problem
 from seqrsm.fit.blocks import block_columns
-from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior, weakly_informative
-from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative
 from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
+from seqrsm.fit.robust import STUDENT_DF
+from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.rng import generator
+
+if TYPE_CHECKING:
+    from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior
 
 Sampler: TypeAlias = Literal["exact", "emcee"]
 
 _AT_BOUND = 1.0 - 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Beta-binomial scatter: correlation (m,) of the decisions of a run, and the trials of a future run."""
+
+    correlation: FloatArray
+    trials: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +53,17 @@ class Draws:
         Standard deviation (scale, of Student-t errors) of a future run of weight 1.
     made : dict
         How they were made.
+    sigma_block : ndarray (m,), optional
+        Standard deviation of random blocks.
+    counts : Counts, optional
+        Of scores that are counts: they take the place of sigma.
     """
 
     terms: FloatArray
     sigma: FloatArray
     made: dict[str, float | str | int]
+    sigma_block: FloatArray | None = None
+    counts: Counts | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +83,13 @@ def outer_bounds(region: Region, box: Box, point: FloatArray) -> OuterPoint:
     return OuterPoint(outer, at_bound(region, outer))
 
 
-def prior_of(spec: CampaignSpec, fit: LeastSquaresFit) -> Prior:
-    """The prior of ``[model]``; flat by default, where the runs can carry it: credible and t intervals agree."""
-    prior = spec.model.prior
-    if prior is None:
-        return Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
-    flat = np.array([kind in ("intercept", "block") for kind in fit.kinds])
-    precision = np.where(flat, 0.0, (prior.noise_sd / prior.coefficient_sd) ** 2)
-    shape = 0.5 * prior.noise_runs
-    return NormalInverseGamma(np.zeros(len(flat)), np.diag(precision), shape, shape * prior.noise_sd**2)
+def prior_of(spec: CampaignSpec, fitted: Fitted) -> Prior:
+    """The stated prior; flat by default, where the runs can carry it: credible and t intervals agree."""
+    fit = fitted.fit
+    stated = stated_prior(spec, fitted.application, fitted.model, fitted.region, n_blocks=fit.n_terms - fitted.model.p)
+    if stated is not None:
+        return stated
+    return Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
 
 
 def _stacked(spec: CampaignSpec, fitted: Fitted) -> tuple[FloatArray, FloatArray, Prior]:
@@ -78,43 +97,107 @@ def _stacked(spec: CampaignSpec, fitted: Fitted) -> tuple[FloatArray, FloatArray
     fit, found = fitted.fit, fitted.sources
     if found is None:
         robust = spec.model.errors == "student_t"
-        return fit.Z, fitted.scale.weights if robust else fit.weights, prior_of(spec, fit)
+        return fit.Z, fitted.scale.weights if robust else fit.weights, prior_of(spec, fitted)
     flights = np.array([source == "flight" for source in fitted.data.sources])
     columns, _ = block_columns(block_labels(spec, fitted.data, with_source=False))
     Z = np.hstack([stacked_rows(fitted.model, fitted.data.points, flights), columns])
     weights = np.where(flights, found.flight_weight, 1.0) * fitted.scale.weights
-    return Z, weights, source_prior(fitted.model, columns.shape[1], found.prior_sd, found.s_simulation)
+    base = stated_prior(spec, fitted.application, fitted.model, fitted.region)
+    return Z, weights, source_prior(fitted.model, columns.shape[1], found.prior_sd, found.s_simulation, base)
+
+
+def _counts(fitted: Fitted) -> tuple[FloatArray, FloatArray]:
+    """Correct decisions and trials (n,) of every run.
+
+    Raises
+    ------
+    FitError
+        Runs without counts.
+    """
+    data = fitted.data
+    known = np.zeros(len(data.scores), dtype=np.bool_)
+    if data.trials is not None and data.correct is not None:
+        known = np.isfinite(data.trials) & np.isfinite(data.correct)
+    if data.trials is None or data.correct is None or not np.all(known):
+        ids = ", ".join(str(run) for run in data.run_ids[~known][:8].tolist())
+        remedy = 'Give the columns n and correct for every score, or set [model] errors = "normal".'
+        raise FitError(Problem(f"runs {ids} have no counts, which beta_binomial errors need", remedy))
+    return data.correct, data.trials
+
+
+def _coefficient_prior(spec: CampaignSpec, fitted: Fitted) -> CoefficientPrior:
+    """Of the logit: as stated, else N(0, 10^2) for the intercept and N(0, 2.5^2) for the others."""
+    kinds = np.array(fitted.fit.kinds)
+    sd = np.where(kinds == "intercept", 10.0, 2.5)
+    extra = len(kinds) - fitted.model.p
+    stated = stated_prior(spec, fitted.application, fitted.model, fitted.region, extra)
+    if stated is None:
+        return CoefficientPrior(np.zeros(len(kinds)), sd)
+    silent = np.diagonal(stated.Lambda0) == 0.0
+    return CoefficientPrior(
+        stated.m0, sd, precision=precision_of(stated) + np.diag(np.where(silent, 1.0 / np.square(sd), 0.0))
+    )
 
 
 def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n_draws: int) -> Draws:
     """Draws of the coefficients and of sigma; keyed by the campaign's seed."""
-    Z, weights, prior = _stacked(spec, fitted)
+    errors, p = spec.model.errors, fitted.model.p
     rng = generator(spec.seed, fitted.n_scored, "posterior")
+    if errors == "beta_binomial":
+        return _binomial_draws(spec, fitted, rng, n_draws)
+    if fitted.blocks is not None:
+        beta, sigma, of_blocks = fitted.blocks.draws(n_draws, rng)
+        return Draws(beta, sigma, {"method": "exact", "draws": n_draws, "blocks": "random"}, sigma_block=of_blocks)
+    Z, weights, prior = _stacked(spec, fitted)
     # A surface through every score leaves nothing to sample: sigma is 0.
-    if fitted.fit.sse == 0.0 or (sampler == "exact" and spec.model.errors == "normal"):
+    if fitted.fit.sse == 0.0 or (sampler == "exact" and errors == "normal"):
         beta, sigma = posterior(Z, fitted.fit.y, weights, prior).draws(n_draws, rng)
         made: dict[str, float | str | int] = {"method": "exact", "draws": n_draws}
     else:
         from seqrsm.fit.ensemble import sample_posterior
 
-        seed, errors = int(rng.integers(2**31)), spec.model.errors
+        seed = int(rng.integers(2**31))
         chain = sample_posterior(Z, fitted.fit.y, weights, errors=errors, prior=prior, nu=STUDENT_DF, seed=seed)
-        keep = np.linspace(0, len(chain.sigma) - 1, min(n_draws, len(chain.sigma))).astype(np.int64)
-        made = {
-            "method": "emcee",
-            "errors": spec.model.errors,
-            "draws": len(keep),
-            "steps": chain.steps,
-            "tau": float(np.max(chain.tau)),
-            "ess": float(np.min(chain.ess)),
-            "acceptance": float(np.mean(list(chain.acceptance.values()))),
-            "r_hat": float(np.max(chain.r_hat)),
-        }
+        keep = _spread(len(chain.sigma), n_draws)
+        made = _sampled(chain, errors, len(keep))
         beta, sigma = chain.beta[keep], chain.sigma[keep]
     if fitted.sources is None:
-        return Draws(beta[:, : fitted.model.p], sigma, made)
+        return Draws(beta[:, :p], sigma, made)
     ratio = 1.0 / np.sqrt(fitted.sources.flight_weight)
     return Draws(to_flight(fitted.model, beta), sigma * ratio, made)
+
+
+def _binomial_draws(spec: CampaignSpec, fitted: Fitted, rng: np.random.Generator, n_draws: int) -> Draws:
+    from seqrsm.fit.ensemble import sample_model
+
+    correct, trials = _counts(fitted)
+    model = beta_binomial_model(fitted.fit.Z, correct, trials, _coefficient_prior(spec, fitted))
+    chain = sample_model(model, seed=int(rng.integers(2**31)))
+    keep = _spread(len(chain.draws), n_draws)
+    correlation = chain.of("correlation")[keep]
+    made = _sampled(chain, "beta_binomial", len(keep))
+    made |= {"correlation": float(np.mean(correlation)), "trials": float(np.median(trials))}
+    beta = chain.of("beta")[keep][:, : fitted.model.p]
+    counts = Counts(correlation, float(np.median(trials)))
+    return Draws(beta, np.full(len(keep), fitted.fit.s), made, counts=counts)
+
+
+def _spread(n: int, wanted: int) -> IntArray:
+    return np.linspace(0, n - 1, min(wanted, n)).astype(np.int64)
+
+
+def _sampled(chain: EnsemblePosterior | GeneralPosterior, errors: str, draws: int) -> dict[str, float | str | int]:
+    return {
+        "method": "emcee",
+        "errors": errors,
+        "draws": draws,
+        "steps": chain.steps,
+        "tau": float(np.max(chain.tau)),
+        "ess": float(np.min(chain.ess)),
+        "ess_ends": float(np.min(chain.ess_ends)),
+        "acceptance": float(np.mean(list(chain.acceptance.values()))),
+        "r_hat": float(np.max(chain.r_hat)),
+    }
 
 
 def central(draws: FloatArray, level: float) -> Interval:
@@ -129,6 +212,15 @@ def future_scores(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatAr
     here = draws.terms @ row
     rng = generator(spec.seed, fitted.n_scored, "predictive")
     size = (len(here), replicates)
+    if draws.counts is not None:
+        share = fitted.scale.to_score(here)[:, None] / 100.0
+        phi = (1.0 / draws.counts.correlation - 1.0)[:, None]
+        success = rng.beta(np.maximum(share * phi, 1e-9), np.maximum((1.0 - share) * phi, 1e-9), size)
+        trials = max(round(draws.counts.trials), 1)
+        counted: FloatArray = np.mean(100.0 * rng.binomial(trials, success) / trials, axis=1)
+        return counted
+    if draws.sigma_block is not None:
+        here = here + draws.sigma_block * rng.standard_normal(len(here))
     noise = rng.standard_normal(size) if spec.model.errors == "normal" else rng.standard_t(STUDENT_DF, size)
     scale = fitted.scale
     spread = (draws.sigma / np.sqrt(scale.weight_at(here)))[:, None]

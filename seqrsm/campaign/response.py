@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import logit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
@@ -31,26 +30,30 @@ class ResponseScale:
     variance_unit: float
 
     @classmethod
-    def of(cls, kind: Literal["identity", "logit"], scores: FloatArray) -> ResponseScale:
+    def of(cls, kind: Literal["identity", "logit"], scores: FloatArray, se: FloatArray | None = None) -> ResponseScale:
         """Put scores (n,) on the scale.
+
+        Parameters
+        ----------
+        kind : "identity" or "logit"
+        scores : ndarray (n,)
+        se : ndarray (n,), optional
+            Standard errors that runs count by, > 0; a future run has their median. By default all count alike.
 
         Raises
         ------
         FitError
             "logit" with scores outside 0 to 100.
         """
+        relative = np.ones(len(scores)) if se is None or not len(se) else np.square(float(np.median(se)) / se)
         if kind == "identity":
-            return cls(kind, scores, np.ones(len(scores)), 1.0)
+            return cls(kind, scores, relative, 1.0)
         logits = logit_scores(scores)
-        return cls(kind, logits.value, logits.weight, logits.variance_unit)
+        return cls(kind, logits.value, logits.weight * relative, logits.variance_unit)
 
     def to_score(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
         return values if self.kind == "identity" else logit_to_percent(values)
-
-    def of_score(self, scores: FloatArray) -> FloatArray:
-        """Scores on the scale of the fit."""
-        return scores if self.kind == "identity" else logit(scores / 100.0)
 
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.campaign.analysis import Analysis, Interval
+from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.serialise_study import interval_to_json, study_diagnostics, study_to_json
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.natural import natural_coefficients
@@ -14,6 +15,14 @@ from seqrsm.fit.natural import natural_coefficients
 
 def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
     """The whole analysis; undefined numbers are nan (null once written)."""
+    document = _document(analysis)
+    if analysis.study is not None:
+        document |= study_to_json(analysis, analysis.study)
+        document["diagnostics"] |= study_diagnostics(analysis, analysis.study)
+    return document
+
+
+def _document(analysis: Analysis) -> dict[str, Any]:
     fit = analysis.fit
     return {
         "application": analysis.application,
@@ -29,6 +38,7 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
         "r2_predicted": fit.r2_predicted,
         "press": fit.press,
         "terms": _terms(analysis),
+        "terms_dropped": list(analysis.dropped),
         "anova": [
             {"source": row.source, "df": row.df, "ss": row.ss, "ms": row.ms, "f": row.f, "p": row.p}
             for row in analysis.anova
@@ -104,15 +114,9 @@ def _sources(analysis: Analysis) -> dict[str, Any] | None:
     }
 
 
-def interval_to_json(interval: Interval) -> dict[str, float]:
-    """Ends and half-width."""
-    return {"low": interval.low, "high": interval.high, "half_width": interval.half_width}
-
-
 def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
     """Settings of the optimum and the intervals there."""
     best = analysis.optimum
-    allowed = best.with_departure
     return {
         "settings": best.settings,
         "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
@@ -122,15 +126,6 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "prediction": interval_to_json(best.prediction),
         "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
         "level": best.level,
-        "with_departure": None
-        if allowed is None
-        else {
-            "mean": allowed.mean,
-            "confidence": interval_to_json(allowed.confidence),
-            "prediction": interval_to_json(allowed.prediction),
-            "prediction_mean": interval_to_json(allowed.prediction_mean),
-            "widening": allowed.widening,
-        },
     }
 
 

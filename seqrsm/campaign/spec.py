@@ -17,14 +17,23 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
     "package.module:function"; ``goal`` ("maximize" or "minimize"); ``weight`` (1); ``unacceptable`` and ``ideal``:
     scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface.
+``[application.prior]``, below its ``[[application]]``
+    What is known before the first run: ``utility = [low, high]``: the mean score at a setting taken at random lies
+    between these with ``probability`` (0.95); ``repeat_sd``: scatter of repeated runs (a tenth of that range), worth
+    ``repeat_runs`` (3) runs; ``optimum``: a table of numeric factors and where the best value is expected, as a number
+    or ``{ value, doubt }``, the doubt a standard deviation as a share of half the (coded) range (0.5).
 ``[[consideration]]``
     What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
     in natural units, with the arithmetic of constraints; ``goal`` ("minimize"); ``weight`` (1); ``unacceptable`` and
     ``ideal`` as above.
 ``[model]``
-    ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal" or "student_t"); ``block``: the
-    column of measured scores that tells the block, no blocks by default; ``prior``: ``{ coefficient_sd, noise_sd,
-    noise_runs }``, flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region
+    ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal"; "student_t"; "beta_binomial":
+    counts ``n`` and ``correct`` of every score, with more scatter than the binomial); ``terms`` ("full", or
+    "hierarchical": those that are more likely than not, with all that they need); ``weights`` ("equal", or "se": runs
+    count by the inverse square of their ``se``); ``block``: the column of measured scores that tells the block, no
+    blocks by default; ``block_effect`` ("fixed": a constant for each block; "random": blocks are a sample, and
+    predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``, flat by default, see
+    `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region
     shrinks towards the optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one
     application and fixed with several, whose surfaces must be known over one region to be weighed;
     ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
@@ -306,6 +315,11 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     spec_checks.desirabilities("consideration", repeated["consideration"], report)
     texts = [None if table is None else table.expr for table in repeated["consideration"]]
     spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
+    known = [factor for factor in factors if factor is not None]
+    if len(known) == len(factors):
+        spec_checks.knowledge(applications, known, _has_prior(single.get("model")), report)
+    if single.get("model") is not None:
+        spec_checks.model(single["model"], report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None
@@ -339,6 +353,10 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         store_url=single["store"].url,
         spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
     )
+
+
+def _has_prior(model: ModelSpec | None) -> bool:
+    return model is not None and model.prior is not None
 
 
 def _as_list(value: object) -> list[object]:

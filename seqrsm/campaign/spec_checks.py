@@ -262,6 +262,77 @@ def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporte
             report.add((kind, index, "ideal"), "ideal is not better than unacceptable", remedy, table.ideal)
 
 
+class _Model(Protocol):
+    response: Literal["identity", "logit"]
+    errors: Literal["normal", "student_t", "beta_binomial"]
+    weights: Literal["equal", "se"]
+    block: str | None
+    block_effect: Literal["fixed", "random"]
+
+
+def model(table: _Model, report: Reporter) -> None:
+    """Keys of ``[model]`` that exclude each other."""
+    if table.errors == "beta_binomial" and table.response != "logit":
+        remedy = 'Add response = "logit".'
+        report.add(("model", "errors"), "beta_binomial scores are modelled on the logit scale", remedy, table.errors)
+    if table.errors == "beta_binomial" and table.weights == "se":
+        remedy = "Leave weights out: the counts tell how much each score says."
+        report.add(("model", "weights"), "beta_binomial errors have their weights from the counts", remedy, "se")
+    if table.block_effect == "random" and table.block is None:
+        report.add(("model", "block_effect"), "there is no block to have an effect", 'Add block = "block".', "random")
+    if table.block_effect == "random" and table.errors != "normal":
+        remedy = 'Write errors = "normal", or block_effect = "fixed".'
+        report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
+
+
+class _Known(Protocol):
+    utility: list[float]
+    optimum: Mapping[str, Any]
+
+
+class _Application(Protocol):
+    @property
+    def prior(self) -> _Known | None:
+        """What is known."""
+
+    @property
+    def is_percent(self) -> bool:
+        """Whether scores are percentages."""
+
+
+def knowledge(
+    applications: Sequence[_Application | None], factors: Sequence[Factor], coefficients: bool, report: Reporter
+) -> None:
+    """What ``[application.prior]`` says is possible; ``coefficients``: there is a prior in ``[model]`` already."""
+    numeric = {factor.name: factor for factor in factors if not isinstance(factor, CategoricalFactor)}
+    for index, application in enumerate(applications):
+        if application is None or application.prior is None:
+            continue
+        path: Path = ("application", index, "prior")
+        if coefficients:
+            report.add(path, "there is a prior in [model], too", "Say it in one place.")
+        low, high = application.prior.utility
+        inside = not application.is_percent or (low >= 0.0 and high <= 100.0)
+        if not (low < high and inside):
+            limits = ", between 0 and 100" if application.is_percent else ""
+            report.add((*path, "utility"), "this is no range of scores", f"Give [low, high]{limits}.", [low, high])
+        for name, expected in application.prior.optimum.items():
+            place = (*path, "optimum", name)
+            factor = numeric.get(name)
+            if factor is None:
+                report.add(place, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.")
+                continue
+            value = expected if isinstance(expected, (int, float)) else expected.value
+            low, high = (factor.low, factor.high) if isinstance(factor, ContinuousFactor) else _ends(factor)
+            if not low <= value <= high:
+                remedy = f"Give a value from {low:g} to {high:g}."
+                report.add(place, "the optimum is expected outside the factor's range", remedy, value)
+
+
+def _ends(factor: DiscreteFactor) -> tuple[float, float]:
+    return min(factor.values), max(factor.values)
+
+
 def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:
     """Expressions of considerations: arithmetic in numeric factors."""
     numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]

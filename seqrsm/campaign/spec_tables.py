@@ -73,6 +73,37 @@ class ConstraintTable(Table):
     expr: str
 
 
+class ExpectedOptimum(Table):
+    """Where the best value of a factor is expected: ``value`` in its unit, ``doubt`` as a share of half its range."""
+
+    value: Number
+    doubt: PositiveNumber = 0.5
+
+
+class KnowledgeSpec(Table):
+    """``[application.prior]``: what is known of an application before its first run, in natural terms.
+
+    Attributes
+    ----------
+    utility : list of two floats
+        The mean score at a setting taken at random lies between these with ``probability``.
+    probability : float
+        In [0.5, 1).
+    repeat_sd : float or None
+        Scatter of runs repeated at one setting, score units; None: a tenth of the range of ``utility``.
+    repeat_runs : float
+        How many runs that is worth.
+    optimum : dict
+        Of numeric factors: where the best value is expected.
+    """
+
+    utility: Annotated[list[Number], Field(min_length=2, max_length=2)]
+    probability: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.95
+    repeat_sd: PositiveNumber | None = None
+    repeat_runs: PositiveNumber = 3.0
+    optimum: dict[str, Number | ExpectedOptimum] = Field(default_factory=dict)
+
+
 class ApplicationSpec(Table):
     """An application: what the scores measure, and whether large or small ones are good.
 
@@ -87,6 +118,7 @@ class ApplicationSpec(Table):
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
         Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
+    prior : KnowledgeSpec or None
     """
 
     name: Name
@@ -95,6 +127,7 @@ class ApplicationSpec(Table):
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None
+    prior: KnowledgeSpec | None = None
 
     @property
     def is_percent(self) -> bool:
@@ -153,8 +186,11 @@ class ModelSpec(Table):
 
     order: Literal[1, 2] = 2
     response: Literal["identity", "logit"] = "identity"
-    errors: Literal["normal", "student_t"] = "normal"
+    errors: Literal["normal", "student_t", "beta_binomial"] = "normal"
+    terms: Literal["full", "hierarchical"] = "full"
+    weights: Literal["equal", "se"] = "equal"
     block: str | None = None
+    block_effect: Literal["fixed", "random"] = "fixed"
     prior: PriorSpec | None = None
     region: Literal["adaptive", "fixed"] | None = None
     discrepancy_sd: PositiveNumber | None = None

@@ -207,12 +207,12 @@ def ingest(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen and change nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take measured scores or interpreters' rankings in; all or nothing."""
+    """Take measured scores in; all or nothing per file."""
     from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import show_ingest
 
     campaign = Campaign.open(folder)
-    reports = campaign.ingest(*files, dry_run=dry_run)
+    reports = [campaign.ingest(file, dry_run=dry_run) for file in files]
     if as_json:
         print_json([asdict(report) for report in reports])
         return
@@ -224,23 +224,14 @@ def ingest(
 @guarded
 def void(
     folder: Folder,
-    run_id: Annotated[int | None, typer.Argument(metavar="[RUN_ID]")] = None,
-    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason; it stays in the history.")] = "",
-    ranking: Annotated[
-        int | None, typer.Option(metavar="N", help="In place of a run: an interpreter's ranking, by its number.")
-    ] = None,
+    run_id: Annotated[int, typer.Argument(metavar="RUN_ID")],
+    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason; it stays in the history.")],
 ) -> None:
-    """Take a run, or a ranking, out of the fit; nothing is ever deleted."""
+    """Take a run out of the fit; nothing is ever deleted."""
     from seqrsm.campaign.loop import Campaign
 
-    if (run_id is None) == (ranking is None):
-        raise UserError(Problem("void takes out one run or one ranking", "Give RUN_ID, or --ranking N."))
-    if run_id is not None:
-        Campaign.open(folder).void(run_id, why)
-        say(f"run {run_id} is void: {why}")
-    elif ranking is not None:
-        Campaign.open(folder).store.void_ranking(ranking, why)
-        say(f"ranking {ranking} is void: {why}")
+    Campaign.open(folder).void(run_id, why)
+    say(f"run {run_id} is void: {why}")
 
 
 @app.command()
@@ -248,26 +239,38 @@ def void(
 def fit(
     folder: Folder,
     application: Annotated[str | None, typer.Option(help="Which application, where there are several.")] = None,
+    test: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TERMS", help="Partial F test of factors, terms or groups, joined by commas; repeatable."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
     from seqrsm.campaign.loop import Campaign
     from seqrsm.campaign.serialise import analysis_to_json
+    from seqrsm.campaign.serialise_study import tests_to_json
+    from seqrsm.campaign.term_tests import term_tests
     from seqrsm.cli.show_fit import show_compromise, show_fit
+    from seqrsm.cli.show_study import show_tests
 
     campaign = Campaign.open(folder)
     with activity("sampling the posterior"):
-        analyses = campaign.analyse_all(application, sampler="emcee")
+        analyses = campaign.analyse_all(application, sampler="emcee", thorough=True)
         weighed = campaign.compromise(analyses)
+    tests = [term_tests(analysis, test or []) for analysis in analyses]
     if as_json:
-        documents: list[dict[str, Any]] = [analysis_to_json(analysis) for analysis in analyses]
+        documents: list[dict[str, Any]] = [
+            analysis_to_json(analysis) | ({"tests": tests_to_json(found)} if test else {})
+            for analysis, found in zip(analyses, tests, strict=True)
+        ]
         document = documents[0] if len(documents) == 1 else {"applications": documents}
         print_json(document if weighed is None else {**document, "compromise": weighed.to_json()})
         return
-    for analysis in analyses:
+    for analysis, found in zip(analyses, tests, strict=True):
         show_fit(analysis)
+        show_tests(found)
     if weighed is not None:
-        show_compromise(campaign.spec.factors, weighed)
+        show_compromise(weighed)
 
 
 @app.command()
@@ -278,13 +281,12 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Runs by state, optimum and intervals so far, stop or go on and why."""
-    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show import show_status
 
     with activity("reading"):
         result = campaign_status(folder, history=history)
-    print_json(result) if as_json else show_status(load_spec(folder).factors, result)
+    print_json(result) if as_json else show_status(result)
 
 
 @app.command()

@@ -111,8 +111,8 @@ def elicited_prior(
         factor = model.factors[j]
         assert not isinstance(factor, CategoricalFactor)
         at = float(factor.code(statement.value))
-        linear, square = place[statement.factor], place.get(f"{statement.factor}^2")
-        if square is None:
+        linear, square = place.get(statement.factor), place.get(f"{statement.factor}^2")
+        if linear is None or square is None:
             continue
         # c (x - x*)^2 about its own mean over the region, c x^2 - 2 c x* x
         mean[square] = curvature

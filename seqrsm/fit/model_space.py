@@ -50,16 +50,18 @@ class Unit:
 def units_of(terms: Sequence[FactorTerm | str]) -> tuple[Unit, ...]:
     """Group the columns into units; a plain string is a block column and belongs to none."""
     groups: dict[tuple[bool, bool, tuple[str, ...]], list[int]] = {}
+    names: dict[tuple[bool, bool, tuple[str, ...]], str] = {}
     for i, term in enumerate(terms):
         if not isinstance(term, str) and term.kind != "intercept":
             key = (term.kind in _SECOND_ORDER, term.kind == "square", tuple(sorted(term.factors)))
             groups.setdefault(key, []).append(i)
+            names.setdefault(key, ":".join(term.factors) + ("^2" if key[1] else ""))
     place = {key[2][0]: position for position, key in enumerate(groups) if not key[0]}
     units = []
-    for (second, square, factors), columns in groups.items():
-        name = ":".join(factors) + ("^2" if square else "")
+    for key, columns in groups.items():
+        second, _, factors = key
         parents = tuple(place[f] for f in factors if f in place) if second else ()
-        units.append(Unit(name, tuple(columns), parents))
+        units.append(Unit(names[key], tuple(columns), parents))
     return tuple(units)
 
 

@@ -22,20 +22,28 @@ from seqrsm.fit.general_target import GeneralModel, Parameter
 
 @dataclass(frozen=True, slots=True)
 class CoefficientPrior:
-    """Independent normal priors, cut off at bounds where there are any.
+    """Normal priors, cut off at bounds where there are any.
 
     Attributes
     ----------
     mean, sd : ndarray (p,)
-        ``sd`` inf: flat.
+        Of independent coefficients; ``sd`` inf: flat.
     low, high : ndarray (p,), optional
         Bounds of each coefficient; -inf and inf where there is none. An upper bound needs a lower one.
+    precision : ndarray (p, p), optional
+        Inverse covariance of coefficients that depend on each other, in place of ``sd``.
     """
 
     mean: FloatArray
     sd: FloatArray
     low: FloatArray | None = None
     high: FloatArray | None = None
+    precision: FloatArray | None = None
+
+    @property
+    def inverse(self) -> FloatArray:
+        """Inverse covariance (p, p)."""
+        return np.diag(1.0 / np.square(self.sd)) if self.precision is None else self.precision
 
     def parameters(self, start: FloatArray) -> list[Parameter]:
         """Parameters "beta[j]" with a start inside the bounds."""
@@ -51,7 +59,8 @@ class CoefficientPrior:
 
     def log_density(self, beta: FloatArray) -> FloatArray:
         """Value (n,) at coefficients (n, p), up to a constant."""
-        return np.asarray(-0.5 * np.sum(np.square((beta - self.mean) / self.sd), axis=1))
+        off = beta - self.mean
+        return np.asarray(-0.5 * np.sum((off @ self.inverse) * off, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,13 +227,13 @@ class _NormalScores:
         root, p = np.sqrt(run_precision), self.Z.shape[1]
         X = np.zeros((len(v), self.y.size, p + self.r + 1))  # last column: the scores
         X[:, :, :p], X[:, :, -1] = self.Z, self.y
-        D, m = np.zeros(p + self.r), np.zeros(p + self.r)
-        D[:p], m[:p] = 1.0 / np.square(self.prior.sd), self.prior.mean
+        D, m = np.zeros((p + self.r, p + self.r)), np.zeros(p + self.r)
+        D[:p, :p], m[:p] = self.prior.inverse, self.prior.mean
         if self.discrepancy is not None:
             inside = self.discrepancy.inside
             X[:, inside, :p] *= scale[:, None, None]
             X[:, inside, p:-1] = self.discrepancy.columns[inside]
-            D[p:] = 1.0 / np.square(self.discrepancy.sd)
+            D[p:, p:] = np.diag(1.0 / np.square(self.discrepancy.sd))
         X *= root[:, :, None]
         J = (self.day[:, None] == np.arange(self.day.max() + 1)).astype(np.float64)
         total = run_precision @ J
@@ -234,7 +243,7 @@ class _NormalScores:
         X -= root[:, :, None] * (shrink[:, :, None] * along)[:, self.day]
         moment = np.swapaxes(X, 1, 2) @ X
         log_det = np.sum(np.log(stretch), axis=1) - np.sum(np.log(run_precision), axis=1)
-        return moment[:, :-1, :-1] + np.diag(D), moment[:, :-1, -1] + D * m, moment[:, -1, -1] + D @ m**2, log_det
+        return moment[:, :-1, :-1] + D, moment[:, :-1, -1] + D @ m, moment[:, -1, -1] + m @ D @ m, log_det
 
 
 def _log_likelihood(residual: FloatArray, precision: FloatArray, tau: FloatArray, J: FloatArray) -> FloatArray:

@@ -302,8 +302,8 @@ def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
     rule = StopRule(interval="confidence", half_width=2.0, max_runs=60, looks=1)
     numbers = {"n_runs": 40, "n_terms": 6, "s": 1.0, "df_residual": 34, "df_pure_error": 6, "h": 0.1}
 
-    def check(p: float | None, evidence: float):
-        decision = decide(rule, **numbers, lack_of_fit_p=p, departure=Departure(evidence, 3.5))
+    def check(p: float | None, evidence: float, noise: float = 0.0):
+        decision = decide(rule, **numbers, lack_of_fit_p=p, departure=Departure(evidence, 3.5, noise, 2.0))
         (found,) = (c for c in decision.checks if c.name == "lack_of_fit")
         return found, decision.held
 
@@ -312,10 +312,16 @@ def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
     assert seen.holds is False
     assert not held
     assert "smooth departure" in seen.text
-    unequal, held = check(0.01, 0.2)
+    chance, held = check(0.03, 0.2)
     assert held
-    assert "unequal variance" in unequal.text
-    assert not check(0.01, 2.0)[1]  # some sign of a departure: the test against pure error stands
+    assert "chance" in chance.text
+    assert not check(0.03, 2.0)[1]  # some sign of a departure: the test against pure error stands
+    rough, held = check(0.005, 0.2)  # chance does not explain it, and nothing else does
+    assert rough.holds is False
+    assert not held
+    unequal, held = check(0.005, 0.2, 4.0)
+    assert held
+    assert "noise grows" in unequal.text
     assert check(None, 0.2)[0].holds is None
     assert check(None, 9.0)[0].holds is False
 

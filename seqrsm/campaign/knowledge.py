@@ -1,0 +1,76 @@
+"""Prior knowledge of a campaign, from the words of ``campaign.toml`` to a prior of the coded coefficients."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
+from seqrsm.campaign.spec_tables import ExpectedOptimum, KnowledgeSpec
+from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.conjugate import NormalInverseGamma
+from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
+from seqrsm.fit.transforms import logit_scores
+
+
+def stated_prior(
+    spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel, region: Region, n_blocks: int = 0
+) -> NormalInverseGamma | None:
+    """The prior that ``campaign.toml`` states, on the scale of the fit; None where it states none.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    application : ApplicationSpec
+    model, region : QuadraticModel, Region
+        Those that are fitted: a part of the campaign's region, maybe.
+    n_blocks : int
+        Columns of blocks after the model's terms; nothing is known of them.
+    """
+    size = model.p + n_blocks
+    stated = spec.model.prior
+    if stated is not None:
+        free = np.array([term.kind == "intercept" for term in model.terms] + [True] * n_blocks)
+        precision = np.where(free, 0.0, (stated.noise_sd / stated.coefficient_sd) ** 2)
+        shape = 0.5 * stated.noise_runs
+        return NormalInverseGamma(np.zeros(size), np.diag(precision), shape, shape * stated.noise_sd**2)
+    if application.prior is None:
+        return None
+    found = _elicited(spec, application, application.prior, model, region)
+    mean, precision = np.zeros(size), np.zeros((size, size))
+    mean[: model.p], precision[: model.p, : model.p] = found.m0, found.Lambda0
+    return NormalInverseGamma(mean, precision, found.a0, found.b0)
+
+
+def _elicited(
+    spec: CampaignSpec, application: ApplicationSpec, known: KnowledgeSpec, model: QuadraticModel, region: Region
+) -> NormalInverseGamma:
+    low, high = known.utility
+    repeat_sd = 0.1 * (high - low) if known.repeat_sd is None else known.repeat_sd
+    if spec.model.response == "logit":
+        middle = min(max(0.5 * (low + high), 1.0), 99.0)
+        repeat_sd *= 100.0 / (middle * (100.0 - middle))
+        low, high = (float(end) for end in logit_scores(np.array([low, high])).value)
+    numeric = {factor.name: factor for factor in region.factors if not isinstance(factor, CategoricalFactor)}
+    optima = []
+    for name, expected in known.optimum.items():
+        stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
+        ends = numeric[name].decode(np.array([-1.0, 1.0]))
+        # What was expected outside the part of the region that is fitted has been refuted by the scores.
+        if float(ends[0]) <= stated.value <= float(ends[1]) and name in model.term_names:
+            optima.append(OptimumNear(name, stated.value, stated.doubt))
+    return elicited_prior(
+        model,
+        region,
+        UtilityRange(low, high, known.probability),
+        optima=optima,
+        scatter=RepeatScatter(repeat_sd, known.repeat_runs),
+        goal=application.goal,
+    )
+
+
+def precision_of(prior: NormalInverseGamma) -> FloatArray:
+    """Prior precision of the coefficients with sigma at its prior guess."""
+    return prior.Lambda0 * (prior.a0 / prior.b0)

@@ -1,0 +1,158 @@
+"""The least-squares surface of the runs in hand: scale, weights, blocks, terms; and what is missing where it fails."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.campaign.analysis import ScoredRuns
+from seqrsm.campaign.response import ResponseScale
+from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.estimability import missing_runs
+from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
+from seqrsm.fit.random_blocks import RandomBlockPosterior, fit_random_blocks
+from seqrsm.fit.robust import student_weights
+from seqrsm.fit.selection import average_models
+
+_SAME_SETTING_DECIMALS = 9
+_LISTED_RUNS = 8
+
+
+def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:
+    """Equal for equal executed settings; coded points (n, k) compared to 1e-9 of half a factor's range."""
+    return [tuple(row) for row in np.round(points, _SAME_SETTING_DECIMALS) + 0.0]
+
+
+def block_labels(spec: CampaignSpec, data: ScoredRuns, *, with_source: bool = True) -> list[str]:
+    """Block of each run: its flight day, where ``[model] block`` asks for it, and its source where there are two."""
+    source_too = with_source and len(set(data.sources)) > 1
+    with_block = spec.model.block is not None
+    return [
+        " ".join(part for part in (source if source_too else "", block if with_block else "") if part) or "all"
+        for source, block in zip(data.sources, data.blocks, strict=True)
+    ]
+
+
+def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
+    """Scores on the scale of ``[model] response``, with the weights of ``[model] weights``.
+
+    Raises
+    ------
+    FitError
+        Weights from standard errors that some scores do not have.
+    """
+    if spec.model.weights == "equal":
+        return ResponseScale.of(spec.model.response, data.scores)
+    if not np.all(data.score_se > 0.0):
+        named = _run_list(data.run_ids[~(data.score_se > 0.0)])
+        remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'
+        raise FitError(Problem(f"{named} have no standard error to be weighted by", remedy))
+    return ResponseScale.of(spec.model.response, data.scores, data.score_se)
+
+
+def _run_list(ids: IntArray) -> str:
+    shown = ", ".join(str(int(run)) for run in ids[:_LISTED_RUNS])
+    return f"runs {shown}" + (", ..." if len(ids) > _LISTED_RUNS else "")
+
+
+def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale) -> FloatArray:
+    return student_weights(Z, scale.values, scale.weights) if spec.model.errors == "student_t" else scale.weights
+
+
+def fit_surface(
+    spec: CampaignSpec, region: Region, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale
+) -> LeastSquaresFit:
+    """Least-squares fit on the scale of ``[model] response``, with blocks and sources as effects.
+
+    Raises
+    ------
+    FitError
+        Fewer scores than terms, or terms that the runs cannot tell apart: with runs that would mend it.
+    """
+    labels = block_labels(spec, data)
+    columns, names = block_columns(labels)
+    n, needed = len(data.scores), model.p + len(names)
+    if n < needed:
+        message = f"{n} scored runs cannot determine {needed} terms"
+        raise FitError(Problem(message, _remedy(region, model, data, "Score more runs", needed - n)))
+    Z = np.hstack([model.matrix(data.points), columns])
+    fit = fit_least_squares(
+        Z,
+        scale.values,
+        [*model.terms, *names],
+        weights=_weights(spec, Z, scale),
+        setting_ids=setting_ids(data.points),
+        block_ids=labels,
+    )
+    if fit.aliased:
+        message = f"the runs cannot tell these terms apart: {', '.join(fit.aliased)}"
+        raise FitError(Problem(message, _remedy(region, model, data, "Add runs", n_aliased=len(fit.null.T))))
+    return fit
+
+
+def _remedy(
+    region: Region, model: QuadraticModel, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0
+) -> str:
+    """Runs that would make every term estimable, in words; or why none would."""
+    missing = missing_runs(model, region, data.points)
+    if missing.unresolved:
+        return (
+            f"No run of the region tells {', '.join(missing.unresolved)} apart: change the factors or constraints, "
+            "or set [model] order = 1."
+        )
+    if not missing.settings:
+        least = max(n_short, n_aliased)
+        if n_aliased:
+            return "Blocks and settings change together: repeat settings of one block in another, or leave blocks out."
+        return f"{start}: at least {least} more (`seqrsm propose` names good ones), or set [model] order = 1."
+    units = {factor.name: getattr(factor, "unit", "") for factor in region.factors}
+    shown = "; ".join(
+        ", ".join(
+            f"{name} {value if isinstance(value, str) else f'{value:.4g} {units[name]}'.rstrip()}"
+            for name, value in settings.items()
+        )
+        for settings in missing.settings[:_LISTED_RUNS]
+    )
+    count = len(missing.settings)
+    more = f" and {count - _LISTED_RUNS} more (`seqrsm propose` names them)" if count > _LISTED_RUNS else ""
+    return f"{start}; {count} at these settings would do: {shown}{more}. Or set [model] order = 1."
+
+
+def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale) -> QuadraticModel:
+    """The model of the terms that are more likely than not, by averaging over hierarchical sub-models.
+
+    Raises
+    ------
+    FitError
+        Scores that cannot be used.
+    """
+    if not len(data.scores) or float(np.ptp(scale.values)) == 0.0:
+        return QuadraticModel(model.factors, model.order, (0,))
+    columns, names = block_columns(block_labels(spec, data))
+    Z = np.hstack([model.matrix(data.points), columns])
+    found = average_models(Z, scale.values, [*model.terms, *names], weights=_weights(spec, Z, scale), seed=spec.seed)
+    chosen = {0}
+    for unit, present in zip(found.units, found.median_model.tolist(), strict=True):
+        chosen.update(unit.columns if present else ())
+    return QuadraticModel(model.factors, model.order, tuple(sorted(chosen)))
+
+
+def random_blocks(
+    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale
+) -> RandomBlockPosterior:
+    """Surface of the average block, with blocks as a random effect.
+
+    Raises
+    ------
+    FitError
+        One block, two sources, or no scatter.
+    """
+    if len(set(data.sources)) > 1:
+        remedy = 'Set [model] block_effect = "fixed".'
+        raise FitError(Problem("random blocks are for scores of one source, here are simulations and flights", remedy))
+    labels = block_labels(spec, data)
+    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights)
