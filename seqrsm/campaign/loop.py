@@ -16,19 +16,22 @@ from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.check import check_simulator
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.campaign.heartbeat import heartbeat
 from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.serialise import look_summary
-from seqrsm.campaign.simulation import SimulationResult, carry_out, task_of
+from seqrsm.campaign.simulation import carry_out, files_of, task_of
 from seqrsm.campaign.spec import CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
-from seqrsm.simulate.runner import run_many
+from seqrsm.simulate.runner import Lost, run_many
 
 Progress = Callable[[int, int], None]
 WAITING = ("proposed", "issued", "running")
+MAX_ATTEMPTS = 3
+"""How often a simulated run is begun that fails through no fault of its settings."""
 
 
 def _silent(*_: object) -> None:
@@ -241,25 +244,39 @@ class Campaign:
         proposed = [run.run_id for run in self.store.runs("proposed", source="simulation")]
         if proposed:
             self.store.issue(proposed)
-        waiting = self.store.runs("issued", source="simulation")
-        tasks = [task_of(self.spec, run.run_id, run.proposed) for run in waiting]
-        claimed = {run.run_id for run in self.store.claim([task.run_id for task in tasks])} if tasks else set()
-        tasks = [task for task in tasks if task.run_id in claimed]
-        unfinished = set(claimed)
-        try:
-            for _, result in run_many(carry_out, tasks, workers, on_progress, cluster):
-                self._keep(result)
-                unfinished.discard(result.run_id)
-        finally:
-            if unfinished:
-                self.store.issue(unfinished)
-        return tuple(run for run in self.store.runs() if run.run_id in claimed)
+        waiting = {run.run_id: run for run in self.store.runs("issued", source="simulation")}
+        carried: set[int] = set()
+        while waiting:
+            claimed = self.store.claim(waiting) if waiting else ()
+            carried |= {run.run_id for run in claimed}
+            waiting = {run.run_id: run for run in self._carry_out(claimed, workers, cluster, on_progress)}
+        return tuple(run for run in self.store.runs() if run.run_id in carried)
 
-    def _keep(self, result: SimulationResult) -> None:
-        if result.failure:
-            self.store.fail(result.run_id, result.failure)
-        else:
-            self.store.record_scores(result.run_id, result.scores)
+    def _carry_out(
+        self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
+    ) -> list[RunRecord]:
+        """Simulate runs that this process holds; those that failed through no fault of theirs are to be tried again."""
+        again: list[RunRecord] = []
+        if not claimed:
+            return again
+        tasks = [task_of(self.spec, run.run_id, run.proposed) for run in claimed]
+        files = files_of(tasks[0]) if cluster is not None else ()
+        try:
+            with heartbeat(self.store):
+                for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
+                    run = claimed[index]
+                    if isinstance(result, Lost):
+                        self.store.fail(run.run_id, result.reason)
+                    elif not result.failure:
+                        self.store.record_scores(run.run_id, result.scores)
+                    else:
+                        self.store.fail(run.run_id, result.failure)
+                        if result.again and run.attempts < MAX_ATTEMPTS:
+                            self.store.issue([run.run_id])
+                            again.append(run)
+        finally:
+            self.store.release(run.run_id for run in claimed)
+        return again
 
     def ingest(self, file: Path, *, dry_run: bool = False) -> Any:
         """Take in a CSV of measured scores, all or nothing; see `seqrsm.campaign.ingest`."""

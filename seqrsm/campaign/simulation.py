@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.scene.scene import Scene, load_scene
+from seqrsm.simulate.cluster import local_file
 from seqrsm.simulate.psm import Precision
 
 NO_RUN = 0
@@ -50,12 +51,16 @@ class SimulationTask:
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Scores of a run, or the reason why there are none; ``seconds`` is what it took."""
+    """Scores of a run, or the reason why there are none; ``seconds`` is what it took.
+
+    ``again``: the failure was the machine's (memory, disk) and not the sensor's; another attempt may do better.
+    """
 
     run_id: int
     scores: tuple[NewScore, ...]
     failure: str
     seconds: float
+    again: bool = False
 
 
 def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]) -> SimulationTask:
@@ -123,12 +128,28 @@ def simulate_image(task: SimulationTask, precision: Precision = "float32") -> tu
 def carry_out(task: SimulationTask) -> SimulationResult:
     """Simulate and score; a sensor that cannot work is a failure with its reason, not an exception."""
     start = time.perf_counter()
+    task = on_this_machine(task)
     try:
         image, scene = simulate_image(task)
         scores = tuple(_score(task, image, scene, application, name) for application, name in task.utilities)
     except UserError as error:
         return SimulationResult(task.run_id, (), str(error), time.perf_counter() - start)
+    except (MemoryError, OSError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, again=True)
     return SimulationResult(task.run_id, scores, "", time.perf_counter() - start)
+
+
+def files_of(task: SimulationTask) -> frozenset[str]:
+    """Paths of the files that a task reads."""
+    own = (str(task.fixed[name]) for name in ENGINES[task.engine].files if task.fixed.get(name))
+    return frozenset(path for path in (task.scene, task.table, *own) if path)
+
+
+def on_this_machine(task: SimulationTask) -> SimulationTask:
+    """The task with the places where its files lie here; a cluster's worker has copies."""
+    own = {name: local_file(str(task.fixed[name])) for name in ENGINES[task.engine].files if task.fixed.get(name)}
+    return replace(task, scene=local_file(task.scene), table=local_file(task.table), fixed={**task.fixed, **own})
 
 
 def _score(task: SimulationTask, image: Image, scene: Scene, application: str, utility: str) -> NewScore:

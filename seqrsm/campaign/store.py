@@ -53,6 +53,8 @@ __all__ = [
 ]
 
 STORE_NAME = "campaign.db"
+LEASE_S = 900.0
+"""A process of another host that was not heard of for so long [s] has lost its runs; the hosts' clocks agree better."""
 _TOKEN = secrets.token_hex(4)
 
 
@@ -179,7 +181,8 @@ class Store:
                 ledger.states(wanted)
                 query = query.where(RUNS.c.id.in_(wanted))
             ids = tuple(ledger.connection.execute(query).scalars())
-            values = {"started_at": utc_now(), "owner": _this_process(), "attempts": RUNS.c.attempts + 1}
+            now = utc_now()
+            values = {"started_at": now, "seen_at": now, "owner": _this_process(), "attempts": RUNS.c.attempts + 1}
             ledger.move(ids, "running", values, detail={"owner": _this_process()})
             return ledger.runs(RUNS.c.id.in_(ids))
 
@@ -246,11 +249,26 @@ class Store:
         with self._write() as ledger:
             ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
 
-    def release_stale(self, older_than_s: float = 86400.0) -> tuple[int, ...]:
+    def release(self, run_ids: Iterable[int]) -> tuple[int, ...]:
+        """Issue again those of the runs that this process still holds; returns their ids."""
+        with self._write() as ledger:
+            held = (RUNS.c.id.in_(tuple(run_ids)), RUNS.c.state == "running", RUNS.c.owner == _this_process())
+            ids = tuple(ledger.connection.execute(sa.select(RUNS.c.id).where(*held).order_by(RUNS.c.id)).scalars())
+            ledger.move(ids, "issued", {"owner": ""}, kind="released")
+            return ids
+
+    def beat(self) -> None:
+        """Say that this process is alive: nobody else takes its runs for another `LEASE_S`."""
+        held = (RUNS.c.state == "running", RUNS.c.owner == _this_process())
+        with self._write() as ledger:
+            ledger.connection.execute(sa.update(RUNS).where(*held).values(seen_at=utc_now()))
+
+    def release_stale(self, older_than_s: float = LEASE_S) -> tuple[int, ...]:
         """Issue again the runs whose process died.
 
-        A run is stale when its process ran on this host and is gone, or when it began more than ``older_than_s`` [s]
-        ago.
+        A run is stale when its process ran on this host and is gone, or when nothing was heard of the process for more
+        than ``older_than_s`` [s]. Should it come back after all, its scores are those of any other process, and are
+        kept once.
 
         Returns
         -------
@@ -259,11 +277,12 @@ class Store:
         """
         limit = _isoformat(datetime.now(UTC) - timedelta(seconds=older_than_s))
         with self._write() as ledger:
-            query = sa.select(RUNS.c.id, RUNS.c.owner, RUNS.c.started_at).where(RUNS.c.state == "running")
+            columns = (RUNS.c.id, RUNS.c.owner, RUNS.c.started_at, RUNS.c.seen_at)
+            query = sa.select(*columns).where(RUNS.c.state == "running")
             ids = tuple(
                 row.id
                 for row in ledger.connection.execute(query.order_by(RUNS.c.id))
-                if _is_gone(row.owner) or (row.started_at or "") < limit
+                if _is_gone(row.owner) or (row.seen_at or row.started_at or "") < limit
             )
             ledger.move(ids, "issued", {"owner": ""}, kind="released")
             return ids

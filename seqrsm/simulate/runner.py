@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, TypeVar
-
-from seqrsm.errors import Problem, UserError
+from dataclasses import dataclass
+from typing import TypeVar
 
 A = TypeVar("A")
 R = TypeVar("R")
 
-MAX_REBUILDS = 3
-"""How often a pool that lost a worker is built anew, and how often a cluster tries a run whose worker died."""
+MAX_TRIES = 3
+"""How often a run whose process died is tried again, alone, before it is given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Takes the place of a result: the processes that ran this argument died, again and again."""
+
+    reason: str
 
 
 def run_many(
@@ -24,12 +31,14 @@ def run_many(
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
     cluster: str | None = None,
-) -> Iterator[tuple[int, R]]:
+    files: Collection[str] = (),
+) -> Iterator[tuple[int, R | Lost]]:
     """Apply a function to every argument and yield results as they complete.
 
-    A worker that dies (killed, out of memory) breaks the pool; the pool is built anew and what had not finished is run
-    again, up to `MAX_REBUILDS` times. An exception of the function itself ends the runs and reaches the caller.
-    Closing the iterator, or an interrupt, cancels what has not begun and stops the workers.
+    A worker that dies (killed, out of memory) breaks the pool. What was under way is then tried alone, up to
+    `MAX_TRIES` times each, so that the run that kills its process is told from those beside it. An exception of the
+    function itself ends the runs and reaches the caller. Closing the iterator, or an interrupt, cancels what has not
+    begun and stops the workers.
 
     Parameters
     ----------
@@ -43,16 +52,17 @@ def run_many(
         Called with (finished, all) after each run.
     cluster : str, optional
         Address of a dask scheduler, such as ``"tcp://head:8786"``: the runs go there and `workers` is not used.
+    files : collection of str
+        Paths that the function reads; a cluster's workers get them once each and find them by
+        `seqrsm.simulate.cluster.local_file`.
 
     Yields
     ------
     tuple of int and result
-        Index of the argument and what the function returned; in the order of completion.
+        Index of the argument and what the function returned, or `Lost`; in the order of completion.
 
     Raises
     ------
-    concurrent.futures.process.BrokenProcessPool
-        The pool broke more than `MAX_REBUILDS` times.
     ValueError
         `workers` is below 1.
     UserError
@@ -60,9 +70,11 @@ def run_many(
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
-    results: Iterator[tuple[int, R]]
+    results: Iterator[tuple[int, R | Lost]]
     if cluster is not None:
-        results = _run_on_cluster(function, arguments, cluster)
+        from seqrsm.simulate.cluster import run_on_cluster
+
+        results = run_on_cluster(function, arguments, cluster, files)
     elif workers == 1 or len(arguments) <= 1:
         results = ((index, function(argument)) for index, argument in enumerate(arguments))
     else:
@@ -73,69 +85,51 @@ def run_many(
         yield result
 
 
-def _run_on_cluster(function: Callable[[A], R], arguments: Sequence[A], address: str) -> Iterator[tuple[int, R]]:
-    """Yield results of a dask cluster as they complete; a run whose worker died is tried again there."""
-    try:
-        from distributed import Client, as_completed
-    except ImportError as error:
-        remedy = "Install it: pip install 'seqrsm[cluster]'"
-        raise UserError(
-            Problem("running on a cluster needs the package distributed", remedy, field="cluster")
-        ) from error
-    try:
-        client: Any = Client(address, timeout="30s", set_as_default=False)
-    except (OSError, ValueError) as error:
-        remedy = "Start a scheduler there (dask scheduler), or correct the address"
-        raise UserError(Problem(f"no cluster answers: {error}", remedy, field="cluster", value=address)) from error
-    futures: list[Any] = []
-    try:
-        # pure=False: equal arguments are runs of their own, never looked up in the cluster's memory.
-        futures = [client.submit(function, a, retries=MAX_REBUILDS, pure=False) for a in arguments]
-        index_of = {future.key: index for index, future in enumerate(futures)}
-        for future in as_completed(futures):
-            if future.cancelled() or future.status == "lost":
-                raise _lost(address)
-            yield index_of[future.key], future.result()
-    except OSError as error:
-        raise _lost(address) from error
-    finally:
-        for future in futures:
-            if not future.done():
-                future.cancel()
-        client.close()
-
-
-def _lost(address: str) -> UserError:
-    text = "the cluster was lost while runs were under way"
-    return UserError(Problem(text, "Start it again; finished runs are kept", field="cluster", value=address))
-
-
-def _run_in_pool(function: Callable[[A], R], arguments: Sequence[A], workers: int) -> Iterator[tuple[int, R]]:
-    open_runs = dict(enumerate(arguments))
-    rebuilds = 0
-    while open_runs:
-        # spawn, never fork: numba and BLAS threads do not survive a fork.
-        pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker)
-        clean = False
-        try:
-            futures: dict[Future[R], int] = {pool.submit(function, a): index for index, a in open_runs.items()}
-            while futures:
-                done, _ = wait(futures, return_when=FIRST_COMPLETED)
-                for future in done:
-                    index = futures.pop(future)
-                    result = future.result()
-                    del open_runs[index]
-                    yield index, result
-            clean = True
-        except BrokenProcessPool:
-            rebuilds += 1
-            if rebuilds > MAX_REBUILDS:
-                raise
-        finally:
-            if clean:
-                pool.shutdown()
+def _run_in_pool(function: Callable[[A], R], arguments: Sequence[A], workers: int) -> Iterator[tuple[int, R | Lost]]:
+    waiting = dict(enumerate(arguments))
+    while waiting:
+        suspects = yield from _run_until_broken(function, waiting, workers)
+        for index in suspects:
+            for _ in range(MAX_TRIES):
+                broken = yield from _run_until_broken(function, {index: arguments[index]}, 1)
+                if not broken:
+                    break
             else:
-                _stop(pool)
+                yield index, Lost(f"the process that ran it died {MAX_TRIES + 1} times (out of memory, or killed)")
+            del waiting[index]
+
+
+def _run_until_broken(
+    function: Callable[[A], R], waiting: dict[int, A], workers: int
+) -> Generator[tuple[int, R], None, tuple[int, ...]]:
+    """Run what waits, taking out what is done; when a process dies, return the indices that were under way."""
+    # spawn, never fork: numba and BLAS threads do not survive a fork.
+    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker)
+    clean = False
+    futures: dict[Future[R], int] = {}
+    queue = iter(list(waiting.items()))
+    try:
+        while True:
+            # No more under way than there are processes: what breaks the pool is among them.
+            for index, argument in itertools.islice(queue, workers - len(futures)):
+                futures[pool.submit(function, argument)] = index
+            if not futures:
+                break
+            done, _ = wait(futures, return_when=FIRST_COMPLETED)
+            for future in done:
+                result = future.result()
+                index = futures.pop(future)
+                del waiting[index]
+                yield index, result
+        clean = True
+        return ()
+    except BrokenProcessPool:
+        return tuple(sorted(index for index in futures.values()))
+    finally:
+        if clean:
+            pool.shutdown()
+        else:
+            _stop(pool)
 
 
 def _start_worker() -> None:

@@ -7,16 +7,14 @@ import os
 import signal
 import sys
 import time
-import types
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from seqrsm.errors import UserError
 from seqrsm.rng import generator
-from seqrsm.simulate.runner import run_many
+from seqrsm.simulate.runner import Lost, run_many
 
 
 def draw(run_id: int) -> float:
@@ -88,81 +86,22 @@ def test_no_workers_is_refused():
         list(run_many(draw, [1], workers=0))
 
 
-class FakeFuture:
-    def __init__(self, key, call):
-        self.key, self.call, self.status, self.stopped = key, call, "finished", False
-
-    def result(self):
-        return self.call()
-
-    def cancelled(self):
-        return self.status == "cancelled"
-
-    def done(self):
-        return self.status == "finished"
-
-    def cancel(self):
-        self.stopped = True
+def die_always(argument: tuple[str, int]) -> int:
+    path, x = argument
+    if x == 1:
+        with Path(path).open("a") as stream:
+            stream.write("died\n")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * x
 
 
-class FakeClient:
-    """Stands for the client of dask: what `run_many` uses of it, answering out of order."""
-
-    made: ClassVar[list] = []
-    lose_after: ClassVar[int | None] = None
-
-    def __init__(self, address, **options):
-        if address == "tcp://nowhere:1":
-            raise OSError("timed out")
-        self.address, self.options, self.futures, self.closed = address, options, [], False
-        FakeClient.made.append(self)
-
-    def submit(self, function, argument, *, retries, pure):
-        assert retries == 3
-        assert pure is False
-        self.futures.append(FakeFuture(f"k{len(self.futures)}", lambda: function(argument)))
-        return self.futures[-1]
-
-    def close(self):
-        self.closed = True
-
-
-def as_completed_backwards(futures):
-    for n, future in enumerate(reversed(futures)):
-        if FakeClient.lose_after is not None and n >= FakeClient.lose_after:
-            future.status = "cancelled"
-        yield future
-
-
-@pytest.fixture
-def fake_cluster(monkeypatch):
-    module = types.ModuleType("distributed")
-    module.Client, module.as_completed = FakeClient, as_completed_backwards
-    monkeypatch.setitem(sys.modules, "distributed", module)
-    monkeypatch.setattr(FakeClient, "made", [])
-    monkeypatch.setattr(FakeClient, "lose_after", None)
-
-
-@pytest.mark.usefixtures("fake_cluster")
-def test_a_cluster_gives_the_results_of_one_process():
-    calls = []
-    found = list(run_many(draw, range(5), cluster="tcp://head:8786", progress=lambda d, n: calls.append((d, n))))
-    assert [index for index, _ in found] == [4, 3, 2, 1, 0]
-    assert dict(found) == dict(run_many(draw, range(5)))
-    assert calls[-1] == (5, 5)
-    assert FakeClient.made[0].closed
-    with pytest.raises(ValueError, match="two"):
-        list(run_many(fail_at_two, range(4), cluster="tcp://head:8786"))
-
-
-@pytest.mark.usefixtures("fake_cluster")
-def test_a_cluster_that_is_lost_or_not_there_is_told(monkeypatch):
-    with pytest.raises(UserError, match="no cluster answers: timed out"):
-        list(run_many(draw, range(3), cluster="tcp://nowhere:1"))
-    monkeypatch.setattr(FakeClient, "lose_after", 2)
-    with pytest.raises(UserError, match="lost while runs were under way"):
-        list(run_many(draw, range(4), cluster="tcp://head:8786"))
-    assert FakeClient.made[-1].closed
+def test_a_run_that_always_kills_its_process_is_given_up_alone(tmp_path):
+    path = tmp_path / "died"
+    found = dict(run_many(die_always, [(str(path), x) for x in range(4)], workers=2))
+    assert {index: value for index, value in found.items() if index != 1} == {0: 0, 2: 20, 3: 30}
+    assert isinstance(found[1], Lost)
+    assert "died 4 times" in found[1].reason
+    assert len(path.read_text().splitlines()) == 4
 
 
 def test_a_missing_client_library_is_told_with_the_line_to_install_it(monkeypatch):

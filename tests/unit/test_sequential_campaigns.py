@@ -39,13 +39,13 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
     def make(text: str, score: Score, folder: str = "c") -> Campaign:
         def carry(_function, tasks, *_rest):
-            for task in tasks:
+            for index, task in enumerate(tasks):
                 try:
                     value, failure = score(task.settings, task.run_id), ""
                 except ValueError as error:
                     value, failure = 0.0, str(error)
                 scores = () if failure else (NewScore("score", float(value)),)
-                yield task, SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure)
+                yield index, SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False)
 
         monkeypatch.setattr(loop, "run_many", carry)
         monkeypatch.setattr(loop, "check_simulator", lambda spec: None)

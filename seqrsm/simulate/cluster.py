@@ -1,0 +1,109 @@
+"""Runs on a dask cluster (extra ``cluster``): scenes travel once per worker, and a lost worker loses nothing."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from seqrsm.errors import Problem, UserError
+from seqrsm.simulate.runner import Lost
+
+A = TypeVar("A")
+R = TypeVar("R")
+
+CONNECT_S = 30
+"""How long a scheduler may take to answer [s], at the beginning and when the connection broke."""
+
+_PLACES: dict[str, str] = {}
+"""On a worker: where the files lie that were sent, by their paths on the sender's machine."""
+
+
+def local_file(path: str) -> str:
+    """Where a file lies on this machine: the copy that was sent to a worker, else the path itself."""
+    return _PLACES.get(path, path)
+
+
+def keep_files(folder: Path, contents: dict[str, bytes]) -> None:
+    """Write files that were sent into a worker's folder, named by their content."""
+    for path, content in contents.items():
+        place = folder / f"{hashlib.sha256(content).hexdigest()[:16]}-{Path(path).name}"
+        if not place.exists():
+            part = place.with_suffix(".part")
+            part.write_bytes(content)
+            part.replace(place)
+        _PLACES[path] = str(place)
+
+
+def run_on_cluster(
+    function: Callable[[A], R], arguments: Sequence[A], address: str, files: Collection[str] = ()
+) -> Iterator[tuple[int, R | Lost]]:
+    """Yield results of a dask cluster as they complete; see `seqrsm.simulate.runner.run_many`.
+
+    A run whose worker died is tried again there as often as the scheduler allows (``allowed-failures``, 3 by default).
+    """
+    try:
+        from distributed import Client, KilledWorker, as_completed
+    except ImportError as error:
+        remedy = "Install it: pip install 'seqrsm[cluster]'"
+        raise UserError(
+            Problem("running on a cluster needs the package distributed", remedy, field="cluster")
+        ) from error
+    try:
+        client: Any = Client(address, timeout=f"{CONNECT_S}s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        remedy = "Start a scheduler there (dask scheduler), or correct the address"
+        raise UserError(Problem(f"no cluster answers: {error}", remedy, field="cluster", value=address)) from error
+    futures: list[Any] = []
+    try:
+        if files:
+            _send_files(client, files)
+        # pure=False: equal arguments are runs of their own, never looked up in the cluster's memory.
+        futures = [client.submit(function, argument, pure=False) for argument in arguments]
+        index_of = {future.key: index for index, future in enumerate(futures)}
+        for future in as_completed(futures, loop=client.loop):
+            if future.cancelled() or future.status == "lost":
+                raise _lost(address)
+            try:
+                yield index_of[future.key], future.result()
+            except KilledWorker as error:
+                yield index_of[future.key], Lost(f"the workers that ran it died: {error}")
+    except OSError as error:
+        raise _lost(address) from error
+    finally:
+        for future in futures:
+            if not future.done():
+                future.cancel()
+        client.close()
+
+
+def _send_files(client: Any, files: Collection[str]) -> None:
+    """Give the files to every worker that is there or will come; what the scheduler has already is not sent again."""
+    from distributed import WorkerPlugin
+
+    contents = {path: Path(path).read_bytes() for path in sorted(files)}
+    digest = hashlib.sha256()
+    for path, content in contents.items():
+        digest.update(path.encode() + b"\0" + hashlib.sha256(content).digest())
+    name = f"seqrsm-files-{digest.hexdigest()[:16]}"
+
+    class Files(WorkerPlugin):  # type: ignore[misc]
+        """Local, so that it is sent by value."""
+
+        def __init__(self) -> None:
+            self.name = name
+            self.contents = contents
+
+        def setup(self, worker: Any) -> None:
+            from seqrsm.simulate.cluster import keep_files
+
+            keep_files(Path(worker.local_directory), self.contents)
+
+    if not client.run_on_scheduler(lambda dask_scheduler: name in dask_scheduler.worker_plugins):
+        client.register_plugin(Files())
+
+
+def _lost(address: str) -> UserError:
+    text = "the cluster was lost while runs were under way"
+    return UserError(Problem(text, "Start it again; finished runs are kept", field="cluster", value=address))

@@ -1,0 +1,41 @@
+"""What the workers of the test cluster are told to do; they find this module by their path."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from seqrsm.rng import generator
+from seqrsm.simulate.cluster import local_file
+
+
+def draw(run_id: int) -> float:
+    return float(generator(1, run_id, "x").standard_normal())
+
+
+def die_once(argument: tuple[str, int]) -> int:
+    path, x = argument
+    if x == 1 and not Path(path).exists():
+        Path(path).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * x
+
+
+def die_always(x: int) -> int:
+    if x == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * x
+
+
+def slow(x: int) -> int:
+    time.sleep(0.5 if x else 0.0)
+    return x
+
+
+def read_and_tell(argument: tuple[str, int]) -> tuple[str, int, str, float]:
+    """Content, process, place and time of writing of a file that was sent."""
+    place = local_file(argument[0])
+    time.sleep(0.05)
+    return Path(place).read_text(encoding="utf-8"), os.getpid(), place, Path(place).stat().st_mtime_ns

@@ -1,0 +1,143 @@
+"""A real dask cluster: scheduler and two workers in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cluster_jobs
+import pytest
+from tiny_campaign import make_tiny
+from typer.testing import CliRunner
+
+from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.store import Store
+from seqrsm.cli.app import app
+from seqrsm.errors import UserError
+from seqrsm.simulate import cluster as cluster_module
+from seqrsm.simulate.runner import Lost, run_many
+
+pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+# The client's background tasks outlive a scheduler that was killed; what they say then is no fault of ours.
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+SERVE = """
+import sys
+import dask
+from distributed import LocalCluster
+if __name__ == "__main__":
+    dask.config.set({"distributed.worker.daemon": True})
+    cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1")
+    print(cluster.scheduler_address, flush=True)
+    sys.stdin.readline()
+"""
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Address of a scheduler with two workers, and the process that holds them."""
+    script = folder / "serve.py"
+    script.write_text(SERVE, encoding="utf-8")
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+        start_new_session=True,
+        cwd=folder,
+    )
+    assert process.stdout is not None
+    try:
+        yield process.stdout.readline().strip(), process
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with serving(tmp_path_factory.mktemp("cluster")) as (found, _):
+        yield found
+
+
+def test_a_cluster_does_the_same_as_one_process(address, tmp_path):
+    calls: list[tuple[int, int]] = []
+    found = dict(run_many(cluster_jobs.draw, range(20), cluster=address, progress=lambda d, n: calls.append((d, n))))
+    assert found == dict(run_many(cluster_jobs.draw, range(20)))  # to the last bit
+    assert calls == [(k, 20) for k in range(1, 21)]
+
+    # a worker killed in mid-run: its run is done by another
+    path = str(tmp_path / "died")
+    again = dict(run_many(cluster_jobs.die_once, [(path, x) for x in range(6)], cluster=address))
+    assert again == {x: 10 * x for x in range(6)}
+    assert Path(path).exists()
+
+    # a file is written once by each worker, however many runs and calls need it
+    scene = tmp_path / "scene.txt"
+    scene.write_text("hills", encoding="utf-8")
+    tasks = [(str(scene), k) for k in range(12)]
+    told = [
+        result
+        for _ in range(2)
+        for _, result in run_many(cluster_jobs.read_and_tell, tasks, cluster=address, files=[str(scene)])
+    ]
+    assert {content for content, *_ in told} == {"hills"}
+    assert all(place != str(scene) for _, _, place, _ in told)
+    assert len({place for _, _, place, _ in told}) <= 2
+    assert len({(place, written) for _, _, place, written in told}) == len({place for _, _, place, _ in told})
+
+
+def test_a_run_that_kills_every_worker_is_given_up(address):
+    found = dict(run_many(cluster_jobs.die_always, range(3), cluster=address))
+    assert (found[0], found[2]) == (0, 20)
+    assert isinstance(found[1], Lost)
+
+
+def scores(folder: Path) -> dict[int, list[float]]:
+    with Store.open(folder) as store:
+        return {run.run_id: [score.score for score in run.scores] for run in store.runs()}
+
+
+def call(*arguments: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def test_a_campaign_scores_the_same_on_a_cluster_that_goes_away_in_mid_run(address, tiny, tiny_scene, tmp_path):
+    alone = make_tiny(tmp_path / "alone", tiny_scene)
+    for folder in (tiny, alone):
+        call("propose", folder)
+    call("simulate", alone)
+    expected = scores(alone)
+    with serving(tmp_path) as (gone, process):
+        campaign = Campaign.open(tiny)
+
+        def kill_at_third(done: int, _total: int) -> None:
+            if done == 3:
+                os.killpg(process.pid, signal.SIGKILL)
+
+        with pytest.raises(UserError, match="lost while runs were under way"):
+            campaign.simulate(cluster=gone, on_progress=kill_at_third)
+        campaign.store.close()
+    kept = {run_id: found for run_id, found in scores(tiny).items() if found}
+    assert 3 <= len(kept) < len(expected)
+    assert kept.items() <= expected.items()
+    with Store.open(tiny) as store:
+        assert {run.state for run in store.runs()} == {"scored", "issued"}
+    call("simulate", tiny, "--cluster", address)
+    assert scores(tiny) == expected  # to the last bit
+
+
+def test_no_scheduler_at_all(monkeypatch):
+    monkeypatch.setattr(cluster_module, "CONNECT_S", 1)
+    with pytest.raises(UserError, match="no cluster answers"):
+        list(run_many(cluster_jobs.draw, range(3), cluster="tcp://127.0.0.1:9"))

@@ -1,0 +1,135 @@
+"""Leases of runs across hosts, and failures that are tried again a bounded number of times."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+import sqlalchemy as sa
+
+from seqrsm.campaign import loop
+from seqrsm.campaign import store as store_module
+from seqrsm.campaign.heartbeat import heartbeat
+from seqrsm.campaign.loop import MAX_ATTEMPTS, Campaign
+from seqrsm.campaign.records import NewRun, NewScore
+from seqrsm.campaign.schema import RUNS
+from seqrsm.campaign.simulation import SimulationResult
+from seqrsm.campaign.store import Store
+from seqrsm.simulate.runner import Lost
+
+RUN = NewRun({"x": 1.0})
+
+
+def unheard_since(store, run_id, moment):
+    with store._database.write() as connection:
+        connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(seen_at=moment, started_at=moment))
+
+
+def test_runs_of_another_host_are_taken_back_when_it_falls_silent(store, monkeypatch):
+    ids = store.add_batch([RUN, RUN], issue=True)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
+        store.claim()
+        unheard_since(store, ids[0], "2020-01-01T00:00:00.000000Z")
+        unheard_since(store, ids[1], "2020-01-01T00:00:00.000000Z")
+        store.beat()
+        unheard_since(store, ids[0], "2020-01-01T00:00:00.000000Z")
+    assert store.release_stale() == (ids[0],)
+    assert [run.state for run in store.runs()] == ["issued", "running"]
+    # It was only asleep: its score is kept once, whoever comes first.
+    assert store.claim([ids[0]])[0].attempts == 2
+    assert store.record_score(ids[0], "crops", 5.0)
+    assert not store.record_score(ids[0], "crops", 5.0)
+
+
+def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
+    ids = store.add_batch([RUN, RUN, RUN], issue=True)
+    store.claim(ids[:2])
+    store.record_score(ids[0], "crops", 5.0)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
+        store.claim([ids[2]])
+    assert store.release(ids) == (ids[1],)
+    assert [run.state for run in store.runs()] == ["scored", "issued", "running"]
+
+
+def test_the_heart_beats_while_runs_are_held(store):
+    (run_id,) = store.add_batch([RUN], issue=True)
+    (claimed,) = store.claim()
+    with heartbeat(store, every_s=0.01):
+        deadline = time.monotonic() + 30.0
+        while store.run(run_id).seen_at == claimed.seen_at and time.monotonic() < deadline:
+            time.sleep(0.01)
+    seen = store.run(run_id).seen_at
+    assert seen > claimed.seen_at
+    assert len(store.events(run_id=run_id)) == 3  # a beat is no event
+
+
+SPEC = """\
+[campaign]
+name = "test"
+[[factor]]
+name = "x"
+low = -1
+high = 1
+[[application]]
+name = "crops"
+utility = "measured"
+[stop]
+half_width = 2
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """Campaign of one issued run, whose attempts end as told."""
+
+    def make(*ends):
+        (tmp_path / "campaign.toml").write_text(SPEC)
+        opened = Campaign.open(tmp_path)
+        opened.store.add_batch([RUN], issue=True)
+        left = iter(ends)
+        monkeypatch.setattr(loop, "run_many", lambda *_: iter([(0, next(left))]))
+        monkeypatch.setattr(loop, "task_of", lambda *_: None)
+        return opened
+
+    return make
+
+
+def result(failure="", again=False):
+    return SimulationResult(1, () if failure else (NewScore("crops", 1.0),), failure, 0.1, again)
+
+
+def test_a_failure_of_the_machine_is_tried_again(campaign):
+    opened = campaign(result("MemoryError: ", again=True), result())
+    (run,) = opened.simulate()
+    assert (run.state, run.attempts, run.reason) == ("scored", 2, "")
+    assert [event.detail["reason"] for event in opened.store.events(kind="failed")] == ["MemoryError: "]
+
+
+def test_but_not_for_ever(campaign):
+    opened = campaign(*[result("OSError: no space", again=True)] * (MAX_ATTEMPTS + 1))
+    (run,) = opened.simulate()
+    assert (run.state, run.attempts, run.reason) == ("failed", MAX_ATTEMPTS, "OSError: no space")
+    assert opened.simulate() == ()
+
+
+@pytest.mark.parametrize("end", [result("the sensor cannot fly"), Lost("its processes died")])
+def test_other_failures_are_final(campaign, end):
+    (run,) = campaign(end).simulate()
+    assert (run.state, run.attempts) == ("failed", 1)
+    assert run.reason in ("the sensor cannot fly", "its processes died")
+
+
+def test_an_interrupt_gives_the_runs_back(campaign, monkeypatch):
+    opened = campaign()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr(loop, "run_many", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        opened.simulate()
+    with Store.open(opened.folder) as store:
+        assert store.run(1).state == "issued"
