@@ -1,4 +1,4 @@
-"""Values as JSON can hold them. No numpy import: the command line starts without it."""
+"""Values as JSON can hold them, and as sentences show them. No numpy import: the command line starts without it."""
 
 from __future__ import annotations
 
@@ -23,3 +23,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, Sequence | set | frozenset):
         return [plain(inner) for inner in value]
     return str(value)
+
+
+def known(value: float, uncertainty: float) -> str:
+    """``value`` with the digits that its uncertainty supports: down to the second of the uncertainty's own."""
+    if not (math.isfinite(value) and math.isfinite(uncertainty)) or value == 0.0 or uncertainty == 0.0:
+        return f"{value:.4g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(abs(uncertainty))) + 2
+    return f"{value:.{min(max(digits, 2), 15)}g}"

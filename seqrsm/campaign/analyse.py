@@ -10,6 +10,7 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import (
     Analysis,
     Confirmation,
+    DepartureIntervals,
     FactorImportance,
     Interval,
     OptimumEstimate,
@@ -38,6 +39,7 @@ from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.study import study_fit
 from seqrsm.campaign.surface import block_labels
+from seqrsm.decide.allowance import departure_allowance
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval
 from seqrsm.decide.stopping import Decision, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
@@ -47,6 +49,7 @@ from seqrsm.fit.canonical import StationaryPoint, stationary_point
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
+from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 
@@ -167,7 +170,33 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
         prediction_mean=prediction_mean,
         replicates=stop.replicates,
         level=stop.level,
+        with_departure=_with_departure(spec, fitted, best, confidence, prediction, prediction_mean),
     )
+
+
+def _with_departure(
+    spec: CampaignSpec, fitted: Fitted, best: Optimum, *intervals: Interval
+) -> DepartureIntervals | None:
+    """Confidence, prediction and prediction interval of the mean of several with a departure allowed for."""
+    fit, scale = fitted.fit, fitted.scale
+    if fitted.sources is not None or not fit.s > 0.0:
+        return None
+    row = fit.rows_with_mean_block(fitted.model.matrix(best.point[None, :]))[0]
+    allowance = departure_allowance(
+        fitted.model, fitted.region, fitted.data.points, fit.Z, fit.y, best.point, row, fit.weights
+    )
+    mean = float(row @ fit.estimate)
+    found, widening = [], 1.0
+    for kind, interval in zip(("confidence", "prediction", "prediction_mean"), intervals, strict=True):
+        # On the scale of the fit, where the interval of the quadratic is (nearly) symmetric.
+        low, high = scale.of_score(np.array([interval.low, interval.high]))
+        ends = allowance.ends(mean, 0.5 * float(high - low), fit.df_residual, spec.stop.level)
+        scores = scale.to_score(np.array(ends))
+        found.append(Interval(float(scores[0]), float(scores[1])))
+        if kind == spec.stop.interval:
+            widening = (ends[1] - ends[0]) / float(high - low)
+    shifted = float(scale.to_score(np.array([mean + allowance.shift]))[0])
+    return DepartureIntervals(shifted, found[0], found[1], found[2], widening)
 
 
 def _importance(model: QuadraticModel, fit: LeastSquaresFit) -> list[FactorImportance]:
@@ -228,6 +257,7 @@ def _decision(
         n_spent=fitted.n_scored,
         n_before=earlier[-1].after_run if earlier else 0,
         departure=fitted.departure,
+        widening=1.0 if estimate.with_departure is None else estimate.with_departure.widening,
     )
 
 
@@ -259,11 +289,12 @@ def _confirmation(
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
-    verdict = "agrees with" if agreement.agrees else "contradicts"
+    verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
     text = (
-        f"{len(scores)} fresh runs at the recommended settings scored {interval.mean:.4g} on average "
-        f"({spec.stop.level:.0%} interval {interval.low:.4g} to {interval.high:.4g}); this {verdict} the model, "
-        f"which predicted their mean between {low:.4g} and {high:.4g} (p = {agreement.p:.2g})."
+        f"{len(scores)} fresh runs at the recommended settings scored {known(interval.mean, half)} on average "
+        f"({spec.stop.level:.0%} interval {known(interval.low, half)} to {known(interval.high, half)}); this {verdict} "
+        f"the model, which predicted their mean between {known(low, half)} and {known(high, half)} "
+        f"(p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(
         run_ids=tuple(run.run_id for run in fresh),

@@ -75,6 +75,27 @@ class FactorImportance:
 
 
 @dataclass(frozen=True, slots=True)
+class DepartureIntervals:
+    """The intervals at the optimum with a departure from the quadratic allowed for, in score units.
+
+    Attributes
+    ----------
+    mean : float
+        Mean utility with the departure averaged over.
+    confidence, prediction, prediction_mean : Interval
+        As in `OptimumEstimate`.
+    widening : float
+        Half-width of the interval that the stop rule watches over that of the quadratic alone, >= 1.
+    """
+
+    mean: float
+    confidence: Interval
+    prediction: Interval
+    prediction_mean: Interval
+    widening: float
+
+
+@dataclass(frozen=True, slots=True)
 class OptimumEstimate:
     """The estimated optimum and the three intervals there, in score units.
 
@@ -98,6 +119,9 @@ class OptimumEstimate:
         m of ``prediction_mean``.
     level : float
         Two-sided probability of all three.
+    with_departure : DepartureIntervals or None
+        The same where the surface may depart from the quadratic by less than can be seen; None where nothing is left
+        over to judge that by, and with two sources.
     """
 
     settings: dict[str, float | str]
@@ -109,6 +133,7 @@ class OptimumEstimate:
     prediction_mean: Interval
     replicates: int
     level: float
+    with_departure: DepartureIntervals | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_a
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.decide.stopping import target_problem
+from seqrsm.design.factors import setting_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, SpecError, UserError
 
@@ -51,6 +52,8 @@ class CheckResult:
         Why the stop target may be out of reach; empty if it is not.
     notes, covers : tuple of str
         What the simulation rests on, and the cover categories of its scene.
+    combinations : tuple of str
+        What combinations of the parameters do, such as gaps between the lines of a scan, and where.
     """
 
     name: str
@@ -66,6 +69,7 @@ class CheckResult:
     target_problem: str
     notes: tuple[str, ...]
     covers: tuple[str, ...] = ()
+    combinations: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
@@ -93,8 +97,9 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     noise, df, seconds, source = float("nan"), 0, float("nan"), "not known before the first repeats"
     notes: tuple[str, ...] = ()
     covers: tuple[str, ...] = ()
+    combinations: tuple[str, ...] = ()
     if spec.simulator is not None:
-        check_simulator(spec)
+        combinations = check_simulator(spec)
         noise, df, seconds, notes = _probe(spec, progress)
         covers = scene_at(str(spec.scene_path)).categories
         source = f"simulations at the centre, {df} degrees of freedom"
@@ -118,6 +123,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         target_problem=problem,
         notes=notes,
         covers=covers,
+        combinations=combinations,
     )
     if hopeless:
         remedy = "Widen [stop] half_width, raise max_runs, or choose another interval."
@@ -125,8 +131,13 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     return result
 
 
-def check_simulator(spec: CampaignSpec) -> None:
+def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
     """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
+
+    Returns
+    -------
+    tuple of str
+        What combinations of the parameters do, such as gaps between lines, and where.
 
     Raises
     ------
@@ -144,16 +155,22 @@ def check_simulator(spec: CampaignSpec) -> None:
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
-    _check_sensors(spec)
+    combinations = _check_sensors(spec)
     first = carry_out(task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]))
     if first.failure:
         raise SpecError(
             Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
         )
+    return combinations
 
 
-def _check_sensors(spec: CampaignSpec) -> None:
+def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
+
+    Returns
+    -------
+    tuple of str
+        Each kind of note of the sensors, how often it was met, and one example.
 
     Raises
     ------
@@ -163,13 +180,15 @@ def _check_sensors(spec: CampaignSpec) -> None:
     scene = scene_at(str(spec.scene_path))
     points = _corners(spec)
     problems: dict[str, Problem] = {}
+    met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
+        shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
         try:
             task = task_of(spec, 0, settings)
             engine = ENGINES[task.engine]
-            engine.examine(scene, configuration(task), engine.table(task.table))
+            for note in engine.examine(scene, configuration(task), engine.table(task.table)):
+                met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
         except UserError as error:
-            shown = ", ".join(f"{name} = {_short(value)}" for name, value in settings.items())
             for problem in error.problems:
                 problems.setdefault(
                     str(problem),
@@ -181,15 +200,15 @@ def _check_sensors(spec: CampaignSpec) -> None:
                 )
     if problems:
         raise SpecError(*list(problems.values())[:10])
+    return tuple(
+        f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
+        for kind, notes in met.items()
+    )
 
 
 def _corners(spec: CampaignSpec) -> FloatArray:
     corners = spec.region.candidates(n_continuous_levels=3, limit=3000)
     return corners[:3000]
-
-
-def _short(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[float, int, float, tuple[str, ...]]:

@@ -15,6 +15,7 @@ from seqrsm.campaign.spec import CampaignSpec, ConsiderationSpec
 from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
+from seqrsm.plain import known
 
 DRAWS = 200
 """Posterior draws of each surface that the compromise is found for."""
@@ -181,7 +182,8 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
         unit = analyses[i].score_unit if i < len(analyses) else ""
         suffix = f" {unit}" if unit else ""
         between = f"{spec.stop.level:.0%} credible interval {loss.low:.3g} to {loss.high:.3g}"
-        known = f" ({between})" if np.isfinite(loss.low) else ""
+        tail_text = f" ({between})" if np.isfinite(loss.low) else ""
+        spread = loss.high - loss.low if np.isfinite(loss.low) else loss.given_up
         rows.append(
             GivenUp(
                 name=loss.name,
@@ -193,8 +195,9 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
                 given_up=loss.given_up,
                 interval=Interval(loss.low, loss.high),
                 desirability=loss.desirability,
-                text=f"{loss.name}: {loss.value:.4g}{suffix} against {loss.own_best:.4g} at its own optimum, "
-                f"{loss.given_up:.3g}{suffix} given up{known}.",
+                text=f"{loss.name}: {known(loss.value, spread)}{suffix} against "
+                f"{known(loss.own_best, spread)} at its own optimum, "
+                f"{loss.given_up:.3g}{suffix} given up{tail_text}.",
             )
         )
     return CompromiseEstimate(

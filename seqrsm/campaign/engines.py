@@ -51,7 +51,8 @@ class Engine:
     simulate : callable
         Scene, sensor, table, seed, run id and, where it is not to be single, precision -> image.
     examine : callable
-        Scene, sensor and table -> None; raises UserError where the sensor cannot image the scene, without imaging it.
+        Scene, sensor and table -> what the combination of parameters does, each note as "kind: what"; raises UserError
+        where the sensor cannot image the scene, without imaging it.
     record : callable
         What is kept with a score.
     utilities : Mapping
@@ -63,7 +64,7 @@ class Engine:
     configure: Callable[[Settings, Settings], Any]
     table: Callable[[str], Any]
     simulate: Callable[..., Any]
-    examine: Callable[[Scene, Any, Any], None]
+    examine: Callable[[Scene, Any, Any], tuple[str, ...]]
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
     files: tuple[str, ...] = ()
@@ -141,14 +142,15 @@ def _radiometer_image(
     return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id, precision=precision)
 
 
-def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> None:
+def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> tuple[str, ...]:
     make_frame(scene, sensor, "float32")
     for channel in sensor.channels:
         table.lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)
+    return ()
 
 
-def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable) -> None:
-    check_radiometer(scene, sensor, table)
+def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable) -> tuple[str, ...]:
+    return check_radiometer(scene, sensor, table).notes
 
 
 def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from dataclasses import asdict, astuple, fields
 from pathlib import Path
 
 from seqrsm import __version__
-from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RunRecord, ScoreRecord
+from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.store import Store
 from seqrsm.errors import Problem, StoreError
@@ -54,7 +54,10 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
             ("looks", LookRecord, store.looks()),
             ("events", EventRecord, store.events()),
             ("files", FileRecord, store.files()),
+            ("rankings", RankingRecord, store.rankings()),
         ):
+            if kind == "rankings" and not records:
+                continue  # few campaigns have any
             names = [column.name for column in fields(made)]
             texts[target.with_suffix(f".{kind}.csv")] = _csv_text(names, [astuple(record) for record in records])
     else:
@@ -76,6 +79,7 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "looks": [asdict(look) for look in store.looks()],
         "events": [asdict(event) for event in store.events()],
         "files": [asdict(file) for file in store.files()],
+        "rankings": [asdict(rank) for rank in store.rankings()],
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
@@ -101,13 +105,13 @@ def _run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[l
 def _csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     stream = io.StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\r\n")
-    writer.writerow([_cell(name) for name in header])
-    writer.writerows([_cell(value) for value in row] for row in rows)
+    writer.writerow([safe_cell(name) for name in header])
+    writer.writerows([safe_cell(value) for value in row] for row in rows)
     return stream.getvalue()
 
 
-def _cell(value: object) -> object:
-    """A cell that no spreadsheet runs: text that begins like a formula gets an apostrophe before it."""
+def safe_cell(value: object) -> object:
+    """A cell that no spreadsheet runs: text that begins like a formula gets an apostrophe, which ingest takes away."""
     if isinstance(value, (dict, list)):
         value = json.dumps(value, ensure_ascii=False, allow_nan=False)
     if isinstance(value, str) and value.startswith(_FORMULA_SIGNS):

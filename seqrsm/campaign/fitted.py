@@ -17,7 +17,7 @@ from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
 from seqrsm.decide.sources import SourceFit, fit_sources
 from seqrsm.decide.stopping import Departure
-from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.factors import ContinuousFactor, setting_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.blocks import block_columns
@@ -239,9 +239,9 @@ def region_history(spec: CampaignSpec, state: RegionState) -> tuple[RegionChange
 def range_text(region: Region, box: Box) -> str:
     """The ranges that a box cuts, in words; "the whole region" where it cuts none."""
     parts = [
-        f"{factor.name} {factor.low:.4g} to {factor.high:.4g}{' ' + factor.unit if factor.unit else ''}"
-        for factor, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
-        if isinstance(factor, ContinuousFactor) and factor != whole
+        f"{cut.name} {setting_text(cut, cut.low)} to {setting_text(cut, cut.high)} {cut.unit}".rstrip()
+        for cut, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
+        if isinstance(cut, ContinuousFactor) and cut != whole
     ]
     return ", ".join(parts) or "the whole region"
 

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
+from seqrsm.campaign.export import safe_cell
 from seqrsm.campaign.records import RunRecord
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.design.factors import CategoricalFactor
@@ -15,25 +16,35 @@ from seqrsm.errors import Problem, UserError
 def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Write one row for each run and application: settings with their units in the header, ``score`` left empty.
 
+    The block's column has the name of ``[model] block``; text that a spreadsheet would run as a formula is neutralised.
+
     Raises
     ------
     UserError
         The file exists, or cannot be written.
     """
     headers = [
-        factor.name if isinstance(factor, CategoricalFactor) or not factor.unit else f"{factor.name} [{factor.unit}]"
+        safe_cell(
+            factor.name
+            if isinstance(factor, CategoricalFactor) or not factor.unit
+            else f"{factor.name} [{factor.unit}]"
+        )
         for factor in spec.factors
     ]
     several = len(spec.applications) > 1
+    block = spec.model.block or "block"
+    own = [column for column in (block, "score", "se", "note") if column not in spec.region.names]
     try:
         with path.open("x", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(["run_id", *(["application"] if several else []), *headers, "block", "score", "se", "note"])
+            writer.writerow(["run_id", *(["application"] if several else []), *headers, *dict.fromkeys(own)])
             for run in runs:
                 settings = [run.proposed[name] for name in spec.region.names]
                 for application in spec.applications:
                     name = [application.name] if several else []
-                    writer.writerow([run.run_id, *name, *settings, run.block, "", "", run.why])
+                    cells = {block: run.block, "note": run.why}
+                    row = [run.run_id, *name, *settings, *(cells.get(column, "") for column in dict.fromkeys(own))]
+                    writer.writerow([safe_cell(cell) for cell in row])
     except FileExistsError:
         raise UserError(Problem("the file exists already", "Name a new file.", file=str(path))) from None
     except OSError as error:

@@ -16,6 +16,7 @@ from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
@@ -57,9 +58,7 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
         name: engine.utility(utility)(image, scene, seed=task.seed, run_id=run_id).value
         for name, utility in task.utilities
     }
-    shown = ", ".join(
-        f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value}" for name, value in settings.items()
-    )
+    shown = ", ".join(f"{factor.name} = {setting_text(factor, settings[factor.name])}" for factor in spec.factors)
     found = ", ".join(f"{name} {value:.2f}" for name, value in scores.items())
     return {
         "file": str(out),

@@ -3,22 +3,36 @@
 A row with a ``run_id`` is the score of that run; the settings of the row are kept beside the proposed ones. A row
 without one becomes a new run: flights that nobody proposed and old data are welcome, and settings outside the region
 are accepted with a remark. Rows that follow one another with the same settings and different applications are one run.
+Rows that say what an earlier file has said already are recognised, with or without run id, and never doubled. A file
+with the columns ``interpreter`` and ``rank`` holds rankings, from which scores follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from seqrsm.campaign.records import FileRecord, IngestedRun, NewScore
+from seqrsm.campaign.ingest_messages import file_messages, outcome_messages, outside_messages
+from seqrsm.campaign.records import (
+    FileRecord,
+    IngestedFile,
+    IngestedImage,
+    IngestedRanking,
+    IngestedRun,
+    IngestOutcome,
+    NewScore,
+    RankingSummary,
+    Settings,
+)
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.store import Store
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
+from seqrsm.score.ranking_file import RankedImage, is_rankings_file, read_rankings
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +42,13 @@ class IngestReport:
     Attributes
     ----------
     file, sha256 : str
-        Name without folder, and hash of the content.
+        Name without folder, and SHA-256 of the bytes.
     dry_run : bool
         Nothing was written.
     already : FileRecord or None
         The same content was taken in before: nothing was done.
     n_scores : int
-        Scores in the file.
+        Scores, or ranks, in the file.
     matched, created, unchanged : tuple of int
         Runs that now have scores; new runs; runs that had exactly these scores already.
     replaced : tuple of (int, int)
@@ -43,6 +57,12 @@ class IngestReport:
         Lines whose settings lie outside the campaign's region.
     unscored : tuple of int
         Lines of proposed runs that have no score yet.
+    moved : tuple of int
+        Proposed runs that were carried out at other settings.
+    rankings : tuple of int
+        Numbers of new rankings.
+    ranked : tuple of RankingSummary
+        Scores and interpreter effects that follow from all rankings now.
     messages : tuple of str
         The above in sentences.
     """
@@ -58,6 +78,9 @@ class IngestReport:
     replaced: tuple[tuple[int, int], ...] = ()
     outside_region: tuple[int, ...] = ()
     unscored: tuple[int, ...] = ()
+    moved: tuple[int, ...] = ()
+    rankings: tuple[int, ...] = ()
+    ranked: tuple[RankingSummary, ...] = ()
     messages: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -65,8 +88,14 @@ class IngestReport:
         return asdict(self)
 
 
-def ingest_file(store: Store, spec: CampaignSpec, path: Path | str, *, dry_run: bool = False) -> IngestReport:
-    """Take a file of measured scores into the store.
+_Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str]]
+"""A file on its way into the store; lines outside the region; lines without score; remarks."""
+
+
+def ingest_files(
+    store: Store, spec: CampaignSpec, paths: Sequence[Path | str], *, dry_run: bool = False
+) -> tuple[IngestReport, ...]:
+    """Take files of measured scores or rankings into the store, in order; all of them or none.
 
     Parameters
     ----------
@@ -74,60 +103,111 @@ def ingest_file(store: Store, spec: CampaignSpec, path: Path | str, *, dry_run: 
         Open.
     spec : CampaignSpec
         Its factors and applications name the columns.
-    path : Path or str
-        The file, see :mod:`seqrsm.score.flight`.
+    paths : sequence of Path or str
+        The files, see :mod:`seqrsm.score.flight` and :mod:`seqrsm.score.ranking_file`.
     dry_run : bool
         Check and report, write nothing.
 
     Raises
     ------
     ScoresFileError
-        The file is wrong; nothing was changed.
+        A file is wrong; nothing was changed.
     StoreError
         Rows that do not fit the runs of the campaign; nothing was changed.
     """
-    columns = [
+    read: list[_Read] = []
+    problems: list[Problem] = []
+    for path in paths:
+        try:
+            read.append(_read_rankings(spec, path) if is_rankings_file(path) else _read_scores(spec, path))
+        except ScoresFileError as error:
+            problems += error.problems
+    if problems:
+        raise ScoresFileError(*problems)
+    outcomes = store.ingest_files([file for file, *_ in read], dry_run=dry_run)
+    return tuple(_report(one, outcome, dry_run) for one, outcome in zip(read, outcomes, strict=True))
+
+
+def ingest_file(store: Store, spec: CampaignSpec, path: Path | str, *, dry_run: bool = False) -> IngestReport:
+    """Take one file in; see `ingest_files`."""
+    return ingest_files(store, spec, [path], dry_run=dry_run)[0]
+
+
+def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
+    file, outside, unscored, remarks = read
+    new = outcome.already is None
+    return IngestReport(
+        file=file.name,
+        sha256=file.sha256,
+        dry_run=dry_run,
+        already=outcome.already,
+        n_scores=file.row_count,
+        matched=outcome.matched,
+        created=outcome.created,
+        unchanged=outcome.unchanged,
+        replaced=outcome.replaced,
+        moved=outcome.moved,
+        rankings=outcome.rankings,
+        ranked=outcome.ranked,
+        outside_region=outside if new else (),
+        unscored=unscored if new else (),
+        messages=(*(remarks if new else ()), *outcome_messages(outcome)),
+    )
+
+
+def _columns(spec: CampaignSpec) -> list[FactorColumn]:
+    return [
         FactorColumn(factor.name, levels=factor.levels)
         if isinstance(factor, CategoricalFactor)
         else FactorColumn(factor.name, factor.unit)
         for factor in spec.factors
     ]
+
+
+def _read_scores(spec: CampaignSpec, path: Path | str) -> _Read:
     measures = [Measure(application.name, application.is_percent) for application in spec.applications]
-    file = read_scores(path, columns, measures)
-    already = store.find_file(file.sha256)
-    if already is not None:
-        message = f"The same content was taken in already, as '{already.name}' at {already.ingested_at}: nothing done."
-        return IngestReport(file.name, file.sha256, dry_run, already, len(file.scores), messages=(message,))
-    outside = _outside(spec, file)
-    runs = _runs(spec, file)
-    repeats = _look_like_repeats(store, runs)
-    outcome = store.ingest_scores(runs, name=file.name, sha256=file.sha256, row_count=len(file.scores), dry_run=dry_run)
-    report = IngestReport(
-        file=file.name,
-        sha256=file.sha256,
-        dry_run=dry_run,
-        n_scores=len(file.scores),
-        matched=outcome.matched,
-        created=outcome.created,
-        unchanged=outcome.unchanged,
-        replaced=outcome.replaced,
-        outside_region=outside,
-        unscored=file.unscored,
-        messages=tuple(_messages(spec, file, runs, outside, repeats)),
+    file = read_scores(path, _columns(spec), measures)
+    outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
+    runs = _runs(spec, file, frozenset(outside))
+    ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
+    return ingested, outside, file.unscored, file_messages(spec, file, runs, outside)
+
+
+def _read_rankings(spec: CampaignSpec, path: Path | str) -> _Read:
+    ranked = [application for application in spec.applications if application.utility == "rank"]
+    name = Path(path).name
+    if not ranked:
+        message = "these are rankings, and no application of the campaign takes them"
+        raise ScoresFileError(Problem(message, 'Set utility = "rank" for one, or give scores.', name))
+    for application in ranked:
+        if application.goal != "maximize":
+            message = f"scores from rankings grow with worth, and the goal of '{application.name}' is \"minimize\""
+            raise ScoresFileError(Problem(message, 'Rank 1 is the best image: set goal = "maximize".', name))
+    file = read_rankings(path, _columns(spec), [Measure(application.name) for application in ranked])
+    images = [image for ranking in file.rankings for image in ranking.images]
+    outside = _outside(spec, file.name, {im.line: im.settings for im in images if im.settings is not None})
+    rankings = tuple(
+        IngestedRanking(one.application, one.interpreter, one.session, tuple(_image(image) for image in one.images))
+        for one in file.rankings
     )
-    return report
+    ingested = IngestedFile(file.name, file.sha256, len(images), rankings=rankings)
+    return ingested, outside, (), outside_messages(outside)
 
 
-def _outside(spec: CampaignSpec, file: ScoresFile) -> tuple[int, ...]:
+def _image(image: RankedImage) -> IngestedImage:
+    return IngestedImage(image.run_id, image.rank, image.settings, image.metadata, image.line)
+
+
+def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) -> tuple[int, ...]:
     """Lines outside the region; ScoresFileError for settings that have no place on a factor's scale at all."""
     lines, problems = [], []
-    for score in file.scores:
+    for line, values in settings.items():
         try:
-            if not bool(spec.region.feasible(spec.region.code([score.settings]))[0]):
-                lines.append(score.line)
+            if not bool(spec.region.feasible(spec.region.code([values]))[0]):
+                lines.append(line)
         except RegionError as error:
             problems += [
-                Problem(problem.message, problem.remedy, file.name, score.line, problem.field, problem.value)
+                Problem(problem.message, problem.remedy, name, line, problem.field, problem.value)
                 for problem in error.problems
             ]
     if problems:
@@ -144,7 +224,7 @@ def _block(spec: CampaignSpec, score: MeasuredScore) -> str:
     return score.metadata.get(column, "")
 
 
-def _runs(spec: CampaignSpec, file: ScoresFile) -> list[IngestedRun]:
+def _runs(spec: CampaignSpec, file: ScoresFile, outside: frozenset[int]) -> list[IngestedRun]:
     """Runs of the file: rows with the same run id, or neighbours with the same settings, are one run."""
     groups: list[list[MeasuredScore]] = []
     by_id: dict[int, list[MeasuredScore]] = {}
@@ -162,7 +242,7 @@ def _runs(spec: CampaignSpec, file: ScoresFile) -> list[IngestedRun]:
             by_id.setdefault(score.run_id, groups[-1])
     if problems:
         raise ScoresFileError(*problems)
-    return [_ingested(spec, file.name, group) for group in groups]
+    return [_ingested(spec, file.name, group, outside) for group in groups]
 
 
 def _same_run(spec: CampaignSpec, group: Sequence[MeasuredScore], score: MeasuredScore) -> bool:
@@ -176,47 +256,14 @@ def _same_run(spec: CampaignSpec, group: Sequence[MeasuredScore], score: Measure
     )
 
 
-def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore]) -> IngestedRun:
+def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore], outside: frozenset[int]) -> IngestedRun:
     first = group[0]
     scores = []
     for row in group:
         named = {key: text for key in ("date", "note") if (text := getattr(row, key))}
-        metadata = {**row.metadata, **named}
+        metadata: dict[str, Any] = {**row.metadata, **named}
+        if row.line in outside:
+            metadata["outside_region"] = True
         scores.append(NewScore(row.application, row.score, row.se, row.n, row.correct, metadata, name, row.line))
     cost = spec.cost.simulation if first.source == "simulation" else spec.cost.flight
     return IngestedRun(first.run_id, first.settings, first.source, _block(spec, first), cost, tuple(scores))
-
-
-def _look_like_repeats(store: Store, runs: Sequence[IngestedRun]) -> int:
-    """Rows without a run id that equal, to the last digit, a score that came from another file."""
-    known = {
-        (tuple(sorted(run.settings.items())), score.application, score.score)
-        for run in store.runs(["scored"])
-        for score in run.scores
-        if score.source_file
-    }
-    return sum(
-        (tuple(sorted(run.settings.items())), score.application, score.score) in known
-        for run in runs
-        if run.run_id is None
-        for score in run.scores
-    )
-
-
-def _messages(
-    spec: CampaignSpec, file: ScoresFile, runs: Sequence[IngestedRun], outside: Sequence[int], repeats: int
-) -> list[str]:
-    messages = []
-    if outside:
-        lines = ", ".join(str(line) for line in outside[:10]) + (", ..." if len(outside) > 10 else "")
-        messages.append(f"{len(outside)} scores lie outside the campaign's region (lines {lines}); they are kept.")
-    if file.unscored:
-        messages.append(f"{len(file.unscored)} proposed runs of the file have no score yet.")
-    if repeats:
-        messages.append(
-            f"{repeats} scores without a run id equal earlier ones to the last digit. If the file is an earlier one"
-            " that has grown, void the doubles and give only the new rows next time."
-        )
-    if spec.model.block is not None and any(not run.block for run in runs):
-        messages.append(f"Some rows say nothing in the block column '{spec.model.block}'.")
-    return messages

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
@@ -27,6 +27,9 @@ from seqrsm.campaign.store import Store
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.simulate.runner import Lost, run_many
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.ingest import IngestReport
 
 Progress = Callable[[int, int], None]
 WAITING = ("proposed", "issued", "running")
@@ -278,11 +281,11 @@ class Campaign:
             self.store.release(run.run_id for run in claimed)
         return again
 
-    def ingest(self, file: Path, *, dry_run: bool = False) -> Any:
-        """Take in a CSV of measured scores, all or nothing; see `seqrsm.campaign.ingest`."""
-        from seqrsm.campaign.ingest import ingest_file
+    def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:
+        """Take in files of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
+        from seqrsm.campaign.ingest import ingest_files
 
-        return ingest_file(self.store, self.spec, file, dry_run=dry_run)
+        return ingest_files(self.store, self.spec, files, dry_run=dry_run)
 
     def void(self, run_id: int, why: str) -> None:
         """Take a run out of the fit."""

@@ -16,7 +16,7 @@ from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, plain_setting
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -29,9 +29,6 @@ START = "start"
 CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
 """Runs of the start design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
-
-SIGNIFICANT_DIGITS = 4
-"""Settings are proposed with this many: nobody sets a frequency to sixteen digits."""
 
 _WEAK = 0.05  # prior precision while a box is being filled: it cannot be estimated yet
 _TARGETS = 256
@@ -300,13 +297,13 @@ def _pure_error_df(analysis: Analysis, active: Sequence[RunRecord]) -> int:
 
 
 def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float | str]]:
-    """Natural settings to `SIGNIFICANT_DIGITS`, where rounding does not leave the region."""
+    """Natural settings with the digits that people set, where rounding does not leave the region."""
     found = []
     for point, settings in zip(points, region.decode(points), strict=True):
         rounded: dict[str, float | str] = {
             factor.name: value
             if isinstance(value, str) or isinstance(factor, CategoricalFactor)
-            else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+            else plain_setting(factor, value)
             for factor, value in ((f, settings[f.name]) for f in region.factors)
         }
         at_bounds = np.abs(point) >= 1.0 - 1e-9

@@ -105,8 +105,8 @@ class RunRecord:
         "host:pid:token" of the process that runs it, "" otherwise.
     replaces : int or None
         The void run whose place it takes.
-    proposed_at, issued_at, started_at, ended_at : str or None
-        UTC, ISO 8601.
+    proposed_at, issued_at, started_at, ended_at, seen_at : str or None
+        UTC, ISO 8601; ``seen_at``: when the process that runs it last said so.
     scores : tuple of ScoreRecord
         One for each application scored, in the order of scoring.
     """
@@ -129,6 +129,7 @@ class RunRecord:
     issued_at: str | None
     started_at: str | None
     ended_at: str | None
+    seen_at: str | None = None
     scores: tuple[ScoreRecord, ...] = ()
 
     @property
@@ -218,6 +219,99 @@ class IngestedRun:
 
 
 @dataclass(frozen=True, slots=True)
+class IngestedImage:
+    """An image in a ranking: its run, its rank, settings flown where they were given, other columns, line."""
+
+    run_id: int
+    rank: float
+    settings: Settings | None = None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    line: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class IngestedRanking:
+    """One interpreter's ranking of two images or more on its way into the store; rank 1 is the best."""
+
+    application: str
+    interpreter: str
+    session: str
+    images: tuple[IngestedImage, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IngestedFile:
+    """A file on its way into the store: name, SHA-256 of its bytes, rows of scores or ranks, and what they say."""
+
+    name: str
+    sha256: str
+    row_count: int
+    runs: tuple[IngestedRun, ...] = ()
+    rankings: tuple[IngestedRanking, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RankingRecord:
+    """A stored rank: number of the ranking from 1, its image's run, and ``reason``, "" while the ranking counts."""
+
+    ranking: int
+    run_id: int
+    application: str
+    interpreter: str
+    session: str
+    rank: float
+    metadata: dict[str, Any]
+    source_file: str
+    source_row: int | None
+    reason: str
+    ranked_at: str
+
+
+@dataclass(frozen=True, slots=True)
+class EqualRow:
+    """A row without a run id that says exactly what a run says already: its line, the run, and the run's state."""
+
+    line: int | None
+    run_id: int
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class InterpreterEffect:
+    """How sharply an interpreter tells images apart: 1 for the average, with a 95 % interval; Kendall's tau-b."""
+
+    interpreter: str
+    rankings: int
+    sharpness: float
+    low: float
+    high: float
+    agreement: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class RankingSummary:
+    """What an application's rankings say.
+
+    Attributes
+    ----------
+    application : str
+    rankings : int
+        That count.
+    scores : dict of int to (float, float)
+        Score and standard error [logit] of each run that the rankings join.
+    apart : tuple of int
+        Runs that no chain of rankings joins with these: they have no score yet.
+    interpreters : tuple of InterpreterEffect
+    """
+
+    application: str
+    rankings: int
+    scores: dict[int, tuple[float, float]]
+    apart: tuple[int, ...]
+    interpreters: tuple[InterpreterEffect, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class IngestOutcome:
     """What became of the rows: ids of the runs.
 
@@ -231,9 +325,24 @@ class IngestOutcome:
         Void run and the new run in its place.
     unchanged : tuple of int
         Runs that had exactly these scores already.
+    equal : tuple of EqualRow
+        Rows without a run id that were recognised as scores of an earlier file.
+    moved : tuple of int
+        Proposed runs that were carried out at other settings.
+    rankings : tuple of int
+        New rankings.
+    ranked : tuple of RankingSummary
+        What the rankings say now, one for each application that has new ones.
+    already : FileRecord or None
+        The same content was taken in before: nothing was done.
     """
 
     matched: tuple[int, ...] = ()
     created: tuple[int, ...] = ()
     replaced: tuple[tuple[int, int], ...] = ()
     unchanged: tuple[int, ...] = ()
+    equal: tuple[EqualRow, ...] = ()
+    moved: tuple[int, ...] = ()
+    rankings: tuple[int, ...] = ()
+    ranked: tuple[RankingSummary, ...] = ()
+    already: FileRecord | None = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.special import logit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
@@ -54,6 +55,10 @@ class ResponseScale:
     def to_score(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
         return values if self.kind == "identity" else logit_to_percent(values)
+
+    def of_score(self, scores: FloatArray) -> FloatArray:
+        """Scores on the scale of the fit."""
+        return scores if self.kind == "identity" else logit(scores / 100.0)
 
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""

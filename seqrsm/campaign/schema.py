@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 #: Schema versions in order; the last one is what this program writes.
-REVISIONS = ("0001",)
+REVISIONS = ("0001", "0002")
 HEAD = REVISIONS[-1]
 
 #: States of a run, and the states that each may pass into.
@@ -63,6 +63,7 @@ RUNS = sa.Table(
     sa.Column("issued_at", sa.String(32)),
     sa.Column("started_at", sa.String(32)),
     sa.Column("ended_at", sa.String(32)),
+    sa.Column("seen_at", sa.String(32)),
     sa.CheckConstraint("id >= 1", name="id"),
 )
 
@@ -81,6 +82,25 @@ SCORES = sa.Table(
     sa.Column("source_row", sa.Integer),
     sa.Column("scored_at", sa.String(32), nullable=False),
     sa.UniqueConstraint("run_id", "application"),
+)
+
+# One row for each image in a ranking; ``ranking`` counts rankings from 1, ``reason`` tells why one does not count.
+RANKINGS = sa.Table(
+    "rankings",
+    METADATA,
+    sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("ranking", sa.Integer, nullable=False),
+    sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id"), nullable=False),
+    sa.Column("application", sa.String(128), nullable=False),
+    sa.Column("interpreter", sa.Text, nullable=False),
+    sa.Column("session", sa.Text, nullable=False),
+    sa.Column("rank", sa.Double, nullable=False),
+    sa.Column("metadata", sa.JSON, nullable=False),
+    sa.Column("source_file", sa.Text, nullable=False),
+    sa.Column("source_row", sa.Integer),
+    sa.Column("reason", sa.Text, nullable=False),
+    sa.Column("ranked_at", sa.String(32), nullable=False),
+    sa.UniqueConstraint("ranking", "run_id"),
 )
 
 LOOKS = sa.Table(

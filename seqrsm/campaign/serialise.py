@@ -117,6 +117,7 @@ def _sources(analysis: Analysis) -> dict[str, Any] | None:
 def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
     """Settings of the optimum and the intervals there."""
     best = analysis.optimum
+    allowed = best.with_departure
     return {
         "settings": best.settings,
         "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
@@ -126,6 +127,15 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "prediction": interval_to_json(best.prediction),
         "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
         "level": best.level,
+        "with_departure": None
+        if allowed is None
+        else {
+            "mean": allowed.mean,
+            "confidence": interval_to_json(allowed.confidence),
+            "prediction": interval_to_json(allowed.prediction),
+            "prediction_mean": interval_to_json(allowed.prediction_mean),
+            "widening": allowed.widening,
+        },
     }
 
 

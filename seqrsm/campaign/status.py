@@ -68,7 +68,9 @@ def _application(
         found["last_look"] = mine[-1].summary
     counted = [run for run in runs if run.state == "scored" and run.purpose != CONFIRMATION]
     scored = [run for run in counted if run.score_of(application.name) is not None]
-    if scored and (not mine or mine[-1].after_run != len(scored)):
+    newest = max((score.scored_at for run in scored if (score := run.score_of(application.name))), default="")
+    # Rankings change scores without adding any.
+    if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
         try:
             found["last_look"] = plain(look_summary(analyse(spec, application, runs, mine, n_draws=200)))
         except FitError as error:

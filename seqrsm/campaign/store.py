@@ -24,17 +24,21 @@ import sqlalchemy as sa
 from seqrsm.campaign.records import (
     EventRecord,
     FileRecord,
+    IngestedFile,
     IngestedRun,
     IngestOutcome,
     LookRecord,
     NewRun,
     NewScore,
+    RankingRecord,
     RunRecord,
     ScoreRecord,
 )
 from seqrsm.campaign.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
 from seqrsm.campaign.store_connection import Database, utc_now
+from seqrsm.campaign.store_ingest import ingest_files
 from seqrsm.campaign.store_ledger import Ledger
+from seqrsm.campaign.store_rankings import rescore_without, stored_rankings, void_ranking
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
 
@@ -43,10 +47,12 @@ __all__ = [
     "EventRecord",
     "FileRecord",
     "IngestOutcome",
+    "IngestedFile",
     "IngestedRun",
     "LookRecord",
     "NewRun",
     "NewScore",
+    "RankingRecord",
     "RunRecord",
     "ScoreRecord",
     "Store",
@@ -244,10 +250,10 @@ class Store:
 
     def void(self, run_id: int, why: str) -> None:
         """Take a run out of the fit; its scores stay in the store."""
-        if not why.strip():
-            raise StoreError(Problem("a run is made void without a reason", 'Say why: --why "..."', field="why"))
+        _need_reason(why)
         with self._write() as ledger:
             ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
+            rescore_without(ledger, run_id)
 
     def release(self, run_ids: Iterable[int]) -> tuple[int, ...]:
         """Issue again those of the runs that this process still holds; returns their ids."""
@@ -287,17 +293,13 @@ class Store:
             ledger.move(ids, "issued", {"owner": ""}, kind="released")
             return ids
 
-    def ingest_scores(
-        self, runs: Sequence[IngestedRun], *, name: str, sha256: str, row_count: int, dry_run: bool = False
-    ) -> IngestOutcome:
-        """Take in a file of measured scores; all or nothing.
+    def ingest_files(self, files: Sequence[IngestedFile], *, dry_run: bool = False) -> tuple[IngestOutcome, ...]:
+        """Take in files of measured scores and rankings, in order; all of them or none.
 
         Parameters
         ----------
-        runs : sequence of IngestedRun
-            In the order of the file.
-        name, sha256, row_count : str, str, int
-            The file, so that the same content is recognised when it comes again.
+        files : sequence of IngestedFile
+            One whose content was taken in before changes nothing.
         dry_run : bool
             Do everything, then undo it.
 
@@ -306,15 +308,25 @@ class Store:
         StoreError
             With every row that cannot be taken in; nothing was changed.
         """
-        outcome = IngestOutcome()
+        outcomes: tuple[IngestOutcome, ...] = ()
         try:
             with self._write() as ledger:
-                outcome = ledger.ingest(runs, name, sha256, row_count)
+                outcomes = ingest_files(ledger, files)
                 if dry_run:
                     raise _DryRunError
         except _DryRunError:
             pass
-        return outcome
+        return outcomes
+
+    def ingest_scores(self, runs: Sequence[IngestedRun], *, name: str, sha256: str, row_count: int) -> IngestOutcome:
+        """Take in the runs of one file; see `ingest_files`."""
+        return self.ingest_files([IngestedFile(name, sha256, row_count, tuple(runs))])[0]
+
+    def void_ranking(self, ranking: int, why: str) -> None:
+        """Take an interpreter's ranking out; the scores follow from the others, and the ranking stays in the store."""
+        _need_reason(why)
+        with self._write() as ledger:
+            void_ranking(ledger, ranking, why)
 
     # -- looks and events -----------------------------------------------------------------------------------------
 
@@ -388,9 +400,10 @@ class Store:
             rows = ledger.connection.execute(sa.select(FILES).order_by(FILES.c.id))
             return tuple(FileRecord(row.name, row.sha256, row.row_count, row.ingested_at) for row in rows)
 
-    def find_file(self, sha256: str) -> FileRecord | None:
-        """The file of this content, if it was taken in already."""
-        return next((file for file in self.files() if file.sha256 == sha256), None)
+    def rankings(self) -> tuple[RankingRecord, ...]:
+        """Every rank that an interpreter gave, in order, those that do not count included."""
+        with self._read() as ledger:
+            return stored_rankings(ledger)
 
     def info(self) -> dict[str, str]:
         """``campaign``, ``created_at`` and ``created_version``."""
@@ -408,6 +421,11 @@ class Store:
     def _write(self) -> Iterator[Ledger]:
         with self._database.write() as connection:
             yield Ledger(connection, self.seed)
+
+
+def _need_reason(why: str) -> None:
+    if not why.strip():
+        raise StoreError(Problem("nothing is made void without a reason", 'Say why: --why "..."', field="why"))
 
 
 def _isoformat(moment: datetime) -> str:

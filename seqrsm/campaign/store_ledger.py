@@ -9,14 +9,14 @@ from typing import Any
 import sqlalchemy as sa
 
 from seqrsm import __version__
-from seqrsm.campaign.records import IngestedRun, IngestOutcome, NewRun, NewScore, RunRecord, ScoreRecord
-from seqrsm.campaign.schema import EVENTS, FILES, RUNS, SCORES, SOURCES, TRANSITIONS
+from seqrsm.campaign.records import NewRun, NewScore, RunRecord, ScoreRecord
+from seqrsm.campaign.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
 from seqrsm.campaign.store_connection import utc_now
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
 
 _RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
-_VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
+VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
 
 
 class Ledger:
@@ -136,7 +136,7 @@ class Ledger:
                 fresh.append(new)
             elif (old.score, old.se, old.n, old.correct) != (new.score, new.se, new.n, new.correct):
                 message = f"run {run_id} is scored already for '{new.application}' ({old.score:g})"
-                problems.append(Problem(message, _VOID_FIRST, file=file, line=line, field="score", value=new.score))
+                problems.append(Problem(message, VOID_FIRST, file=file, line=line, field="score", value=new.score))
         return problems, fresh
 
     def add_scores(self, run_id: int, scores: Sequence[NewScore], values: Mapping[str, Any]) -> None:
@@ -147,68 +147,7 @@ class Ledger:
         )
         update = {"state": "scored", "ended_at": now, "owner": "", "reason": "", **values}
         self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(**update))
-        self.log("scored", [(run_id, {"application": s.application, "score": s.score, "se": s.se}) for s in scores])
-
-    def ingest(self, runs: Sequence[IngestedRun], name: str, sha256: str, row_count: int) -> IngestOutcome:
-        """Match measured scores to runs, make runs for those nobody proposed; StoreError with every problem."""
-        problems: list[Problem] = []
-        matched: list[int] = []
-        created: list[int] = []
-        replaced: list[tuple[int, int]] = []
-        unchanged: list[int] = []
-        batch = self.last_batch() + 1
-        same = self.connection.execute(sa.select(FILES).where(FILES.c.sha256 == sha256)).first()
-        if same is not None:
-            message = f"the same content was taken in already, as '{same.name}' at {same.ingested_at}"
-            raise StoreError(Problem(message, "There is nothing to do.", file=name))
-        for run in runs:
-            found = () if run.run_id is None else self.runs(RUNS.c.id == run.run_id)
-            old = found[0] if found else None
-            if run.run_id is not None and old is None:
-                problems.append(_unknown_run(run, name))
-            elif old is None or old.state == "void":
-                created.append(self._create_ingested(run, old, batch))
-                if old is not None:
-                    replaced.append((old.run_id, created[-1]))
-            elif self._match(run, old, name, problems):
-                matched.append(old.run_id)
-            else:
-                unchanged.append(old.run_id)
-        if problems:
-            raise StoreError(*problems)
-        row = {"name": name, "sha256": sha256, "row_count": row_count}
-        self.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
-        self.log("ingested", [(None, {**row, "matched": matched, "created": created})])
-        return IngestOutcome(tuple(matched), tuple(created), tuple(replaced), tuple(unchanged))
-
-    def _match(self, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> bool:
-        """Add measured scores to a proposed run; False when they are there already or cannot be added."""
-        faults, fresh = self.new_scores(old.run_id, run.scores)
-        if old.executed is not None and dict(run.settings) != old.executed:
-            message = f"run {old.run_id} was carried out with other settings"
-            faults.append(Problem(message, _VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.executed))
-        problems += faults
-        if faults or not fresh:
-            return False
-        values = {"executed": plain(run.settings), "source": run.source or old.source, "block": run.block or old.block}
-        self.add_scores(old.run_id, fresh, values)
-        return True
-
-    def _create_ingested(self, run: IngestedRun, old: RunRecord | None, batch: int) -> int:
-        if old is None:
-            new = NewRun(run.settings, "measured", "measured without a proposal", run.source or "flight")
-        else:
-            why = f"takes the place of run {old.run_id}, which is void"
-            new = NewRun(old.proposed, old.purpose, why, run.source or old.source)
-        (run_id,) = self.add_runs([new], batch=batch)
-        values = {
-            "executed": plain(run.settings),
-            "block": run.block or ("" if old is None else old.block),
-            "cost": float(run.cost),
-            "replaces": None if old is None else old.run_id,
-        }
-        self.add_scores(run_id, run.scores, values)
-        return run_id
+        self.log("scored", [(run_id, _scored_detail(score)) for score in scores])
 
 
 def _run_row(run: NewRun) -> dict[str, Any]:
@@ -242,15 +181,10 @@ def _score_row(score: NewScore) -> dict[str, Any]:
     }
 
 
-def _unknown_run(run: IngestedRun, name: str) -> Problem:
-    return Problem(
-        "there is no such run",
-        "Give the id of a proposed run, or leave the cell empty for a run nobody proposed.",
-        file=name,
-        line=run.scores[0].source_row,
-        field="run_id",
-        value=run.run_id,
-    )
+def _scored_detail(score: NewScore) -> dict[str, Any]:
+    """What an event tells of a score; of a measured one also the file and its line."""
+    detail: dict[str, Any] = {"application": score.application, "score": score.score, "se": score.se}
+    return {**detail, "file": score.source_file, "line": score.source_row} if score.source_file else detail
 
 
 def _illegal(run_id: int, old: str, new: str) -> Problem:

@@ -207,12 +207,12 @@ def ingest(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen and change nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take measured scores in; all or nothing per file."""
+    """Take measured scores or interpreters' rankings in; all or nothing."""
     from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import show_ingest
 
     campaign = Campaign.open(folder)
-    reports = [campaign.ingest(file, dry_run=dry_run) for file in files]
+    reports = campaign.ingest(*files, dry_run=dry_run)
     if as_json:
         print_json([asdict(report) for report in reports])
         return
@@ -224,14 +224,23 @@ def ingest(
 @guarded
 def void(
     folder: Folder,
-    run_id: Annotated[int, typer.Argument(metavar="RUN_ID")],
-    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason; it stays in the history.")],
+    run_id: Annotated[int | None, typer.Argument(metavar="[RUN_ID]")] = None,
+    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason; it stays in the history.")] = "",
+    ranking: Annotated[
+        int | None, typer.Option(metavar="N", help="In place of a run: an interpreter's ranking, by its number.")
+    ] = None,
 ) -> None:
-    """Take a run out of the fit; nothing is ever deleted."""
+    """Take a run, or a ranking, out of the fit; nothing is ever deleted."""
     from seqrsm.campaign.loop import Campaign
 
-    Campaign.open(folder).void(run_id, why)
-    say(f"run {run_id} is void: {why}")
+    if (run_id is None) == (ranking is None):
+        raise UserError(Problem("void takes out one run or one ranking", "Give RUN_ID, or --ranking N."))
+    if run_id is not None:
+        Campaign.open(folder).void(run_id, why)
+        say(f"run {run_id} is void: {why}")
+    elif ranking is not None:
+        Campaign.open(folder).store.void_ranking(ranking, why)
+        say(f"ranking {ranking} is void: {why}")
 
 
 @app.command()
@@ -270,7 +279,7 @@ def fit(
         show_fit(analysis)
         show_tests(found)
     if weighed is not None:
-        show_compromise(weighed)
+        show_compromise(campaign.spec.factors, weighed)
 
 
 @app.command()
@@ -281,12 +290,13 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Runs by state, optimum and intervals so far, stop or go on and why."""
+    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show import show_status
 
     with activity("reading"):
         result = campaign_status(folder, history=history)
-    print_json(result) if as_json else show_status(result)
+    print_json(result) if as_json else show_status(load_spec(folder).factors, result)
 
 
 @app.command()

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.console import heading, line, number, say, show_table
+from seqrsm.design.factors import setting_text
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
@@ -14,21 +15,17 @@ if TYPE_CHECKING:
     from seqrsm.campaign.loop import Outcome
     from seqrsm.campaign.records import RunRecord
     from seqrsm.campaign.spec import CampaignSpec
+    from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
 
 
-def setting_text(value: float | str) -> str:
-    """A level as people write it."""
-    return value if isinstance(value, str) else f"{value:.4g}"
+def _with_unit(factor: Factor, value: float | str) -> str:
+    return f"{setting_text(factor, value)} {getattr(factor, 'unit', '')}".rstrip()
 
 
-def settings_text(settings: Mapping[str, float | str], units: Mapping[str, str]) -> str:
+def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
     """Settings in one line, with units."""
-    return ", ".join(f"{name} {setting_text(value)} {units.get(name, '')}".rstrip() for name, value in settings.items())
-
-
-def _units(factors: Sequence[Any]) -> dict[str, str]:
-    return {factor.name: getattr(factor, "unit", "") for factor in factors}
+    return ", ".join(f"{factor.name} {_with_unit(factor, settings[factor.name])}" for factor in factors)
 
 
 # -- run ----------------------------------------------------------------------------------------------------------
@@ -87,6 +84,10 @@ def show_check(result: CheckResult, verbose: bool) -> None:
     if known:
         rows.append(["  found from", result.noise_source])
     show_table(["", ""], rows, title=f"campaign {result.name}", left=True)
+    if result.combinations:
+        heading("What some settings do")
+        for combination in result.combinations:
+            line(f"- {combination}")
     if result.notes:
         from seqrsm.campaign.notes import summarise_notes
 
@@ -113,7 +114,7 @@ _INTERVALS = {
 }
 
 
-def show_status(result: Mapping[str, Any]) -> None:
+def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     rows = [
@@ -126,7 +127,7 @@ def show_status(result: Mapping[str, Any]) -> None:
     ]
     show_table(["", ""], rows, title=f"campaign {result['campaign']}", left=True)
     for application in result["applications"]:
-        _show_application(result, application)
+        _show_application(factors, result, application)
     for run in result["failed"]:
         line(f"run {run['run_id']} failed: {run['reason']}")
     if "history" in result:
@@ -137,15 +138,14 @@ def show_status(result: Mapping[str, Any]) -> None:
         line(f"{stamp} {event['kind']}{run_id} {event['detail'] or ''}".rstrip())
 
 
-def _show_application(result: Mapping[str, Any], application: Mapping[str, Any]) -> None:
+def _show_application(factors: Sequence[Factor], result: Mapping[str, Any], application: Mapping[str, Any]) -> None:
     look = application["last_look"]
     if look is None:
         heading(application["name"])
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    units = result.get("units", {})
-    rows = [[name, f"{setting_text(value)} {units.get(name, '')}".rstrip()] for name, value in best["settings"].items()]
+    rows = [[factor.name, _with_unit(factor, best["settings"][factor.name])] for factor in factors]
     show_table(["", ""], rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", left=True)
     line(f"mean score {_known(best['mean'])} {unit}".rstrip())
     for kind in ("prediction", "prediction_mean", "confidence"):
@@ -183,18 +183,16 @@ def run_row(run: RunRecord) -> dict[str, Any]:
 
 def show_proposals(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Issued runs with the reason for each."""
-    units = _units(spec.factors)
     for run in runs:
-        line(f"run {run.run_id}: {settings_text(run.proposed, units)}")
+        line(f"run {run.run_id}: {settings_text(spec.factors, run.proposed)}")
         line(f"{run.purpose}: {run.why}", 6)
 
 
 def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Runs that were carried out."""
-    units = _units(spec.factors)
     for run in runs:
         found = ", ".join(f"{score.application} {number(score.score)}" for score in run.scores) or run.reason
-        line(f"run {run.run_id}: {run.state}, {found} ({settings_text(run.settings, units)})")
+        line(f"run {run.run_id}: {run.state}, {found} ({settings_text(spec.factors, run.settings)})")
     line(f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} carried out")
 
 
@@ -211,9 +209,27 @@ def show_ingest(report: IngestReport) -> None:
             if ids
         ]
         would = "would be taken in" if report.dry_run else "taken in"
-        line(f"{report.file}: {report.n_scores} scores {would}: {', '.join(parts) or 'nothing new'}")
+        what = "ranks" if report.ranked or report.rankings else "scores"
+        if report.rankings:
+            parts.append(f"rankings {report.rankings[0]} to {report.rankings[-1]}")
+        line(f"{report.file}: {report.n_scores} {what} {would}: {', '.join(parts) or 'nothing new'}")
     for message in report.messages:
         line(f"{report.file}: {message}")
+    for summary in report.ranked:
+        show_table(
+            ["interpreter", "rankings", "sharpness", "95 %", "agreement"],
+            [
+                [
+                    one.interpreter,
+                    str(one.rankings),
+                    number(one.sharpness, 2),
+                    f"{number(one.low, 2)} to {number(one.high, 2)}",
+                    "-" if one.agreement is None else f"{one.agreement:.2f}",
+                ]
+                for one in summary.interpreters
+            ],
+            title=f"interpreters of {summary.application}",
+        )
 
 
 # -- the rest -----------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from seqrsm.cli.console import heading, line, number, show_table
 from seqrsm.cli.show_study import show_study
+from seqrsm.design.factors import setting_text
 from seqrsm.report.phrases import (
     interval_text,
     level_phrase,
@@ -31,6 +32,7 @@ from seqrsm.report.wording import with_unit
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
     from seqrsm.campaign.compromise import CompromiseEstimate
+    from seqrsm.design.factors import Factor
 
 
 def show_fit(analysis: Analysis) -> None:
@@ -158,6 +160,14 @@ def show_optimum(analysis: Analysis) -> None:
         ):
             half = format_significant(interval.half_width, 2)
             line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1 {half})", 2)
+        if best.with_departure is not None:
+            allowed = best.with_departure
+            half = format_significant(allowed.prediction.half_width, 2)
+            line(
+                f"{level} prediction interval of one future run, allowing for a departure from the quadratic too small "
+                f"to be seen: {interval_text(analysis, allowed.prediction)} (\u00b1 {half})",
+                2,
+            )
     if best.at_bound:
         line(f"at the border of the region: {', '.join(best.at_bound)}", 2)
     regret = analysis.posterior
@@ -181,13 +191,13 @@ def _show_decision(analysis: Analysis) -> None:
         line(f"- {analysis.confirmation.text}", 2)
 
 
-def show_compromise(found: CompromiseEstimate) -> None:
+def show_compromise(factors: Sequence[Factor], found: CompromiseEstimate) -> None:
     """Settings that serve all applications, and what each gives up."""
     rows = []
-    for name, value in found.settings.items():
-        interval = found.credible.get(name)
-        shown = value if isinstance(value, str) else f"{value:.4g}"
-        rows.append([name, shown, "" if interval is None else f"{interval.low:.4g} to {interval.high:.4g}"])
+    for factor in factors:
+        interval = found.credible.get(factor.name)
+        ends = () if interval is None else (setting_text(factor, end) for end in (interval.low, interval.high))
+        rows.append([factor.name, setting_text(factor, found.settings[factor.name]), " to ".join(ends)])
     level = f"{100 * found.level:g} %"
     show_table(["factor", "setting", f"{level} credible"], rows, title="Compromise")
     line(f"Desirability {found.desirability:.3g}; expected shortfall {found.expected_shortfall:.2g}")

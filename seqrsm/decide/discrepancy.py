@@ -70,7 +70,8 @@ class Discrepancy:
     noise_evidence: float = 0.0
 
 
-def _kernel(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) -> FloatArray:
+def smooth_covariance(model: QuadraticModel, A: FloatArray, B: FloatArray, length: float) -> FloatArray:
+    """Covariance (m, n) of a process of variance 1 between coded points A (m, k) and B (n, k)."""
     numeric, categorical = list(model.numeric), list(model.categorical)
     gap = A[:, None, numeric] - B[None, :, numeric]
     K: FloatArray = np.exp(-0.5 * np.sum(gap**2, axis=-1) / length**2)
@@ -146,7 +147,7 @@ def find_discrepancy(
     tried = sorted({0, chosen})
     gains = np.full((len(tried), len(LENGTHS), 1 + len(VARIANCES)), -np.inf)
     for i, length in enumerate(LENGTHS):
-        K = _kernel(model, points, points, length)
+        K = smooth_covariance(model, points, points, length)
         for t, place in enumerate(tried):
             frame = frames[place]
             assert frame is not None
@@ -235,7 +236,7 @@ def likely_optimum(
     noise = np.ones(len(y)) if weights is None else 1.0 / np.asarray(weights)[::step]
     length = found.length if found.variance > 0.0 else 1.0
     noise = noise * np.exp(found.noise_slope * _poorness(Z, y, noise, goal))
-    V = np.diag(noise) + found.variance * _kernel(model, points, points, length)
+    V = np.diag(noise) + found.variance * smooth_covariance(model, points, points, length)
     factor = (np.linalg.cholesky(V), True)
     beta = np.linalg.lstsq(
         solve_triangular(factor[0], Z, lower=True), solve_triangular(factor[0], y, lower=True), rcond=None
@@ -244,7 +245,7 @@ def likely_optimum(
     sign = 1.0 if goal == "maximize" else -1.0
 
     def value(at: FloatArray) -> FloatArray:
-        mean: FloatArray = model.matrix(at) @ beta[: model.p] + _kernel(model, at, points, length) @ pull
+        mean: FloatArray = model.matrix(at) @ beta[: model.p] + smooth_covariance(model, at, points, length) @ pull
         return sign * mean
 
     rng = np.random.default_rng(seed)

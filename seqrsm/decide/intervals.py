@@ -15,6 +15,7 @@ from scipy.special import stdtr, stdtrit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
+from seqrsm.plain import known
 
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
 
@@ -272,8 +273,9 @@ def confirmation_agrees(
     agrees = bool(abs(difference) <= half)
     suffix = f" {unit}" if unit else ""
     text = (
-        f"The mean of {confirmation.n} fresh runs is {confirmation.mean:.4g} ± {confirmation.half_width:.3g}{suffix}; "
-        f"the model predicted {predicted:.4g} ± {half:.3g}{suffix} for it: they "
+        f"The mean of {confirmation.n} fresh runs is {known(confirmation.mean, confirmation.half_width)} ± "
+        f"{confirmation.half_width:.3g}{suffix}; the model predicted {known(predicted, half)} ± {half:.3g}{suffix} for "
+        f"it: they "
         f"{'agree' if agrees else 'do not agree'} (p = {p:.2g})."
     )
     return Agreement(agrees, difference, half, t, p, text)

@@ -148,6 +148,7 @@ def decide(
     n_spent: int | None = None,
     n_before: int = 0,
     departure: Departure | None = None,
+    widening: float = 1.0,
 ) -> Decision:
     """Apply the rule to one look.
 
@@ -182,6 +183,10 @@ def decide(
     departure : Departure, optional
         Evidence of a smooth departure from the model, see `_effective_p` for what it decides.
 
+    widening : float
+        What a departure from the model, too small to be seen, does to the half-width: a factor >= 1, see
+        :mod:`seqrsm.decide.allowance`.
+
     Returns
     -------
     Decision
@@ -195,7 +200,8 @@ def decide(
         scale = half_width / student
     width = float("nan")
     if df_residual > 0:
-        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=spent, n_before=n_before)) * scale
+        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=spent, n_before=n_before))
+        width *= scale * widening
     found = conditions(
         rule,
         n_runs=n_runs,
@@ -206,7 +212,7 @@ def decide(
     )
     now = all(bool(value) for value in found.values())
     checks = [
-        _interval_check(rule, bool(found["interval"]), width, unit),
+        _interval_check(rule, bool(found["interval"]), width, unit, widening),
         *_count_checks(rule, found, n_runs, n_terms, df_pure_error),
         _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason, departure),
     ]
@@ -242,14 +248,16 @@ def decide(
     )
 
 
-def _interval_check(rule: StopRule, holds: bool, width: float, unit: str) -> Check:
+def _interval_check(rule: StopRule, holds: bool, width: float, unit: str, widening: float) -> Check:
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
     kinds = {"anytime": ", valid at every look", "spending": ", its error spent over the looks"}
     kind = kinds.get(rule.guard, "")
+    departure = f", {100 * (widening - 1.0):.0f} % of it for departures from the model" if widening >= 1.005 else ""
     text = (
-        f"The {rule.interval_name} at the optimum is ± {amount(width, unit)} ({100 * rule.level:g} %{kind}); {target}."
+        f"The {rule.interval_name} at the optimum is ± {amount(width, unit)} "
+        f"({100 * rule.level:g} %{kind}{departure}); {target}."
     )
     return Check("interval", holds, text)
 

@@ -63,23 +63,26 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def _to_axis(name: str, natural: ArrayLike, scale: Scale) -> FloatArray:
+def log_ratio(values: ArrayLike, low: float) -> FloatArray:
+    """``log(values / low)`` to full precision, for values next to ``low`` and values 600 decades above it."""
+    x = np.asarray(values, dtype=np.float64)
+    near = np.abs(x - low) <= low
+    # The difference of two logarithms of nearly equal numbers has lost its digits.
+    return np.where(near, np.log1p(np.where(near, (x - low) / low, 0.0)), np.log(x) - np.log(low))
+
+
+def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) -> FloatArray:
     values = np.asarray(natural, dtype=np.float64)
+    # These forms, unlike (2 x - low - high) / (high - low), give -1 and +1 exactly at the ends.
     if scale == "linear":
-        return values
+        return ((values - low) - (high - values)) / (high - low)
     if np.any(values <= 0.0):
         bad = float(values[values <= 0.0].flat[0])
         raise RegionError(
             Problem("a logarithmic factor takes positive values only", "Give a value > 0.", field=name, value=bad)
         )
-    return np.log(values)
-
-
-def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) -> FloatArray:
-    axis = _to_axis(name, natural, scale)
-    left, right = (low, high) if scale == "linear" else (float(np.log(low)), float(np.log(high)))
-    # This form, unlike (2 x - low - high) / (high - low), gives -1 and +1 exactly at the ends.
-    return ((axis - left) - (right - axis)) / (right - left)
+    above, width = log_ratio(values, low), log_ratio(high, low)
+    return (above - (width - above)) / width
 
 
 def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArray:
@@ -87,7 +90,9 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
     if scale == "linear":
         natural = low * ((1.0 - t) / 2.0) + high * ((1.0 + t) / 2.0)
     else:
-        natural = np.exp(np.log(low) * ((1.0 - t) / 2.0) + np.log(high) * ((1.0 + t) / 2.0))
+        # Two equal factors: their product may span more decades than a number holds.
+        root = np.exp(log_ratio(high, low) * ((1.0 + t) / 4.0))
+        natural = low * root * root
     # exp(log(x)) differs from x in the last digit: the ends are what the user wrote.
     natural = np.where(t == -1.0, low, np.where(t == 1.0, high, natural))
     inside = np.abs(t) <= 1.0
@@ -292,3 +297,22 @@ class CategoricalFactor:
 
 Factor: TypeAlias = ContinuousFactor | DiscreteFactor | CategoricalFactor
 NumericFactor: TypeAlias = ContinuousFactor | DiscreteFactor
+
+_DIGITS = 4
+_CLOSE = 0.005  # coded: a quarter of a percent of the range
+
+
+def plain_setting(factor: NumericFactor, value: float) -> float:
+    """``value`` to four significant digits, or to as many more as a narrow range needs to tell settings apart."""
+    for digits in range(_DIGITS, 17):
+        rounded = float(f"{value:.{digits}g}")
+        if np.all(np.abs(factor.code([rounded]) - factor.code([value])) <= _CLOSE):
+            return rounded
+    return value
+
+
+def setting_text(factor: Factor, value: float | str) -> str:
+    """A level or setting as people write it, without its unit."""
+    if isinstance(value, str) or isinstance(factor, CategoricalFactor):
+        return str(value)
+    return f"{plain_setting(factor, float(value)):.15g}"

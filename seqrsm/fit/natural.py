@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, log_ratio
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Interval
 from seqrsm.fit.least_squares import LeastSquaresFit
@@ -48,15 +48,17 @@ def natural_transform(model: QuadraticModel) -> FloatArray:
     each product all of its factors.
     """
     q = len(model.numeric)
-    width = 1 + q + sum(len(columns) for i, columns in enumerate(model.columns) if i in model.categorical)
-    base = np.eye(width)  # base column in coded units = row of this times the natural base columns
+    n_base = 1 + q + sum(len(columns) for i, columns in enumerate(model.columns) if i in model.categorical)
+    base = np.eye(n_base)  # base column in coded units = row of this times the natural base columns
     for j, index in enumerate(model.numeric, start=1):
         factor = model.factors[index]
         assert not isinstance(factor, CategoricalFactor)
-        low, high = factor.decode(np.array([-1.0, 1.0]))
+        low, high = (float(end) for end in factor.decode(np.array([-1.0, 1.0])))
+        width = high - low
         if factor.scale == "log":
+            width = float(log_ratio(high, low)) / np.log(10.0)
             low, high = np.log10(low), np.log10(high)
-        base[j, 0], base[j, j] = -(high + low) / (high - low), 2.0 / (high - low)
+        base[j, 0], base[j, j] = -(high + low) / width, 2.0 / width
     place = {
         (min(a, b), max(a, b)): t
         for t, (a, b) in enumerate(zip(model.first.tolist(), model.second.tolist(), strict=True))

@@ -28,7 +28,7 @@ def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float
         beta = np.linalg.lstsq(Z * root[:, None], y * root, rcond=None)[0]
         square = weights * (y - Z @ beta) ** 2
         variance = float(np.sum(share * square)) / (n - p)
-        if variance <= 1e-24 * max(1.0, float(np.mean(y**2))):
+        if variance <= (n * np.finfo(np.float64).eps) ** 2 * float(np.mean(y**2)):  # nothing but rounding is left
             return weights
         after = (nu + 1.0) / (nu + square / variance)
         if np.max(np.abs(after - share)) < 1e-10:

@@ -68,6 +68,16 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
             (f"Prediction: mean of {optimum.replicates} future runs", optimum.prediction_mean),
         )
     )
+    allowed = optimum.with_departure
+    if allowed is not None:
+        rows += tuple(
+            (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
+            for name, interval in (
+                ("Confidence, departure allowed for", allowed.confidence),
+                ("Prediction of one run, departure allowed for", allowed.prediction),
+                (f"Prediction of {optimum.replicates} runs, departure allowed for", allowed.prediction_mean),
+            )
+        )
     columns = (Column("Interval"), Column("From, to"), Column("Half-width", align="right"))
     blocks: list[Block] = [
         Paragraph(
@@ -78,6 +88,14 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         PREDICTION_EQUATION,
         Table(columns, rows, f"Intervals at the optimum, {level}"),
     ]
+    if allowed is not None:
+        blocks.append(
+            Paragraph(
+                "No surface is quite a quadratic. Where a departure is allowed for, all sizes of it that the scores do "
+                "not exclude are averaged over, with the weight that the scores give to each: the estimated mean is "
+                f"then {score_text(analysis, allowed.mean)}. The stop rule watches these intervals."
+            )
+        )
     floor = analysis.decision.noise_floor
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"

@@ -222,10 +222,10 @@ class RadarConfiguration:
         )
 
     def pattern_lut(self) -> FloatArray:
-        """Two-way pattern at equal steps of the look angle from 0 to 90 deg; empty for an isotropic one."""
+        """Two-way pattern at equal steps of tan(look / 2), look from 0 to 90 deg; empty for an isotropic one."""
         if self.elevation_pattern == "isotropic":
             return np.empty(0)
-        return self.elevation_gain(np.linspace(0.0, 0.5 * math.pi, PATTERN_STEPS + 1)) ** 2
+        return self.elevation_gain(2.0 * np.arctan(np.linspace(0.0, 1.0, PATTERN_STEPS + 1))) ** 2
 
     def atmosphere(self, incidence_rad: FloatArray) -> FloatArray:
         """Two-way transmission L_T L_R of the atmosphere at incidence angles [rad]."""

@@ -173,7 +173,7 @@ def _problems(
         remedy = "Integrate for less, or scan with a longer period"
         problems.append(Problem(text, remedy, field="integration_time", value=radiometer.integration_time_ms))
     if radiometer.gaps == "refuse" and advance > radiometer.resolution_m * (1.0 + 1e-9):
-        text = f"sweeps lie {advance:.4g} m apart and cover {radiometer.resolution_m:g} m each: gaps at nadir"
+        text = f"sweeps lie {advance:.4g} m apart and cover {radiometer.resolution_m:.4g} m each: gaps at nadir"
         limit = 2.0 * radiometer.resolution_m / radiometer.speed_m_s
         remedy = f"Use a period of at most {limit:.4g} s, a coarser resolution or a slower craft"
         problems.append(Problem(text, remedy, field="scan_period", value=radiometer.scan_period_s))
@@ -196,26 +196,26 @@ def _notes(
     notes = []
     covered = radiometer.resolution_m / advance
     if radiometer.mode == "report":
-        notes.append("lines lie side by side at nadir whatever the scan period (the report's first-order simulation)")
+        notes.append("as in the report: lines lie side by side at nadir whatever the scan period")
     elif covered < 1.0 - 1e-9:
         notes.append(
-            f"gaps at nadir: sweeps {advance:.4g} m apart cover {radiometer.resolution_m:g} m each "
+            f"gaps at nadir: sweeps {advance:.4g} m apart cover {radiometer.resolution_m:.4g} m each "
             f"({100.0 * covered:.0f} %); unseen ground takes the value of the nearest footprint"
         )
     elif covered > 1.0 + 1e-9:
         used = (
             f"{sweeps_a_line} at a time are averaged into a line" if sweeps_a_line > 1 else "only the nearest is used"
         )
-        notes.append(f"sweeps overlap at nadir: each point is seen by {covered:.3g} of them; {used}")
+        notes.append(f"overlap at nadir: each point is seen by {covered:.3g} sweeps; {used}")
     if smear > 1.0:
         notes.append(
-            f"integration of {radiometer.integration_time_ms:.4g} ms exceeds the dwell of {dwell_ms:.4g} ms: "
+            f"smear: an integration of {radiometer.integration_time_ms:.4g} ms exceeds the dwell of {dwell_ms:.4g} ms: "
             f"footprints are {smear:.3g} beams long"
         )
     elif 0.0 < smear < 0.5:
-        notes.append(f"{100.0 * (1.0 - smear):.0f} % of the dwell of {dwell_ms:.4g} ms is not used for integration")
+        notes.append(f"idle time: {100.0 * (1.0 - smear):.0f} % of the dwell of {dwell_ms:.4g} ms is not integrated")
     if half_angle < edge - 0.5 * radiometer.beamwidth_rad(radiometer.altitude_m):
-        notes.append("the sweep does not reach the edges of the scene; ground beyond it is not scored")
+        notes.append("narrow sweep: it does not reach the edges of the scene; ground beyond it is not scored")
     return tuple(notes)
 
 

@@ -21,7 +21,20 @@ SELF_SHADOW = 2
 LAYOVER = 4
 NO_DATA = 8
 
-_FEW_BINS = 6
+STRIP = 1024
+"""Columns done at a time: the work lines of a strip stay in the core's first cache."""
+
+_FEW_BINS = 12
+
+# Begin of each line in the work array of a strip. One array with fixed distances lets the compiler see that its lines
+# do not overlap, and vectorise without tests for it; the distance is no power of two, which caches would fold together.
+_LINE = STRIP + 80
+_ABOVE, _HERE, _BELOW = 0 * _LINE, 1 * _LINE, 2 * _LINE
+_SLOPE, _SLOPE_BELOW, _RAY = 3 * _LINE, 4 * _LINE, 5 * _LINE
+_DARK, _WHERE, _GAIN = 6 * _LINE, 7 * _LINE, 8 * _LINE
+_BEFORE, _NOW, _LOW = 9 * _LINE, 10 * _LINE, 11 * _LINE
+_HIGH, _POWER, _FACTOR = 12 * _LINE, 13 * _LINE, 14 * _LINE
+_LINES = 15
 
 
 @kernel
@@ -122,7 +135,8 @@ def power_cells(
     geometry: AnyArray,
     cell: float,
     ground_format: bool,
-    lut: AnyArray,
+    table: AnyArray,
+    n_categories: int,
     field_factor: AnyArray,
     pattern: AnyArray,
     power: AnyArray,
@@ -148,19 +162,21 @@ def power_cells(
         For each row of the frame, datum being ground at height 0: distance of the antenna along the local horizontal
         [m]; slant range of the datum [m]; ``cell / distance`` of the row before (0 in row 0); ``(reference range /
         slant range)**4``; height of the antenna over the local horizontal, here and in the row before [m]; range
-        position of the datum [m]; bins to a metre of that position; angle of the local vertical from that of nadir
-        [rad].
+        position of the datum [m]; bins to a metre of that position; tangent of half the angle of the local vertical
+        from that of nadir.
     cell : float
         Side of a cell [m].
     ground_format : bool
         True: position is ground range; False: slant range.
-    lut : float array (n_channels, n_categories + 1, k)
-        sigma0 at ``k - 2`` equal steps of sin(theta/2) from 0 to sin(45 deg), and the last value once more. The last
-        category is none, of sigma0 = 0.
+    table : complex array (n_channels, (n_categories + 1) * k)
+        For each category and each of k - 1 equal steps of sin(theta/2) from 0 to sin(45 deg), and the end: sigma0 as
+        the real and its rise to the next step as the imaginary part, so that one access fetches both. The last category
+        is none, of sigma0 = 0. No channels leaves the power out.
+    n_categories : int
     field_factor : float array (n_channels, n_fields)
         Factor of each field's sigma0 on this occasion; n_fields = 0 stands for 1 everywhere.
-    pattern : float64 array (k,)
-        Two-way factor of antenna and atmosphere at equal steps of the look angle from 0 to 90 deg; empty stands for 1.
+    pattern : float array (k,)
+        Two-way factor of the antenna at equal steps of tan(look / 2) from 0 to 1; empty stands for 1.
     power : float array (n_channels, n, m)
         Written: sigma0 x surface area / cell**2 x (reference range / range)**4.
     offset : float array (n, m)
@@ -169,82 +185,30 @@ def power_cells(
         Written: bits CAST_SHADOW, SELF_SHADOW, NO_DATA.
     """
     n = source.shape[0]
-    m = z.shape[1]
-    n_channels = lut.shape[0]
-    none = np.uint8(lut.shape[1] - 1)
-    ray = np.empty(m, dtype=z.dtype)
-    lit = np.empty(m, dtype=z.dtype)
-    where = np.empty(m, dtype=z.dtype)
-    gain = np.empty(m, dtype=z.dtype)
-    slope_x = np.empty(m, dtype=z.dtype)
-    part = np.empty(m, dtype=z.dtype)
-    index = np.empty(m, dtype=np.uint32)
-    tables = lut.reshape(n_channels, lut.shape[1] * lut.shape[2])
-    for i in range(n):
-        row = source[i]
-        span = min(i + 1, n - 1) - max(i - 1, 0)
-        _shadow_row(z[row], geometry[i], i == 0, ray, lit)
-        _central_slope(z, row, 0, cell, slope_x)
-        _incidence_row(
-            z[source[max(i - 1, 0)]],
-            z[row],
-            z[source[min(i + 1, n - 1)]],
-            slope_x,
-            geometry[i],
-            1.0 / (cell * span) if span > 0 else 0.0,
-            lut.shape[2] - 2,
-            where,
-            gain,
-        )
-        kind = cover[row]
-        _state_row(lit, gain, kind, none, state[i])
-        if pattern.shape[0] > 0:
-            _pattern_row(z[row], geometry[i], pattern, gain)
-        _offset_row(z[row], geometry[i], ground_format, offset[i])
-        _index_row(where, kind, lut.shape[1] - 1, lut.shape[2], index, part)
-        for c in range(n_channels):
-            _echo_row(tables[c], index, part, gain, lit, power[c, i])
-            if field_factor.shape[1] > 0:
-                _field_row(field[row], field_factor[c], power[c, i])
-
-
-@kernel
-def mark_cells(
-    z: AnyArray,
-    source: AnyArray,
-    cover: AnyArray,
-    none: int,
-    geometry: AnyArray,
-    cell: float,
-    ground_format: bool,
-    offset: AnyArray,
-    state: AnyArray,
-) -> None:
-    """`power_cells` without the power: range position and mask bits of every element.
-
-    Parameters
-    ----------
-    z, source, cover, geometry, cell, ground_format, offset, state
-        As in `power_cells`.
-    none : int
-        Least category that stands for no data.
-    """
-    n = source.shape[0]
-    m = z.shape[1]
-    ray = np.empty(m, dtype=z.dtype)
-    lit = np.empty(m, dtype=z.dtype)
-    where = np.empty(m, dtype=z.dtype)
-    gain = np.empty(m, dtype=z.dtype)
-    slope_x = np.empty(m, dtype=z.dtype)
-    for i in range(n):
-        row = source[i]
-        above, below = max(i - 1, 0), min(i + 1, n - 1)
-        per_range = 1.0 / (cell * (below - above)) if below > above else 0.0
-        _shadow_row(z[row], geometry[i], i == 0, ray, lit)
-        _central_slope(z, row, 0, cell, slope_x)
-        _incidence_row(z[source[above]], z[row], z[source[below]], slope_x, geometry[i], per_range, 1, where, gain)
-        _offset_row(z[row], geometry[i], ground_format, offset[i])
-        _state_row(lit, gain, cover[row], np.uint8(none), state[i])
+    steps = table.shape[1] // (n_categories + 1) - 1
+    w = np.empty(_LINES * _LINE, dtype=z.dtype)
+    pairs = np.empty(STRIP, dtype=table.dtype)
+    index = np.empty(STRIP, dtype=np.uint32)
+    for left in range(0, z.shape[1], STRIP):
+        m = min(STRIP, z.shape[1] - left)
+        own = slice(left, left + m)
+        _first_row(z, source[0], left, m, cell, geometry[0], ground_format, w)
+        for i in range(n):
+            kind = cover[source[i], own]
+            line = offset[i, own]
+            for j in range(m):
+                line[j] = w[_NOW + j]
+            _next_row(z, source, i, left, m, cell, w)
+            _arithmetic_row(geometry, i, cell, ground_format, 0.0, 1.0, steps, m, w)
+            _state_row(kind, n_categories, m, w, state[i, own])
+            if pattern.shape[0] > 0:
+                _pattern_row(geometry[i], pattern, m, w)
+            _index_row(kind, n_categories, steps + 1, index, m, w)
+            for c in range(power.shape[0]):
+                _echo_row(table[c], index, field[source[i], own], field_factor[c], pairs, m, w)
+                line = power[c, i, own]
+                for j in range(m):
+                    line[j] = w[_POWER + j] * (w[_HIGH + j] - w[_LOW + j])
 
 
 @kernel
@@ -256,7 +220,8 @@ def sum_echoes(
     geometry: AnyArray,
     cell: float,
     ground_format: bool,
-    lut: AnyArray,
+    table: AnyArray,
+    n_categories: int,
     field_factor: AnyArray,
     pattern: AnyArray,
     base: AnyArray,
@@ -266,212 +231,294 @@ def sum_echoes(
     high: int,
     out: AnyArray,
 ) -> None:
-    """`power_cells` and `bin_range` in one pass over columns `low` to `high`, without arrays of cells.
+    """Add the power of `power_cells` to the range bins that each element overlaps: eqs. (3-21) to (3-23), in one pass.
 
-    Every column stands alone, so any division into strips, in any number of threads, gives the same bits.
+    An element reaches half way to its neighbours in range, so the elements of a column cover it without gap; layover
+    falls out by itself. Bins beyond `out` drop what falls there. Every column stands alone, so any division into
+    strips, in any number of threads, gives the same bits.
 
     Parameters
     ----------
-    z, source, cover, field, geometry, cell, ground_format, lut, field_factor, pattern
+    z, source, cover, field, geometry, cell, ground_format, table, n_categories, field_factor, pattern
         As in `power_cells`.
-    base, first, nearest, out
-        As in `bin_range`.
+    base : float64 array (n + 2,)
+        Range position of the datum in each row [bins], with one row more at both ends.
+    first : int
+        Bin of ``out[:, 0]``.
+    nearest : bool
+        Give an element whole to the bin of its centre, as the report does; a homogeneous plane then shows a ripple.
     low, high : int
         Columns to do, ``low <= j < high``.
+    out : float array (n_channels, n_bins, m)
+        Zeroed by the caller; sums are added.
     """
     n = source.shape[0]
-    m = high - low
-    n_channels = lut.shape[0]
-    ray = np.empty(m, dtype=z.dtype)
-    lit = np.empty(m, dtype=z.dtype)
-    where = np.empty(m, dtype=z.dtype)
-    gain = np.empty(m, dtype=z.dtype)
-    slope_x = np.empty(m, dtype=z.dtype)
-    part = np.empty(m, dtype=z.dtype)
-    index = np.empty(m, dtype=np.uint32)
-    tables = lut.reshape(n_channels, lut.shape[1] * lut.shape[2])
-    share = np.empty(m, dtype=z.dtype)
-    power = np.empty(m, dtype=z.dtype)
-    start = np.empty(m, dtype=np.int32)
-    stop = np.empty(m, dtype=np.int32)
-    before = np.empty(m, dtype=z.dtype)
-    now = np.empty(m, dtype=z.dtype)
-    after = np.empty(m, dtype=z.dtype)
-    _offset_row(z[source[0], low:high], geometry[0], ground_format, now)
-    before[:] = now
-    for i in range(n):
-        row = source[i]
-        here = z[row, low:high]
-        span = min(i + 1, n - 1) - max(i - 1, 0)
-        _shadow_row(here, geometry[i], i == 0, ray, lit)
-        _central_slope(z, row, low, cell, slope_x)
-        _incidence_row(
-            z[source[max(i - 1, 0)], low:high],
-            here,
-            z[source[min(i + 1, n - 1)], low:high],
-            slope_x,
-            geometry[i],
-            1.0 / (cell * span) if span > 0 else 0.0,
-            lut.shape[2] - 2,
-            where,
-            gain,
-        )
-        if pattern.shape[0] > 0:
-            _pattern_row(here, geometry[i], pattern, gain)
-        if i + 1 < n:
-            _offset_row(z[source[i + 1], low:high], geometry[i + 1], ground_format, after)
-        else:
-            after[:] = now
-        origin = math.floor(base[i + 1])
-        least, most, long = _edges_row(before, now, after, base, i, origin, nearest, share, start, stop)
-        shift = origin - first
-        _index_row(where, cover[row, low:high], lut.shape[1] - 1, lut.shape[2], index, part)
-        for c in range(n_channels):
-            _echo_row(tables[c], index, part, gain, lit, power)
-            if field_factor.shape[1] > 0:
-                _field_row(field[row, low:high], field_factor[c], power)
-            _add_row(power, share, start, stop, shift, least, most, long, low, out[c])
-            if long > 1:
-                _add_long(power, before, now, after, base, i, origin, shift, low, out[c])
-        before, now, after = now, after, before
+    steps = table.shape[1] // (n_categories + 1) - 1
+    w = np.empty(_LINES * _LINE, dtype=z.dtype)
+    pairs = np.empty(STRIP, dtype=table.dtype)
+    index = np.empty(STRIP, dtype=np.uint32)
+    for left in range(low, high, STRIP):
+        m = min(STRIP, high - left)
+        own = slice(left, left + m)
+        _first_row(z, source[0], left, m, cell, geometry[0], ground_format, w)
+        for i in range(n):
+            # Bins are counted from one near the row, so that single precision holds their fractions.
+            origin = math.floor(base[i + 1])
+            near = 0.5 * (base[i] + base[i + 1]) - origin
+            beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
+            if nearest:
+                _keep_centres(base[i + 1] - origin, m, w)
+            _next_row(z, source, i, left, m, cell, w)
+            _arithmetic_row(geometry, i, cell, ground_format, near, beyond, steps, m, w)
+            if nearest:
+                _fill_centres(m, w)
+            if pattern.shape[0] > 0:
+                _pattern_row(geometry[i], pattern, m, w)
+            least, most = _reach_row(m, w)
+            _index_row(cover[source[i], own], n_categories, steps + 1, index, m, w)
+            for c in range(out.shape[0]):
+                _echo_row(table[c], index, field[source[i], own], field_factor[c], pairs, m, w)
+                _add_row(origin - first, least, most, left, m, w, out[c])
 
 
 @kernel
-def _shadow_row(here: AnyArray, geometry: AnyArray, first: bool, ray: AnyArray, lit: AnyArray) -> None:
-    """Advance the height of the shadow ray by one row; `lit` is 1 where the ground reaches it, else 0."""
-    one = here.dtype.type(1.0)
-    zero = here.dtype.type(0.0)
-    if first:
-        for j in range(here.shape[0]):
-            ray[j] = here[j]
-            lit[j] = one
-    else:
-        descent = here.dtype.type(geometry[2])
-        height = here.dtype.type(geometry[5])
-        for j in range(here.shape[0]):
-            # One step down the line from the antenna through the highest point so far.
-            s = ray[j] - (height - ray[j]) * descent
-            lit[j] = zero if here[j] < s else one
-            ray[j] = max(s, here[j])
-
-
-@kernel
-def _incidence_row(
-    above: AnyArray,
-    here: AnyArray,
-    below: AnyArray,
-    slope_x: AnyArray,
-    geometry: AnyArray,
-    per_range: float,
-    steps: int,
-    where: AnyArray,
-    gain: AnyArray,
+def _first_row(
+    z: AnyArray, row: int, left: int, m: int, cell: float, geometry: AnyArray, ground_format: bool, w: AnyArray
 ) -> None:
-    """Position in the table of sigma0, and tilt x (reference range / range)**4; 0 where the ground faces away."""
-    number = here.dtype.type
+    """Fill the work lines so that `_next_row` and `_arithmetic_row` can begin at row 0."""
+    _load_row(z, row, left, m, cell, w)
+    _offset_row(w[_BELOW : _BELOW + m], geometry, ground_format, w[_NOW : _NOW + m])
+    for j in range(m):
+        w[_ABOVE + j] = w[_BELOW + j]
+        w[_HERE + j] = w[_BELOW + j]
+        w[_RAY + j] = w[_BELOW + j]
+        w[_SLOPE + j] = w[_SLOPE_BELOW + j]
+        w[_BEFORE + j] = w[_NOW + j]
+
+
+@kernel
+def _next_row(z: AnyArray, source: AnyArray, i: int, left: int, m: int, cell: float, w: AnyArray) -> None:
+    """Fetch the heights behind row `i`; behind the last one stand its own."""
+    if i + 1 < source.shape[0]:
+        _load_row(z, source[i + 1], left, m, cell, w)
+    else:
+        for j in range(m):
+            w[_BELOW + j] = w[_HERE + j]
+
+
+@kernel
+def _load_row(z: AnyArray, row: int, left: int, m: int, cell: float, w: AnyArray) -> None:
+    """Heights of a row, and its slope along the track: central differences, one-sided at the ends, 0 for one cell."""
+    line = z[row]
+    here = line[left : left + m]
+    for j in range(m):
+        w[_BELOW + j] = here[j]
+    number = z.dtype.type
+    per_two = number(0.5 / cell)
+    for j in range(1, m - 1):
+        w[_SLOPE_BELOW + j] = (w[_BELOW + 1 + j] - w[_BELOW - 1 + j]) * per_two
+    for j in (0, m - 1):
+        k = left + j
+        first, last = max(k - 1, 0), min(k + 1, line.shape[0] - 1)
+        per_metre = number(1.0 / (cell * (last - first))) if last > first else number(0.0)
+        w[_SLOPE_BELOW + j] = (line[last] - line[first]) * per_metre
+
+
+@kernel
+def _arithmetic_row(
+    geometry: AnyArray,
+    i: int,
+    cell: float,
+    ground_format: bool,
+    near: float,
+    beyond: float,
+    steps: int,
+    m: int,
+    w: AnyArray,
+) -> None:
+    """Everything of row `i` that is arithmetic: shadow, local incidence, area, power by range, edges in range.
+
+    Afterwards `_WHERE` is the position in the table of sigma0; `_GAIN` is tilt x (reference range / range)**4 / width
+    in bins, 0 where nothing returns; `_LOW` and `_HIGH` are the element's edges in range [bins], `near` and `beyond`
+    being those of flat ground; `_DARK` has the bits CAST_SHADOW and SELF_SHADOW; the lines of the row before are those
+    of this row, and those of this row are the next one's. An element seen edge on keeps a least width.
+    """
+    number = w.dtype.type
     one, half, zero = number(1.0), number(0.5), number(0.0)
-    h = number(geometry[4])
-    y = number(geometry[0])
-    row_gain = number(geometry[3])
-    inverse_r = number(1.0 / geometry[1])
-    inverse_r2 = number(1.0 / geometry[1] ** 2)
-    per_slope = number(per_range)
-    per_q = number(steps / math.sqrt(0.5))
-    last = number(steps)
-    for j in range(here.shape[0]):
-        slope_y = (below[j] - above[j]) * per_slope
+    n = geometry.shape[0]
+    after = min(i + 1, n - 1)
+    span = after - max(i - 1, 0)
+    per_slope = number(1.0 / (cell * span) if span > 0 else 0.0)
+    y, h = number(geometry[i, 0]), number(geometry[i, 4])
+    inverse_r, inverse_r2 = number(1.0 / geometry[i, 1]), number(1.0 / geometry[i, 1] ** 2)
+    descent, height = number(geometry[i, 2]), number(geometry[i, 5])
+    row_gain = number(geometry[i, 3])
+    per_q, last = number(steps / math.sqrt(0.5)), number(steps)
+    # Of the row behind: its range position (see `_offset_row`).
+    h_after, inverse_p2 = number(geometry[after, 4]), number(1.0 / geometry[after, 6] ** 2)
+    to_bins = number(geometry[after, 7] / geometry[after, 6])
+    nadir = number(-geometry[after, 6] * geometry[after, 7]) if ground_format else number(-math.inf)
+    here, there = number(near), number(beyond)
+    thin = number(1e-3 if w.itemsize == 4 else 1e-9)
+    cast, turned = number(CAST_SHADOW), number(SELF_SHADOW)
+    for j in range(m):
+        z, z_after = w[_HERE + j], w[_BELOW + j]
+        # The ray of shadow one step down the line from the antenna through the highest point so far.
+        ray = w[_RAY + j] - (height - w[_RAY + j]) * descent
+        w[_RAY + j] = max(ray, z)
+        slope_y = (z_after - w[_ABOVE + j]) * per_slope
+        slope_x = w[_SLOPE + j]
         # u = (R**2 - R_datum**2) / R_datum**2 from the height alone: no difference of two large numbers.
-        u = -here[j] * (h + h - here[j]) * inverse_r2
+        u = -z * (h + h - z) * inverse_r2
         closer = one / math.sqrt(one + u)
         inverse = inverse_r * closer
-        toward = (h - here[j]) * inverse
+        toward = (h - z) * inverse
         along = y * inverse
-        tilt2 = one + slope_x[j] * slope_x[j] + slope_y * slope_y
+        tilt2 = one + slope_x * slope_x + slope_y * slope_y
         tilt = math.sqrt(tilt2)
         facing = along * slope_y + toward
         across = toward * slope_y - along
         # sin(theta/2)**2 from the vector product: exact near theta = 0, where 1 - cos would lose its digits.
-        sine2 = across * across + slope_x[j] * slope_x[j]
+        sine2 = across * across + slope_x * slope_x
         half_sine2 = half * sine2 / (tilt2 + tilt * max(facing, zero))
-        where[j] = min(math.sqrt(half_sine2) * per_q, last)
+        w[_WHERE + j] = min(math.sqrt(half_sine2) * per_q, last)
+        rise = -z_after * (h_after + h_after - z_after)
+        behind = max(rise * to_bins / (one + math.sqrt(max(one + rise * inverse_p2, zero))), nadir)
+        if i == after:
+            behind = w[_NOW + j]
+        a = here + half * (w[_BEFORE + j] + w[_NOW + j])
+        b = there + half * (w[_NOW + j] + behind)
+        low = min(a, b)
+        high = max(max(a, b), low + thin)
+        w[_LOW + j] = low
+        w[_HIGH + j] = high
+        dark = (cast if z < ray else zero) + (zero if facing > zero else turned)
+        w[_DARK + j] = dark
         closer2 = closer * closer
-        gain[j] = row_gain * (closer2 * closer2) * tilt if facing > zero else zero
+        gain = row_gain * (closer2 * closer2) * tilt / (high - low)
+        w[_GAIN + j] = gain if dark == zero else zero
+        w[_ABOVE + j] = z
+        w[_HERE + j] = z_after
+        w[_SLOPE + j] = w[_SLOPE_BELOW + j]
+        w[_BEFORE + j] = w[_NOW + j]
+        w[_NOW + j] = behind
 
 
 @kernel
-def _state_row(lit: AnyArray, gain: AnyArray, cover: AnyArray, none: np.uint8, state: AnyArray) -> None:
+def _state_row(cover: AnyArray, none: int, m: int, w: AnyArray, state: AnyArray) -> None:
     """Bits CAST_SHADOW, SELF_SHADOW and NO_DATA."""
-    zero = gain.dtype.type(0.0)
-    for j in range(gain.shape[0]):
-        flag = np.uint8(0)
-        if lit[j] == zero:
-            flag |= np.uint8(CAST_SHADOW)
-        if gain[j] == zero:
-            flag |= np.uint8(SELF_SHADOW)
-        if cover[j] >= none:
-            flag |= np.uint8(NO_DATA)
-        state[j] = flag
+    for j in range(m):
+        state[j] = np.uint8(w[_DARK + j]) | np.uint8(NO_DATA if cover[j] >= none else 0)
 
 
 @kernel
-def _pattern_row(here: AnyArray, geometry: AnyArray, pattern: AnyArray, gain: AnyArray) -> None:
-    """Multiply by the antenna's and the atmosphere's two-way factor at each element's own look angle."""
-    steps = pattern.shape[0] - 1
-    for j in range(here.shape[0]):
-        look = math.atan2(geometry[0], geometry[4] - here[j]) - geometry[8]
-        x = min(max(look * (steps / (0.5 * math.pi)), 0.0), float(steps))
-        k = min(int(x), steps - 1)
-        gain[j] *= pattern[k] + (x - k) * (pattern[k + 1] - pattern[k])
+def _pattern_row(geometry: AnyArray, pattern: AnyArray, m: int, w: AnyArray) -> None:
+    """Multiply by the antenna's two-way factor at each element's own look angle, from the tangent of half of it."""
+    number = w.dtype.type
+    one, zero = number(1.0), number(0.0)
+    steps = number(pattern.shape[0] - 1)
+    last = np.int32(pattern.shape[0] - 2)
+    y, h, vertical = number(geometry[0]), number(geometry[4]), number(geometry[8])
+    for j in range(m):
+        # The lines have moved on: ABOVE is this row.
+        up = h - w[_ABOVE + j]
+        half_angle = y / (up + math.sqrt(y * y + up * up))
+        # tan((a - b) / 2) of the angle from the local vertical and that of the local vertical from nadir's.
+        x = (half_angle - vertical) / (one + half_angle * vertical) * steps
+        w[_POWER + j] = min(max(x, zero), steps)
+    for j in range(m):
+        k = min(np.int32(w[_POWER + j]), last)
+        low = pattern[np.uint32(k)]
+        w[_GAIN + j] *= low + (w[_POWER + j] - number(k)) * (pattern[np.uint32(k + np.int32(1))] - low)
 
 
 @kernel
-def _index_row(where: AnyArray, cover: AnyArray, none: int, width: int, index: AnyArray, part: AnyArray) -> None:
-    """Place of each element in the flat table of sigma0, and the part of a step beyond it."""
-    number = where.dtype.type
+def _index_row(cover: AnyArray, none: int, width: int, index: AnyArray, m: int, w: AnyArray) -> None:
+    """Place of each element in the flat table of sigma0, and in `_WHERE` the part of a step beyond it."""
+    number = w.dtype.type
     last = np.int32(none)
     stride = np.int32(width)
-    for j in range(where.shape[0]):
-        k = np.int32(where[j])
-        part[j] = where[j] - number(k)
+    for j in range(m):
+        k = np.int32(w[_WHERE + j])
+        w[_WHERE + j] -= number(k)
         index[j] = np.uint32(min(np.int32(cover[j]), last) * stride + k)
 
 
 @kernel
-def _echo_row(table: AnyArray, index: AnyArray, part: AnyArray, gain: AnyArray, lit: AnyArray, power: AnyArray) -> None:
-    """sigma0 of each element's category at its angle, times gain, where it is lit."""
-    for j in range(power.shape[0]):
+def _echo_row(
+    table: AnyArray, index: AnyArray, field: AnyArray, factor: AnyArray, pairs: AnyArray, m: int, w: AnyArray
+) -> None:
+    """Power: sigma0 of each element's category at its angle, and of its field, times `_GAIN`.
+
+    The accesses that cannot be vectorised stand in loops of their own; they would keep the arithmetic from it.
+    """
+    for j in range(m):
         # Unsigned indices: spares the test for indices counted from the end.
-        k = np.uint64(index[j])
-        low = table[k]
-        power[j] = (low + part[j] * (table[k + np.uint64(1)] - low)) * (gain[j] * lit[j])
+        pairs[j] = table[np.uint64(index[j])]
+    for j in range(m):
+        w[_POWER + j] = (pairs[j].real + w[_WHERE + j] * pairs[j].imag) * w[_GAIN + j]
+    if factor.shape[0] > 0:
+        for j in range(m):
+            w[_FACTOR + j] = factor[np.uint32(field[j])]
+        for j in range(m):
+            w[_POWER + j] *= w[_FACTOR + j]
 
 
 @kernel
-def _field_row(field: AnyArray, factor: AnyArray, power: AnyArray) -> None:
-    """Multiply by the factor of each element's field."""
-    for j in range(power.shape[0]):
-        power[j] *= factor[np.uint32(field[j])]
+def _reach_row(m: int, w: AnyArray) -> tuple[int, int]:
+    """Bins that hold all elements of a row; a cast rounds towards 0, so there may be one too many at either end."""
+    least = np.int32(2147483647)
+    most = np.int32(-2147483648)
+    for j in range(m):
+        least = min(least, np.int32(w[_LOW + j]))
+        most = max(most, np.int32(w[_HIGH + j]))
+    return int(least) - 1 if least <= 0 else int(least), int(most)
 
 
 @kernel
-def _central_slope(z: AnyArray, row: int, low: int, cell: float, out: AnyArray) -> None:
-    """Slope along the track by central differences, one-sided at the ends of the row, 0 for a single cell."""
-    m = z.shape[1]
-    height = z[row]
-    per_two = z.dtype.type(0.5 / cell)
-    begin = max(low, 1)
-    end = min(low + out.shape[0], m - 1)
-    if end > begin:
-        left = height[begin - 1 : end - 1]
-        right = height[begin + 1 : end + 1]
-        inner = out[begin - low : end - low]
-        for j in range(inner.shape[0]):
-            inner[j] = (right[j] - left[j]) * per_two
-    per_one = z.dtype.type(1.0 / cell)
-    if low == 0:
-        out[0] = (height[1] - height[0]) * per_one if m > 1 else z.dtype.type(0.0)
-    if m > 1 and low + out.shape[0] == m:
-        out[m - 1 - low] = (height[m - 1] - height[m - 2]) * per_one
+def _keep_centres(middle: float, m: int, w: AnyArray) -> None:
+    """Keep the bin of each element's centre in `_POWER`, before the lines move on."""
+    number = w.dtype.type
+    centre = number(middle)
+    for j in range(m):
+        w[_POWER + j] = number(_floor(centre + w[_NOW + j]))
+
+
+@kernel
+def _fill_centres(m: int, w: AnyArray) -> None:
+    """Make every element fill the bin that `_keep_centres` found, in place of its own edges."""
+    for j in range(m):
+        w[_GAIN + j] *= w[_HIGH + j] - w[_LOW + j]
+        w[_LOW + j] = w[_POWER + j]
+        w[_HIGH + j] = w[_POWER + j] + w.dtype.type(1.0)
+
+
+@kernel
+def _floor(x: float) -> np.int32:
+    """Largest whole number not above `x`, as int32: cast and compare, which vectorise where floor does not."""
+    k = np.int32(x)
+    return np.int32(k - np.int32(1)) if x < k else k
+
+
+@kernel
+def _add_row(shift: int, least: int, most: int, left: int, m: int, w: AnyArray, out: AnyArray) -> None:
+    """Add a row of elements, of density `_POWER`, to the bins they overlap, leaving out what falls beyond `out`."""
+    number = w.dtype.type
+    zero = number(0.0)
+    n_bins = out.shape[0]
+    if most - least < _FEW_BINS:
+        # Bin by bin over the whole row: more arithmetic, but no scatter, so it vectorises.
+        for k in range(max(least, -shift), min(most, n_bins - 1 - shift) + 1):
+            line = out[k + shift, left : left + m]
+            begin, end = number(k), number(k + 1)
+            for j in range(m):
+                line[j] += w[_POWER + j] * max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
+    else:
+        for j in range(m):
+            low, high = w[_LOW + j], w[_HIGH + j]
+            k0, k1 = int(_floor(low)), int(_floor(high))
+            for k in range(max(k0, -shift), min(k1, n_bins - 1 - shift) + 1):
+                out[k + shift, left + j] += w[_POWER + j] * max(min(high, number(k + 1)) - max(low, number(k)), zero)
 
 
 @kernel
@@ -547,170 +594,6 @@ def mark_layover(offset: AnyArray, base: AnyArray, state: AnyArray) -> None:
 
 
 @kernel
-def bin_range(power: AnyArray, offset: AnyArray, base: AnyArray, first: int, nearest: bool, out: AnyArray) -> None:
-    """Add every element's power to the range bins it overlaps: eqs. (3-21) to (3-23), split by exact overlap.
-
-    An element reaches half way to its neighbours in range, so the elements of a column cover it without gap; layover
-    falls out by itself. Bins beyond `out` drop what falls there.
-
-    Parameters
-    ----------
-    power : float array (n_channels, n, m)
-    offset : float array (n, m)
-        Range position minus the row's [bins].
-    base : float64 array (n + 2,)
-        Range position of the datum in each row [bins], with one row more at both ends.
-    first : int
-        Bin of ``out[:, 0]``.
-    nearest : bool
-        Give an element whole to the bin of its centre, as the report does; a homogeneous plane then shows a ripple.
-    out : float array (n_channels, n_bins, m)
-        Zeroed by the caller; sums are added.
-    """
-    n_channels, n, m = power.shape
-    start = np.empty(m, dtype=np.int32)
-    stop = np.empty(m, dtype=np.int32)
-    share = np.empty(m, dtype=offset.dtype)
-    for i in range(n):
-        above, here, below = offset[max(i - 1, 0)], offset[i], offset[min(i + 1, n - 1)]
-        origin = math.floor(base[i + 1])
-        least, most, long = _edges_row(above, here, below, base, i, origin, nearest, share, start, stop)
-        shift = origin - first
-        for c in range(n_channels):
-            _add_row(power[c, i], share, start, stop, shift, least, most, long, 0, out[c])
-            if long > 1:
-                _add_long(power[c, i], above, here, below, base, i, origin, shift, 0, out[c])
-
-
-@kernel
-def _edges_row(
-    above: AnyArray,
-    here: AnyArray,
-    below: AnyArray,
-    base: AnyArray,
-    i: int,
-    origin: int,
-    nearest: bool,
-    share: AnyArray,
-    start: AnyArray,
-    stop: AnyArray,
-) -> tuple[int, int, int]:
-    """First and last bin of each element counted from `origin`, and the share of the first.
-
-    Returns the least first bin, the greatest last bin and the greatest number of bins beyond the first.
-    """
-    number = here.dtype.type
-    half, one, zero = number(0.5), number(1.0), number(0.0)
-    if nearest:
-        middle = number(base[i + 1] - origin)
-        for j in range(here.shape[0]):
-            start[j] = _floor(middle + here[j])
-            stop[j] = start[j]
-            share[j] = one
-    else:
-        near = number(0.5 * (base[i] + base[i + 1]) - origin)
-        beyond = number(0.5 * (base[i + 1] + base[i + 2]) - origin)
-        for j in range(here.shape[0]):
-            a = near + half * (above[j] + here[j])
-            b = beyond + half * (here[j] + below[j])
-            low = min(a, b)
-            high = max(a, b)
-            k0 = _floor(low)
-            width = high - low
-            # The share of the first bin; with one bin it is all.
-            part = (number(k0) + one - low) / width if width > zero else one
-            share[j] = min(part, one)
-            start[j] = k0
-            stop[j] = _floor(high)
-    least = np.int32(2147483647)
-    most = np.int32(-2147483648)
-    long = np.int32(0)
-    for j in range(here.shape[0]):
-        least = min(least, start[j])
-        most = max(most, stop[j])
-        long = max(long, np.int32(stop[j] - start[j]))
-    return int(least), int(most), int(long)
-
-
-@kernel
-def _floor(x: float) -> np.int32:
-    """Largest whole number not above `x`, as int32: cast and compare, which vectorise where floor does not."""
-    k = np.int32(x)
-    return np.int32(k - np.int32(1)) if x < k else k
-
-
-@kernel
-def _add_row(
-    power: AnyArray,
-    share: AnyArray,
-    start: AnyArray,
-    stop: AnyArray,
-    shift: int,
-    least: int,
-    most: int,
-    long: int,
-    low: int,
-    out: AnyArray,
-) -> None:
-    """Add the elements of a row that reach over one or two bins, leaving out what falls beyond `out`."""
-    n_bins = out.shape[0]
-    m = power.shape[0]
-    zero = power.dtype.type(0.0)
-    if long <= 1 and most - least < _FEW_BINS:
-        # Bin by bin over the whole row: more arithmetic, but no scatter, so it vectorises.
-        for k in range(max(least, -shift), min(most, n_bins - 1 - shift) + 1):
-            line = out[k + shift, low : low + m]
-            this = np.int32(k)
-            before = np.int32(k - 1)
-            for j in range(m):
-                s = power[j] * share[j]
-                line[j] += (s if start[j] == this else zero) + (power[j] - s if start[j] == before else zero)
-    else:
-        for j in range(m):
-            k = start[j] + shift
-            if stop[j] - start[j] <= 1:
-                s = power[j] * share[j]
-                if 0 <= k < n_bins:
-                    out[k, low + j] += s
-                if 0 <= k + 1 < n_bins:
-                    out[k + 1, low + j] += power[j] - s
-
-
-@kernel
-def _add_long(
-    power: AnyArray,
-    above: AnyArray,
-    here: AnyArray,
-    below: AnyArray,
-    base: AnyArray,
-    i: int,
-    origin: int,
-    shift: int,
-    column: int,
-    out: AnyArray,
-) -> None:
-    """Add the elements of a row that reach over three or more bins (see `bin_range`)."""
-    number = here.dtype.type
-    n_bins = out.shape[0]
-    half = number(0.5)
-    near = number(0.5 * (base[i] + base[i + 1]) - origin)
-    beyond = number(0.5 * (base[i + 1] + base[i + 2]) - origin)
-    for j in range(here.shape[0]):
-        a = near + half * (above[j] + here[j])
-        b = beyond + half * (here[j] + below[j])
-        low = min(a, b)
-        high = max(a, b)
-        k0 = np.int64(_floor(low))
-        k1 = np.int64(_floor(high))
-        if k1 - k0 > 1:
-            density = power[j] / (high - low)
-            for k in range(k0, k1 + 1):
-                if 0 <= k + shift < n_bins:
-                    inside = min(high, number(k + 1)) - max(low, number(k))
-                    out[k + shift, column + j] += density * inside
-
-
-@kernel
 def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor: AnyArray, out: AnyArray) -> None:
     """Average every range bin over the beam and then over the pixels in azimuth: eqs. (3-24) to (3-28), squared off.
 
@@ -731,13 +614,24 @@ def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor
     n_pixels = out.shape[2]
     # Running sums in float64: a float32 sum over rows with strong echoes would lose the weak ones.
     total = np.empty(m + 1, dtype=np.float64)
+    smooth = np.empty(m, dtype=np.float64)
+    whole = int(cells_a_pixel)
     for c in range(n_channels):
         for i in range(n_bins):
+            line = sums[c, i]
+            if beam[i] <= 1.0 and whole == cells_a_pixel:
+                # Nothing runs over the edges of pixels: their own cells are all that is added.
+                for k in range(n_pixels):
+                    end = min((k + 1) * whole, m)
+                    mean = 0.0
+                    for j in range(k * whole, end):
+                        mean += line[j]
+                    out[c, i, k] = mean / (end - k * whole) * factor[i]
+                continue
             total[0] = 0.0
             for j in range(m):
-                total[j + 1] = total[j] + sums[c, i, j]
+                total[j + 1] = total[j] + line[j]
             if beam[i] > 1.0:
-                smooth = np.empty(m, dtype=np.float64)
                 for j in range(m):
                     low = max(j + 0.5 - 0.5 * beam[i], 0.0)
                     high = min(j + 0.5 + 0.5 * beam[i], float(m))

@@ -110,8 +110,9 @@ def emit_cells(
         Antenna above the datum [m].
     cell : float
         Side of a cell [m].
-    lut : float array (n_channels, n_categories, n_moistures, k), contiguous
-        Emissivity at ``k - 1`` equal steps of sin(theta/2) from 0 to sin(45 deg), and the last value once more.
+    lut : uint64 or complex128 array (n_channels, n_categories, n_moistures, k), contiguous
+        Emissivity at ``k - 1`` equal steps of sin(theta/2) from 0 to sin(45 deg), and the last value once more; each
+        element is a pair of numbers of the type of ``z``, emissivity and its step to the next, that one load fetches.
     sky : float64 array (11,)
         Radiation of the sky on the ground [K]: the largest sin(theta/2)**2 that counts, then the ten coefficients of a
         polynomial in ``2 sin(theta/2)**2 / largest - 1``.
@@ -132,9 +133,12 @@ def emit_cells(
     lit = np.empty(m, dtype=z.dtype)
     where = np.empty(m, dtype=z.dtype)
     part = np.empty(m, dtype=z.dtype)
+    wetter = np.empty(m, dtype=z.dtype)
     index = np.empty(m, dtype=np.uint32)
     slope_x = np.zeros(m, dtype=z.dtype)
     e = np.empty(m, dtype=z.dtype)
+    fetched = np.empty(m, dtype=lut.dtype)
+    pairs = fetched.view(z.dtype)
     reflected = np.empty(m, dtype=z.dtype)
     middle = 0
     while middle < n - 1 and geometry[middle, 2] < 0.0:
@@ -151,11 +155,13 @@ def emit_cells(
                   where, lit)  # fmt: skip
         _state_row(lit, cover[i], none, state[i])
         _index_row(where, cover[i], none, width * n_moistures, index, part)
+        if n_moistures > 1:
+            _moisture_row(field[i], place, width, index, wetter)
         for c in range(n_channels):
             if n_moistures > 1:
-                _moist_row(tables[c], index, part, field[i], place, width, e)
+                _moist_row(tables[c], index, part, wetter, width, fetched, pairs, e)
             else:
-                _dry_row(tables[c], index, part, e)
+                _dry_row(tables[c], index, part, fetched, pairs, e)
             if field_offset.shape[1] > 0:
                 _field_row(field[i], field_offset[c], e)
             if c == 0:
@@ -251,33 +257,46 @@ def _index_row(where: AnyArray, cover: AnyArray, none: np.uint8, stride: int, in
 
 
 @kernel
-def _dry_row(table: AnyArray, index: AnyArray, part: AnyArray, e: AnyArray) -> None:
-    """Emissivity from a table over the angle."""
+def _dry_row(table: AnyArray, index: AnyArray, part: AnyArray, fetched: AnyArray, pairs: AnyArray, e: AnyArray) -> None:
+    """Emissivity from a table over the angle; `pairs` is `fetched` seen as single numbers."""
     for j in range(e.shape[0]):
         # Unsigned indices: spares the test for indices counted from the end.
-        k = np.uint64(index[j])
-        low = table[k]
-        e[j] = low + part[j] * (table[k + np.uint64(1)] - low)
+        fetched[j] = table[np.uint64(index[j])]
+    for j in range(e.shape[0]):
+        e[j] = pairs[2 * j] + part[j] * pairs[2 * j + 1]
+
+
+@kernel
+def _moisture_row(field: AnyArray, place: AnyArray, width: int, index: AnyArray, wetter: AnyArray) -> None:
+    """Move the place in the table to the moisture of each element's field; the part of a step beyond it."""
+    number = wetter.dtype.type
+    row = np.uint32(width)
+    for j in range(index.shape[0]):
+        at = place[np.uint32(field[j])]
+        p = np.int32(at)
+        wetter[j] = at - number(p)
+        index[j] += np.uint32(p) * row
 
 
 @kernel
 def _moist_row(
-    table: AnyArray, index: AnyArray, part: AnyArray, field: AnyArray, place: AnyArray, width: int, e: AnyArray
+    table: AnyArray,
+    index: AnyArray,
+    part: AnyArray,
+    wetter: AnyArray,
+    width: int,
+    fetched: AnyArray,
+    pairs: AnyArray,
+    e: AnyArray,
 ) -> None:
-    """Emissivity from a table over moisture and angle, at the moisture of each element's field."""
-    number = e.dtype.type
+    """Emissivity from a table over moisture and angle."""
     row = np.uint64(width)
-    one = np.uint64(1)
+    _dry_row(table, index, part, fetched, pairs, e)
     for j in range(e.shape[0]):
-        at = place[np.uint32(field[j])]
-        p = np.int32(at)
-        g = at - number(p)
-        k = np.uint64(index[j]) + np.uint64(np.uint32(p)) * row
-        low = table[k]
-        dry = low + part[j] * (table[k + one] - low)
-        low = table[k + row]
-        wet = low + part[j] * (table[k + row + one] - low)
-        e[j] = dry + g * (wet - dry)
+        fetched[j] = table[np.uint64(index[j]) + row]
+    for j in range(e.shape[0]):
+        wet = pairs[2 * j] + part[j] * pairs[2 * j + 1]
+        e[j] += wetter[j] * (wet - e[j])
 
 
 @kernel

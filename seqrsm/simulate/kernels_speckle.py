@@ -6,8 +6,6 @@ the size of the image, the order of the loops or the number of threads.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from seqrsm.arrays import AnyArray
@@ -19,6 +17,15 @@ _W0 = np.uint32(0x9E3779B9)
 _W1 = np.uint32(0xBB67AE85)
 _LOW = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(32)
+
+NORMAL_STEPS = 128
+"""Steps of the table of normal quantiles in each factor of 2 of the probability, 32 of them from 2**-33 to 1/2."""
+
+CUBE_ROOT_STEPS = 8
+"""Steps of the tables of gamma quantiles in a unit of the normal variate."""
+
+CUBE_ROOT_REACH = 6.5
+"""Normal variate at which those tables end on either side, with two nodes more beyond."""
 
 
 @kernel
@@ -53,90 +60,100 @@ def philox4x32(
 
 
 @kernel
-def normal_at(row: int, column: int, channel: int, k0: np.uint32, k1: np.uint32) -> float:
-    """Standard normal variate of a pixel by Box and Muller, from a stream of its own.
+def fill_normal(channel: int, table: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray) -> None:
+    """Standard normal variates of pixels, by the quantile of a uniform word, as far as 6.33 either way.
 
     Parameters
     ----------
-    row, column, channel : int
-        Pixel, < 2**32.
-    k0, k1 : uint32
-        Key.
-
-    Returns
-    -------
-    float
-    """
-    w0, w1, w2, _ = philox4x32(np.uint32(row), np.uint32(column), np.uint32(channel), np.uint32(1), k0, k1)
-    u = ((w0 >> np.uint32(5)) * 67108864.0 + (w1 >> np.uint32(6)) + 0.5) / 9007199254740992.0
-    return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * ((w2 + 0.5) / 4294967296.0))
-
-
-@kernel
-def fill_normal(channel: int, row: int, column: int, k0: np.uint32, k1: np.uint32, out: AnyArray) -> None:
-    """Standard normal variates of pixels from (row, column) on.
-
-    Parameters
-    ----------
-    channel, row, column : int
-        Channel and first pixel.
+    channel : int
+    table : complex array
+        Of `seqrsm.simulate.fading.normal_table`.
     k0, k1 : uint32
         Key.
     out : float64 array (n_range, n_azimuth)
         Written.
     """
     for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = normal_at(row + i, column + j, channel, k0, k1)
+        _normal_row(i, channel, table, k0, k1, out[i])
 
 
 @kernel
-def gamma_mean_one(
-    shape: float, row: int, column: int, channel: int, k0: np.uint32, k1: np.uint32, scale: float, root: float
-) -> float:
-    """One gamma variate of mean 1 and variance 1/shape at a pixel, exact for any real shape >= 1.
+def _normal_row(row: int, channel: int, table: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray) -> None:
+    """Normal variates of a row of pixels; the four words of a counter go to four neighbours."""
+    m = out.shape[0]
+    for block in range((m + 3) // 4):
+        words = philox4x32(np.uint32(row), np.uint32(block), np.uint32(channel), np.uint32(0), k0, k1)
+        j = 4 * block
+        out[j] = _normal_of_word(words[0], table)
+        if j + 1 < m:
+            out[j + 1] = _normal_of_word(words[1], table)
+        if j + 2 < m:
+            out[j + 2] = _normal_of_word(words[2], table)
+        if j + 3 < m:
+            out[j + 3] = _normal_of_word(words[3], table)
 
-    Marsaglia and Tsang (2000), A simple method for generating gamma variables. The attempt is part of the counter, so a
-    rejection at one pixel moves no other pixel's numbers.
+
+@kernel
+def _normal_of_word(word: np.uint32, table: AnyArray) -> float:
+    """Normal quantile: the top bit is the sign, the rest the probability beyond it.
+
+    Exponent and leading bits of the probability as a floating number are the place in the table, so that its steps are
+    fine in the tail.
+    """
+    beyond = np.float32(word & np.uint32(0x7FFFFFFF)) + np.float32(0.5)
+    bits = np.float32(beyond).view(np.int32)
+    # 23 bits of mantissa: 7 for the step, 16 for the part of it.
+    k = np.uint64((bits >> np.int32(16)) - np.int32(126 * NORMAL_STEPS))
+    z = table[k].real + (bits & np.int32(0xFFFF)) * (1.0 / 65536.0) * table[k].imag
+    return float(z if word >> np.uint32(31) else -z)
+
+
+@kernel
+def fade(normal: AnyArray, rows: AnyArray, spread: AnyArray, gaussian: bool, out: AnyArray) -> None:
+    """Fading of mean 1 at the probability of normal variates: RSL TR 380-1 eq. (3-11), or (3-12).
 
     Parameters
     ----------
-    shape : float
-        Number of looks N, >= 1.
-    row, column, channel : int
-        Pixel, < 2**32; channel < 2**16.
-    k0, k1 : uint32
-        Key.
-    scale, root : float
-        ``shape - 1/3`` and ``1 / sqrt(9 * scale)``, the same for a whole row.
-
-    Returns
-    -------
-    float
+    normal : float64 array (n_range, n_azimuth)
+    rows : float64 array (n_range, k)
+        Of `seqrsm.simulate.fading.gamma_rows`.
+    spread : float64 array (n_range,)
+        1 / sqrt(N), at most 1.
+    gaussian : bool
+        Eq. (3-12) in place of (3-11): 1 + Z/sqrt(N), and 0 where that is negative.
+    out : float array (n_range, n_azimuth)
+        Written: the factor X.
     """
-    attempt = 0
-    while True:
-        counter = np.uint32(channel * 65536 + attempt)
-        w0, w1, w2, w3 = philox4x32(np.uint32(row), np.uint32(column), counter, np.uint32(0), k0, k1)
-        # 53 bits for the radius, so that the normal's tail reaches 8.5 sd; never zero.
-        u = ((w0 >> np.uint32(5)) * 67108864.0 + (w1 >> np.uint32(6)) + 0.5) / 9007199254740992.0
-        x = math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * ((w2 + 0.5) / 4294967296.0))
-        v = 1.0 + root * x
-        if v > 0.0:
-            v = v * v * v
-            accept = (w3 + 0.5) / 4294967296.0
-            x2 = x * x
-            if accept < 1.0 - 0.0331 * x2 * x2 or math.log(accept) < 0.5 * x2 + scale * (1.0 - v + math.log(v)):
-                return scale * v / shape
-        attempt += 1
+    for i in range(normal.shape[0]):
+        for j in range(normal.shape[1]):
+            out[i, j] = _fading(normal[i, j], rows[i], spread[i], gaussian)
+
+
+@kernel
+def _fading(z: float, row: AnyArray, spread: float, gaussian: bool) -> float:
+    """Fading at a normal variate: the cube of 1 + spread y / 3, y being near z (Wilson and Hilferty 1931)."""
+    if gaussian:
+        return max(1.0 + spread * z, 0.0)
+    place = (min(max(z, -CUBE_ROOT_REACH), CUBE_ROOT_REACH) + CUBE_ROOT_REACH) * CUBE_ROOT_STEPS
+    k = np.uint64(place)
+    f = place - np.float64(np.int64(k))
+    # The cubic through four nodes; the table begins one node before the reach.
+    a, b, c, d = row[k], row[k + np.uint64(1)], row[k + np.uint64(2)], row[k + np.uint64(3)]
+    g, h = 1.0 - f, 1.0 + f
+    e = 2.0 - f
+    y = f * g * (-e * a - h * d) * (1.0 / 6.0) + h * e * (g * b + f * c) * 0.5
+    root = max(1.0 + spread * y * (1.0 / 3.0), 0.0)
+    return float(root * root * root)
 
 
 @kernel
 def add_speckle(
     mean: AnyArray,
     noise: AnyArray,
-    looks: AnyArray,
+    rows: AnyArray,
+    spread: AnyArray,
     numbers: AnyArray,
+    table: AnyArray,
     k0: np.uint32,
     k1: np.uint32,
     gaussian: bool,
@@ -151,31 +168,22 @@ def add_speckle(
         Mean power of the ground [W].
     noise : float64 array (n_range,)
         Mean power of the receiver noise [W].
-    looks : float64 array (n_range,)
-        Independent samples N of a pixel, >= 1.
+    rows, spread, gaussian
+        As in `fade`.
     numbers : int64 array (n_channels,)
         Number of each channel in the counter: a channel fades alike whoever is imaged beside it.
+    table : complex array
+        Of `seqrsm.simulate.fading.normal_table`.
     k0, k1 : uint32
         Key of the run's speckle.
-    gaussian : bool
-        Eq. (3-12) in place of (3-11): 1 + Z/sqrt(N), and 0 where that is negative.
     first_row : int
         Row of the image in which these arrays begin.
     out : float array, shape of `mean`
         Written: power with noise and speckle [W].
     """
-    n_channels, n_range, n_azimuth = mean.shape
-    for c in range(n_channels):
-        for i in range(n_range):
-            shape = looks[i]
-            scale = shape - 1.0 / 3.0
-            root = 1.0 / math.sqrt(9.0 * scale)
-            if gaussian:
-                spread = 1.0 / math.sqrt(shape)
-                for j in range(n_azimuth):
-                    normal = normal_at(first_row + i, j, numbers[c], k0, k1)
-                    out[c, i, j] = (mean[c, i, j] + noise[i]) * max(1.0 + spread * normal, 0.0)
-                continue
-            for j in range(n_azimuth):
-                fading = gamma_mean_one(shape, first_row + i, j, numbers[c], k0, k1, scale, root)
-                out[c, i, j] = (mean[c, i, j] + noise[i]) * fading
+    normal = np.empty(mean.shape[2], dtype=np.float64)
+    for c in range(mean.shape[0]):
+        for i in range(mean.shape[1]):
+            _normal_row(first_row + i, numbers[c], table, k0, k1, normal)
+            for j in range(mean.shape[2]):
+                out[c, i, j] = (mean[c, i, j] + noise[i]) * _fading(normal[j], rows[i], spread[i], gaussian)

@@ -228,7 +228,7 @@ def radiation_map(
         geometry,
         frame.height_m,
         frame.cell_m,
-        np.ascontiguousarray(lut, dtype=dtype),
+        _pairs(lut.astype(dtype)),
         _sky_polynomial(air),
         place.astype(dtype),
         departure.astype(dtype),
@@ -270,6 +270,14 @@ def _emissivity_lut(lookups: Sequence[EmissivityLookup], occasion: RadiometerOcc
     f = position - k
     out = np.stack([(1.0 - f) * look.emissivity[:, :, k] + f * look.emissivity[:, :, k + 1] for look in lookups])
     return np.asarray(np.clip(out + occasion.class_offset[:, :, None, None], 0.0, 1.0))
+
+
+def _pairs(lut: AnyArray) -> AnyArray:
+    """Each value beside its step to the next, as one element of twice the size that one load fetches."""
+    both = np.zeros((*lut.shape, 2), dtype=lut.dtype)
+    both[..., 0] = lut
+    both[..., :-1, 1] = np.diff(lut, axis=-1)
+    return both.view(np.uint64 if lut.dtype == np.float32 else np.complex128)[..., 0]
 
 
 def scan_image(

@@ -23,9 +23,9 @@ from seqrsm.rng import stream_key
 from seqrsm.sensor.earth import RangeGeometry, ground_range_of_slant, range_geometry
 from seqrsm.sensor.feasibility import CHANNELS, GAUSSIAN_LOOKS
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels, kernels_speckle
+from seqrsm.simulate import kernels
 from seqrsm.simulate.echo import EchoGrid, echo_grid, echo_sums, field_factors, in_threads, sigma0_lut
-from seqrsm.simulate.fading import correlated_fading
+from seqrsm.simulate.fading import add_fading, correlated_fading
 from seqrsm.simulate.frame import RadarFrame, make_frame
 from seqrsm.simulate.occasion import (
     Occasion,
@@ -311,8 +311,15 @@ def _faded(
 
     def fade(k: int) -> None:
         c, rows = _block(k, mean.shape[1], threads)
-        kernels_speckle.add_speckle(
-            mean[c, rows], noise[rows], looks[rows], numbers[c], *key, gaussian, rows.start, out[c, rows]
+        add_fading(
+            mean[c, rows],
+            noise[rows],
+            looks[rows],
+            numbers[c],
+            key,
+            out[c, rows],
+            gaussian=gaussian,
+            first_row=rows.start,
         )
 
     in_threads(fade, threads * len(mean), threads)

@@ -47,14 +47,22 @@ class Registration:
         shape = (len(frame.source), frame.elevation_m.shape[1])
         offset = np.empty(shape, dtype=frame.elevation_m.dtype)
         state = np.empty(shape, dtype=np.uint8)
-        kernels.mark_cells(
+        dtype = offset.dtype
+        # No channels: position and state alone.
+        table = np.empty((0, 2 * (self.n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
+        kernels.power_cells(
             frame.elevation_m,
             frame.source,
             frame.cover,
-            self.n_categories,
+            frame.field,
             grid.geometry,
             frame.cell_m,
             self.ground_format,
+            table,
+            self.n_categories,
+            np.empty((0, 0), dtype=dtype),
+            np.empty(0, dtype=dtype),
+            np.empty((0, 0, 0), dtype=dtype),
             offset,
             state,
         )

@@ -105,6 +105,7 @@ def add_targets(
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first_row = int(frame.source[frame.pad_near])
     flat = range_geometry(frame.ground_range_m, frame.height_m, frame.curved)
+    vertical = 2.0 * np.arctan(grid.geometry[:, 8])
     pattern = radar.pattern_lut()
     for target in targets:
         row, column = _place(target, scene_shape, frame)
@@ -112,9 +113,9 @@ def add_targets(
         if not own.start <= i < own.stop:
             continue
         profile = frame.elevation_m[frame.source, column].astype(np.float64)
-        look = np.arctan2(flat.along_m, flat.up_m - profile) - grid.geometry[:, 8]
+        look = np.arctan2(flat.along_m, flat.up_m - profile) - vertical
         z = float(profile[i]) + target.height_m
-        own_look = math.atan2(flat.along_m[i], flat.up_m[i] - z) - grid.geometry[i, 8]
+        own_look = math.atan2(flat.along_m[i], flat.up_m[i] - z) - vertical[i]
         if i > 0 and float(look[:i].max()) > own_look:
             continue
         offset = np.empty((1, 1))

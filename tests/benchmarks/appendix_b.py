@@ -1,10 +1,10 @@
-"""The plate of RSL TR 380-1 Appendix B again, on a real site: bands x resolutions x seasons of Table B.1.
+"""The plates of RSL TR 380-1 Appendix B again, on a real site: radar by Table B.1, radiometer of B.15 to B.17.
 
     python tests/benchmarks/appendix_b.py
 
-Every picture is one run of the radar engine over the Langegracht catchment (terrain and parcels real, crops drawn),
-grey tones of eq. (3-18) with one calibration pair for all, so that seasons and bands can be compared. Writes
-``reports/appendix-b/plate.png`` and its caption, and prints the mean backscatter of each.
+Every picture of the radar is one run of its engine over the Langegracht catchment (terrain and parcels real, crops
+drawn), grey tones of eq. (3-18) with one calibration pair for all, so that seasons and bands can be compared. Writes
+``reports/appendix-b/plate.png``, ``radiometer.png`` and their captions, and prints the mean backscatter of each.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 mpl.use("Agg")
+from appendix_b_radiometer import write_radiometer  # noqa: E402
 from matplotlib import pyplot as plt  # noqa: E402
 
 from seqrsm.scattering.sigma0 import load_sigma0_table  # noqa: E402
@@ -98,6 +99,8 @@ def main() -> None:
     figure.savefig(OUT / "plate.png", dpi=110)
     text = f"""# Appendix B of RSL TR 380-1 again, on a real site
 
+## Radar: figures B.1 to B.14
+
 ![plate](plate.png)
 
 Written by `python tests/benchmarks/appendix_b.py`: every simulation of the report's Table B.1, over the Langegracht
@@ -113,7 +116,8 @@ frozen ground and dead vegetation.
 Mean apparent backscatter of the site [dB]:
 
 {chr(10).join(lines)}
-"""
+
+{write_radiometer(scene, OUT)}"""
     (OUT / "appendix-b.md").write_text(text, encoding="utf-8")
     print(text)
 

@@ -14,8 +14,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.intervals import half_width
+from seqrsm.decide.allowance import Allowance, departure_allowance
+from seqrsm.decide.intervals import IntervalKind, half_width
 from seqrsm.decide.moving import Plan, RegionState, look, sub_region, whole_box
+from seqrsm.decide.stopping import StopRule
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
@@ -115,7 +117,7 @@ class Fitted:
     C: FloatArray
     n: int
     distinct: int
-    sse_pure: float
+    allowance: Allowance
 
 
 def fit_box(state: RegionState, model: QuadraticModel, region: Region, X: FloatArray, y: FloatArray) -> Fitted:
@@ -129,12 +131,11 @@ def fit_box(state: RegionState, model: QuadraticModel, region: Region, X: FloatA
     df = len(scores) - model.p
     best = optimum(model, region, beta).point
     z = model.matrix(best[None, :])[0]
-    _, group, count = np.unique(np.round(local, 9), axis=0, return_inverse=True, return_counts=True)
-    means = np.bincount(group.ravel(), scores) / count
-    pure = float(np.sum((scores - means[group.ravel()]) ** 2))
+    count = np.unique(np.round(local, 9), axis=0)
+    allowance = departure_allowance(model, region, local, Z, scores, best, z)
     point = state.box.outwards(best)
     s = float(np.sqrt(rest @ rest / df))
-    return Fitted(point, best, float(z @ beta), s, df, float(z @ C @ z), beta, C, len(scores), len(count), pure)
+    return Fitted(point, best, float(z @ beta), s, df, float(z @ C @ z), beta, C, len(scores), len(count), allowance)
 
 
 def next_points(
@@ -168,10 +169,24 @@ def next_points(
 
 
 def widths(found: Fitted, level: float = 0.95) -> tuple[float, float]:
-    """Half-widths of the confidence and the prediction interval at the recommended settings."""
+    """Half-widths of the confidence and the prediction interval at the recommended settings, by the quadratic alone."""
     return (
         float(half_width("confidence", found.s, found.df, found.h, level)),
         float(half_width("prediction", found.s, found.df, found.h, level)),
+    )
+
+
+def allowed(found: Fitted, kind: IntervalKind, level: float = 0.95, replicates: int = 5) -> tuple[float, float]:
+    """Ends of the interval with a departure from the quadratic allowed for."""
+    half = float(half_width(kind, found.s, found.df, found.h, level, replicates))
+    return found.allowance.ends(found.mean, half, found.df, level)
+
+
+def widening(found: Fitted, rule: StopRule) -> float:
+    """Factor by which the allowance widens the interval that the stop rule watches."""
+    low, high = allowed(found, rule.interval, rule.level, rule.replicates)
+    return (high - low) / (
+        2.0 * float(half_width(rule.interval, found.s, found.df, found.h, rule.level, rule.replicates))
     )
 
 
@@ -189,6 +204,7 @@ def step(plan: Plan, state: RegionState, X: FloatArray, y: FloatArray, batch: in
 __all__ = [
     "Fitted",
     "Surface",
+    "allowed",
     "begin",
     "fit_box",
     "next_points",
@@ -196,5 +212,6 @@ __all__ = [
     "step",
     "sub_region",
     "true_optimum",
+    "widening",
     "widths",
 ]

@@ -132,6 +132,22 @@ def test_faults_of_these_files_are_told_with_their_place(folder):
     assert "emissivity.csv:2" in call("check", folder, code=2).output.replace("\n", "")
 
 
+def test_check_says_which_combinations_leave_gaps(folder):
+    # 100 m/s and half of 1 s: sweeps 50 m apart, gaps for footprints of less.
+    text = TOML.replace("scan_period = 0.3", "scan_period = 1.0")
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    notes = json.loads(call("check", folder, "--json").stdout)["combinations"]
+    gaps = [note for note in notes if note.startswith("gaps")]
+    assert len(gaps) == 1
+    # Of three levels of resolution, 20, 40 and 80 m, two leave gaps, whatever the frequency.
+    assert gaps[0].startswith("gaps at nadir at 6 of 9 settings")
+    assert "resolution = 20" in gaps[0]
+    assert "gaps at nadir at 6 of 9" in call("check", folder).output
+    refused = text.replace('polarization = "H+V"', 'polarization = "H+V"\ngaps = "refuse"')
+    (folder / "campaign.toml").write_text(refused, encoding="utf-8")
+    assert "gaps at nadir" in call("check", folder, code=2).output.replace("\n", " ")
+
+
 def test_temperature_is_a_layer_of_the_data_base(folder):
     def antenna_k(temperature: str) -> np.ndarray:
         fixed = f'polarization = "H+V"\n{temperature}'

@@ -8,6 +8,7 @@ from scipy import stats
 
 from seqrsm.rng import generator, stream_key
 from seqrsm.simulate import kernels_speckle as kernels
+from seqrsm.simulate.fading import add_fading, gamma_rows, normal_table
 
 # Known answers of the Random123 library, file kat_vectors, philox4x32 with 10 rounds (Salmon et al. 2011).
 VECTORS = [
@@ -31,17 +32,8 @@ def speckled(looks, shape=(1, 400, 500), key=(1, 2), noise=0.0, mean=1.0):
     n_range = shape[1]
     out = np.empty(shape)
     looks = np.broadcast_to(np.asarray(looks, dtype=float), (n_range,)).copy()
-    kernels.add_speckle(
-        np.full(shape, mean),
-        np.full(n_range, noise),
-        looks,
-        np.arange(shape[0]),
-        np.uint32(key[0]),
-        np.uint32(key[1]),
-        False,
-        0,
-        out,
-    )
+    words = (np.uint32(key[0]), np.uint32(key[1]))
+    add_fading(np.full(shape, mean), np.full(n_range, noise), looks, np.arange(shape[0]), words, out)
     return out
 
 
@@ -55,6 +47,34 @@ def test_fading_is_gamma_with_any_real_number_of_looks(looks):
     assert x.var() * looks == pytest.approx(1.0, abs=4.0 * np.sqrt((2.0 + 6.0 / looks) / n))
     distance, p = stats.kstest(x, stats.gamma(looks, scale=1.0 / looks).cdf)
     assert p > 1e-3, distance
+
+
+@pytest.mark.parametrize("looks", [1.0, 1.001, 1.7, 3.0, 4.0, 16.0, 40.5, 333.3, 1e4, 1e6])
+def test_fading_has_the_probability_of_its_normal_variate(looks):
+    z = np.concatenate([np.linspace(-6.3, 6.3, 4001), np.linspace(-0.01, 0.01, 101)])
+    got = np.empty((1, z.size))
+    kernels.fade(z[None], gamma_rows(np.array([looks])), np.array([looks**-0.5]), False, got)
+    # Each tail from its own side, in units of the tail itself.
+    for side, law, normal in ((z <= 0.0, stats.gamma.cdf, stats.norm.cdf), (z > 0.0, stats.gamma.sf, stats.norm.sf)):
+        expected = normal(z[side])
+        error = np.abs(law(got[0, side], looks, scale=1.0 / looks) / expected - 1.0)
+        assert (error * expected).max() < 1e-6
+        assert error[expected > 1e-4].max() < 2e-5
+        assert error.max() < 2e-3
+
+
+def test_normal_variates_are_the_quantiles_of_their_words():
+    # Words of one counter, and the quantile of the probability each stands for.
+    out = np.empty((40, 50))
+    key = (np.uint32(5), np.uint32(6))
+    kernels.fill_normal(3, normal_table(), *key, out)
+    for row in (0, 7, 39):
+        for column in range(50):
+            zero = np.uint32(0)
+            word = kernels.philox4x32(np.uint32(row), np.uint32(column // 4), np.uint32(3), zero, *key)[column % 4]
+            beyond = (int(word) % 2**31 + 0.5) / 2.0**32
+            expected = stats.norm.isf(beyond) if int(word) < 2**31 else stats.norm.ppf(beyond)
+            assert out[row, column] == pytest.approx(expected, abs=1e-5)
 
 
 def test_the_tails_are_right():

@@ -212,8 +212,8 @@ def test_revisions_are_those_of_the_folder():
 NEXT = """
 import sqlalchemy as sa
 from alembic import op
-revision = "0002"
-down_revision = "0001"
+revision = "next"
+down_revision = "{head}"
 def upgrade():
     with op.batch_alter_table("runs", recreate="always") as batch:
         batch.add_column(sa.Column("pilot", sa.Text, nullable=False, server_default="nobody"))
@@ -226,8 +226,8 @@ def next_version(tmp_path):
     def make(last: str = "pass"):
         scripts = tmp_path / "next"
         shutil.copytree(MIGRATIONS, scripts, ignore=shutil.ignore_patterns("__pycache__"))
-        (scripts / "versions" / "0002_next.py").write_text(NEXT.format(last=last))
-        return {"migrations": scripts, "revisions": ("0001", "0002")}
+        (scripts / "versions" / "next.py").write_text(NEXT.format(last=last, head=HEAD))
+        return {"migrations": scripts, "revisions": (*REVISIONS, "next")}
 
     return make
 
@@ -237,7 +237,7 @@ def test_an_older_store_is_copied_and_migrated(folder, next_version):
         before = store.runs()
     Database(folder / STORE_NAME, **next_version()).close()
     with sqlite3.connect(folder / STORE_NAME) as connection:
-        assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0002",)
+        assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("next",)
         assert connection.execute("SELECT DISTINCT pilot FROM runs").fetchall() == [("nobody",)]
         assert connection.execute("SELECT count(*) FROM scores").fetchone() == (1,)
     connection.close()
@@ -262,3 +262,23 @@ def test_a_migration_that_breaks_references_is_undone(folder, next_version):
         Database(folder / STORE_NAME, **broken)
     with Store.open(folder) as store:
         assert len(store.runs()) == 300
+
+
+def test_a_store_of_the_first_schema_is_migrated(tmp_path):
+    """As version 0.1 left it: every run, score and event is there afterwards, and rankings can be kept."""
+    upgrade(tmp_path / STORE_NAME, "0001")
+    with sqlite3.connect(tmp_path / STORE_NAME) as connection:
+        connection.executemany("INSERT INTO meta VALUES (?, ?)", [("campaign", "old"), ("created_version", "0.1")])
+        connection.execute(
+            "INSERT INTO runs VALUES (1, 1, 'start', 'why', 'flight', 'issued', '{\"x\": 1.0}', NULL, '', 1.0, '', 0,"
+            " '', NULL, '2020-01-01T00:00:00Z', NULL, NULL, NULL)"
+        )
+        connection.execute(
+            "INSERT INTO scores VALUES (1, 1, 'crops', 5.0, NULL, NULL, NULL, '{}', '', NULL, '2020-01-01T00:00:00Z')"
+        )
+    connection.close()
+    with Store.open(tmp_path, campaign="old") as store:
+        (run,) = store.runs()
+        assert (run.settings, run.seen_at, run.scores[0].score) == ({"x": 1.0}, None, 5.0)
+        assert store.rankings() == ()
+    assert len(list(tmp_path.glob("*.schema-0001.*.bak"))) == 1

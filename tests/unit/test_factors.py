@@ -1,9 +1,19 @@
 from __future__ import annotations
 
+from decimal import Decimal, localcontext
+
 import numpy as np
 import pytest
 
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.campaign.next_runs import rounded_settings
+from seqrsm.design.factors import (
+    CategoricalFactor,
+    ContinuousFactor,
+    DiscreteFactor,
+    plain_setting,
+    setting_text,
+)
+from seqrsm.design.region import Region
 from seqrsm.errors import RegionError
 
 
@@ -89,3 +99,35 @@ def test_all_problems_are_told_at_once():
 def test_a_log_factor_refuses_a_value_that_has_no_logarithm():
     with pytest.raises(RegionError, match="positive values only"):
         ContinuousFactor("x", 1.0, 2.0, scale="log").code([1.5, 0.0])
+
+
+@pytest.mark.parametrize("ratio", [1e2, 1e6, 1e12])
+def test_a_narrow_logarithmic_range_is_coded_to_full_precision(ratio):
+    """Against 60-digit logarithms; a difference of rounded logarithms keeps 3 digits at a ratio of 1e12."""
+    factor = ContinuousFactor("x", ratio, ratio + 1.0, scale="log")
+    values = factor.decode(np.linspace(-1.0, 1.0, 9))
+    with localcontext(prec=60):
+        low, high = Decimal(factor.low).ln(), Decimal(factor.high).ln()
+        exact = [float((2 * Decimal(float(v)).ln() - low - high) / (high - low)) for v in values]
+    np.testing.assert_allclose(factor.code(values), exact, rtol=0, atol=1e-15)
+    # one ulp of the value itself is this much in coded units
+    np.testing.assert_allclose(factor.code(values), np.linspace(-1.0, 1.0, 9), atol=8 * ratio * 2.3e-16 + 1e-15)
+
+
+def test_settings_are_rounded_as_far_as_the_range_allows():
+    assert plain_setting(ContinuousFactor("f", 1.2, 17.0, scale="log"), 3.14159265) == 3.142
+    narrow = ContinuousFactor("f", 10.0, 10.01)
+    assert plain_setting(narrow, 10.0034159265) == 10.0034
+    assert setting_text(narrow, 10.0034159265) == "10.0034"
+    far = ContinuousFactor("t", 1e9, 1e9 + 1.0)
+    assert plain_setting(far, 1e9 + 0.123456789) == 1e9 + 0.123
+    assert setting_text(DiscreteFactor("n", (1.0, 2.0)), 2.0) == "2"
+    assert setting_text(CategoricalFactor("p", ("HH", "VV")), "VV") == "VV"
+
+
+@pytest.mark.parametrize(("low", "high"), [(10.0, 10.01), (1e6, 1e6 + 1.0), (1.2, 17.0)])
+def test_proposed_settings_of_a_narrow_range_stay_apart(low, high):
+    region = Region((ContinuousFactor("x", low, high, scale="log"), ContinuousFactor("z", 0.0, 1.0)))
+    points = np.column_stack([np.linspace(-1, 1, 21), np.zeros(21)])
+    back = region.code(rounded_settings(region, points))
+    np.testing.assert_allclose(back, points, atol=0.005)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from seqrsm.campaign.fitted import student_weights
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -184,3 +185,14 @@ def test_weights_over_twelve_decades() -> None:
     np.testing.assert_allclose(fit.estimate, [float(v) for v in exact], rtol=1e-10)
     assert np.isfinite(fit.se).all()
     assert np.max(np.abs(fit.estimate - beta) / fit.se) < 6
+
+
+@pytest.mark.parametrize("unit", [1e-100, 1e-12, 1e12, 1e100])
+def test_heavy_tails_do_not_see_the_unit_of_the_scores(unit: float) -> None:
+    model, _, points, y = scattered(2, 18)
+    y[3] += 40.0
+    Z, ones = model.matrix(points), np.ones(18)
+    weights = student_weights(Z, y, ones)
+    assert weights[3] < 0.1 * np.median(weights)
+    np.testing.assert_allclose(student_weights(Z, unit * y, ones), weights, rtol=1e-7)
+    np.testing.assert_array_equal(student_weights(Z, Z @ np.ones(model.p), ones), ones)  # nothing but rounding

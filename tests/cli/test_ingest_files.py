@@ -1,0 +1,329 @@
+"""Files as users' spreadsheets and text editors make them, through the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from seqrsm.cli.app import app
+
+SPEC = """\
+[campaign]
+name = "real"
+seed = 4
+[[factor]]
+name = "frequency"
+unit = "GHz"
+low = 1.0
+high = 12.0
+scale = "log"
+[[factor]]
+name = "resolution"
+unit = "m"
+low = 5.0
+high = 60.0
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV"]
+[[application]]
+name = "crops"
+utility = "percent_correct"
+{more}
+[stop]
+half_width = 3
+"""
+HEADER = "frequency,resolution,polarization,score"
+
+
+class Folder:
+    """A campaign that is driven by its command line."""
+
+    def __init__(self, path: Path, spec: str) -> None:
+        self.path = path
+        (path / "campaign.toml").write_text(spec, encoding="utf-8")
+
+    def call(self, command: str, *arguments: object, code: int = 0) -> str:
+        result = CliRunner().invoke(app, [command, str(self.path), *(str(a) for a in arguments)])
+        assert result.exit_code == code, result.output
+        assert "Traceback" not in result.output
+        return result.output
+
+    def write(self, content: str | bytes, name: str = "scores.csv") -> Path:
+        path = self.path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    def ingest(self, content: str | bytes, *options: str, name: str = "scores.csv", code: int = 0) -> str:
+        return self.call("ingest", self.write(content, name), *options, code=code)
+
+    def document(self) -> dict[str, Any]:
+        self.call("export", self.path / "all.json")
+        found: dict[str, Any] = json.loads((self.path / "all.json").read_text(encoding="utf-8"))
+        return found
+
+    def runs(self) -> list[dict[str, Any]]:
+        return list(self.document()["runs"])
+
+
+@pytest.fixture
+def make(tmp_path):
+    def made(more: str = "") -> Folder:
+        return Folder(tmp_path, SPEC.format(more=more))
+
+    return made
+
+
+EXCEL = (
+    "frequency [MHz];resolution (m);polarization;score;day;operator\r\n"
+    '1500,5;12,5;HH;73,25;Tag 1;"Müller; ""Mops"""\r\n'
+    "3000;20;VV;80;Tag 2;\r\n;;;;;\r\n"
+)
+
+
+@pytest.mark.parametrize(
+    "content", [EXCEL.encode("utf-8-sig"), ("sep=;\r\n" + EXCEL).encode(), ("# May flights\n\n" + EXCEL).encode()]
+)
+def test_a_german_spreadsheet(make, content):
+    folder = make('[model]\nblock = "day"')
+    folder.ingest(content)
+    first, second = folder.runs()
+    assert first["executed"]["frequency"] == pytest.approx(1.5005, rel=1e-12)
+    assert (first["executed"]["resolution"], first["executed"]["polarization"]) == (12.5, "HH")
+    assert (first["block"], second["block"]) == ("Tag 1", "Tag 2")
+    assert first["scores"][0]["score"] == 73.25
+    assert first["scores"][0]["metadata"]["operator"] == 'Müller; "Mops"'
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (EXCEL.encode("latin-1"), "Latin-1"),
+        (EXCEL.encode("utf-16"), "UTF-16"),
+        (b"PK\x03\x04 xlsx", "spreadsheet"),
+        (f"{HEADER}\n01. Mai,12,HH,70\n", "made a date of a number"),
+        (f"{HEADER}\n1.5,5-Jan,HH,70\n", "made a date of a number"),
+        (f"{HEADER}\n1.5,12,HH,#DIV/0!\n", "no number"),
+        ("frequency_MHz,resolution,polarization,score\n1500,12,HH,70\n", "to 'frequency [MHz]'"),
+        ("frequency [furlong],resolution,polarization,score\n1500,12,HH,70\n", "cannot be converted"),
+        (f"run_id,{HEADER}\n77,1.5,12,HH,70\n", "no such run"),
+        ("", "empty"),
+    ],
+)
+def test_refused_with_the_place_and_the_remedy(make, content, says):
+    folder = make()
+    assert says in folder.ingest(content, code=2)
+    assert folder.runs() == []
+
+
+def test_columns_of_the_users_own_keep_their_unit(make):
+    folder = make()
+    folder.ingest(f"{HEADER},altitude [ft],camera (left)\n1.5,12,HH,70,9000,A\n")
+    (run,) = folder.runs()
+    assert run["scores"][0]["metadata"] == {"altitude [ft]": "9000", "camera (left)": "A"}
+
+
+def test_dates_stay_as_written(make):
+    folder = make('[model]\nblock = "date"')
+    folder.ingest(f"{HEADER},date\n1.5,12,HH,70,12.05.1979\n1.5,12,HH,71,05/12/1979\n1.5,12,HH,72,28987\n")
+    assert [run["block"] for run in folder.runs()] == ["12.05.1979", "05/12/1979", "28987"]
+
+
+@pytest.mark.parametrize("dialect", ["same bytes", "CRLF", "semicolons", "sorted", "fewer columns", "more columns"])
+def test_a_file_twice_never_doubles_a_score(make, dialect):
+    folder = make()
+    text = f"{HEADER},date\n1.5,12,HH,70,1979-05-12\n1.5,12,HH,70,1979-05-12\n9,20,VV,55.5,1979-05-13\n"
+    folder.ingest(text)
+    lines = text.splitlines()
+    again = {
+        "same bytes": text,
+        "CRLF": text.replace("\n", "\r\n"),
+        "semicolons": text.replace(",", ";").replace("1.5", "1,5").replace("55.5", "55,5"),
+        "sorted": "\n".join([lines[0], *sorted(lines[1:], reverse=True)]),
+        "fewer columns": "\n".join(line.rsplit(",", 1)[0] for line in lines),
+        "more columns": "\n".join([lines[0] + ",pilot", *(line + ",Ann" for line in lines[1:])]),
+    }[dialect]
+    says = folder.ingest(again, name="again.csv")
+    assert "already" in says or "not doubled" in says
+    assert len(folder.runs()) == 3  # two of them a real repeat, told by standing in one file
+    says = folder.ingest(again + "\n1.5,12,HH,70,1979-06-01\n", name="grown.csv") if dialect == "CRLF" else ""
+    assert len(folder.runs()) == (4 if dialect == "CRLF" else 3)  # another date: another flight
+
+
+def test_a_void_row_stays_out_when_its_file_comes_again(make):
+    folder = make()
+    folder.ingest(f"{HEADER}\n1.5,12,HH,70\n")
+    folder.call("void", 1, "--why", "clouds")
+    assert "equals run 1, which is void" in folder.ingest(f"{HEADER}\n1.5,12,HH,70\n2,12,HH,71\n", name="grown.csv")
+    assert [run["state"] for run in folder.runs()] == ["void", "scored"]
+
+
+def test_the_form_comes_back_with_other_settings_and_its_block(make):
+    folder = make('[model]\nblock = "day"')
+    folder.call("propose", "--source", "flight", "--csv", folder.path / "form.csv")
+    rows = (folder.path / "form.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "run_id,frequency [GHz],resolution [m],polarization,day,score,se,note"
+    cells = rows[1].split(",")
+    filled = [cells[0], "1.7", cells[2], cells[3], "Monday", "66", "2.5", "windy"]
+    says = folder.ingest("\n".join([rows[0], ",".join(filled)]), name="filled.csv")
+    assert "carried out at other settings (1)" in says
+    run = folder.runs()[0]
+    assert (run["executed"]["frequency"], run["block"], run["scores"][0]["se"]) == (1.7, "Monday", 2.5)
+    assert run["proposed"]["frequency"] != 1.7
+
+
+def test_outside_the_region_is_flagged_for_good(make):
+    folder = make()
+    assert "outside the campaign's region (lines 3)" in folder.ingest(f"{HEADER}\n1.5,12,HH,70\n35,12,HH,71\n")
+    assert [run["scores"][0]["metadata"].get("outside_region") for run in folder.runs()] == [None, True]
+
+
+def test_several_files_are_all_taken_in_or_none(make):
+    folder = make()
+    good = folder.write(f"{HEADER}\n1.5,12,HH,70\n", "good.csv")
+    same = folder.write(f"{HEADER}\n1.5,12,HH,70\n", "same.csv")
+    more = folder.write(f"{HEADER}\n1.6,12,HH,70\n", "more.csv")
+    bad = folder.write(f"{HEADER}\n1.5,12,XX,70\n", "bad.csv")
+    assert "bad.csv:2" in folder.call("ingest", good, bad, code=2)
+    assert folder.runs() == []
+    dry = json.loads(folder.call("ingest", good, same, more, "--dry-run", "--json"))
+    assert folder.runs() == []
+    wet = json.loads(folder.call("ingest", good, same, more, "--json"))
+    for report in (*dry, *wet):
+        report.pop("dry_run")
+        if report["already"]:
+            report["already"].pop("ingested_at")
+            report.pop("messages")
+    assert dry == wet
+    assert [report["created"] for report in wet] == [[1], [], [2]]
+
+
+def test_export_comes_back_without_doubles_and_without_formulas(make):
+    folder = make()
+    folder.ingest(f"{HEADER},note,who\n1.5,12,HH,70,=1+2,@me\n1.5,12,VV,60,-x,+y\n")
+    folder.call("export", folder.path / "all.csv")
+    text = (folder.path / "all.csv").read_text(encoding="utf-8")
+    assert "'=1" not in text.split("\n", maxsplit=1)[0]
+    before = folder.runs()
+    folder.call("ingest", folder.path / "all.csv")
+    assert [(r["run_id"], r["scores"]) for r in folder.runs()] == [(r["run_id"], r["scores"]) for r in before]
+
+
+def test_fractions_are_remarked(make):
+    folder = make()
+    assert "were fractions meant" in folder.ingest(f"{HEADER}\n1.5,12,HH,0.7\n1.5,12,VV,0.6\n")
+
+
+# -- rankings ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ranked(tmp_path):
+    """A campaign with six runs issued, whose images are to be ranked."""
+    first = '[[application]]\nname = "crops"\nutility = "percent_correct"'
+    folder = Folder(tmp_path, SPEC.format(more="").replace(first, '[[application]]\nname = "clear"\nutility = "rank"'))
+    folder.call("propose", "--source", "flight")
+    return folder
+
+
+def ranking_file(**orders: str) -> str:
+    rows = [
+        f"{run_id},{interpreter},{rank}"
+        for interpreter, order in orders.items()
+        for rank, run_ids in enumerate(order.split(), start=1)
+        for run_id in run_ids.split("=")
+    ]
+    return "run_id,interpreter,rank\n" + "\n".join(rows) + "\n"
+
+
+def test_rankings_give_scores_with_errors(ranked):
+    says = ranked.ingest(ranking_file(ann="1 2 3 4 5 6", bob="1 3 2 4 6 5", cy="6 5 4 3 2 1"), "--json")
+    (report,) = json.loads(says)
+    assert (report["matched"], report["rankings"]) == ([1, 2, 3, 4, 5, 6], [1, 2, 3])
+    effects = {one["interpreter"]: one for one in report["ranked"][0]["interpreters"]}
+    assert effects["cy"]["agreement"] < 0 < effects["ann"]["agreement"]
+    runs = [run for run in ranked.runs() if run["state"] == "scored"]
+    scores = [run["scores"][0] for run in runs]
+    assert sum(score["score"] for score in scores) == pytest.approx(0.0, abs=1e-9)
+    assert scores[0]["score"] > scores[3]["score"]
+    assert all(score["se"] > 0.1 for score in scores)
+    assert scores[0]["metadata"]["derived"] == "Plackett-Luce"
+
+
+def test_new_rankings_change_all_scores_and_void_takes_them_back(ranked):
+    first = ranking_file(ann="1 2 3 4", bob="1 2=3 4")
+    ranked.ingest(first)
+    before = [run["scores"] for run in ranked.runs()]
+    ranked.ingest(ranking_file(cy="4 5 1"), name="more.csv")
+    after = ranked.document()
+    changed = [run["scores"] for run in after["runs"]]
+    assert changed[0][0]["score"] != before[0][0]["score"]
+    assert changed[4]
+    assert not before[4]
+    assert len(after["rankings"]) == 11  # the rows as handed in
+    assert [event["kind"] for event in after["events"]].count("rankings scored") == 2
+    ranked.call("void", "--ranking", 3, "--why", "looked at the wrong screen")
+    restored = ranked.document()
+    assert [[s["score"] for s in run["scores"]] for run in restored["runs"]] == [
+        [s["score"] for s in x] for x in before
+    ]
+    assert restored["runs"][4]["state"] == "issued"
+    assert {rank["reason"] for rank in restored["rankings"]} == {"", "looked at the wrong screen"}
+    assert "void already" in ranked.call("void", "--ranking", 3, "--why", "again", code=2)
+
+
+def test_the_same_rankings_again_do_not_count_twice(ranked):
+    ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
+    before = ranked.document()["rankings"]
+    ranked.ingest(ranking_file(bob="2 1 3", ann="1 2 3"), name="again.csv")
+    assert ranked.document()["rankings"] == before
+
+
+def test_runs_that_no_ranking_joins_wait_for_one_that_does(ranked):
+    ranked.ingest(ranking_file(ann="1 2 3"))
+    says = ranked.ingest(ranking_file(ann="4 5"), name="apart.csv")
+    assert "No chain of rankings joins runs 4, 5" in says
+    assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 3 + ["issued"] * 3
+    ranked.ingest(ranking_file(bob="4 1"), name="bridge.csv")
+    assert [run["state"] for run in ranked.runs()[:6]] == ["scored"] * 5 + ["issued"]
+
+
+def test_a_void_run_leaves_the_scores(ranked):
+    ranked.ingest(ranking_file(ann="1 2 3", bob="2 1 3"))
+    ranked.call("void", 3, "--why", "wrong field")
+    scores = [run["scores"][0]["score"] for run in ranked.runs() if run["state"] == "scored"]
+    assert scores == pytest.approx([0.0, 0.0], abs=1e-9)  # each was preferred once
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("run_id,interpreter,rank\n1,ann,1\n99,ann,2\n", "no such run"),
+        ("run_id,interpreter,rank\n1,ann,1\n1,ann,2\n", "already"),
+        ("run_id,interpreter,rank\n1,ann,1\n", "has one image"),
+        ("run_id,interpreter,rank\n1,ann,first\n2,ann,2\n", "no number"),
+        ("run_id,interpreter,rank\n1,,1\n2,,2\n", "Say who"),
+        ("run_id,interpreter,rank\n1,ann,0\n2,ann,1\n", "best image has rank 1"),
+        ("interpreter,rank\nann,1\nbob,2\n", "run_id"),
+        ("run_id,interpreter,rank,frequency\n1,ann,1,2\n2,ann,2,2\n", "all factors or none"),
+    ],
+)
+def test_bad_rankings(ranked, content, says):
+    assert says in ranked.ingest(content, code=2)
+    assert ranked.document()["rankings"] == []
+
+
+def test_rankings_and_scores_do_not_mix(ranked, make):
+    ranked.ingest(ranking_file(ann="1 2 3"))
+    assert "follow from rankings" in ranked.ingest(f"{HEADER}\n1.5,12,HH,2\n", name="scores2.csv", code=2)
+    measured = make()
+    assert "no application" in measured.ingest(ranking_file(ann="1 2 3"), name="r.csv", code=2)
+
+
+def test_settings_flown_stand_in_the_rankings(ranked):
+    text = f"run_id,interpreter,rank,{HEADER[: -len(',score')]}\n1,ann,1,1.7,12,HH\n2,ann,2,30,13,VV\n"
+    assert "outside the campaign's region (lines 3)" in ranked.ingest(text)
+    assert ranked.runs()[0]["executed"] == {"frequency": 1.7, "resolution": 12.0, "polarization": "HH"}
