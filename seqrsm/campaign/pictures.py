@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.simulate.ppi import rectangular, rectangular_pixels
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.psm import RadarImage
 from seqrsm.simulate.receiver import film_density, greytone, to_levels
@@ -39,6 +40,8 @@ class Picture:
         ``numpy.rot90(scene layer, quarter_turns)`` has the picture's orientation.
     remark : str
         What a caption says of this image.
+    arrange : int array (height, width, points) or None
+        Pixels of `values` that each pixel shown looks at, where it is not shown as it is (plan-position indicator).
     arrays : Mapping
         Everything worth keeping in a file, names with units.
     """
@@ -53,6 +56,7 @@ class Picture:
     quarter_turns: int
     remark: str
     arrays: Mapping[str, Any]
+    arrange: IntArray | None = None
 
     def told(self) -> FloatArray:
         """The values in ``unit``."""
@@ -78,6 +82,14 @@ def picture_of(image: RadarImage | RadiometerImage) -> Picture:
 
 
 def _radar_picture(image: RadarImage) -> Picture:
+    arrange, remark, more = None, "near range at the top", {}
+    if image.radar.scan == "ppi":
+        arrange, remark = rectangular_pixels(image), "north at the top"
+        n_azimuth = image.intensity.shape[2]
+        more = {
+            "azimuth_deg": (np.arange(n_azimuth) + 0.5) * 360.0 / n_azimuth,
+            "rectangular_intensity_w": rectangular(image.intensity, arrange),
+        }
     return Picture(
         channels=image.radar.channels,
         values=image.apparent_sigma0().astype(np.float64),
@@ -87,8 +99,10 @@ def _radar_picture(image: RadarImage) -> Picture:
         n_bits=image.radar.n_bits,
         pixel_of_cell=image.pixel_of_cell,
         quarter_turns=image.quarter_turns,
-        remark=f"{image.looks.min():.3g} to {image.looks.max():.3g} looks; near range at the top",
+        remark=f"{image.looks.min():.3g} to {image.looks.max():.3g} looks; {remark}",
+        arrange=arrange,
         arrays={
+            **more,
             "intensity_w": image.intensity,
             "mean_power_w": image.mean_power,
             "noise_power_w": image.noise_power_w,
@@ -166,6 +180,8 @@ def greytones(picture: Picture, scales: Mapping[str, GreyScale] | None = None) -
     planes = []
     for channel, plane in zip(picture.channels, picture.values, strict=True):
         scale = scales.get(channel)
+        if picture.arrange is not None:
+            plane = rectangular(plane, picture.arrange)
         if scale is None:
             planes.append(np.zeros(plane.shape, dtype=np.uint8))
             continue

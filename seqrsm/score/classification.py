@@ -257,8 +257,8 @@ def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tupl
 
 def _tiles(image: RadarImage, row: IntArray, column: IntArray, tile_m: float) -> IntArray:
     """Tile of each pixel by its centre, numbered without gaps; squares on the ground in either range format."""
-    along = (column + 0.5) * image.azimuth_spacing_m
-    across = image.ground_range_m[row] - image.ground_range_m[0]
+    across, along = image.place_m(row, column)
+    across = across - (image.ground_range_m[0] if image.radar.scan == "slar" else 0.0)
     code = np.floor(across / tile_m).astype(np.int64) * 1_000_003 + np.floor(along / tile_m).astype(np.int64)
     return np.asarray(np.unique(code, return_inverse=True)[1], dtype=np.int64).ravel()
 

@@ -27,6 +27,7 @@ SEASONS: Final = ("spring_summer", "fall", "winter")
 
 TEXT_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     "aperture": ("synthetic", "real"),
+    "scan": ("slar", "ppi"),
     "range_format": ("ground", "slant"),
     "season": SEASONS,
     "elevation_pattern": ("isotropic", "cosecant_squared", "sinc_squared", "table"),
@@ -52,6 +53,8 @@ _LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
     "noise_figure_db": (0.0, 40.0, "dB"),
     "loss_db": (0.0, 60.0, "dB"),
     "heading_deg": (-360.0, 360.0, "deg"),
+    "antenna_east_m": (-1e6, 1e6, "m"),
+    "antenna_north_m": (-1e6, 1e6, "m"),
     "elevation_beamwidth_deg": (0.1, 180.0, "deg"),
     "zenith_loss_db": (0.0, 30.0, "dB"),
     "near_incidence_deg": (0.0, 89.9, "deg"),
@@ -202,7 +205,7 @@ def set_problems(radar: RadarConfiguration) -> list[Problem]:
             )
         )
     along = 0.5 * radar.antenna_length_m
-    if radar.resolution_m < along * (1.0 - 1e-9):
+    if radar.scan == "slar" and radar.resolution_m < along * (1.0 - 1e-9):
         remedy = f"Use a resolution of at least {_up(along)} m or a shorter antenna"
         text = f"an antenna of {radar.antenna_length_m:g} m resolves {along:g} m in azimuth, no finer"
         problems.append(Problem(text, remedy, field="resolution", value=radar.resolution_m))
@@ -214,7 +217,7 @@ def set_problems(radar: RadarConfiguration) -> list[Problem]:
         remedy = f"Ask for at most {_down(available)} looks, or more bandwidth, or a coarser resolution"
         problems.append(Problem(text, remedy, field="looks", value=radar.looks))
     sampled = radar.prf_hz / radar.n_transmit
-    if sampled < 2.0 * radar.speed_m_s / radar.antenna_length_m:
+    if radar.scan == "slar" and sampled < 2.0 * radar.speed_m_s / radar.antenna_length_m:
         need = radar.n_transmit * 2.0 * radar.speed_m_s / radar.antenna_length_m
         text = f"{radar.n_transmit} transmit polarizations need two pulses each per antenna length flown"
         problems.append(Problem(text, f"Use at least {_up(need)} Hz", field="prf_hz", value=radar.prf_hz))
@@ -240,6 +243,19 @@ def _choice_problems(radar: RadarConfiguration) -> list[Problem]:
         )
         remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
         problems.append(Problem(text, remedy, field="fading", value=radar.fading))
+    if radar.scan == "ppi":
+        if radar.aperture != "real":
+            text, remedy = "a rotating antenna forms no synthetic aperture", 'Add aperture = "real"'
+            problems.append(Problem(text, remedy, field="aperture", value=radar.aperture))
+        if radar.pixel_m is not None:
+            text, remedy = "the pixels of a plan-position indicator are as wide as its beam", "Leave pixel_m out"
+            problems.append(Problem(text, remedy, field="pixel_m", value=radar.pixel_m))
+    elif radar.antenna_east_m or radar.antenna_north_m:
+        text, remedy = (
+            "a place of the antenna belongs to a plan-position indicator",
+            'Add scan = "ppi", or leave it out',
+        )
+        problems.append(Problem(text, remedy, field="antenna_east_m", value=radar.antenna_east_m))
     if radar.pixel_m is not None and radar.pixel_m > radar.resolution_m:
         remedy = "Make it at most the resolution, or leave it out"
         problems.append(
@@ -330,7 +346,7 @@ def swath_problems(
         return problems
     edges = range_geometry(np.array([near, far]), height_m, radar.curved)
     r_near, r_far = (float(r) for r in edges.slant_range_m)
-    if radar.aperture == "real":
+    if radar.aperture == "real" and radar.scan == "slar":
         widest = float(radar.azimuth_resolution_m(r_far))
         if radar.resolution_m < widest * (1.0 - 1e-9):
             text = f"the real beam is {widest:.4g} m wide at the far edge, {r_far:.0f} m away"

@@ -70,6 +70,12 @@ class RadarConfiguration:
         Length L along the track [m].
     antenna_gain_db : float
         Peak one-way gain G over isotropic [dB], the same at every frequency.
+    scan : {"slar", "ppi"}
+        Side-looking along a flight line, or a plan-position indicator: an antenna that rotates over one point. The
+        latter has a real aperture and pixels as wide as its beam; speed, heading and antenna length do not matter but
+        for the beamwidth, and `depression_angle_deg` is that of the beam and of the range where the set is judged.
+    antenna_east_m, antenna_north_m : float
+        Of a plan-position indicator, from the middle of the scene [m].
     aperture : {"synthetic", "real"}
         Azimuth cell of one look: L/2, or R beta (eq. 3-9).
     azimuth_beamwidth_deg : float or None
@@ -146,6 +152,9 @@ class RadarConfiguration:
     altitude_m: float
     looks: float | None = None
     heading_deg: float = 90.0
+    scan: Literal["slar", "ppi"] = "slar"
+    antenna_east_m: float = 0.0
+    antenna_north_m: float = 0.0
     antenna_length_m: float = 2.0
     antenna_gain_db: float = 25.0
     aperture: Literal["synthetic", "real"] = "synthetic"
@@ -291,9 +300,12 @@ class RadarConfiguration:
         Eq. (3-8) with the chosen cell in place of the finest: N_a = resolution/(L/2) along the track, the same for both
         apertures (a real aperture with resolution = R lambda/L gives N_a = 2 R lambda/L**2, eq. 3-9), and N_r =
         resolution/(c/(2 B sin(theta))) across. N_r is never below 1: where the range response is wider than the cell,
-        a pixel still holds one sample.
+        a pixel still holds one sample. A plan-position
+        indicator hovers over one point: its beam gives one sample, whatever the pulses.
         """
         across = self.resolution_m / self.ground_resolution_m(incidence_rad)
+        if self.scan == "ppi":
+            return np.maximum(across, 1.0)
         return self.resolution_m / (0.5 * self.antenna_length_m) * np.maximum(across, 1.0)
 
     def looks_used(self, incidence_rad: FloatArray) -> FloatArray:
@@ -385,6 +397,21 @@ class RadarConfiguration:
         centre = ground_range_of_look(look, height, self.curved) if height > 0.0 else 0.0
         y = centre + (np.arange(n_rows, dtype=np.float64) - 0.5 * (n_rows - 1)) * cell_m
         rows = swath_rows(self, y, height) if height > 0.0 else slice(0, n_rows)
+        problems = swath_problems(self, y[rows], cell_m, height, highest_elevation_m)
+        if problems:
+            raise ConfigurationError(*problems)
+        return y, rows
+
+    def ring_ranges_m(
+        self, n_rings: int, cell_m: float, mean_elevation_m: float, highest_elevation_m: float
+    ) -> tuple[FloatArray, slice]:
+        """Ground range of the rings of a plan-position indicator [m], and those within the swath.
+
+        Parameters, results and errors are those of `ground_ranges_m`, for rings in place of rows.
+        """
+        height = self.altitude_m - mean_elevation_m
+        y = cell_m * np.arange(1, n_rings + 1, dtype=np.float64)
+        rows = swath_rows(self, y, height) if height > 0.0 else slice(0, n_rings)
         problems = swath_problems(self, y[rows], cell_m, height, highest_elevation_m)
         if problems:
             raise ConfigurationError(*problems)

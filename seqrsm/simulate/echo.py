@@ -35,7 +35,7 @@ class EchoGrid:
 
     Attributes
     ----------
-    geometry : float64 array (n, 9)
+    geometry : float64 array (n, 10)
         See `kernels.power_cells`.
     base : float64 array (n + 2,)
         Range position of flat ground in each row from the near edge of the swath [bins], one row more at both ends.
@@ -153,11 +153,14 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
         position = around.slant_range_m - marks.slant_range_m[0]
         place, per_m = around.slant_range_m, np.full(len(y) + 2, 1.0 / radar.range_spacing_m)
     own = slice(1, -1)
-    geometry = np.empty((len(y), 9))
+    geometry = np.empty((len(y), 10))
     geometry[:, 0] = around.along_m[own]
     geometry[:, 1] = around.slant_range_m[own]
     geometry[:, 2] = np.concatenate(([0.0], cell / around.along_m[1:-2]))
     geometry[:, 3] = (reference / around.slant_range_m[own]) ** 4 * radar.atmosphere(around.incidence_rad[own])
+    geometry[:, 9] = cell if frame.column_m is None else frame.column_m
+    # The area of an element over that of a square cell.
+    geometry[:, 3] *= geometry[:, 9] / cell
     geometry[:, 4] = around.up_m[own]
     geometry[:, 5] = around.up_m[:-2]
     geometry[:, 6] = place[own]

@@ -13,6 +13,7 @@ from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
+from seqrsm.simulate.ppi import bilinear, polar_layers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +47,10 @@ class RadarFrame:
         For headings not along the grid: place of each cell of the scene in the frame's layers.
     lowest_m, highest_m : float array (rows,)
         Extremes of each row of `elevation_m` [m].
+    column_m : float64 array (n,) or None
+        Distance between columns on each ring of a plan-position indicator [m]; None: `cell_m`.
+    wrapped : int
+        Columns of such a frame that repeat the other end, on either side; one pixel's worth.
     """
 
     elevation_m: AnyArray
@@ -64,6 +69,8 @@ class RadarFrame:
     cell_of_scene: IntArray | None
     lowest_m: AnyArray
     highest_m: AnyArray
+    column_m: FloatArray | None = None
+    wrapped: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +112,8 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     SceneError
         No cell has an elevation.
     """
+    if radar.scan == "ppi":
+        return _polar_frame(scene, radar, precision)
     turned = _turned(scene, radar.heading_deg, precision)
     n_rows = turned.elevation_m.shape[0]
     y, rows = radar.ground_ranges_m(n_rows, scene.cell_m, turned.mean_m, turned.peak_m)
@@ -135,6 +144,38 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     )
 
 
+def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> RadarFrame:
+    """Frame of a plan-position indicator: rings around the antenna; those outside the swath stand beside it."""
+    _check_heights(scene)
+    east, north = radar.antenna_east_m, radar.antenna_north_m
+    polar = polar_layers(scene, east, north, radar.azimuth_beamwidth_rad, precision)
+    n_rings = polar.elevation_m.shape[0]
+    y, rows = radar.ring_ranges_m(n_rings, scene.cell_m, polar.mean_m, polar.peak_m)
+    if (polar.cover == NO_COVER).all():
+        text = "the antenna sees nothing of the scene"
+        raise SceneError(Problem(text, "Move it nearer", field="antenna_east_m", value=east))
+    return RadarFrame(
+        elevation_m=polar.elevation_m,
+        cover=polar.cover,
+        field=polar.field,
+        source=np.arange(n_rings),
+        ground_range_m=y,
+        height_m=radar.altitude_m - polar.mean_m,
+        cell_m=scene.cell_m,
+        near_edge_m=float(y[rows][0]) - 0.5 * scene.cell_m,
+        centre_m=0.5 * float(y[rows][0] + y[rows][-1]),
+        pad_near=rows.start,
+        n_rows=rows.stop - rows.start,
+        quarter_turns=0,
+        curved=radar.curved,
+        cell_of_scene=polar.cell_of_scene,
+        lowest_m=polar.elevation_m.min(axis=1),
+        highest_m=polar.elevation_m.max(axis=1),
+        column_m=y * polar.column_rad,
+        wrapped=polar.columns_a_pixel,
+    )
+
+
 def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], missing: int) -> AnyArray:
     """Layer (n, m) of the frame in the scene's own extent and orientation; ``missing`` outside the swath."""
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
@@ -146,12 +187,18 @@ def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], m
     return np.ascontiguousarray(np.rot90(whole, -frame.quarter_turns))
 
 
-# The layers do not depend on the run, so the runs of a campaign share them.
-@lru_cache(maxsize=2)
-def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
+def _check_heights(scene: Scene) -> tuple[int, float, float]:
+    """Number, mean and maximum of the known elevations."""
     known, mean, highest = kernels.elevation_summary(scene.elevation_m)
     if known == 0:
         raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
+    return known, mean, highest
+
+
+# The layers do not depend on the run, so the runs of a campaign share them.
+@lru_cache(maxsize=2)
+def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
+    known, mean, highest = _check_heights(scene)
     turns = round((heading_deg - 90.0) / 90.0)
     layers = (scene.elevation_m, scene.cover, scene.field_id)
     place: IntArray | None = None
@@ -185,23 +232,11 @@ def _rotated(scene: Scene, heading_rad: float) -> tuple[AnyArray, AnyArray, AnyA
     inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
     i, j = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64), np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
     cover = np.where(inside, scene.cover[i, j], np.uint8(NO_COVER))
-    elevation = np.where(inside, _bilinear(scene.elevation_m, row, col), np.nan)
+    elevation = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
     own_row, own_col = np.arange(rows)[:, None] - 0.5 * (rows - 1), np.arange(cols)[None, :] - 0.5 * (cols - 1)
     a = np.rint(own_col * sine - own_row * cosine + 0.5 * (m - 1)).astype(np.int64)
     r = np.rint(own_col * cosine + own_row * sine + 0.5 * (n - 1)).astype(np.int64)
     return elevation, cover, scene.field_id[i, j], np.clip(r, 0, n - 1) * m + np.clip(a, 0, m - 1)
-
-
-def _bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
-    """Values of a layer between its cells by straight lines; held at the edges, nan beside nan."""
-    rows, cols = layer.shape
-    r, c = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
-    i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
-    fr, fc = r - i, c - j
-    down, right = np.minimum(i + 1, rows - 1), np.minimum(j + 1, cols - 1)
-    upper = (1.0 - fc) * layer[i, j] + fc * layer[i, right]
-    lower = (1.0 - fc) * layer[down, j] + fc * layer[down, right]
-    return np.asarray((1.0 - fr) * upper + fr * lower)
 
 
 def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, resolution_m: float) -> tuple[int, int]:

@@ -158,14 +158,14 @@ def power_cells(
         Category; the number of categories or more where there is none.
     field : int32 array (rows, m)
         Field, >= 0 wherever there is a category.
-    geometry : float64 array (n, 9)
+    geometry : float64 array (n, 10)
         For each row of the frame, datum being ground at height 0: distance of the antenna along the local horizontal
         [m]; slant range of the datum [m]; ``cell / distance`` of the row before (0 in row 0); ``(reference range /
         slant range)**4``; height of the antenna over the local horizontal, here and in the row before [m]; range
         position of the datum [m]; bins to a metre of that position; tangent of half the angle of the local vertical
-        from that of nadir.
+        from that of nadir; distance between columns [m].
     cell : float
-        Side of a cell [m].
+        Distance between rows [m].
     ground_format : bool
         True: position is ground range; False: slant range.
     table : complex array (n_channels, (n_categories + 1) * k)
@@ -192,13 +192,13 @@ def power_cells(
     for left in range(0, z.shape[1], STRIP):
         m = min(STRIP, z.shape[1] - left)
         own = slice(left, left + m)
-        _first_row(z, source[0], left, m, cell, geometry[0], ground_format, w)
+        _first_row(z, source[0], left, m, geometry[0], ground_format, w)
         for i in range(n):
             kind = cover[source[i], own]
             line = offset[i, own]
             for j in range(m):
                 line[j] = w[_NOW + j]
-            _next_row(z, source, i, left, m, cell, w)
+            _next_row(z, source, i, left, m, geometry, w)
             _arithmetic_row(geometry, i, cell, ground_format, 0.0, 1.0, steps, m, w)
             _state_row(kind, n_categories, m, w, state[i, own])
             if pattern.shape[0] > 0:
@@ -260,7 +260,7 @@ def sum_echoes(
     for left in range(low, high, STRIP):
         m = min(STRIP, high - left)
         own = slice(left, left + m)
-        _first_row(z, source[0], left, m, cell, geometry[0], ground_format, w)
+        _first_row(z, source[0], left, m, geometry[0], ground_format, w)
         for i in range(n):
             # Bins are counted from one near the row, so that single precision holds their fractions.
             origin = math.floor(base[i + 1])
@@ -268,7 +268,7 @@ def sum_echoes(
             beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
             if nearest:
                 _keep_centres(base[i + 1] - origin, m, w)
-            _next_row(z, source, i, left, m, cell, w)
+            _next_row(z, source, i, left, m, geometry, w)
             _arithmetic_row(geometry, i, cell, ground_format, near, beyond, steps, m, w)
             if nearest:
                 _fill_centres(m, w)
@@ -282,11 +282,9 @@ def sum_echoes(
 
 
 @kernel
-def _first_row(
-    z: AnyArray, row: int, left: int, m: int, cell: float, geometry: AnyArray, ground_format: bool, w: AnyArray
-) -> None:
+def _first_row(z: AnyArray, row: int, left: int, m: int, geometry: AnyArray, ground_format: bool, w: AnyArray) -> None:
     """Fill the work lines so that `_next_row` and `_arithmetic_row` can begin at row 0."""
-    _load_row(z, row, left, m, cell, w)
+    _load_row(z, row, left, m, geometry[9], w)
     _offset_row(w[_BELOW : _BELOW + m], geometry, ground_format, w[_NOW : _NOW + m])
     for j in range(m):
         w[_ABOVE + j] = w[_BELOW + j]
@@ -297,10 +295,10 @@ def _first_row(
 
 
 @kernel
-def _next_row(z: AnyArray, source: AnyArray, i: int, left: int, m: int, cell: float, w: AnyArray) -> None:
+def _next_row(z: AnyArray, source: AnyArray, i: int, left: int, m: int, geometry: AnyArray, w: AnyArray) -> None:
     """Fetch the heights behind row `i`; behind the last one stand its own."""
     if i + 1 < source.shape[0]:
-        _load_row(z, source[i + 1], left, m, cell, w)
+        _load_row(z, source[i + 1], left, m, geometry[i + 1, 9], w)
     else:
         for j in range(m):
             w[_BELOW + j] = w[_HERE + j]
@@ -529,7 +527,7 @@ def offset_rows(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyAr
     ----------
     z : float array (n, k)
         Heights over the datum [m].
-    geometry : float64 array (n, 9)
+    geometry : float64 array (n, 10)
     ground_format : bool
     out : float array (n, k)
         Written.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
@@ -47,7 +47,7 @@ Precision = Literal["float32", "float64"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarImage:
-    """Image of a side-looking radar, rows of range (near range first), columns along the flight.
+    """Image of a radar, rows of range (near range first), columns along the flight, or of bearing clockwise from north.
 
     Attributes
     ----------
@@ -66,7 +66,8 @@ class RadarImage:
     slant_range_m, ground_range_m, incidence_angle_deg : float64 array (n_range,)
         Of flat ground in the middle of the row [m, m, deg].
     range_spacing_m, azimuth_spacing_m : float
-        Spacing of pixels, in range in the unit of the range format [m].
+        Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that
+        of its rectangular picture.
     registration : Registration
         Pixel of each cell of the scene, shadow and layover, made when asked for.
     radar : RadarConfiguration
@@ -74,6 +75,8 @@ class RadarImage:
         State of the ground in this run.
     quarter_turns : int
         ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
+    cell_m, scene_shape : float, tuple of int
+        Side of a cell [m], rows and columns of the scene.
     notes : tuple of str
         Assumptions that went into the image.
     """
@@ -93,6 +96,8 @@ class RadarImage:
     radar: RadarConfiguration
     occasion: Occasion
     quarter_turns: int
+    cell_m: float
+    scene_shape: tuple[int, int]
     notes: tuple[str, ...]
 
     @property
@@ -113,6 +118,14 @@ class RadarImage:
     def apparent_sigma0(self) -> AnyArray:
         """Intensity over what flat ground of sigma0 = 1 would return: calibrated, noise left in, linear."""
         return np.asarray(self.intensity / self.calibration_w[None, :, None])
+
+    def place_m(self, row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Centres of pixels on flat ground [m]: across and along the track, or south and east of the antenna."""
+        across = self.ground_range_m[row]
+        if self.radar.scan == "slar":
+            return np.asarray(across), np.asarray((column + 0.5) * self.azimuth_spacing_m)
+        bearing = (column + 0.5) * (2.0 * math.pi / self.intensity.shape[2])
+        return np.asarray(-across * np.cos(bearing)), np.asarray(across * np.sin(bearing))
 
     def north_up(self, layer: AnyArray) -> AnyArray:
         """Turn the last two axes of an image layer so that north is up, or as near to it as quarter turns come."""
@@ -226,7 +239,7 @@ def _form_image(
     flat = _row_geometry(frame, radar, grid)
     slant, theta = flat.slant_range_m, flat.incidence_rad
     m = sums.shape[2]
-    cells_a_pixel = radar.pixel_spacing_m / frame.cell_m
+    cells_a_pixel = float(frame.wrapped) or radar.pixel_spacing_m / frame.cell_m
     n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
     mean = np.empty((sums.shape[0], grid.n_bins, n_pixels), dtype=sums.dtype)
     across = np.asarray(radar.ground_resolution_m(theta))
@@ -239,12 +252,20 @@ def _form_image(
         beam = np.maximum(beam, radar.azimuth_resolution_m(slant))
     factor = constant * single_look * frame.cell_m / bin_ground
     beam /= frame.cell_m
+    if frame.column_m is not None:
+        # Columns of one angle: a beam is as many of them on every ring.
+        column_m = flat.ground_range_m * (frame.column_m[-1] / frame.ground_range_m[-1])
+        factor *= frame.cell_m / column_m
+        beam = np.full(grid.n_bins, radar.azimuth_beamwidth_rad * frame.ground_range_m[-1] / frame.column_m[-1])
 
     def average(k: int) -> None:
         c, rows = _block(k, grid.n_bins, threads)
         kernels.average_azimuth(sums[c, rows], beam[rows], cells_a_pixel, factor[rows], mean[c, rows])
 
     in_threads(average, threads * len(mean), threads)
+    if frame.wrapped:
+        n_pixels -= 2
+        mean = np.ascontiguousarray(mean[:, :, 1:-1])
     width = (np.maximum(across, radar.resolution_m) if radar.finer_pixels else across) / bin_ground
     smeared = int((width > 1.0).sum())
     if smeared:
@@ -276,10 +297,13 @@ def _form_image(
             n_pixels,
             scene.shape,
             len(scene.categories),
+            1 if frame.wrapped else 0,
         ),
         radar=radar,
         occasion=occasion,
         quarter_turns=frame.quarter_turns,
+        cell_m=frame.cell_m,
+        scene_shape=scene.shape,
         notes=(*notes, *_engine_notes(radar, looks, smeared, frame)),
     )
 
@@ -366,6 +390,12 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
         sag_m = frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
         if sag_m > radar.resolution_m:
             notes.append(f"the Earth is taken as flat; its curvature at the far edge would be {sag_m:.0f} m")
-    if frame.cell_of_scene is not None:
+    if frame.wrapped:
+        widths = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
+        notes.append(
+            f"the beam is {widths[0]:.3g} to {widths[1]:.3g} m wide on the ground; a pixel is one beam and one look"
+        )
+        notes.append("the data base was turned into polar coordinates, its categories by the nearest cell")
+    elif frame.cell_of_scene is not None:
         notes.append("the heading is not along the grid: the data base was turned, its categories by the nearest cell")
     return tuple(notes)

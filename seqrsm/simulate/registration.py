@@ -30,6 +30,8 @@ class Registration:
         Rows and columns of the scene.
     n_categories : int
         Categories of the scene; the first number that is none.
+    wrapped_pixels : int
+        Pixels that the frame's columns repeat at either end (plan-position indicator).
     """
 
     frame: RadarFrame
@@ -40,6 +42,7 @@ class Registration:
     n_azimuth: int
     scene_shape: tuple[int, int]
     n_categories: int
+    wrapped_pixels: int = 0
     _made: dict[str, AnyArray] = field(default_factory=dict, repr=False)
 
     def _make(self) -> None:
@@ -69,10 +72,20 @@ class Registration:
         base = grid.base[1:-1]
         kernels.mark_layover(offset, base, state)
         pixel = kernels.register_cells(
-            offset, base, state, grid.first, self.n_range, self.cells_a_pixel, self.n_azimuth
+            offset,
+            base,
+            state,
+            grid.first,
+            self.n_range,
+            self.cells_a_pixel,
+            self.n_azimuth + 2 * self.wrapped_pixels,
         )
         del offset
-        self._made["pixel"] = to_scene(pixel, frame, self.scene_shape, -1)
+        pixel = to_scene(pixel, frame, self.scene_shape, -1)
+        if self.wrapped_pixels:
+            row, column = np.divmod(pixel, self.n_azimuth + 2 * self.wrapped_pixels)
+            pixel = np.where(pixel < 0, pixel, row * self.n_azimuth + column - self.wrapped_pixels)
+        self._made["pixel"] = pixel
         self._made["state"] = to_scene(state, frame, self.scene_shape, kernels.NO_DATA)
 
     def _layer(self, name: str) -> AnyArray:

@@ -100,8 +100,7 @@ def add_targets(
                 for t in outside
             )
         )
-    # The bearing from which the radar looks, seen from the target.
-    bearing = radar.heading_deg - 90.0
+    m = sums.shape[2]
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first_row = int(frame.source[frame.pad_near])
     flat = range_geometry(frame.ground_range_m, frame.height_m, frame.curved)
@@ -124,11 +123,21 @@ def add_targets(
         if not 0 <= k < grid.n_bins:
             continue
         slant2 = flat.slant_range_m[i] ** 2 - z * (2.0 * flat.up_m[i] - z)
+        # The bearing from which the radar looks, seen from the target.
+        bearing = radar.heading_deg - 90.0
+        if frame.wrapped:
+            bearing = 180.0 + (column + 0.5 - frame.wrapped) * 360.0 / (m - 2 * frame.wrapped)
         echo = target.cross_section_m2(bearing) * (grid.reference_range_m**2 / slant2) ** 2 / frame.cell_m**2
         echo *= float(radar.atmosphere(flat.incidence_rad[i : i + 1])[0])
         if pattern.size:
             echo *= float(radar.elevation_gain(np.array([own_look]))[0]) ** 2
         sums[:, k, column] += echo
+        if frame.wrapped:
+            # The columns that repeat the other end.
+            around = m - 2 * frame.wrapped
+            for other in (column - around, column + around):
+                if 0 <= other < m:
+                    sums[:, k, other] += echo
 
 
 def _place(target: CulturalTarget, scene_shape: tuple[int, int], frame: RadarFrame) -> tuple[int, int]:

@@ -1,0 +1,167 @@
+"""Plan-position indicator: a rotating antenna over one point, RSL TR 380-1 section 3.2.3.
+
+The data base is turned from rectangular into polar coordinates, rings of one ground range by columns of one bearing, on
+which the same kernels work as for a side-looking radar; pixels are as wide as the real beam, a constant angle. The
+picture is turned back into rectangular coordinates, north up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.simulate import kernels
+
+if TYPE_CHECKING:
+    from seqrsm.simulate.psm import RadarImage
+
+_POINTS: Final = 3
+"""Points a side at which a pixel of the rectangular picture looks up the polar image."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolarLayers:
+    """A scene's layers on rings around the antenna.
+
+    Attributes
+    ----------
+    elevation_m, cover, field : array (n_rings, m)
+        As in `RadarFrame`. The columns go clockwise from north; the first and the last pixel's worth of them repeat the
+        other end, so that slopes and beams run over north without a seam.
+    cell_of_scene : int64 array (rows, cols)
+        Place of each cell of the scene in the layers.
+    columns_a_pixel : int
+        Columns in one beamwidth: in one pixel.
+    mean_m, peak_m : float
+        Of the scene's elevations [m].
+    """
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    cell_of_scene: IntArray
+    columns_a_pixel: int
+    mean_m: float
+    peak_m: float
+
+    @property
+    def column_rad(self) -> float:
+        """Angle between columns [rad]."""
+        return 2.0 * math.pi / int(self.elevation_m.shape[1] - 2 * self.columns_a_pixel)
+
+
+@lru_cache(maxsize=2)
+def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: float, precision: str) -> PolarLayers:
+    """Scene in polar coordinates: elevation by straight lines, category and field by the nearest cell.
+
+    Rings are a cell apart and reach the farthest corner of the scene; columns are at most a cell apart on the farthest
+    ring. What lies outside the scene is no data.
+
+    Parameters
+    ----------
+    scene : Scene
+    east_m, north_m : float
+        Antenna from the middle of the scene [m].
+    beamwidth_rad : float
+        Half-power width of the beam in azimuth; pixels are as wide, rounded so that their number is a multiple of 4.
+    precision : {"float32", "float64"}
+
+    Returns
+    -------
+    PolarLayers
+    """
+    rows, cols = scene.shape
+    cell = scene.cell_m
+    corner = math.hypot(0.5 * cols * cell + abs(east_m), 0.5 * rows * cell + abs(north_m))
+    rings = max(math.ceil(corner / cell), 1)
+    pixels = pixels_around(beamwidth_rad)
+    wide = max(math.ceil(2.0 * math.pi * rings / pixels), 1)
+    step = 2.0 * math.pi / (pixels * wide)
+    bearing = (np.arange(-wide, (pixels + 1) * wide) + 0.5)[None, :] * step
+    radius = np.arange(1, rings + 1)[:, None]
+    col = 0.5 * (cols - 1) + east_m / cell + radius * np.sin(bearing)
+    row = 0.5 * (rows - 1) - north_m / cell - radius * np.cos(bearing)
+    inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
+    i, j = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64), np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
+    elevation = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
+    _, mean, peak = kernels.elevation_summary(scene.elevation_m)
+    elevation = (elevation - mean).astype(precision)
+    cover = np.where(inside & ~np.isnan(elevation), scene.cover[i, j], np.uint8(NO_COVER))
+    field = scene.field_id[i, j]
+    if np.isnan(elevation).any() and not np.isnan(elevation).all():
+        kernels.fill_no_data(elevation)
+    east = (np.arange(cols) - 0.5 * (cols - 1))[None, :] - east_m / cell
+    north = (0.5 * (rows - 1) - np.arange(rows))[:, None] - north_m / cell
+    ring = np.clip(np.rint(np.hypot(east, north)).astype(np.int64) - 1, 0, rings - 1)
+    column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) / step).astype(np.int64)
+    place = ring * bearing.size + wide + np.minimum(column, pixels * wide - 1)
+    return PolarLayers(elevation, cover, field, place, wide, mean, peak)
+
+
+def pixels_around(beamwidth_rad: float) -> int:
+    """Number of pixels around, each about a beamwidth: a multiple of 4."""
+    return max(4 * round(0.5 * math.pi / beamwidth_rad), 4)
+
+
+def bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
+    """Values of a layer between its cells by straight lines; held at the edges, nan beside nan."""
+    rows, cols = layer.shape
+    r, c = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
+    i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
+    fr, fc = r - i, c - j
+    down, right = np.minimum(i + 1, rows - 1), np.minimum(j + 1, cols - 1)
+    upper = (1.0 - fc) * layer[i, j] + fc * layer[i, right]
+    lower = (1.0 - fc) * layer[down, j] + fc * layer[down, right]
+    return np.asarray((1.0 - fr) * upper + fr * lower)
+
+
+def rectangular_pixels(image: RadarImage) -> IntArray:
+    """Polar pixels that each pixel of the rectangular picture looks at, at points spread over it.
+
+    Parameters
+    ----------
+    image : RadarImage
+        Of a plan-position indicator.
+
+    Returns
+    -------
+    int64 array (height, width, points)
+        ``row * n_azimuth + column`` of the image; -1 where it has none. North up, over the scene's extent, pixels of
+        the radar's resolution.
+    """
+    rows, cols = (n * image.cell_m for n in image.scene_shape)
+    size, radar = image.radar.resolution_m, image.radar
+    parts = (np.arange(_POINTS) + 0.5) / _POINTS
+    x = (np.arange(math.ceil(cols / size - 1e-9))[:, None] + parts) * size - 0.5 * cols - radar.antenna_east_m
+    y = 0.5 * rows - radar.antenna_north_m - (np.arange(math.ceil(rows / size - 1e-9))[:, None] + parts) * size
+    east, north = x[None, :, None, :], y[:, None, :, None]
+    ground = image.ground_range_m
+    edges = np.concatenate(([ground[0]], 0.5 * (ground[1:] + ground[:-1]), [ground[-1]]))
+    edges[0] -= (ground[1] - ground[0]) * 0.5 if len(ground) > 1 else 0.5 * size
+    edges[-1] += (ground[-1] - ground[-2]) * 0.5 if len(ground) > 1 else 0.5 * size
+    row = np.searchsorted(edges, np.hypot(east, north), side="right") - 1
+    n_azimuth = image.intensity.shape[2]
+    column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) * (n_azimuth / (2.0 * math.pi))).astype(np.int64)
+    pixel = np.where((row >= 0) & (row < len(ground)), row * n_azimuth + np.minimum(column, n_azimuth - 1), -1)
+    return np.asarray(pixel.reshape(*pixel.shape[:2], -1), dtype=np.int64)
+
+
+def rectangular(layer: AnyArray, pixels: IntArray) -> AnyArray:
+    """Layers (..., n_range, n_azimuth) turned into (..., height, width) by `rectangular_pixels`: means of the points.
+
+    Returns
+    -------
+    float array
+        nan where no point is seen.
+    """
+    flat = layer.reshape(*layer.shape[:-2], -1)
+    seen = pixels >= 0
+    total = np.where(seen, flat[..., np.maximum(pixels, 0)], 0.0).sum(axis=-1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / seen.sum(axis=-1))
