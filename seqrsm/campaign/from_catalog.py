@@ -16,6 +16,7 @@ from pathlib import Path
 from seqrsm.campaign.spec import SPEC_NAME
 from seqrsm.campaign.templates import new_folder, template_folder
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
+from seqrsm.catalog.search import words_of
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
 
@@ -100,7 +101,8 @@ class _Chosen:
 
 def campaign_text(start: StartRanges) -> str:
     """Text of campaign.toml for what the catalogue says."""
-    name = re.sub(r"[^a-z0-9]+", "-", start.words.lower()).strip("-")[:60]
+    words = " ".join(words_of(start.words))  # no sign that would end a string or a comment
+    name = words.replace(" ", "-")[:60].strip("-")
     chosen = [_choose(item) for item in start.ranges]
     by_name = {item.name: item for item in chosen}
     altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"])
@@ -108,17 +110,18 @@ def campaign_text(start: StartRanges) -> str:
     terms = 10 + 4 * (len(levels) - 1)
     count = len(start.entries)
     parts = [
-        f"# Which airborne radar is best for {start.words}? Start ranges and levels from RSL TR 380-1, Appendix A:\n"
+        f"# Which airborne radar is best for {words}? Start ranges and levels from RSL TR 380-1, Appendix A:\n"
         f"# {count} {'entry' if count == 1 else 'entries'} in {tables_text(entry.table for entry in start.entries)}, "
-        f"shown by `seqrsm catalog {start.words}`.\n# Widen or narrow them as you know better.",
+        f"shown by `seqrsm catalog {words}`.\n# Widen or narrow them as you know better.",
         f'[campaign]\nname = "{name}"\n'
-        f'description = "Radar for {start.words}, ranges from the catalogue, simulated over the Langegracht scene"\n'
+        f'description = "Radar for {words}, ranges from the catalogue, simulated over the Langegracht scene"\n'
         "seed = 1979\nbatch = 4",
         *(_factor_text(item) for item in chosen if item.low < item.high),
         _polarization_text(levels, level_comments),
         "# The engine scores how well the covers of the scene are told apart. For another utility name your own\n"
         '# function, "package.module:function", or fly and take measured scores in ("measured").\n'
-        f'[[application]]\nname = "{name}"\nutility = "percent_correct"\ngoal = "maximize"',
+        f'[[application]]\nname = "{name}"\nutility = "percent_correct"\ngoal = "maximize"\n'
+        f'catalog = "{words}"',
         '# Langegracht, Flanders (see SCENE.md): put your own site here.\n[simulator]\nengine = "psm"\n'
         'scene = "scene.npz"',
         "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"

@@ -16,7 +16,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
 ``[[application]]``, one or more
     ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
     "package.module:function"; ``goal`` ("maximize" or "minimize"); ``weight`` (1); ``unacceptable`` and ``ideal``:
-    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface.
+    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``catalog``
+    (words of the name or description): what the report looks up in the catalogue of the literature, see
+    ``seqrsm catalog``.
 ``[application.prior]``, below its ``[[application]]``
     What is known before the first run: ``utility = [low, high]``: the mean score at a setting taken at random lies
     between these with ``probability`` (0.95); ``repeat_sd``: scatter of repeated runs (a tenth of that range), worth
@@ -312,6 +314,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
         spec_checks.simulator(folder, raw["simulator"], factor_names, report)
     spec_checks.desirabilities("application", applications, report)
+    spec_checks.catalogued(applications, _engine_name(raw), report)
     spec_checks.desirabilities("consideration", repeated["consideration"], report)
     texts = [None if table is None else table.expr for table in repeated["consideration"]]
     spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)

@@ -285,6 +285,26 @@ def model(table: _Model, report: Reporter) -> None:
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
 
 
+class _Catalogued(Protocol):
+    @property
+    def catalog(self) -> str:
+        """Words of the catalogue."""
+
+
+def catalogued(applications: Sequence[_Catalogued | None], engine: str | None, report: Reporter) -> None:
+    """Words that an application names of the catalogue are in it, for the engine's kind of sensor."""
+    kind, system = {"psm": ("radar ", "active"), "prm": ("radiometer ", "passive")}.get(engine or "", ("", None))
+    for index, application in enumerate(applications):
+        if application is None or not application.catalog:
+            continue
+        from seqrsm.catalog import search  # reads tables that few campaigns need here
+
+        if not application.catalog.strip() or not search(application.catalog, system=system):
+            message = f"no {kind}entry of Tables A.1 to A.20 is about this"
+            remedy = "`seqrsm catalog` lists them, `seqrsm catalog WORDS` tries words; or leave the key out."
+            report.add(("application", index, "catalog"), message, remedy, application.catalog)
+
+
 class _Known(Protocol):
     utility: list[float]
     optimum: Mapping[str, Any]

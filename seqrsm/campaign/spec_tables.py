@@ -118,6 +118,8 @@ class ApplicationSpec(Table):
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
         Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
+    catalog : str
+        Words that the catalogue knows it by; "": those of its name, or of the campaign's description.
     prior : KnowledgeSpec or None
     """
 
@@ -127,6 +129,7 @@ class ApplicationSpec(Table):
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None
+    catalog: str = ""
     prior: KnowledgeSpec | None = None
 
     @property

@@ -80,9 +80,9 @@ class Literature:
 def literature(spec: CampaignSpec, analysis: Analysis) -> Literature | None:
     """Look an application up and compare; None where no entry of the catalogue is about it."""
     application = next((one for one in spec.applications if one.name == analysis.application), None)
-    wanted = getattr(application, "catalog", None)
     system = system_of(spec)
-    found = catalogue_words(analysis.application, spec.description, system, str(wanted) if wanted else "")
+    wanted = "" if application is None else application.catalog
+    found = catalogue_words(analysis.application, spec.description, system, wanted)
     if found is None:
         return None
     asked, reason = found

@@ -36,7 +36,8 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
         return [
             Paragraph(
                 f"{analysis.application}: no {kind} entry of Tables A.1 to A.20 of RSL TR 380-1 is about this "
-                "application, by the words of its name and of the campaign's description."
+                "application, by the words of its name and of the campaign's description. The key catalog of its "
+                "[[application]] names the words to look up."
             )
         ]
     count = len(found.start.entries)

@@ -36,6 +36,15 @@ def test_other_applications_check(tmp_path, words) -> None:
     assert checked.exit_code == 0, checked.output
 
 
+def test_words_are_kept_for_the_report_whatever_signs_they_hold(tmp_path) -> None:
+    folder = tmp_path / "mine"
+    made = CliRunner().invoke(app, ["init", str(folder), "--application", 'Soil "moisture"\n'])
+    assert made.exit_code == 0, made.output
+    spec = load_spec(folder)
+    assert spec.applications[0].catalog == "soil moisture"
+    assert spec.name == spec.applications[0].name == "soil-moisture"
+
+
 def test_every_application_of_the_catalogue_gives_a_valid_file(tmp_path) -> None:
     """Whatever is printed: within what can be simulated, and within the print where that is possible."""
     limits = {"frequency": FREQUENCY_GHZ, "resolution": RESOLUTION_M, "depression_angle": DEPRESSION_DEG}

@@ -30,6 +30,14 @@ def test_a_named_entry_goes_first():
     assert catalogue_words("crop-classification", "", "active", "sea ice") == ("sea ice", "named in campaign.toml")
 
 
+def test_the_key_of_campaign_toml_is_looked_up(dossier):
+    application = dossier.spec.applications[0].model_copy(update={"catalog": "soil moisture"})
+    spec = dataclasses.replace(dossier.spec, applications=(application,))
+    found = literature(spec, dossier.analyses[0])
+    assert (found.asked, found.reason) == ("soil moisture", "named in campaign.toml")
+    assert {"A.16", "A.17"} <= {table for row in found.comparisons for table in row.tables.split(", ")}
+
+
 @pytest.fixture(scope="module")
 def dossier(tmp_path_factory):
     return simulated_dossier(tmp_path_factory.mktemp("literature"), draws=200)

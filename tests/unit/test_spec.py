@@ -327,3 +327,15 @@ def test_without_a_simulator_names_and_levels_are_free(load):
 @pytest.mark.parametrize("path", sorted(CAMPAIGNS.glob("*/campaign.toml")), ids=lambda path: path.parent.name)
 def test_example_campaigns_are_valid(path):
     assert load_spec(path).description
+
+
+def test_an_application_names_its_words_of_the_catalogue(load):
+    text = GOOD.replace('name = "crop-classification"', 'name = "x17"\ncatalog = "soil moisture"')
+    assert load(text).applications[0].catalog == "soil moisture"
+    with pytest.raises(SpecError) as caught:
+        load(text.replace("soil moisture", "warp drive"))
+    (problem,) = caught.value.problems
+    assert "no radar entry of Tables A.1 to A.20" in problem.message
+    assert (problem.value, problem.line) == ("warp drive", text.split("\n").index('catalog = "soil moisture"') + 1)
+    with pytest.raises(SpecError):
+        load(text.replace("soil moisture", "  "))
