@@ -19,6 +19,7 @@ from seqrsm.campaign.fitted import (
     CONFIRMATION,
     Fitted,
     compare_sources,
+    confirmation_reason,
     fit_application,
     natural_ranges,
     range_text,
@@ -269,7 +270,8 @@ def _confirmation(
     spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, runs: Sequence[RunRecord]
 ) -> tuple[Confirmation | None, Agreement | None]:
     """The latest set of confirmation runs, against the model's prediction at their settings."""
-    fresh = [run for run in runs if run.purpose == CONFIRMATION and run.state == "scored"]
+    why = confirmation_reason(application.name)
+    fresh = [run for run in runs if run.purpose == CONFIRMATION and run.state == "scored" and run.why == why]
     fresh = [run for run in fresh if run.batch == fresh[-1].batch and run.score_of(application.name) is not None]
     if len(fresh) < 2:
         return None, None

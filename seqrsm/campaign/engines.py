@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from seqrsm.campaign.own_utility import call_utility, find_utility
 from seqrsm.errors import Problem, SpecError
 from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
@@ -69,34 +69,34 @@ class Engine:
     utilities: Mapping[str, Utility]
     files: tuple[str, ...] = ()
 
-    def utility(self, name: str) -> Utility:
-        """The utility measure called ``name``: one of the engine's own, or "package.module:function".
+    def check_utility(self, name: str) -> None:
+        """Refuse a utility measure that the engine does not have and that cannot be imported.
 
         Raises
         ------
         SpecError
-            The engine has none of this name, or it cannot be imported.
+            What is wrong with it.
         """
         if name in self.utilities:
-            return self.utilities[name]
-        if ":" not in name:
-            known = ", ".join(f'"{own}"' for own in self.utilities)
-            raise SpecError(
-                Problem(
-                    "this engine cannot score the utility",
-                    f'Use {known} or "package.module:function", or ingest measured scores.',
-                    field="utility",
-                    value=name,
-                )
+            return
+        if ":" in name:
+            find_utility(name)
+            return
+        known = ", ".join(f'"{own}"' for own in self.utilities)
+        raise SpecError(
+            Problem(
+                "this engine cannot score the utility",
+                f'Use {known} or "module:function", or ingest measured scores.',
+                field="[[application]] utility",
+                value=name,
             )
-        module, function = name.split(":")
-        try:
-            found: Utility = getattr(importlib.import_module(module), function)
-        except (ImportError, AttributeError) as error:
-            raise SpecError(
-                Problem(f"the utility cannot be imported: {error}", "Install its package.", field="utility", value=name)
-            ) from error
-        return found
+        )
+
+    def score(self, name: str, image: Any, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
+        """Score of an image by the utility measure called ``name``: the engine's own, or "module:function"."""
+        if name in self.utilities:
+            return self.utilities[name](image, scene, seed=seed, run_id=run_id)
+        return call_utility(name, image, scene, seed=seed, run_id=run_id)
 
 
 @lru_cache(maxsize=4)

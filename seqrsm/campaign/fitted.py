@@ -30,6 +30,11 @@ CONFIRMATION = "confirmation"
 """Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
 
 
+def confirmation_reason(application: str) -> str:
+    """What is recorded with a fresh run at an application's optimum; each application is confirmed by its own."""
+    return f"fresh run at the optimum of {application}"
+
+
 @dataclass(frozen=True, slots=True)
 class Fitted:
     """A fitted surface with what it was fitted to.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.image_files import write_geotiff, write_npz, write_png
@@ -16,8 +17,10 @@ from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.design.factors import setting_text
-from seqrsm.errors import Problem, UserError
+from seqrsm.campaign.status import latest_look
+from seqrsm.design.factors import CategoricalFactor, setting_text
+from seqrsm.design.region import Region
+from seqrsm.errors import Problem, RegionError, UserError
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
@@ -33,7 +36,8 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
     ----------
     campaign : Campaign
     assignments : sequence of str
-        "name=value" for factors; the others are those of the last optimum, or of the centre of the region.
+        "name=value" for factors; the others are those of the first application's optimum, or of
+        the centre of the region.
     run_id : int
         Whose occasion to draw; 0 belongs to no run.
     out : Path
@@ -55,7 +59,7 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
     writer(out, picture, scene, settings)
     engine = ENGINES[task.engine]
     scores = {
-        name: engine.utility(utility)(image, scene, seed=task.seed, run_id=run_id).value
+        name: engine.score(utility, image, scene, seed=task.seed, run_id=run_id).value
         for name, utility in task.utilities
     }
     shown = ", ".join(f"{factor.name} = {setting_text(factor, settings[factor.name])}" for factor in spec.factors)
@@ -72,27 +76,51 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
 
 
 def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float | str]:
-    region = campaign.spec.region
-    looks = campaign.store.looks()
-    settings = dict(looks[-1].summary["optimum"]["settings"]) if looks else region.decode(region.centre())[0]
+    spec, region = campaign.spec, campaign.spec.region
+    look = latest_look(spec, spec.applications[0], campaign.store.runs(), campaign.store.looks())["last_look"]
+    settings = dict(look["optimum"]["settings"]) if look else region.decode(region.centre())[0]
     for assignment in assignments:
         name, sign, value = assignment.partition("=")
         if not sign or name not in region.names:
             raise UserError(
                 Problem(
                     "not a setting",
-                    f"Write NAME=VALUE with one of {', '.join(region.names)}.",
+                    f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml.",
                     field="--set",
                     value=assignment,
                 )
             )
         settings[name] = value
-    point = region.code([settings])
-    if not region.feasible(point)[0]:
+    try:
+        point = region.code([settings])
+    except RegionError as error:
         raise UserError(
-            Problem("the settings lie outside the region", "See campaign.toml.", field="--set", value=list(assignments))
-        )
+            *(replace(problem, line=None, field=f"--set {problem.field}") for problem in error.problems)
+        ) from None
+    problems = _outside(region, point, settings)
+    if problems:
+        raise UserError(*problems)
     return rounded_settings(region, point)[0]
+
+
+def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | str]) -> list[Problem]:
+    """Why settings lie outside the region; empty if they do not."""
+    if region.feasible(point)[0]:
+        return []
+    problems = []
+    for j in region.numeric:
+        factor = region.factors[j]
+        if abs(point[0, j]) > 1.0 + 1e-9 and not isinstance(factor, CategoricalFactor):
+            ends = [float(end) for end in factor.decode(np.array([-1.0, 1.0]))]
+            remedy = f"Give {ends[0]:g} to {ends[1]:g} {factor.unit}".rstrip()
+            field = f"--set {factor.name}"
+            problems.append(Problem("outside the campaign's region", remedy, field=field, value=settings[factor.name]))
+    shown = ", ".join(f"{name} = {value}" for name, value in region.decode(point)[0].items())
+    for constraint in region.constraints if not problems else ():
+        if constraint.slack(region.decode(point)[0])[0] < 0.0:
+            text = f"{shown} breaks the constraint {constraint.expr}"
+            problems.append(Problem(text, "Set the other factors, too", field="--set"))
+    return problems or [Problem(f"{shown} lies outside the campaign's region", "See campaign.toml", field="--set")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +147,7 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
     for title, settings in chosen_settings(campaign, analyses).items():
         task = task_of(spec, NO_RUN, settings)
         image, scene = simulate_image(task)
-        score = ENGINES[task.engine].utility(task.utilities[0][1])(image, scene, seed=spec.seed, run_id=NO_RUN)
+        score = ENGINES[task.engine].score(task.utilities[0][1], image, scene, seed=spec.seed, run_id=NO_RUN)
         made.append((title, settings, picture_of(image), image.notes, score))
     scales = grey_scales(picture for _, _, picture, _, _ in made)
     application = spec.applications[0]

@@ -16,6 +16,7 @@ from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.check import check_simulator
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.campaign.fitted import confirmation_reason
 from seqrsm.campaign.heartbeat import heartbeat
 from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
 from seqrsm.campaign.posterior import Sampler
@@ -344,6 +345,13 @@ class Campaign:
                 clock.stop("propose")
                 say(f"start design of {len(runs)} runs")
                 continue
+            left = budget - self._n_used()
+            if self._too_few() and left > 0:
+                say("too few scores for a fit; going on with the start design")
+                clock.start()
+                self.propose()
+                clock.stop("propose")
+                continue
             clock.start()
             analyses = self.look()
             clock.stop("fit")
@@ -354,12 +362,33 @@ class Campaign:
             if any(analysis.decision.wants_confirmation for analysis in analyses):
                 self._add_confirmation(analyses, say)
                 continue
-            left = budget - self._n_used()
             if left <= 0:
                 return self._finish(False, clock, say)
             clock.start()
             self.propose(min(batch or self.spec.batch, left), analyses=analyses)
             clock.stop("propose")
+
+    def _too_few(self) -> bool:
+        """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
+
+        Raises
+        ------
+        StoreError
+            They wait for flights that nobody has scored.
+        """
+        runs = self.store.runs()
+        names = [application.name for application in self.spec.applications]
+        fitted = min(len(scored_runs(self.spec.region, runs, name).scores) for name in names)
+        terms = QuadraticModel(self.spec.factors, self.spec.model.order).p
+        flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
+        if fitted > terms or not flights:
+            return fitted <= terms
+        raise StoreError(
+            Problem(
+                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights wait for theirs",
+                "Take them in with `seqrsm ingest`, or give them up with `seqrsm void`; `run` simulates only.",
+            )
+        )
 
     def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
         """Batches without a single score would be proposed again for ever."""
@@ -401,18 +430,18 @@ class Campaign:
     def _add_confirmation(self, analyses: Sequence[Analysis], say: Callable[[str], None]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""
         m = self.spec.stop.confirmation_runs
-        say(f"{m} confirmation runs at the recommended settings")
         runs = [
             NewRun(
                 rounded_settings(self.spec.region, self.spec.region.code([analysis.optimum.settings]))[0],
                 CONFIRMATION,
-                f"fresh run at the optimum of {analysis.application}",
+                confirmation_reason(analysis.application),
                 cost=self.spec.cost.simulation,
             )
             for analysis in analyses
             if analysis.confirmation is None
             for _ in range(m)
         ]
+        say(f"{len(runs)} confirmation runs at the recommended settings")
         self.store.add_batch(runs, issue=True)
 
     def rehearse(self, n_campaigns: int, *, on_progress: Progress = _silent) -> dict[str, Any]:

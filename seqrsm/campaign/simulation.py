@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from seqrsm.campaign.engines import ENGINES, Image, Sensor, modified_ns
+from seqrsm.campaign.own_utility import file_of, located
 from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import Problem, SpecError, UserError
@@ -75,10 +76,10 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         raise SpecError(
             Problem("this campaign has no simulator", "Ingest measured scores, or add a [simulator] table.")
         )
-    utilities = tuple((application.name, application.utility) for application in spec.applications)
+    utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
-        engine.utility(name)
+        engine.check_utility(name)
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     return SimulationTask(
@@ -143,18 +144,24 @@ def carry_out(task: SimulationTask) -> SimulationResult:
 def files_of(task: SimulationTask) -> frozenset[str]:
     """Paths of the files that a task reads."""
     own = (str(task.fixed[name]) for name in ENGINES[task.engine].files if task.fixed.get(name))
-    return frozenset(path for path in (task.scene, task.table, *own) if path)
+    code = (file_of(name) for _, name in task.utilities)
+    return frozenset(path for path in (task.scene, task.table, *own, *code) if path)
 
 
 def on_this_machine(task: SimulationTask) -> SimulationTask:
     """The task with the places where its files lie here; a cluster's worker has copies."""
     own = {name: local_file(str(task.fixed[name])) for name in ENGINES[task.engine].files if task.fixed.get(name)}
-    return replace(task, scene=local_file(task.scene), table=local_file(task.table), fixed={**task.fixed, **own})
+    utilities = tuple(
+        (application, f"{local_file(file)}:{name.rpartition(':')[2]}" if (file := file_of(name)) else name)
+        for application, name in task.utilities
+    )
+    fixed = {**task.fixed, **own}
+    return replace(task, scene=local_file(task.scene), table=local_file(task.table), fixed=fixed, utilities=utilities)
 
 
 def _score(task: SimulationTask, image: Image, scene: Scene, application: str, utility: str) -> NewScore:
     engine = ENGINES[task.engine]
-    found = engine.utility(utility)(image, scene, seed=task.seed, run_id=task.run_id)
+    found = engine.score(utility, image, scene, seed=task.seed, run_id=task.run_id)
     metadata = {
         **engine.record(image, scene),
         "n_cells": found.n_cells,

@@ -35,7 +35,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     spec = load_spec(folder)
     with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
         runs, looks, events = store.runs(), store.looks(), store.events()
-        applications = [_application(spec, application, runs, looks) for application in spec.applications]
+        applications = [latest_look(spec, application, runs, looks) for application in spec.applications]
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
         "campaign": spec.name,
@@ -56,10 +56,16 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     return result
 
 
-def _application(
+def latest_look(
     spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], looks: Sequence[LookRecord]
 ) -> dict[str, Any]:
-    """The last look of an application, or a fresh one where there are newer scores."""
+    """The last look of an application, or a fresh one where there are newer scores.
+
+    Returns
+    -------
+    dict
+        ``name``, ``unit``, ``last_look`` (a look's summary, or None before the first fit), ``reason`` (why it is None).
+    """
     from seqrsm.campaign.analyse import CONFIRMATION, analyse
 
     mine = [look for look in looks if look.application == application.name]

@@ -267,7 +267,7 @@ def precision_rows(
 
 def _precision_row(spec: CampaignSpec, settings: Mapping[str, float | str], repeats: int) -> PrecisionRow:
     task = task_of(spec, NO_RUN, settings)
-    utility = ENGINES[task.engine].utility(task.utilities[0][1])
+    engine, utility = ENGINES[task.engine], task.utilities[0][1]
     precisions: tuple[Precision, ...] = ("float32", "float64")
     pixels, scores, seconds = [], [], []
     for precision in precisions:
@@ -278,7 +278,7 @@ def _precision_row(spec: CampaignSpec, settings: Mapping[str, float | str], repe
             times.append(time.process_time() - start)
         values = image.brightness_k if isinstance(image, RadiometerImage) else image.intensity
         pixels.append(np.asarray(values, dtype=np.float64))
-        scores.append(utility(image, scene, seed=task.seed, run_id=task.run_id).value)
+        scores.append(engine.score(utility, image, scene, seed=task.seed, run_id=task.run_id).value)
         seconds.append(min(times))
     single, double = pixels
     seen = np.isfinite(double) & (double != 0.0)
