@@ -155,6 +155,7 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
+    task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     combinations = _check_sensors(spec)
     first = carry_out(task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]))
     if first.failure:

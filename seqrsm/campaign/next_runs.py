@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
-from seqrsm.design.factors import CategoricalFactor, plain_setting
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -310,5 +311,24 @@ def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float
         for j in region.numeric:
             if at_bounds[j]:  # a bound is a number the user wrote
                 rounded[region.names[j]] = settings[region.names[j]]
-        found.append(rounded if region.feasible(region.code([rounded]))[0] else dict(settings))
+        found.append(rounded if region.feasible(region.code([rounded]))[0] else _rounded_inside(region, point, rounded))
     return found
+
+
+def _rounded_inside(region: Region, point: FloatArray, rounded: dict[str, float | str]) -> dict[str, float | str]:
+    """Settings a unit of their fourth digit up or down from ``rounded``, inside the region; else those of ``point``."""
+    choices: list[list[float | str]] = []
+    for name, value in rounded.items():
+        factor = region.factors[region.names.index(name)]
+        if isinstance(value, str) or not isinstance(factor, ContinuousFactor) or value == 0.0:
+            choices.append([value])
+            continue
+        step = 10.0 ** (np.floor(np.log10(abs(value))) - 3.0)
+        choices.append([float(f"{value + k * step:.4g}") for k in (0.0, -1.0, 1.0)])
+    settings = [dict(zip(rounded, combination, strict=True)) for combination in itertools.product(*choices)]
+    points = region.code(settings)
+    inside = region.feasible(points)
+    if not inside.any():
+        return dict(region.decode(point)[0])
+    distance = np.where(inside, np.square(points - point).sum(axis=1), np.inf)
+    return settings[int(np.argmin(distance))]

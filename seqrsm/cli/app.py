@@ -65,6 +65,7 @@ def init(
         str | None,
         typer.Option(metavar="WORDS", help='Start from the literature on an application, such as "soil moisture".'),
     ] = None,
+    more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="More words of --application.")] = None,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
     """Make a campaign folder from a template, or from what the literature asks for."""
@@ -75,6 +76,10 @@ def init(
 
         show_templates(templates())
         return
+    if more and application is None:
+        raise UserError(
+            Problem("init makes one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
+        )
     if folder is None or (template is None) == (application is None):
         raise UserError(
             Problem(
@@ -85,6 +90,7 @@ def init(
     if application is not None:
         from seqrsm.campaign.from_catalog import init_from_catalog, tables_text
 
+        application = " ".join((application, *(more or ())))
         found = init_from_catalog(application, folder)
         tables = tables_text(entry.table for entry in found.entries)
         say(f"made {folder} for {application} from {tables}; see the comments in {folder}/campaign.toml")
@@ -184,6 +190,8 @@ def propose(
     with activity("choosing the next runs"):
         runs = campaign.propose(n, source=source or ("flight" if measured_only else "simulation"), csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
+    if n is not None and len(runs) > n:
+        say(f"{len(runs)} runs and not {n}: the model needs its start design whole; -n counts for the batches after it")
 
 
 @app.command()

@@ -1,0 +1,175 @@
+"""What a new user does beyond the templates: own utilities, several applications, flights first, settings by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_campaign import TINY, make_tiny
+from typer.testing import CliRunner
+
+from seqrsm.campaign.next_runs import rounded_settings
+from seqrsm.cli.app import app
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.region import Region
+
+OWN = TINY.replace('utility = "percent_correct"', 'utility = "mine:score"')
+
+
+def call(*arguments: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output + repr(result.exception)
+    return " ".join(result.output.split()) if code else result.stdout
+
+
+@pytest.fixture
+def own(tmp_path, tiny_scene):
+    """A campaign whose utility stands in mine.py beside campaign.toml."""
+
+    def make(body: str, name: str = "own") -> Path:
+        folder = make_tiny(tmp_path / name, tiny_scene, OWN)
+        (folder / "mine.py").write_text(f"def score(image, scene, *, seed, run_id):\n    {body}\n", encoding="utf-8")
+        return folder
+
+    return make
+
+
+def test_a_utility_of_ones_own_may_return_a_number(own, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)  # found beside campaign.toml from anywhere
+    folder = own("return float(len(image.radar.channels)) + 0.001 * run_id")
+    call("propose", folder)
+    call("simulate", folder, "--workers", 2)
+    call("export", folder, tmp_path / "out.json")
+    runs = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["runs"]
+    for run in runs:
+        channels = len(str(run["proposed"]["polarization"]).split("+"))
+        assert run["scores"][0]["score"] == pytest.approx(channels + 0.001 * run["run_id"])
+    # Another campaign's module of the same name is another module.
+    other = own("return 50.0", "other")
+    found = json.loads(call("image", other, "--out", tmp_path / "i.npz", "--json"))
+    assert found["scores"] == {"cover": 50.0}
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("return 1 / 0", "ZeroDivisionError: division by zero"),
+        ("return 'good'", "the utility returned str"),
+        ("return float('nan')", "the utility returned nan"),
+        ("return = 3", "SyntaxError"),
+    ],
+)
+def test_a_utility_that_fails_is_told_with_its_place(own, body, words) -> None:
+    folder = own(body)
+    assert words in call("check", folder, code=2)
+    assert "mine.py" in call("run", folder, code=2)
+    assert not (folder / "campaign.db").exists() or json.loads(call("status", folder, "--json"))["runs"] == {}
+
+
+def test_a_utility_that_is_not_there(own) -> None:
+    folder = own("return 1.0")
+    (folder / "mine.py").unlink()
+    text = call("check", folder, code=2)
+    assert "No module named 'mine'" in text
+    assert "beside campaign.toml" in text
+    assert "Narrow the factor" not in text
+
+
+def test_run_goes_on_after_failures_in_the_start_design(own) -> None:
+    # Of eleven runs of the start design eight fail: too few scores for five terms, and no reason to give up.
+    folder = own("return 50.0 + run_id % 7 if run_id == 0 or run_id > 8 else 1 / 0")
+    outcome = json.loads(call("run", folder, "--max-runs", 12, "--json", code=3))
+    assert outcome["n_scored"] >= 6
+
+
+def test_run_with_unscored_flights_says_what_to_do(tiny) -> None:
+    call("propose", tiny, "--source", "flight")
+    text = call("run", tiny, code=2)
+    assert "11 flights wait" in text
+    assert "seqrsm ingest" in text
+    assert json.loads(call("status", tiny, "--json"))["runs"] == {"issued": 11}
+
+
+def test_each_application_is_confirmed_by_runs_at_its_own_optimum(tmp_path, tiny_scene) -> None:
+    second = '[[application]]\nname = "coarse"\nutility = "mine:coarse"\n\n[simulator]'
+    text = TINY.replace("[simulator]", second).replace("half_width = 9.0", "half_width = 30.0")
+    folder = make_tiny(tmp_path / "two", tiny_scene, text)
+    body = "import numpy as np\n\n\ndef coarse(image, scene, *, seed, run_id):\n"
+    body += "    rng = np.random.default_rng(run_id)\n    return 3.0 * image.radar.resolution_m**0.5 + rng.normal()\n"
+    (folder / "mine.py").write_text(body, encoding="utf-8")
+    outcome = json.loads(call("run", folder, "--json"))
+    call("export", folder, tmp_path / "out.json")
+    runs = {run["run_id"]: run for run in json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["runs"]}
+    seen: set[int] = set()
+    for analysis in outcome["applications"]:
+        ids = analysis["confirmation"]["run_ids"]
+        assert len(ids) == 3
+        assert not seen & set(ids)
+        seen |= set(ids)
+        best = analysis["optimum"]["settings"]
+        for run_id in ids:
+            assert runs[run_id]["proposed"]["polarization"] == best["polarization"]
+            assert runs[run_id]["proposed"]["resolution"] == pytest.approx(best["resolution"], rel=2e-3)
+
+
+def test_image_says_what_is_wrong_with_a_setting(tiny, tmp_path) -> None:
+    def told(*settings: str) -> str:
+        arguments = [word for setting in settings for word in ("--set", setting)]
+        return call("image", tiny, *arguments, "--out", tmp_path / "i.png", code=2)
+
+    assert "--set resolution: outside the campaign's region (got '2000')" in told("resolution=2000")
+    assert "Give 10 to 60 m" in told("resolution=2000")
+    assert "--set resolution: a value is no finite number" in told("resolution=wide")
+    assert "--set polarization: unknown level (got 'XX')" in told("polarization=XX")
+    assert "other parameters stand in campaign.toml" in told("frequency=4")
+    assert "line 1" not in told("polarization=XX", "resolution=")
+    text = (tiny / "campaign.toml").read_text(encoding="utf-8")
+    constraint = "[[constraint]]\nexpr = \"resolution >= 20 or polarization == 'HH'\"\n\n[[application]]"
+    (tiny / "campaign.toml").write_text(text.replace("[[application]]", constraint), encoding="utf-8")
+    assert "resolution >= 20 or polarization == 'HH'" in told("resolution=15", "polarization=HH+HV")
+
+
+def test_image_is_made_at_the_optimum_of_the_latest_scores(tiny, tmp_path) -> None:
+    rows = [
+        f"{polarization},{resolution},{60 + 20 * (polarization == 'HH') - abs(resolution - 25)}"
+        for polarization in ("HH", "HH+HV")
+        for resolution in (10, 14, 20, 25, 30, 40, 50, 60)
+    ]
+    file = tmp_path / "flights.csv"
+    file.write_text("polarization,resolution,score\n" + "\n".join(rows), encoding="utf-8")
+    call("ingest", tiny, file)
+    status = json.loads(call("status", tiny, "--json"))
+    best = status["applications"][0]["last_look"]["optimum"]["settings"]
+    made = json.loads(call("image", tiny, "--out", tmp_path / "i.npz", "--json"))["settings"]
+    assert made["polarization"] == best["polarization"] == "HH"
+    assert made["resolution"] == pytest.approx(best["resolution"], rel=1e-3)
+
+
+def test_init_takes_the_words_of_an_application_with_or_without_quotes(tmp_path) -> None:
+    call("init", tmp_path / "a", "--application", "soil", "moisture")
+    call("init", tmp_path / "b", "--application", "soil moisture")
+    texts = [(tmp_path / name / "campaign.toml").read_text(encoding="utf-8") for name in "ab"]
+    assert texts[0] == texts[1]
+    assert "one folder" in call("init", tmp_path / "c", "too", "--template", "flevoland", code=2)
+    assert not (tmp_path / "c").exists()
+
+
+def test_settings_at_a_constraint_keep_four_digits() -> None:
+    region = Region(
+        (
+            ContinuousFactor("frequency", 12.0, 36.0, "GHz", "log"),
+            ContinuousFactor("resolution", 60.0, 150.0, "m", "log"),
+        ),
+        (Constraint("resolution * frequency >= 1100"),),
+    )
+    frequency = np.array([12.3456789, 15.7071067, 17.974197610634025])
+    settings = [{"frequency": f, "resolution": 1100.0 / f} for f in frequency]
+    points = region.code(settings)
+    for given, found in zip(settings, rounded_settings(region, points), strict=True):
+        assert found["frequency"] * found["resolution"] >= 1100.0
+        for name in ("frequency", "resolution"):
+            assert float(f"{found[name]:.4g}") == found[name]
+            assert found[name] == pytest.approx(given[name], rel=2e-3)
