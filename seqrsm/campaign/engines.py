@@ -24,6 +24,8 @@ from seqrsm.simulate.frame import make_frame
 from seqrsm.simulate.prm import check_radiometer, simulate_radiometer
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.psm import Precision, RadarImage, simulate_radar
+from seqrsm.simulate.receiver import transfer_function
+from seqrsm.simulate.targets import CulturalTarget, check_targets, load_targets
 from seqrsm.units import linear_to_db
 
 Image = RadarImage | RadiometerImage
@@ -59,6 +61,10 @@ class Engine:
         Utility measures by the names of ``campaign.toml``.
     files : tuple of str
         Sensor parameters that name a file; in ``campaign.toml`` its path is from the campaign's folder.
+    threads : bool
+        Whether `simulate` takes a number of threads.
+    masks : tuple of str
+        Masks of the scene's grid that its images have.
     """
 
     configure: Callable[[Settings, Settings], Any]
@@ -68,6 +74,8 @@ class Engine:
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
     files: tuple[str, ...] = ()
+    threads: bool = False
+    masks: tuple[str, ...] = ()
 
     def check_utility(self, name: str) -> None:
         """Refuse a utility measure that the engine does not have and that cannot be imported.
@@ -127,8 +135,17 @@ def _radar_image(
     seed: int,
     run_id: int,
     precision: Precision = "float32",
+    threads: int = 1,
 ) -> RadarImage:
-    return simulate_radar(scene, sensor, table, seed=seed, run_id=run_id, precision=precision)
+    targets = _targets(sensor.targets_file)
+    return simulate_radar(
+        scene, sensor, table, seed=seed, run_id=run_id, precision=precision, threads=threads, targets=targets
+    )
+
+
+def _targets(path: str) -> tuple[CulturalTarget, ...]:
+    found: tuple[CulturalTarget, ...] = _loaded(load_targets, path, modified_ns(path)) if path else ()
+    return found
 
 
 def _radiometer_image(
@@ -144,6 +161,8 @@ def _radiometer_image(
 
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> tuple[str, ...]:
     make_frame(scene, sensor, "float32")
+    transfer_function(sensor, 1.0)
+    check_targets(_targets(sensor.targets_file), scene.shape)
     for channel in sensor.channels:
         table.lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)
     return ()
@@ -175,6 +194,9 @@ ENGINES: Mapping[str, Engine] = {
         examine=_examine_radar,
         record=_radar_record,
         utilities={"percent_correct": percent_correct},
+        files=("targets_file", "pattern_file"),
+        threads=True,
+        masks=("shadow", "layover"),
     ),
     "prm": Engine(
         configure=radiometer.from_settings,
@@ -184,5 +206,6 @@ ENGINES: Mapping[str, Engine] = {
         record=_radiometer_record,
         utilities={"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
         files=("beam_file",),
+        masks=("blocked",),
     ),
 }

@@ -9,25 +9,55 @@ from typing import Any
 
 import numpy as np
 
+from seqrsm.arrays import AnyArray, BoolArray
 from seqrsm.campaign.pictures import Picture, greytones
 from seqrsm.errors import Problem, UserError
 from seqrsm.scene.scene import Scene
+from seqrsm.simulate.ppi import rectangular
 
 _MODEL_PIXEL_SCALE, _MODEL_TIEPOINT, _GEO_KEYS = 33550, 33922, 34735
 _PROJECTED_CS_KEY = 3072
 
 
 def write_png(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, float | str]) -> None:
-    """Grey image of the first channel, or a composite of three (red, green, blue in the order of the channels)."""
+    """Grey image of the first channel, or a composite of three (red, green, blue in the order of the channels).
+
+    Grey tones of more than 8 bits that the sensor asks for are written as 16 bits, where there is one channel.
+    """
     del scene
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
-    tones = greytones(picture)
+    tones = greytones(picture) if picture.levels is None else _shown_levels(picture)
     shown = np.moveaxis(tones, 0, -1) if len(tones) == 3 else tones[0]
     note = PngInfo()
     note.add_text("seqrsm settings", json.dumps(dict(settings)))
     _write(out, lambda: Image.fromarray(np.ascontiguousarray(shown)).save(out, pnginfo=note))
+
+
+def _shown_levels(picture: Picture) -> AnyArray:
+    """Levels of a calibrated picture spread over 8 or 16 bits: black is 0, white the greatest level."""
+    assert picture.levels is not None
+    deep = picture.n_bits > 8 and len(picture.levels) != 3
+    top = 65535.0 if deep else 255.0
+    planes = picture.levels * (top / (2.0**picture.n_bits - 1.0))
+    if picture.arrange is not None:
+        planes = np.nan_to_num(rectangular(planes, picture.arrange), nan=0.0)
+    return np.asarray(np.rint(planes), dtype=np.uint16 if deep else np.uint8)
+
+
+def write_mask(out: Path, name: str, mask: BoolArray, scene: Scene, settings: Mapping[str, float | str]) -> None:
+    """A mask on the scene's own grid: 255 where it holds, else 0; PNG, GeoTIFF or npz."""
+    from PIL import Image
+
+    layer = np.where(mask, np.uint8(255), np.uint8(0))
+    if out.suffix.lower() == ".png":
+        _write(out, lambda: Image.fromarray(layer).save(out))
+    elif out.suffix.lower() == ".npz":
+        arrays: dict[str, Any] = {name: mask, "settings": np.array(json.dumps(dict(settings)))}
+        _write(out, lambda: np.savez_compressed(out, **arrays))
+    else:
+        _write_layers(out, layer[None], scene, {"quantity": name, "unit": "", "settings": dict(settings)})
 
 
 def write_npz(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, float | str]) -> None:
@@ -43,12 +73,23 @@ def write_npz(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, 
 
 def write_geotiff(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, float | str]) -> None:
     """The quantity on the scene's own grid, terrain corrected [dB or K]; nan where nothing is seen."""
-    import tifffile
-
     told = picture.told().reshape(len(picture.values), -1)
     known = picture.pixel_of_cell >= 0
     layers = np.full((len(told), *known.shape), np.nan, dtype=np.float32)
     layers[:, known] = told[:, picture.pixel_of_cell[known]]
+    note = {
+        "quantity": picture.quantity,
+        "unit": picture.unit,
+        "channels": list(picture.channels),
+        "settings": dict(settings),
+    }
+    _write_layers(out, layers, scene, note)
+
+
+def _write_layers(out: Path, layers: AnyArray, scene: Scene, note: Mapping[str, Any]) -> None:
+    """Layers (n, rows, cols) of the scene's own grid as GeoTIFF."""
+    import tifffile
+
     left, _, _, top = scene.bounds or (0.0, 0.0, 0.0, 0.0)
     tags: list[tuple[int, str, int, Any, bool]] = [
         (_MODEL_PIXEL_SCALE, "d", 3, (scene.cell_m, scene.cell_m, 0.0), True),
@@ -58,23 +99,15 @@ def write_geotiff(out: Path, picture: Picture, scene: Scene, settings: Mapping[s
         # GTModelType = projected, GTRasterType = pixel is area, ProjectedCSType = EPSG code.
         keys = (1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, _PROJECTED_CS_KEY, 0, 1, scene.epsg)
         tags.append((_GEO_KEYS, "H", len(keys), keys, True))
-    note = json.dumps(
-        {
-            "quantity": picture.quantity,
-            "unit": picture.unit,
-            "channels": list(picture.channels),
-            "settings": dict(settings),
-        }
-    )
     _write(
         out,
         lambda: tifffile.imwrite(
             out,
             layers,
             photometric="minisblack",
-            planarconfig="separate",
+            planarconfig="separate" if len(layers) > 1 else None,
             extratags=tags,
-            description=note,
+            description=json.dumps(dict(note)),
             metadata=None,
         ),
     )

@@ -12,7 +12,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.engines import ENGINES
-from seqrsm.campaign.image_files import write_geotiff, write_npz, write_png
+from seqrsm.campaign.image_files import write_geotiff, write_mask, write_npz, write_png
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
@@ -29,8 +29,10 @@ if TYPE_CHECKING:
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
 
-def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out: Path) -> dict[str, Any]:
-    """Simulate one image and write it: greytone as PNG, decibels as GeoTIFF, everything as npz.
+def write_image(
+    campaign: Campaign, assignments: Sequence[str], run_id: int, out: Path, *, mask: str = "", threads: int = 1
+) -> dict[str, Any]:
+    """Simulate one image and write it: greytone as PNG, decibels as GeoTIFF, everything as npz; or one of its masks.
 
     Parameters
     ----------
@@ -42,22 +44,35 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
         Whose occasion to draw; 0 belongs to no run.
     out : Path
         File to write; its suffix tells the form.
+    mask : str
+        "shadow" or "layover" of a radar, "blocked" of a radiometer, on the scene's grid; "" for the image itself.
+    threads : int
+        Threads that share one image of a radar; it does not depend on their number.
 
     Raises
     ------
     UserError
-        Unknown factor, value or suffix, or a sensor that cannot be.
+        Unknown factor, value, mask or suffix, or a sensor that cannot be.
     """
     if out.suffix.lower() not in SUFFIXES:
         raise UserError(Problem("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out)))
     spec = campaign.spec
     settings = _settings(campaign, assignments)
     task = task_of(spec, run_id, settings)
-    image, scene = simulate_image(task)
-    picture = picture_of(image)
-    writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
-    writer(out, picture, scene, settings)
     engine = ENGINES[task.engine]
+    if mask and mask not in engine.masks:
+        remedy = f"This engine has {', '.join(engine.masks)}."
+        raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
+    image, scene = simulate_image(task, threads=threads)
+    picture = picture_of(image)
+    share = None
+    if mask:
+        layer = np.asarray(picture.arrays[mask], dtype=np.bool_)
+        share = float(layer.mean())
+        write_mask(out, mask, layer, scene, settings)
+    else:
+        writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
+        writer(out, picture, scene, settings)
     scores = {
         name: engine.score(utility, image, scene, seed=task.seed, run_id=run_id).value
         for name, utility in task.utilities
@@ -71,7 +86,9 @@ def write_image(campaign: Campaign, assignments: Sequence[str], run_id: int, out
         "record": engine.record(image, scene),
         "scores": scores,
         "notes": list(image.notes),
-        "summary": f"{shown}; {picture.values.shape[1]} x {picture.values.shape[2]} pixels; {found}",
+        "summary": f"{shown}; {picture.values.shape[1]} x {picture.values.shape[2]} pixels; {found}"
+        + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else ""),
+        **({} if share is None else {"mask": mask, "mask_share": share}),
     }
 
 

@@ -13,6 +13,7 @@ from seqrsm.simulate.ppi import rectangular, rectangular_pixels
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.psm import RadarImage
 from seqrsm.simulate.receiver import film_density, greytone, to_levels
+from seqrsm.simulate.receiver import picture as quantised_picture
 from seqrsm.units import linear_to_db
 
 _TAIL = 0.02
@@ -42,6 +43,8 @@ class Picture:
         What a caption says of this image.
     arrange : int array (height, width, points) or None
         Pixels of `values` that each pixel shown looks at, where it is not shown as it is (plan-position indicator).
+    levels : unsigned int array, shape of `values`, or None
+        Grey tones of `n_bits` where the sensor says how they are made; None: as `greytones` finds good.
     arrays : Mapping
         Everything worth keeping in a file, names with units.
     """
@@ -57,6 +60,7 @@ class Picture:
     remark: str
     arrays: Mapping[str, Any]
     arrange: IntArray | None = None
+    levels: AnyArray | None = None
 
     def told(self) -> FloatArray:
         """The values in ``unit``."""
@@ -90,19 +94,24 @@ def _radar_picture(image: RadarImage) -> Picture:
             "azimuth_deg": (np.arange(n_azimuth) + 0.5) * 360.0 / n_azimuth,
             "rectangular_intensity_w": rectangular(image.intensity, arrange),
         }
+    radar = image.radar
+    levels = quantised_picture(image)
     return Picture(
-        channels=image.radar.channels,
+        channels=radar.channels,
         values=image.apparent_sigma0().astype(np.float64),
         quantity="apparent sigma0",
         unit="dB",
         pixel_m=image.azimuth_spacing_m,
-        n_bits=image.radar.n_bits,
+        n_bits=radar.n_bits,
         pixel_of_cell=image.pixel_of_cell,
         quarter_turns=image.quarter_turns,
         remark=f"{image.looks.min():.3g} to {image.looks.max():.3g} looks; {remark}",
         arrange=arrange,
+        levels=levels if radar.calibrated else None,
         arrays={
             **more,
+            "film_density": film_density(image.intensity, radar.film_gamma, radar.film_k),
+            "greytone": levels,
             "intensity_w": image.intensity,
             "mean_power_w": image.mean_power,
             "noise_power_w": image.noise_power_w,

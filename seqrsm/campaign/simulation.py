@@ -117,12 +117,13 @@ def configuration(task: SimulationTask) -> Sensor:
     return sensor
 
 
-def simulate_image(task: SimulationTask, precision: Precision = "float32") -> tuple[Image, Scene]:
+def simulate_image(task: SimulationTask, precision: Precision = "float32", threads: int = 1) -> tuple[Image, Scene]:
     """Image of a task, and the scene it shows."""
     scene = scene_at(task.scene)
     engine = ENGINES[task.engine]
     table = engine.table(task.table)
-    image: Image = engine.simulate(scene, configuration(task), table, task.seed, task.run_id, precision)
+    more = {"threads": threads} if engine.threads else {}
+    image: Image = engine.simulate(scene, configuration(task), table, task.seed, task.run_id, precision, **more)
     return image, scene
 
 

@@ -360,6 +360,10 @@ def image(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Image to write: .png, .tif (GeoTIFF) or .npz.")],
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A sensor setting.")] = None,
     run_id: Annotated[int, typer.Option(min=0, help="Whose random occasion to draw; 0 belongs to no run.")] = 0,
+    mask: Annotated[
+        str, typer.Option(metavar="NAME", help="Write this mask instead: shadow, layover or blocked.")
+    ] = "",
+    threads: Annotated[int, typer.Option(min=1, max=256, help="Threads for one radar image.")] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region."""
@@ -367,7 +371,7 @@ def image(
     from seqrsm.campaign.loop import Campaign
 
     with activity("simulating"):
-        result = write_image(Campaign.open(folder), settings or [], run_id, out)
+        result = write_image(Campaign.open(folder), settings or [], run_id, out, mask=mask, threads=threads)
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 

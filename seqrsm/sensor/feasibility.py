@@ -120,7 +120,7 @@ def converted(name: str, value: float | str, problems: list[Problem], shown: str
     """Value of a field of `RadarConfiguration` as its type; what cannot be converted is added to ``problems``."""
     if name == "channels":
         return tuple(part.strip() for part in str(value).split("+"))
-    if name in TEXT_FIELDS or name == "receiver":
+    if name in TEXT_FIELDS or name in ("receiver", "targets_file"):
         return str(value)
     if name == "pattern_table":
         try:

@@ -21,6 +21,7 @@ from seqrsm.sensor.antenna import (
     ElevationPattern,
     atmosphere_factor,
     elevation_gain,
+    pattern_file_text,
 )
 from seqrsm.sensor.earth import ground_range_of_look, incidence_of_look
 from seqrsm.sensor.feasibility import converted, set_problems, swath_problems, swath_rows, value_problems
@@ -87,7 +88,8 @@ class RadarConfiguration:
     elevation_beamwidth_deg : float
         Half-power width of the beam in elevation [deg].
     pattern_table : tuple of (float, float)
-        Look angle [deg] and gain [dB] of ``elevation_pattern = "table"``; as text ``"0:-20, 40:0, 70:-3"``.
+        Look angle [deg] and gain [dB] of ``elevation_pattern = "table"``; as text ``"0:-20, 40:0, 70:-3"``, or by
+        ``pattern_file``, a CSV file of columns ``look_deg,gain_db``.
     pulse_length_us : float
         Length of the transmitted pulse [us]; compression gains bandwidth x length.
     prf_hz : float
@@ -136,6 +138,8 @@ class RadarConfiguration:
         Volumetric soil moisture of a run is uniform between them [m3/m3].
     wind_low_m_s, wind_high_m_s : float
         Wind speed over water of a run is uniform between them [m/s].
+    targets_file : str
+        CSV file of cultural targets (`seqrsm.simulate.targets.load_targets`); "" for none.
 
     Raises
     ------
@@ -197,11 +201,19 @@ class RadarConfiguration:
     soil_moisture_high: float = 0.30
     wind_low_m_s: float = 2.0
     wind_high_m_s: float = 8.0
+    targets_file: str = ""
 
     def __post_init__(self) -> None:
         problems = value_problems(self) or set_problems(self)
         if problems:
             raise ConfigurationError(*problems)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the picture's grey tones are asked for: by a calibration, the film, or the decibels they span."""
+        given = (self.i_min_w, self.i_c_w, self.p_rc_w)
+        film = (self.film_gamma, self.film_k, self.dynamic_range_db) != (1.0, 1.0, 20.0)
+        return film or any(value is not None for value in given)
 
     @property
     def wavelength_m(self) -> float:
@@ -443,15 +455,15 @@ def from_settings(
     given: dict[str, float | str] = {}
     problems: list[Problem] = []
     by_field = {field.name: field for field in fields(RadarConfiguration) if field.name != "channels"}
-    known = [*PARAMETER_FIELDS, *(name for name in by_field if name not in PARAMETER_FIELDS.values())]
+    known = [*PARAMETER_FIELDS, "pattern_file", *(name for name in by_field if name not in PARAMETER_FIELDS.values())]
     for name, value in [*settings.items(), *(fixed or {}).items()]:
-        target = PARAMETER_FIELDS.get(name, name)
+        target = "pattern_table" if name == "pattern_file" else PARAMETER_FIELDS.get(name, name)
         if target != "channels" and target not in by_field:
             problems.append(Problem("no such radar parameter", f"Known: {', '.join(known)}", field=name, value=value))
         elif target in given:
             problems.append(Problem("given twice", "Give it as a factor or as fixed, not both", field=name))
         else:
-            given[target] = value
+            given[target] = pattern_file_text(str(value), problems) if name == "pattern_file" else value
     names = {target: name for name, target in PARAMETER_FIELDS.items()}
     required = ["channels", *(name for name, field in by_field.items() if field.default is MISSING)]
     for name in required:

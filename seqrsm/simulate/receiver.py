@@ -51,7 +51,26 @@ def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -
         return power_w
     full_scale = level * 10.0 ** (0.1 * radar.adc_range_db)
     converter = converter_function(radar.adc_bits, full_scale) if radar.adc_bits else None
+    if stage is not None and ":" in radar.receiver:
+        stage = _guarded(stage, radar.receiver)
     return np.asarray(intensity(power_w, stage, converter), dtype=power_w.dtype)
+
+
+def _guarded(function: Transfer, name: str) -> Transfer:
+    """A user's function whose failures are told as what they are."""
+
+    def stage(power: FloatArray) -> FloatArray:
+        try:
+            out = np.asarray(function(power.copy()), dtype=np.float64)
+        except Exception as error:
+            text = f"the receiver's function failed: {type(error).__name__}: {error}"
+            raise ConfigurationError(Problem(text, "Mend it", field="receiver", value=name)) from error
+        if out.shape != power.shape or not np.isfinite(out).all() or bool((out < 0.0).any()):
+            text = "the receiver's function must return as many intensities as it is given powers, finite and >= 0"
+            raise ConfigurationError(Problem(text, "Mend it", field="receiver", value=name))
+        return out
+
+    return stage
 
 
 def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | None:

@@ -5,9 +5,11 @@ Each is an isotropic radiator of so many decibels, or specular in named directio
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -65,6 +67,79 @@ class CulturalTarget:
         return float(peak * 2.0 ** -((2.0 * away / self.lobe_deg) ** 2))
 
 
+_COLUMNS = ("row", "column", "cross_section_dbm2", "height_m", "directions_deg", "lobe_deg")
+
+
+def load_targets(path: str) -> tuple[CulturalTarget, ...]:
+    """Cultural targets of a CSV file.
+
+    Parameters
+    ----------
+    path : str
+        Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
+        directions are separated by blanks.
+
+    Raises
+    ------
+    SceneError
+        Not readable, an unknown or missing column, a value that is no number or impossible; with file and line.
+    """
+    name = Path(path).name
+    try:
+        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = f"the cultural targets cannot be read: {getattr(error, 'strerror', None) or error}"
+        raise SceneError(Problem(text, "Give a CSV file", file=path, field="targets_file")) from error
+    header = [word.strip() for word in lines[0]] if lines else []
+    unknown = [word for word in header if word not in _COLUMNS]
+    missing = [word for word in _COLUMNS[:3] if word not in header]
+    if unknown or missing or len(set(header)) < len(header):
+        found = f"columns {', '.join(header)}" if header else "an empty file"
+        remedy = f"Give {', '.join(_COLUMNS[:3])}, and where needed {', '.join(_COLUMNS[3:])}"
+        raise SceneError(Problem(f"{found} are not those of cultural targets", remedy, file=name, line=1))
+    targets: list[CulturalTarget] = []
+    problems: list[Problem] = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not any(word.strip() for word in line):
+            continue
+        given = {key: word.strip() for key, word in zip(header, line, strict=False) if word.strip()}
+        try:
+            if len(line) > len(header):
+                raise ValueError
+            targets.append(
+                CulturalTarget(
+                    int(given["row"]),
+                    int(given["column"]),
+                    float(given["cross_section_dbm2"]),
+                    float(given.get("height_m", 0.0)),
+                    tuple(float(word) for word in given.get("directions_deg", "").split()),
+                    float(given.get("lobe_deg", 10.0)),
+                )
+            )
+        except (KeyError, ValueError):
+            remedy = "Give whole numbers for row and column, numbers for the rest"
+            problems.append(Problem("not a cultural target", remedy, file=name, line=number, value=",".join(line)))
+        except SceneError as error:
+            problems += [replace(problem, file=name, line=number) for problem in error.problems]
+    if problems:
+        raise SceneError(*problems)
+    return tuple(targets)
+
+
+def check_targets(targets: Sequence[CulturalTarget], scene_shape: tuple[int, int]) -> None:
+    """Refuse targets that lie outside a scene of so many rows and columns.
+
+    Raises
+    ------
+    SceneError
+    """
+    rows, cols = scene_shape
+    outside = [t for t in targets if not (0 <= t.row < rows and 0 <= t.column < cols)]
+    if outside:
+        text, remedy = "the target lies outside the scene", f"Rows are 0 to {rows - 1}, columns 0 to {cols - 1}"
+        raise SceneError(*(Problem(text, remedy, field="targets", value=(t.row, t.column)) for t in outside))
+
+
 def add_targets(
     sums: AnyArray,
     targets: Sequence[CulturalTarget],
@@ -90,16 +165,7 @@ def add_targets(
     SceneError
         A target lies outside the scene.
     """
-    rows, cols = scene_shape
-    outside = [t for t in targets if not (0 <= t.row < rows and 0 <= t.column < cols)]
-    if outside:
-        remedy = f"Rows are 0 to {rows - 1}, columns 0 to {cols - 1}"
-        raise SceneError(
-            *(
-                Problem("the target lies outside the scene", remedy, field="targets", value=(t.row, t.column))
-                for t in outside
-            )
-        )
+    check_targets(targets, scene_shape)
     m = sums.shape[2]
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first_row = int(frame.source[frame.pad_near])

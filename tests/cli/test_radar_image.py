@@ -1,0 +1,235 @@
+"""The radar's chain through `seqrsm image`: receivers, film, calibrations, targets, patterns, masks, refusals."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+from tiny_campaign import TINY
+from typer.testing import CliRunner
+
+from seqrsm.cli.app import app
+from seqrsm.scene.scene import load_scene
+
+QUIET = 'fading = "none"\n'
+
+
+@pytest.fixture
+def campaign(tiny):
+    """Rewrites [simulator.fixed] of the tiny campaign, by lines that take the place of those of the same key."""
+
+    def write(more: str = "") -> Path:
+        keys = {line.split("=")[0].strip() for line in more.splitlines() if "=" in line}
+        kept = [line for line in TINY.splitlines() if line.split("=")[0].strip() not in keys or "=" not in line]
+        text = "\n".join(kept).replace("[stop]", more + "\n[stop]")
+        (tiny / "campaign.toml").write_text(text, encoding="utf-8")
+        return tiny
+
+    return write
+
+
+def call(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == code, result.output + repr(result.exception)
+    return result
+
+
+def arrays(folder: Path, *more: object) -> dict[str, np.ndarray]:
+    call("image", folder, "--out", folder / "i.npz", *more)
+    return dict(np.load(folder / "i.npz"))
+
+
+def refused(folder: Path, *words: str, command: str = "image") -> None:
+    more = ("--out", folder / "i.npz") if command == "image" else ()
+    result = call(command, folder, *more, code=2)
+    for word in words:
+        assert word in result.stderr, result.stderr
+
+
+def level_w(plain: dict[str, np.ndarray], folder: Path) -> float:
+    """Power of flat ground of sigma0 = 1 at the centre, where at 45 deg the ground range is the height."""
+    calibration = plain["noise_power_w"] / plain["noise_equivalent_sigma0"]
+    height = 4000.0 - float(load_scene(folder / "scene.npz").elevation_m.mean())
+    return float(np.interp(height, plain["ground_range_m"], calibration))
+
+
+@pytest.mark.parametrize(
+    ("receiver", "law"),
+    [
+        ("square_law", lambda p, a: p**2 / a),
+        ("saturation", np.minimum),
+        ("compression", lambda p, a: p**2 / (p + a)),
+    ],
+)
+def test_receivers(campaign, receiver, law):
+    folder = campaign(QUIET)
+    plain = arrays(folder)
+    got = arrays(campaign(QUIET + f'receiver = "{receiver}"\nreceiver_level_db = -14.0\n'))
+    expected = law(plain["intensity_w"], level_w(plain, folder) * 10**-1.4)
+    np.testing.assert_allclose(got["intensity_w"], expected, rtol=2e-3)
+    assert not np.allclose(got["intensity_w"], plain["intensity_w"], rtol=0.05, atol=0.0)
+
+
+def test_a_saturated_receiver_is_flat_and_scores_nothing_but_chance(campaign):
+    folder = campaign('receiver = "saturation"\nreceiver_level_db = -60.0\n')
+    result = json.loads(call("image", folder, "--out", folder / "i.npz", "--json").stdout)
+    assert np.ptp(np.load(folder / "i.npz")["intensity_w"]) == 0.0
+    assert 15.0 < result["scores"]["cover"] < 60.0
+
+
+def test_automatic_gain_brings_every_line_to_the_level(campaign):
+    folder = campaign(QUIET)
+    level = level_w(arrays(folder), folder)
+    got = arrays(campaign(QUIET + 'receiver = "agc"\nagc_length_m = 1.0\nreceiver_level_db = -3.0\n'))
+    np.testing.assert_allclose(got["intensity_w"][0].mean(axis=0), level * 10**-0.3, rtol=2e-3)
+
+
+def test_a_users_function_is_the_receiver(campaign, tmp_path, monkeypatch):
+    (tmp_path / "my_receiver.py").write_text(
+        "import numpy as np\n"
+        "def root(p): return np.sqrt(p)\n"
+        "def wrong(p): return p[..., 1:]\n"
+        "def broken(p): return p / nothing\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    plain = arrays(campaign(QUIET))
+    got = arrays(campaign(QUIET + 'receiver = "my_receiver:root"\n'))
+    np.testing.assert_allclose(got["intensity_w"], np.sqrt(plain["intensity_w"].astype(float)), rtol=1e-5)
+    refused(campaign('receiver = "my_receiver:wrong"\n'), "my_receiver:wrong", "as many intensities")
+    refused(campaign('receiver = "my_receiver:broken"\n'), "nothing", "NameError")
+    refused(campaign('receiver = "my_receiver:none"\n'), "my_receiver:none", command="check")
+    refused(campaign('receiver = "magic"\n'), "magic", "square_law")
+    sys.modules.pop("my_receiver", None)
+
+
+def test_film_and_calibrations_make_the_grey_tones_of_the_report(campaign):
+    folder = campaign(QUIET)
+    plain = arrays(folder)
+    power = plain["intensity_w"].astype(float)
+    middle = float(np.median(power))
+    top = 255.0
+    cases = {
+        f"i_min_w = {middle / 10}": 255.0 / (10.0**2 - 1.0) * (power / (middle / 10) - 1.0),
+        f"i_c_w = {middle}\ni_qc = 40": 255.0 / 99.0 * (power / middle * (40.0 / (255.0 / 99.0) + 1.0) - 1.0),
+        f"p_rc_w = {middle}\ng_rc = 100": 100.0 + top / 2.0 * np.log10(power / middle),
+        f"p_rc_w = {middle}\ng_rc = 100\nfilm_gamma = 2.0\nfilm_k = 7.0": 100.0 + top * np.log10(power / middle),
+        "dynamic_range_db = 10.0": 127.5 + top * np.log10(power / middle),
+    }
+    for more, expected in cases.items():
+        got = arrays(campaign(QUIET + more + "\n"))
+        tone = np.clip(expected, 0.0, top)
+        np.testing.assert_allclose(got["greytone"], tone, atol=0.51)
+        assert np.ptp(tone) > 10.0
+        call("image", folder, "--out", folder / "i.png")
+        np.testing.assert_array_equal(np.array(Image.open(folder / "i.png")), got["greytone"][0])
+        gamma = 2.0 if "film_gamma" in more else 1.0
+        density = gamma * np.log10(power) + (np.log10(7.0) if "film_k" in more else 0.0)
+        np.testing.assert_allclose(got["film_density"], density, atol=1e-5)
+
+
+@pytest.mark.parametrize("bits", [1, 2, 12, 16])
+def test_words_of_any_length(campaign, bits):
+    folder = campaign(QUIET + f"n_bits = {bits}\ndynamic_range_db = 12.0\nadc_bits = {bits}\nadc_range_db = 0.0\n")
+    got = arrays(folder)
+    assert got["greytone"].max() <= 2**bits - 1
+    assert len(np.unique(got["intensity_w"])) <= 2**bits
+    call("image", folder, "--out", folder / "i.png")
+    shown = np.array(Image.open(folder / "i.png"))
+    limit = 65535 if bits > 8 else 255
+    assert shown.max() <= limit
+    np.testing.assert_allclose(shown, got["greytone"][0] * (limit / (2**bits - 1)), atol=0.5)
+
+
+def test_sets_that_contradict_themselves_are_refused_with_the_numbers(campaign):
+    refused(campaign("i_min_w = 1e-12\np_rc_w = 1e-12\ng_rc = 100\n"), "more than one calibration", "i_min_w", "p_rc_w")
+    refused(campaign("p_rc_w = 1e-12\n"), "g_rc")
+    refused(campaign("n_bits = 0\n"), "n_bits", "1 to 32")
+    refused(campaign("looks = 0.5\n"), "looks", "0.5", "1")
+    refused(campaign("bandwidth = 1.0\n"), "MHz", "resolve", "resolution")
+    refused(campaign("depression_angle = 1.0\naltitude_m = 9000.0\n"), "horizon")
+    refused(campaign("film_gamma = -1.0\n"), "film_gamma")
+    refused(campaign('scan = "ppi"\n'), "aperture", "real")
+
+
+def test_a_file_of_cultural_targets(campaign):
+    folder = campaign(QUIET + 'targets_file = "targets.csv"\n')
+    csv = folder / "targets.csv"
+    csv.write_text("row,column,cross_section_dbm2,height_m,directions_deg,lobe_deg\n30,40,50,2,,\n30,60,50,,0 90,20\n")
+    bright = arrays(folder)
+    plain = arrays(campaign(QUIET))
+    gain = bright["mean_power_w"][0] / plain["mean_power_w"][0]
+    pixel = bright["pixel_of_cell"]
+    at = [divmod(int(pixel[30, c]), gain.shape[1]) for c in (40, 60)]
+    assert gain[at[0]] > 10.0
+    # Flying east the radar looks south: the second target shows it no face but a far lobe.
+    assert gain[at[1]] > 10.0
+    assert (gain > 1.5).sum() <= 4
+    folder = campaign(QUIET + 'targets_file = "targets.csv"\n')
+    for text, words in {
+        "row,column\n1,2\n": ["columns row, column", "cross_section_dbm2"],
+        "row,column,cross_section_dbm2\n1,2,3\n1,b,3\n": ["targets.csv:3", "1,b,3"],
+        "row,column,cross_section_dbm2,lobe_deg\n1,2,3,0\n": ["targets.csv:2", "lobe"],
+        "row,column,cross_section_dbm2\n900,2,3\n": ["outside", "900"],
+        "": ["empty"],
+    }.items():
+        csv.write_text(text)
+        refused(folder, *words)
+        refused(folder, *words[:1], command="check")
+    csv.unlink()
+    refused(folder, "targets.csv")
+
+
+def test_an_antenna_pattern_from_a_file(campaign):
+    folder = campaign(QUIET + 'elevation_pattern = "table"\npattern_file = "beam.csv"\n')
+    (folder / "beam.csv").write_text("look_deg,gain_db\n0,-6\n44,-6\n44.5,0\n90,0\n")
+    beam = arrays(folder)["mean_power_w"][0].mean(axis=1)
+    plain = arrays(campaign(QUIET))["mean_power_w"][0].mean(axis=1)
+    change = 10.0 * np.log10(beam / plain)
+    assert change[:3] == pytest.approx(-12.0, abs=0.6)
+    assert change[-3:] == pytest.approx(0.0, abs=0.01)
+    folder = campaign(QUIET + 'elevation_pattern = "table"\npattern_file = "beam.csv"\n')
+    for text, word in (("look,gain\n0,0\n", "look_deg"), ("look_deg,gain_db\n9,0\n3,0\n", "rising"), ("", "look_deg")):
+        (folder / "beam.csv").write_text(text)
+        refused(folder, word)
+    (folder / "beam.csv").unlink()
+    refused(folder, "beam.csv")
+
+
+def test_masks_are_products(campaign, tmp_path):
+    folder = campaign("depression_angle = 4.0\naltitude_m = 200.0\nbandwidth = 80.0\n")
+    whole = arrays(folder)
+    for name in ("shadow", "layover"):
+        result = json.loads(call("image", folder, "--mask", name, "--out", tmp_path / "m.png", "--json").stdout)
+        shown = np.array(Image.open(tmp_path / "m.png"))
+        np.testing.assert_array_equal(shown == 255, whole[name])
+        assert result["mask_share"] == pytest.approx(whole[name].mean())
+        call("image", folder, "--mask", name, "--out", tmp_path / "m.tif")
+        np.testing.assert_array_equal(tifffile.imread(tmp_path / "m.tif"), shown)
+        call("image", folder, "--mask", name, "--out", tmp_path / "m.npz")
+        np.testing.assert_array_equal(np.load(tmp_path / "m.npz")[name], whole[name])
+    assert whole["shadow"].any()
+    result = call("image", folder, "--mask", "clouds", "--out", tmp_path / "m.png", code=2)
+    assert "shadow, layover" in result.stderr
+
+
+def test_threads_change_nothing(campaign):
+    folder = campaign()
+    np.testing.assert_array_equal(arrays(folder)["intensity_w"], arrays(folder, "--threads", 3)["intensity_w"])
+
+
+def test_a_plan_position_indicator(campaign):
+    text = 'scan = "ppi"\naperture = "real"\nazimuth_beamwidth_deg = 2.0\nearth = "flat"\npulse_length_us = 1.0\n'
+    folder = campaign(QUIET + text + "antenna_east_m = -900.0\naltitude_m = 1000.0\n")
+    got = arrays(folder)
+    assert got["intensity_w"].shape[2] == got["azimuth_deg"].size == 180
+    assert got["rectangular_intensity_w"].shape[1:] == (25, 33)
+    call("image", folder, "--out", folder / "i.png")
+    assert np.array(Image.open(folder / "i.png")).shape == (25, 33)
+    call("image", folder, "--out", folder / "i.tif")
+    assert tifffile.imread(folder / "i.tif").shape == (60, 80)
+    refused(campaign(text + "pixel_m = 5.0\n"), "pixel_m")
