@@ -59,6 +59,10 @@ def _scale_problems(name: str, scale: object, smallest: float) -> list[Problem]:
     return []
 
 
+_SAME_END = 1e-14
+"""Coded distance from an end that is rounding and no setting of its own."""
+
+
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
@@ -93,8 +97,8 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
         # Two equal factors: their product may span more decades than a number holds.
         root = np.exp(log_ratio(high, low) * ((1.0 + t) / 4.0))
         natural = low * root * root
-    # exp(log(x)) differs from x in the last digit: the ends are what the user wrote.
-    natural = np.where(t == -1.0, low, np.where(t == 1.0, high, natural))
+    # exp(log(x)) and coded values of a part of the region differ in the last digit: the ends are what the user wrote.
+    natural = np.where(np.abs(t + 1.0) <= _SAME_END, low, np.where(np.abs(t - 1.0) <= _SAME_END, high, natural))
     inside = np.abs(t) <= 1.0
     return np.where(inside, np.clip(natural, low, high), natural)
 

@@ -37,6 +37,13 @@ def test_the_ends_are_exact_both_ways(low, high, scale):
     assert factor.decode([-1.0, 1.0]).tolist() == [low, high]
 
 
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_rounding_next_to_an_end_is_the_end(scale):
+    factor = ContinuousFactor("frequency", 1.25, 35.0, "GHz", scale)
+    assert factor.decode([-1.0 + 2e-16, 1.0 - 2e-16]).tolist() == [1.25, 35.0]
+    assert factor.decode([-1.0 + 1e-12])[0] > 1.25, "a setting of its own"
+
+
 def test_discrete_levels_come_back_exactly_and_in_order():
     factor = DiscreteFactor("resolution", (50.0, 3.0, 12.1), "m", "log")
     assert factor.values == (3.0, 12.1, 50.0)
