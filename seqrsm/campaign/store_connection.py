@@ -194,7 +194,11 @@ class Database:
             with self._engine.connect() as connection:
                 raw = connection.connection.driver_connection
                 assert isinstance(raw, sqlite3.Connection)
-                raw.execute("VACUUM INTO ?", (str(backup),))
+                try:
+                    raw.execute("VACUUM INTO ?", (str(backup),))
+                except sqlite3.Error:
+                    backup.unlink(missing_ok=True)  # half a copy is none
+                    raise
         config = Config()
         config.set_main_option("script_location", str(self._migrations).replace("%", "%%"))
         with self._engine.connect() as connection:
@@ -213,8 +217,11 @@ class Database:
         """Turn the data base's own exceptions into a StoreError with a remedy."""
         try:
             yield
-        except exc.DBAPIError as error:
-            text = str(error.orig)
+        except (exc.DBAPIError, sqlite3.Error) as error:
+            text = str(error.orig if isinstance(error, exc.DBAPIError) else error)
+            if self.path is not None and (missing := _cut_off(self.path)):
+                message = f"the data base is damaged: {missing} bytes are missing at its end ({text})"
+                raise StoreError(Problem(message, _RESTORE, file=self.label)) from error
             for sign, message, remedy in _EXPLANATIONS:
                 if sign in text.lower():
                     raise StoreError(Problem(f"{message} ({text})", remedy, file=self.label)) from error
@@ -251,6 +258,22 @@ def _check_path(path: Path, create: bool) -> None:
         raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
     if not create and not path.exists():
         raise StoreError(Problem("there is no data base yet", _ABSENT_REMEDY, file=str(path)))
+
+
+def _cut_off(path: Path) -> int:
+    """Bytes that an SQLite file lacks by its own header: pages of 2 ** k bytes, and how many of them."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(100)
+        size = path.stat().st_size
+    except OSError:
+        return 0
+    if not head.startswith(b"SQLite format 3\0"):
+        return 0
+    if len(head) < 100:
+        return 100 - len(head)
+    page = int.from_bytes(head[16:18], "big")
+    return max(0, (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big") - size)
 
 
 def _hide_password(url: str) -> str:

@@ -1,0 +1,213 @@
+"""Full disks, folders that may not be written, damaged and newer data bases: a clear word, exit code 2, no damage."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from kill_episodes import check_consistent
+from typer.testing import CliRunner
+
+from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.store import STORE_NAME, Store
+from seqrsm.cli.app import app
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits and rights of Unix")
+
+SPEC = """\
+[campaign]
+name = "disk"
+[[factor]]
+name = "x"
+low = -1.0
+high = 1.0
+[[application]]
+name = "worth"
+utility = "measured"
+[stop]
+half_width = 0.5
+"""
+
+
+def scores(n: int, start: int = 0) -> str:
+    rows = [f"{(k % 21) / 10 - 1},{(k % 21) / 10 - 1 + 0.01 * (k % 7)},day {k}" for k in range(start, start + n)]
+    return "x,score,note\n" + "\n".join(rows) + "\n"
+
+
+def call(*arguments: object, code: int = 0) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return result.output
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    place = tmp_path / "campaign"
+    place.mkdir()
+    (place / "campaign.toml").write_text(SPEC, encoding="utf-8")
+    (place / "first.csv").write_text(scores(30), encoding="utf-8")
+    (place / "second.csv").write_text(scores(800, start=100), encoding="utf-8")
+    with Store.open(place, create=True, campaign="disk") as store:
+        ingest_file(store, load_spec(place), place / "first.csv")
+    return place
+
+
+def snapshot(folder: Path) -> tuple[object, ...]:
+    with Store.open(folder, campaign=load_spec(folder).name) as store:
+        return store.runs(), store.events(), store.files()
+
+
+@pytest.mark.parametrize("spare", [0, 30_000])
+def test_a_full_disk(folder, spare):
+    """No file of the child may grow beyond what is there: SQLite meets the same errors as on a full disk."""
+    before = snapshot(folder)
+    limit = max((folder / STORE_NAME).stat().st_size, 100_000) + spare
+    child = subprocess.run(
+        [sys.executable, "-m", "seqrsm", "ingest", str(folder), str(folder / "second.csv")],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        check=False,
+    )
+    assert child.returncode == 2, child.stderr
+    assert "disk" in child.stderr
+    assert "Traceback" not in child.stderr
+    check_consistent(folder)
+    assert snapshot(folder) == before
+    call("ingest", folder, folder / "second.csv")
+    assert len(snapshot(folder)[0]) == 830
+
+
+@pytest.mark.parametrize(
+    "command", [["export", "all.json"], ["export", "all.csv"], ["report", "--html", "report.html"]]
+)
+def test_files_that_cannot_be_written_leave_the_old_ones(folder, command):
+    (folder / command[-1]).write_text("old", encoding="utf-8")
+    name, *rest = command
+    child = subprocess.run(
+        [sys.executable, "-m", "seqrsm", name, str(folder), *rest[:-1], str(folder / rest[-1])],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
+        check=False,
+    )
+    assert child.returncode == 2, child.stderr
+    assert "Traceback" not in child.stderr
+    assert (folder / command[-1]).read_text(encoding="utf-8") == "old"
+
+
+@contextmanager
+def as_nobody() -> Iterator[None]:
+    """Root may write everywhere: be somebody else."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@pytest.fixture
+def readable(folder) -> Iterator[Path]:
+    """The campaign in a folder that anybody may read and nobody may write."""
+    place = Path(tempfile.mkdtemp())
+    place.chmod(0o755)
+    shutil.copytree(folder, place / "campaign")
+    with sqlite3.connect(place / "campaign" / STORE_NAME) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    connection.close()
+    for path in (place / "campaign").iterdir():
+        path.chmod(0o444)
+    (place / "campaign").chmod(0o555)
+    yield place / "campaign"
+    (place / "campaign").chmod(0o755)
+    shutil.rmtree(place)
+
+
+@pytest.mark.parametrize("command", ["ingest", "void", "status", "fit"])
+def test_a_folder_that_may_not_be_written(readable, command):
+    rest = {"ingest": [readable / "second.csv"], "void": [1, "--why", "clouds"]}.get(command, [])
+    content = (readable / STORE_NAME).read_bytes()
+    with as_nobody():
+        says = call(command, readable, *rest, code=2)
+    assert "may not be written" in says or "may be written" in says
+    assert (readable / STORE_NAME).read_bytes() == content
+
+
+def test_a_new_campaign_in_a_folder_that_may_not_be_written(readable):
+    (readable.parent / "empty").mkdir()
+    shutil.copy(readable / "campaign.toml", readable.parent / "empty")
+    with as_nobody():
+        says = call("status", readable.parent / "empty", code=2)
+    assert "may be written" in says
+    assert not (readable.parent / "empty" / STORE_NAME).exists()
+
+
+@pytest.mark.parametrize("keep", [0.2, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("command", ["status", "ingest"])
+def test_a_truncated_data_base(folder, keep, command):
+    path = folder / STORE_NAME
+    content = path.read_bytes()
+    damaged = content[: int(keep * len(content))]
+    path.write_bytes(damaged)
+    says = call(command, folder, *([folder / "second.csv"] if command == "ingest" else []), code=2)
+    assert "damaged" in says or "not a data base" in says
+    assert path.read_bytes() == damaged  # nothing made worse
+
+
+def test_an_empty_file_is_no_data_base_of_this_campaign(folder):
+    """A file of no bytes is what SQLite makes before its first write: a campaign may begin in it."""
+    (folder / STORE_NAME).write_bytes(b"")
+    call("status", folder)
+    assert snapshot(folder)[0] == ()
+
+
+def test_a_data_base_of_a_newer_version(folder):
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+    connection.close()
+    content = (folder / STORE_NAME).read_bytes()
+    for command in (["status"], ["void", 1, "--why", "x"], ["ingest", folder / "second.csv"]):
+        assert "newer seqrsm" in call(command[0], folder, *command[1:], code=2)
+    assert (folder / STORE_NAME).read_bytes() == content
+
+
+def test_a_migration_is_preceded_by_a_copy_that_must_fit_on_the_disk(folder):
+    """Where there is no room for the copy, the old data base is left as it was."""
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        connection.execute("DROP TABLE rankings")
+        connection.execute("ALTER TABLE runs DROP COLUMN seen_at")
+        connection.execute("UPDATE alembic_version SET version_num = '0001'")
+        before = connection.execute("SELECT * FROM runs").fetchall()
+    connection.close()
+    child = subprocess.run(
+        [sys.executable, "-m", "seqrsm", "status", str(folder)],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384)),
+        check=False,
+    )
+    assert child.returncode == 2, child.stderr
+    assert "Traceback" not in child.stderr
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0001",)
+        assert connection.execute("SELECT * FROM runs").fetchall() == before
+    connection.close()
+    call("status", folder)
+    (backup,) = folder.glob("*.bak")
+    with sqlite3.connect(backup) as connection:
+        assert connection.execute("SELECT * FROM runs").fetchall() == before
+    connection.close()
