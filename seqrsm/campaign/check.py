@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_at, task_of
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.campaign.store import STORE_NAME, Store
+from seqrsm.campaign.toml_lines import key_lines
 from seqrsm.decide.stopping import target_problem
 from seqrsm.design.factors import setting_text
 from seqrsm.design.quadratic import QuadraticModel
@@ -180,7 +181,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
     """
     scene = scene_at(str(spec.scene_path))
     points = _corners(spec)
-    problems: dict[str, Problem] = {}
+    found: dict[str, tuple[Problem, list[str]]] = {}
     met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
         shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
@@ -191,20 +192,27 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
                 met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
-                problems.setdefault(
-                    str(problem),
-                    Problem(
-                        f"{problem} This happens at {shown}",
-                        "Narrow the factor, or add a [[constraint]].",
-                        file=str(spec.folder / SPEC_NAME),
-                    ),
-                )
-    if problems:
-        raise SpecError(*list(problems.values())[:10])
+                found.setdefault(str(problem), (problem, []))[1].append(shown)
+    if found:
+        told = [_sensor_problem(spec, problem, where, len(points)) for problem, where in found.values()]
+        raise SpecError(*told[:10])
     return tuple(
         f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
         for kind, notes in met.items()
     )
+
+
+def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], n_points: int) -> Problem:
+    """A sensor's problem with its place in campaign.toml: what is wrong everywhere does not lie with a factor."""
+    if problem.file is not None:
+        return problem
+    file = spec.folder / SPEC_NAME
+    if len(where) == n_points and problem.field not in spec.region.names:
+        lines = key_lines(file.read_text(encoding="utf-8-sig"))
+        line = lines.get(("simulator", "fixed", str(problem.field)))
+        return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {problem.field}")
+    text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
+    return Problem(text, "Narrow the factor, or add a [[constraint]].", file=str(file))
 
 
 def _corners(spec: CampaignSpec) -> FloatArray:

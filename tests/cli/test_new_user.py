@@ -173,3 +173,21 @@ def test_settings_at_a_constraint_keep_four_digits() -> None:
         for name in ("frequency", "resolution"):
             assert float(f"{found[name]:.4g}") == found[name]
             assert found[name] == pytest.approx(given[name], rel=2e-3)
+
+
+def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) -> None:
+    text = (tiny / "campaign.toml").read_text(encoding="utf-8")
+
+    def told(old: str, new: str) -> str:
+        (tiny / "campaign.toml").write_text(text.replace(old, new), encoding="utf-8")
+        return call("check", tiny, code=2)
+
+    line = text[: text.index("peak_power")].count("\n") + 1
+    wrong = told("peak_power = 1000.0", "peak_power = -1")
+    assert f"campaign.toml:{line}: [simulator.fixed] peak_power: out of range (got -1.0). Give a number" in wrong
+    assert "Narrow" not in wrong
+    missing = told("peak_power = 1000.0", "")
+    assert "[simulator.fixed] peak_power: missing. Make it a factor or give it under [simulator.fixed]" in missing
+    # A band that is too narrow for the finest resolution only lies with the factor.
+    narrow = told("bandwidth = 60.0", "bandwidth = 10.0")
+    assert "This happens at polarization = HH, resolution = 10." in narrow
