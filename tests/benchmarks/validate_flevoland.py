@@ -1,14 +1,18 @@
 """Simulated against measured percent correct: the AIRSAR flight over Flevoland, at every configuration of the flight.
 
     python tests/benchmarks/validate_flevoland.py [runs]
+    python tests/benchmarks/validate_flevoland.py --fields AIRSAR.npz
 
 The labelled fields are simulated with the class backscatter and the spread between fields that the flight measured, and
-classified as the flight was. Everything it reads is in the repository; it writes ``reports/validation``.
+classified as the flight was. Everything it reads is in the repository; it writes ``reports/validation``. The second
+form makes ``flevoland_fields.npz``, the mean backscatter of every field, from the flight's own quantised planes (arrays
+``hh_q``, ``hv_q``, ``vv_q``: decibels are q / 4 - 60, and 10.99 more for sigma0), which are not in the repository.
 """
 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import sys
 import tempfile
 from collections.abc import Callable
@@ -30,7 +34,9 @@ from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  #
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.score.classification import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate.psm import simulate_radar  # noqa: E402
+from seqrsm.simulate import psm  # noqa: E402
+from seqrsm.simulate.occasion import Occasion, draw_occasion  # noqa: E402
+from seqrsm.simulate.psm import categories_of_fields, simulate_radar  # noqa: E402
 
 OUT = ROOT / "reports" / "validation"
 CELL_M = 12.1
@@ -41,6 +47,8 @@ VARIANTS = {
     "measured": "measured class means, measured spread between fields, 2.45 looks a cell",
     "nominal looks": "the same with the nominal 4 looks a cell",
     "even fields": "as measured, but every field of a class alike",
+    "own fields": "every labelled field at its own measured mean, ground between them drawn",
+    "own ground": "every labelled field and every patch of ground between them at its own measured mean",
 }
 
 
@@ -69,6 +77,30 @@ def scene() -> Scene:
         cell_m=CELL_M,
         name="Flevoland",
     )
+
+
+def measure_fields(flight: Path) -> None:
+    """Write the mean of each field of `scene` in the flight [dB]."""
+    field = scene().field_id.ravel()
+    means = {}
+    with np.load(flight) as planes:
+        for channel in ("hh", "hv", "vv"):
+            power = 10.0 ** (0.1 * (planes[f"{channel}_q"].astype(np.float64).ravel() / 4.0 - 60.0 + 10.99))
+            total = np.bincount(field, power) / np.bincount(field)
+            means[f"{channel}_db"] = (10.0 * np.log10(total)).astype(np.float32)
+    np.savez_compressed(OUT / "flevoland_fields.npz", **means)
+
+
+def own_occasion(variant: str, occasion: Occasion, channels: tuple[str, ...]) -> Occasion:
+    """The occasion with the measured departures of fields from their classes in place of drawn ones."""
+    category = categories_of_fields(scene())
+    level = {c: np.array([float(row[f"{c.lower()}_dB"]) for row in class_rows()]) for c in channels}
+    labelled = np.zeros(scene().n_fields, dtype=bool)
+    labelled[scene().field_id[scene().scored]] = True
+    with np.load(OUT / "flevoland_fields.npz") as archive:
+        measured = np.stack([archive[f"{c.lower()}_db"] - level[c][category] for c in channels])
+    take = labelled if variant == "own fields" else np.ones_like(labelled)
+    return dataclasses.replace(occasion, field_offset_db=np.where(take, measured, occasion.field_offset_db))
 
 
 @lru_cache(maxsize=3)
@@ -102,6 +134,10 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
         speed_m_s=200.0,
     )
     found = []
+    if variant.startswith("own"):
+        psm.draw_occasion = lambda *given, **more: own_occasion(variant, draw_occasion(*given, **more), radar.channels)
+    else:
+        psm.draw_occasion = draw_occasion
     for run in range(1, runs + 1):
         image = simulate_radar(scene(), radar, table(variant), seed=1989, run_id=run)
         found.append(percent_correct(image, scene(), seed=1989, run_id=run, tile_m=24 * CELL_M).value)
@@ -119,6 +155,9 @@ def agreement(measured: np.ndarray, other: np.ndarray) -> dict[str, float]:
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["--fields"]:
+        measure_fields(Path(sys.argv[2]))
+        return
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 3
     with (ROOT / "campaigns/flevoland/flight_scores.csv").open(encoding="utf-8") as stream:
         rows = [r for r in csv.DictReader(stream) if r["polarization"] != "FULLPOL"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ from tiny_campaign import TINY
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import load_scene
+from seqrsm.scene.scene import load_scene, save_scene
 
 QUIET = 'fading = "none"\n'
 
@@ -233,3 +234,52 @@ def test_a_plan_position_indicator(campaign):
     call("image", folder, "--out", folder / "i.tif")
     assert tifffile.imread(folder / "i.tif").shape == (60, 80)
     refused(campaign(text + "pixel_m = 5.0\n"), "pixel_m")
+
+
+@pytest.mark.parametrize(
+    ("frequency", "words"),
+    [
+        (0.62, ("0.62", "0.625 to 27.2")),
+        (0.626, ()),
+        (1.25, ()),
+        (27.1, ()),
+        (27.3, ("27.3", "27.2")),
+        (200.0, ("100 GHz",)),
+    ],
+)
+def test_frequencies_at_and_beyond_the_ends_of_the_table(campaign, frequency, words):
+    folder = campaign(f"frequency = {frequency}\n")
+    if words:
+        refused(folder, "frequency", *words)
+    else:
+        assert np.isfinite(arrays(folder)["intensity_w"]).all()
+
+
+def test_powers_from_nothing_to_far_too_much(campaign):
+    refused(campaign("peak_power = 0.0\n"), "peak_power", "1e-06")
+    refused(campaign("peak_power = nan\n"), "peak_power", "finite")
+    faint, strong = (arrays(campaign(f"peak_power = {p}\n")) for p in (1e-6, 1e9))
+    np.testing.assert_allclose(faint["intensity_w"].mean() / faint["noise_power_w"].mean(), 1.0, rtol=0.05)
+    assert strong["noise_equivalent_sigma0"].max() < 1e-9
+
+
+def test_scenes_with_holes_and_without_anything(campaign, tiny_scene):
+    folder = campaign()
+    whole = load_scene(tiny_scene)
+    z, cover, scored = whole.elevation_m.copy(), whole.cover.copy(), whole.scored.copy()
+    z[10:20] = np.nan
+    scored[10:20] = False
+    save_scene(dataclasses.replace(whole, elevation_m=z, scored=scored), folder / "scene.npz")
+    got = arrays(folder)
+    assert np.isfinite(got["intensity_w"]).all()
+    assert (got["pixel_of_cell"][10:20] == -1).all()
+    assert (got["pixel_of_cell"][:10] >= 0).all()
+    call("image", folder, "--out", folder / "i.tif")
+    assert np.isnan(tifffile.imread(folder / "i.tif")[10:20]).all()
+    nothing = np.zeros_like(scored)
+    save_scene(dataclasses.replace(whole, elevation_m=z * np.nan, scored=nothing), folder / "scene.npz")
+    refused(folder, "no cell has an elevation")
+    empty = np.full_like(cover, 255)
+    field = np.zeros_like(whole.field_id)
+    save_scene(dataclasses.replace(whole, cover=empty, scored=nothing, field_id=field), folder / "scene.npz")
+    refused(folder, "no scored cell")
