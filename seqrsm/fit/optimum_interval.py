@@ -3,8 +3,10 @@
 The t intervals of RSL TR 380-1 eq. (2-17) and (2-23) hold at a setting fixed beforehand. The fitted maximum is where
 surface and error together are highest, so its value is too high on average and the t interval misses the true response
 there too often: hardly where the surface is curved beside the noise, by many percent where it is flat. A parametric
-bootstrap, with the search repeated in every draw, shows by how much. The interval given is the wider of the t interval
-and the bootstrap-t interval at each end, since either alone can be short.
+bootstrap, with the search repeated in every draw, shows by how much. A fitted surface is more curved than the true one,
+since error adds to every coefficient, so the bootstrap is done a second time from a flatter surface, every coefficient
+one standard error nearer to zero. The interval given is the widest of the t interval and the two bootstrap-t intervals
+at each end, since each alone can be short.
 
 References
 ----------
@@ -87,27 +89,47 @@ def searched_interval(
     point = optimum(model, region, beta, goal).point
     row = model.matrix(point[None, :])
     mean, h = float((row @ beta)[0]), float(np.sum(np.square(row @ L)))
-    rng = np.random.default_rng(seed)
-    betas = beta + fit.s * (rng.standard_normal((draws, L.shape[1])) @ L.T)
-    s = fit.s * np.sqrt(rng.chisquare(fit.df_residual, draws) / fit.df_residual)
-    points, values = optimum_draws(model, region, betas, goal)
-    rows = model.matrix(points)
-    gap = values - rows @ beta
-    h_draws = np.sum(np.square(rows @ L), axis=1)
+    se = fit.se[: model.p]
+    flatter = np.sign(beta) * np.maximum(np.abs(beta) - se, 0.0)
+    flatter[0] = beta[0]
     own = 1.0 / (weight * replicates)
-    future = gap + fit.s * np.sqrt(own) * rng.standard_normal(draws)
+    rng = np.random.default_rng(seed)
+    worlds = [_world(model, region, surface, fit, goal, own, draws, rng) for surface in (beta, flatter)]
+    pivots = [[world[j] for world in worlds] for j in (1, 2)]
     return SearchedInterval(
         point,
         mean,
-        float(np.mean(gap)),
-        _ends(mean, fit.s * np.sqrt(h), gap / (s * np.sqrt(h_draws)), fit.df_residual, level),
-        _ends(mean, fit.s * np.sqrt(own + h), future / (s * np.sqrt(own + h_draws)), fit.df_residual, level),
+        float(np.mean(worlds[0][0])),
+        _ends(mean, fit.s * np.sqrt(h), pivots[0], fit.df_residual, level),
+        _ends(mean, fit.s * np.sqrt(own + h), pivots[1], fit.df_residual, level),
         level,
     )
 
 
-def _ends(mean: float, se: float, pivots: FloatArray, df: int, level: float) -> tuple[float, float]:
-    """Bootstrap-t ends, each no nearer than that of the t interval; pivots are (estimate - truth) / se."""
+def _world(
+    model: QuadraticModel,
+    region: Region,
+    surface: FloatArray,
+    fit: LeastSquaresFit,
+    goal: Goal,
+    own: float,
+    draws: int,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Fitted optimum less true response, and the pivots of mean and future runs, with ``surface`` (p,) the truth."""
+    L = fit.factor[: model.p]
+    betas = surface + fit.s * (rng.standard_normal((draws, L.shape[1])) @ L.T)
+    s = fit.s * np.sqrt(rng.chisquare(fit.df_residual, draws) / fit.df_residual)
+    points, values = optimum_draws(model, region, betas, goal)
+    rows = model.matrix(points)
+    gap = values - rows @ surface
+    h = np.sum(np.square(rows @ L), axis=1)
+    future = gap + fit.s * np.sqrt(own) * rng.standard_normal(draws)
+    return gap, gap / (s * np.sqrt(h)), future / (s * np.sqrt(own + h))
+
+
+def _ends(mean: float, se: float, pivots: list[FloatArray], df: int, level: float) -> tuple[float, float]:
+    """Widest bootstrap-t ends, none nearer than that of the t interval; pivots are (estimate - truth) / se."""
     t = student_quantile(df, level)
-    low, high = np.quantile(pivots, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
-    return mean - max(float(high), t) * se, mean - min(float(low), -t) * se
+    ends = np.array([np.quantile(each, [0.5 - 0.5 * level, 0.5 + 0.5 * level]) for each in pivots])
+    return mean - max(float(np.max(ends[:, 1])), t) * se, mean - min(float(np.min(ends[:, 0])), -t) * se

@@ -13,6 +13,7 @@ from seqrsm.report.section_literature import literature_section
 from seqrsm.report.section_model import diagnostics_section, importance_section, model_section
 from seqrsm.report.section_optimum import optimum_section, posterior_section, surface_section
 from seqrsm.report.section_sources import assumption_section, image_section, provenance_section
+from seqrsm.report.section_study import location_section
 from seqrsm.report.section_summary import summary_section
 
 
@@ -55,10 +56,12 @@ def build_report(dossier: Dossier) -> Report:
 
 
 def _application_sections(dossier: Dossier, analysis: Analysis, key: str) -> tuple[Section, ...]:
+    place = location_section(analysis, key)
     return (
         model_section(analysis, key),
         importance_section(analysis, key),
         optimum_section(analysis, key, dossier.spec.stop),
+        *(() if place is None else (place,)),
         surface_section(analysis, key),
         posterior_section(analysis, key),
         history_section(dossier, analysis, key),

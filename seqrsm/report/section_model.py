@@ -33,6 +33,8 @@ from seqrsm.report.rounding import (
     format_percent,
     format_significant,
 )
+from seqrsm.report.section_study import term_blocks, vif_text
+from seqrsm.report.study_text import profile_text
 from seqrsm.report.surfaces import ranked_factors
 from seqrsm.report.wording import listing, readable, readable_term, readable_text, slug, with_unit
 
@@ -53,6 +55,7 @@ PARTIAL_F_EQUATION = Equation(
 )
 
 MAX_INFLUENCE_ROWS = 30
+MAX_NAMED = 5
 
 
 def model_section(analysis: Analysis, key: str) -> Section:
@@ -70,6 +73,7 @@ def model_section(analysis: Analysis, key: str) -> Section:
     blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
     if analysis.model.p > 1:
         blocks.append(_coefficient_figure(analysis))
+    blocks += term_blocks(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
 
 
@@ -118,6 +122,11 @@ def _model_text(analysis: Analysis) -> str:
     text += ", each pair counted once)." if analysis.model.order == 2 else ")."
     if any(kind == "category" for kind in analysis.fit.kinds):
         text += " A categorical factor enters with sum-to-zero contrasts and their products, and has no square."
+    if analysis.dropped:
+        text += (
+            f" {len(analysis.dropped)} terms were left out because averaging over hierarchical models found them less "
+            "likely than not; intervals hold given the others, and do not hold the doubt about this choice."
+        )
     if any(kind == "block" for kind in analysis.fit.kinds):
         text += " Blocks enter as sum-to-zero effects; results are for the average block."
     if analysis.response == "logit":
@@ -138,6 +147,9 @@ def _statistics_table(analysis: Analysis) -> Table:
         ("R\u00b2 predicted (each run left out in turn)", _known(_share(fit.r2_predicted), fit.r2_predicted, analysis)),
         ("Condition number of the model matrix", significant_cell(fit.condition_number, 3)),
     ]
+    worst = vif_text(analysis)
+    if worst:
+        pairs.append(("Largest variance inflation factor", Cell(worst)))
     rows = tuple((Cell(label), cell) for label, cell in pairs)
     return Table((Column("Quantity"), Column("Value", align="right")), rows, "Quality of the fit")
 
@@ -342,6 +354,16 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     if fit.leverage_one_runs:
         exact = ids[list(fit.leverage_one_runs)]
         found.append(f"The model must pass through {_runs(exact)}: nothing can be said about their residuals.")
+    study = analysis.study
+    if study is not None:
+        if np.isfinite(study.normal.correlation):
+            found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
+        text = profile_text(study)
+        found.append(text[:1].upper() + text[1:])
+        far = "an extrapolation: further from the runs than any run" if study.extrapolated else "no extrapolation"
+        found.append(f"The recommended settings are {far}.")
+        known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}
+        found += [f"Run {run} stands out: {'; '.join(reasons)}." for run, reasons in known.items()]
     inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0
     found.append(f"{format_percent(float(np.mean(inside)))} of the studentised residuals lie within \u22122 and 2.")
     return tuple(found)

@@ -46,6 +46,7 @@ from seqrsm.report.phrases import (
     watched_interval,
 )
 from seqrsm.report.rounding import format_number, format_percent, format_significant
+from seqrsm.report.section_study import searched_blocks
 from seqrsm.report.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
 from seqrsm.report.wording import axis_label, format_setting, listing, readable, readable_text, slug, with_unit
 
@@ -100,6 +101,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks += searched_blocks(analysis)
     blocks += _shape(analysis)
     return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.findings import BlockResponse, BlockStudy, PathPoint, SearchedOptimum, Study, TermChoice
@@ -58,12 +58,12 @@ def location_text(region: LocationRegion, j: int) -> str:
     return f"{format_significant(found.low_natural, 3)} to {format_significant(found.high_natural, 3)}"
 
 
-def averaged_text(found: TermChoice) -> str:
-    """How many models, the most probable one, and what the choice means."""
+def averaged_text(found: TermChoice, name: Callable[[str], str] = str) -> str:
+    """How many models, the most probable one, and the most probable terms, each written by ``name``."""
     how = "all" if found.exhaustive else "a search visited"
     units, share = found.models[0]
-    best = ", ".join(units) or "none"
-    median = ", ".join(found.median) or "none"
+    best = ", ".join(map(name, units)) or "none"
+    median = ", ".join(map(name, found.median)) or "none"
     return (
         f"{how} {found.n_models} hierarchical models; the most probable ({format_percent(share)}) has: {best}. "
         f"More likely than not: {median}."

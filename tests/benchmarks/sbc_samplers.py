@@ -14,8 +14,15 @@ import numpy as np
 from scipy import stats
 from scipy.special import expit
 
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
+from seqrsm.fit.conjugate import NormalInverseGamma, posterior
+from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
 from seqrsm.fit.ensemble import WeakPrior, sample_model, sample_posterior
+from seqrsm.fit.optimum import optimum_draws
+from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
 
 Study = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
@@ -80,18 +87,63 @@ def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
     return np.append(beta, sigma), sample_model(normal_model(Z, y, prior), seed=seed, **LIGHT).draws
 
 
+def exact(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    prior = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
+    beta, sigma = ancestral(prior, rng)
+    found = posterior(Z, Z @ beta + sigma * rng.normal(size=12), None, prior)
+    draws = found.draws(2000, np.random.default_rng(seed))
+    return np.append(beta, sigma), np.column_stack(draws)
+
+
+def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stated in natural terms, sampled with emcee; place and value of the optimum are ranked, too."""
+    factors = (ContinuousFactor("frequency", 1.0, 18.0, scale="log"),)
+    model, region = QuadraticModel(factors), Region(factors)
+    prior = elicited_prior(model, region, UtilityRange(60.0, 95.0), optima=[OptimumNear("frequency", 5.0)])
+    beta, sigma = ancestral(prior, rng)
+    X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
+    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, **LIGHT)
+    keep = np.linspace(0, len(found.sigma) - 1, 1000).astype(int)
+    places, values = optimum_draws(model, region, found.beta[keep])
+    (place,), (value,) = optimum_draws(model, region, beta[None, :])
+    # Ties at a bound are broken at random: a rank among equals is any of theirs.
+    jitter = 1e-9 * rng.normal(size=len(keep) + 1)
+    truth = np.array([*beta, sigma, float(place[0]) + jitter[-1], value])
+    return truth, np.column_stack([found.beta[keep], found.sigma[keep], places[:, 0] + jitter[:-1], values])
+
+
+def blocks(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Exact posterior with random days; flat priors of coefficients and sigma are replaced by fixed truths."""
+    ratio = float(np.tan(0.5 * np.pi * rng.random()))
+    beta, effect = np.array([3.0, -1.0]), ratio * rng.normal(size=4)
+    found = fit_random_blocks(Z, Z @ beta + effect[DAY] + rng.normal(size=12), DAY.tolist())
+    b, sigma, of_days = found.draws(2000, np.random.default_rng(seed))
+    return np.array([*beta, 1.0, ratio]), np.column_stack([b, sigma, of_days / sigma])
+
+
+def ancestral(prior: NormalInverseGamma, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    sigma = float(np.sqrt(prior.b0 / rng.standard_gamma(prior.a0)))
+    L = np.linalg.cholesky(np.linalg.inv(prior.Lambda0))
+    return prior.m0 + sigma * (L @ rng.normal(size=len(prior.m0))), sigma
+
+
+STUDIES: dict[str, Study] = {
+    "conjugate, exact": exact,
+    "random days, exact": blocks,
+    "natural terms, emcee": elicited,
+    "Student-t errors": student,
+    "two sources": sources,
+    "random days": days,
+    "discrepancy and scale": discrepancy,
+    "beta-binomial": counts,
+    "bounded coefficient": bounded,
+}
+
+
 def main() -> None:
     sets = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     only = sys.argv[2:]
-    studies: dict[str, Study] = {
-        "Student-t errors": student,
-        "two sources": sources,
-        "random days": days,
-        "discrepancy and scale": discrepancy,
-        "beta-binomial": counts,
-        "bounded coefficient": bounded,
-    }
-    for name, study in studies.items():
+    for name, study in STUDIES.items():
         if only and study.__name__ not in only:
             continue
         rng = np.random.default_rng(1)

@@ -1,0 +1,429 @@
+"""`seqrsm fit` on measured scores: options of the model, what a statistician asks for, and the extremes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from typer.testing import CliRunner
+
+from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.serialise import analysis_to_json
+from seqrsm.cli.app import app
+from seqrsm.errors import FitError, SpecError
+
+HEAD = '[campaign]\nname = "t"\nseed = 3\n'
+X = '[[factor]]\nname = "x"\nlow = 0.0\nhigh = 10.0\n'
+FREQUENCY = '[[factor]]\nname = "frequency"\nunit = "GHz"\nlow = 1.0\nhigh = 16.0\nscale = "log"\n'
+POL = '[[factor]]\nname = "pol"\nlevels = ["HH", "VV"]\n'
+MEASURED = '[[application]]\nname = "a"\nutility = "measured"\n'
+PERCENT = '[[application]]\nname = "a"\nutility = "percent_correct"\n'
+STOP = "[stop]\nhalf_width = 3.0\n"
+
+
+def make(folder: Path, factors: str, rows: list[dict], model: str = "", application: str = MEASURED) -> Path:
+    """A campaign folder with its scores taken in."""
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(HEAD + factors + application + model + STOP, encoding="utf-8")
+    lines = [",".join(rows[0]), *(",".join(str(value) for value in row.values()) for row in rows)]
+    (folder / "scores.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv")])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def fit(folder: Path) -> dict:
+    """Document of ``fit --json`` with the exact posterior: no sampler to wait for."""
+    (analysis,) = Campaign.open(folder).analyse_all(thorough=True)
+    return analysis_to_json(analysis)
+
+
+def command(*arguments: object) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.stdout, done.output
+
+
+def quadratic(n: int = 24, seed: int = 0, **more) -> list[dict]:
+    """Scores of x and frequency, with an optimum inside."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for i in range(n):
+        a, b = (0.0, 0.0) if i % 6 == 0 else rng.uniform(-1, 1, 2)
+        score = 70 - 9 * (a - 0.2) ** 2 - 6 * (b + 0.1) ** 2 + rng.normal()
+        rows.append({"x": 5 + 5 * a, "frequency": 4.0 * 4.0**b, "score": round(score, 6)})
+        rows[-1].update({name: values[i] for name, values in more.items()})
+    return rows
+
+
+def matrix(rows: list[dict]) -> np.ndarray:
+    a = np.array([row["x"] for row in rows]) / 5 - 1
+    b = np.log(np.array([row["frequency"] for row in rows]) / 4) / np.log(4)
+    return np.column_stack([np.ones(len(rows)), a, b, a * b, a * a, b * b])
+
+
+def of(document: dict, key: str = "estimate") -> np.ndarray:
+    return np.array([term["coded"][key] for term in document["terms"]])
+
+
+def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
+    rows = quadratic()
+    folder = make(tmp_path / "c", X + FREQUENCY, rows)
+    code, out, _ = command("fit", folder, "--test", "x", "--test", "squares", "--test", "term:x,x^2", "--json")
+    assert code == 0
+    found = json.loads(out)
+    theirs = sm.OLS([row["score"] for row in rows], matrix(rows)).fit()
+    np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
+    np.testing.assert_allclose(of(found, "se"), theirs.bse, rtol=1e-9)
+    for test, places in zip(found["tests"], ([1, 3, 4], [4, 5], [1, 4]), strict=True):
+        want = theirs.f_test(np.eye(6)[places])
+        assert (test["df"], test["f"]) == (len(places), pytest.approx(float(want.fvalue), rel=1e-9))
+        assert test["p"] == pytest.approx(float(want.pvalue), rel=1e-7)
+    best = found["optimum"]
+    for name in ("confidence", "prediction", "prediction_mean"):  # never shorter than without the search
+        assert found["searched"][name]["low"] <= best[name]["low"] + 1e-9
+        assert found["searched"][name]["high"] >= best[name]["high"] - 1e-9
+    methods = {region["method"]: region for region in found["location"]}
+    assert set(methods) == {"scheffe", "box_hunter", "simulation set"}
+    for region in methods.values():
+        for name, value in best["settings"].items():
+            assert region["factors"][name]["low"] <= value <= region["factors"][name]["high"]
+        assert all(0 <= point["x"] <= 10 and 1 <= point["frequency"] <= 16 for point in region["points"])
+    units = {unit["name"]: unit["inclusion"] for unit in found["models"]["units"]}
+    assert units["x^2"] > 0.99
+    assert units["x:frequency"] < 0.5
+    assert sum(model["probability"] for model in found["models"]["best"]) <= 1.0 + 1e-9
+    assert found["transform"]["family"] == "box-cox"
+    assert found["transform"]["identity_inside"] is True
+    plot = found["diagnostics"]["normal_plot"]
+    assert plot["residuals"] == sorted(plot["residuals"])
+    assert sorted(plot["run_ids"]) == list(range(1, 25))
+    assert found["diagnostics"]["extrapolated"] is False
+    vif = np.diagonal(np.linalg.inv(np.corrcoef(matrix(rows)[:, 1:].T)))
+    np.testing.assert_allclose(
+        [found["diagnostics"]["vif"][term["name"]] for term in found["terms"][1:]], vif, rtol=1e-8
+    )
+    assert found["posterior"]["sampler"]["ess_ends"] > 1000
+    means = [point["mean"] for point in found["ridge"]]
+    assert means[0] == pytest.approx(theirs.params[0])
+    assert max(means) <= best["mean"] + 1e-9
+    steepest = [point["mean"] for point in found["steepest"]]
+    assert steepest == sorted(steepest)
+    assert steepest[-1] == pytest.approx(best["mean"], abs=0.1)
+    code, out, _ = command("fit", folder, "--test", "interactions")
+    assert code == 0
+    for words in ("after search", "Where the optimum may lie", "averaging over hierarchical models", "Partial F tests"):
+        assert words in out
+
+
+def test_unknown_test_is_refused_with_the_names(tmp_path: Path) -> None:
+    folder = make(tmp_path / "c", X + FREQUENCY, quadratic())
+    code, _, output = command("fit", folder, "--test", "x,resolution")
+    assert code == 2
+    assert "resolution" in output
+    assert "interactions" in output
+
+
+def test_weights_from_standard_errors(tmp_path: Path) -> None:
+    se = np.round(np.random.default_rng(5).uniform(0.5, 3.0, 24), 3)
+    rows = quadratic(se=se)
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+    theirs = sm.WLS([row["score"] for row in rows], matrix(rows), weights=1 / se**2).fit()
+    np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
+    np.testing.assert_allclose(of(found, "se"), theirs.bse, rtol=1e-9)
+    # A future run has the median standard error.
+    row = np.asarray(matrix([{**found["optimum"]["settings"]}]))
+    half = float(theirs.get_prediction(row, weights=1 / np.median(se) ** 2).conf_int(obs=True)[0] @ [-0.5, 0.5])
+    assert found["optimum"]["prediction"]["half_width"] == pytest.approx(half, rel=1e-7)
+    rows[4]["se"] = ""
+    with pytest.raises(FitError, match="runs 5 have no standard error"):
+        fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+
+
+def test_hierarchical_terms(tmp_path: Path) -> None:
+    rows = [{**row, "pol": ("HH", "VV")[i % 2]} for i, row in enumerate(quadratic(30))]
+    found = fit(make(tmp_path / "c", X + FREQUENCY + POL, rows, '[model]\nterms = "hierarchical"\n'))
+    names = [term["name"] for term in found["terms"]]
+    assert {"x", "x^2", "frequency", "frequency^2"} <= set(names)
+    assert "x:frequency" in found["terms_dropped"]
+    assert len(names) + len(found["terms_dropped"]) == 9
+    for name in names:  # hierarchical: a product comes with its factors
+        assert all(part in names for part in name.replace("^2", "").split(":") if "[" not in part)
+    kept = ["intercept", "x", "frequency", "x:frequency", "x^2", "frequency^2"]
+    full = dict(zip(kept, matrix(rows).T, strict=True))
+    full["pol[HH]"] = np.where([row["pol"] == "HH" for row in rows], 1.0, -1.0)
+    theirs = sm.OLS([row["score"] for row in rows], np.column_stack([full[name] for name in names])).fit()
+    np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
+    assert any("left out by the same scores" in warning for warning in found["warnings"])
+    checks = {check["name"]: check["text"] for check in found["stop"]["checks"]}
+    assert "9 terms" in checks["runs"]  # what was left out has used up its runs, too
+
+
+def test_hierarchical_fit_with_fewer_runs_than_terms(tmp_path: Path) -> None:
+    rows = [
+        {"x": v, "frequency": f, "score": 10 + 2 * v + 0.1 * i}
+        for i, (v, f) in enumerate([(0, 1), (10, 1), (0, 16), (10, 16), (5, 4)])
+    ]
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nterms = "hierarchical"\n'))
+    assert [term["name"] for term in found["terms"]] == ["intercept", "x"]
+
+
+def days(n: int, effect: float, seed: int) -> tuple[list[dict], np.ndarray]:
+    rng = np.random.default_rng(seed)
+    day = np.arange(n) % 6
+    shift = effect * rng.normal(size=6)
+    rows = quadratic(n, seed, block=[f"day{d}" for d in day])
+    for row, d in zip(rows, day, strict=True):
+        row["score"] = round(row["score"] + float(shift[d]), 6)
+    return rows, day
+
+
+def test_random_blocks(tmp_path: Path) -> None:
+    rows, day = days(36, 3.0, 2)
+    model = '[model]\nblock = "block"\n'
+    fixed = fit(make(tmp_path / "f", X + FREQUENCY, rows, model))
+    found = fit(make(tmp_path / "r", X + FREQUENCY, rows, model + 'block_effect = "random"\n'))
+    theirs = sm.MixedLM([row["score"] for row in rows], matrix(rows), groups=day).fit(reml=True)
+    for document in (fixed, found):
+        assert document["blocks"]["s"] == pytest.approx(np.sqrt(theirs.scale), rel=2e-3)
+        assert document["blocks"]["s_block"] == pytest.approx(np.sqrt(float(np.squeeze(theirs.cov_re))), rel=2e-2)
+        assert [one["block"] for one in document["blocks"]["same"]] == [f"day{d}" for d in range(6)]
+    mean = np.array([term["mean"] for term in found["posterior"]["terms"]])
+    np.testing.assert_allclose(mean, theirs.fe_params, atol=0.3 * theirs.bse_fe.max())
+    # A new day brings its own effect: one run there is known less well than one on a day flown.
+    new, same = found["blocks"]["new"], found["blocks"]["same"][0]
+    assert new["prediction"]["half_width"] > 1.5 * same["prediction"]["half_width"]
+    assert found["optimum"]["prediction"]["half_width"] == pytest.approx(new["prediction"]["half_width"], rel=1e-9)
+    assert fixed["optimum"]["prediction"]["half_width"] < new["prediction"]["half_width"]
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ('block_effect = "random"', "no block to have an effect"),
+        ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
+        ('errors = "beta_binomial"', "logit scale"),
+        ('terms = "stepwise"', "terms"),
+    ],
+)
+def test_model_keys_that_exclude_each_other(tmp_path: Path, model: str, words: str) -> None:
+    text = HEAD + X + PERCENT + f"[model]\n{model}\n" + STOP
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError, match=words):
+        Campaign.open(tmp_path)
+
+
+def counted(n: int = 20) -> list[dict]:
+    rng = np.random.default_rng(8)
+    rows = []
+    for i in range(n):
+        a = -1 + 2 * (i % 5) / 4
+        share = 1 / (1 + np.exp(-(1.5 - 2.0 * a * a + 0.15 * rng.normal())))
+        rows.append({"x": 5 + 5 * a, "n": 200, "correct": int(rng.binomial(200, share))})
+    return rows
+
+
+def test_counts_with_beta_binomial_errors(tmp_path: Path) -> None:
+    model = '[model]\nresponse = "logit"\nerrors = "beta_binomial"\n'
+    found = fit(make(tmp_path / "c", X, counted(), model, PERCENT))
+    sampler = found["posterior"]["sampler"]
+    assert sampler["errors"] == "beta_binomial"
+    assert 0.0 < sampler["correlation"] < 0.1
+    best = found["optimum"]
+    assert 0 < best["prediction"]["low"] < best["confidence"]["low"] < best["mean"] < best["confidence"]["high"] < 100
+    theirs = sm.GLM(
+        [[row["correct"], 200 - row["correct"]] for row in counted()],
+        [[1, row["x"] / 5 - 1, (row["x"] / 5 - 1) ** 2] for row in counted()],
+        family=sm.families.Binomial(),
+    ).fit()
+    terms = found["posterior"]["terms"]
+    assert all(abs(term["mean"] - want) < 0.5 * term["sd"] for term, want in zip(terms, theirs.params, strict=True))
+    assert all(term["sd"] > se for term, se in zip(terms, theirs.bse, strict=True))  # more scatter than the binomial
+    rows = [{"x": row["x"], "score": 50 + i} for i, row in enumerate(counted())]
+    with pytest.raises(FitError, match="no counts"):
+        fit(make(tmp_path / "d", X, rows, model, PERCENT))
+
+
+def test_prior_in_natural_terms(tmp_path: Path) -> None:
+    rows = quadratic(9)
+    known = (
+        "[application.prior]\nutility = [50, 80]\nrepeat_sd = 1.0\n"
+        "[application.prior.optimum]\nfrequency = 8.0\nx = { value = 9.0, doubt = 0.02 }\n"
+    )
+    plain = fit(make(tmp_path / "p", X + FREQUENCY, rows))["posterior"]["optimum"]["settings"]
+    found = fit(make(tmp_path / "k", X + FREQUENCY, rows, application=MEASURED + known))["posterior"]["optimum"][
+        "settings"
+    ]
+    assert found["x"]["high"] - found["x"]["low"] < plain["x"]["high"] - plain["x"]["low"]
+    assert found["x"]["mean"] > plain["x"]["mean"]  # drawn towards 9
+    assert found["frequency"]["mean"] > plain["frequency"]["mean"] - 0.5
+
+
+@pytest.mark.parametrize(
+    ("prior", "words"),
+    [
+        ("utility = [80, 50]", "no range of scores"),
+        ("utility = [50, 180]", "no range of scores"),
+        ("utility = [50]", "utility"),
+        ("utility = [50, 80]\noptimum = { x = 11.0 }", "outside the factor's range"),
+        ("utility = [50, 80]\noptimum = { y = 1.0 }", "no numeric factor"),
+        ("utility = [50, 80]\noptimum = { x = { value = 5.0, doubt = 0.0 } }", "doubt"),
+    ],
+)
+def test_impossible_priors_are_told(tmp_path: Path, prior: str, words: str) -> None:
+    text = HEAD + X + PERCENT + f"[application.prior]\n{prior}\n" + STOP
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError, match=words) as caught:
+        Campaign.open(tmp_path)
+    assert all(problem.line for problem in caught.value.problems)
+
+
+def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) -> None:
+    """Two factors that never differ: exit 2, the terms, and settings that make the model estimable when run."""
+    rows = [
+        {"x": v, "frequency": 4.0 * 4.0 ** (v / 5 - 1), "score": 50.0 + v + 0.1 * i}
+        for i, v in enumerate([0, 10, 5, 2, 8, 5, 0, 10])
+    ]
+    folder = make(tmp_path / "c", X + FREQUENCY, rows)
+    code, _, output = command("fit", folder)
+    assert code == 2
+    flat = " ".join(output.split())
+    assert "cannot tell these terms apart" in flat
+    assert "x:frequency" in flat
+    from seqrsm.campaign.fitted import scored_runs
+    from seqrsm.design.quadratic import QuadraticModel
+    from seqrsm.fit.estimability import missing_runs
+
+    campaign = Campaign.open(folder)
+    data = scored_runs(campaign.spec.region, campaign.store.runs(), "a")
+    missing = missing_runs(QuadraticModel(campaign.spec.factors), campaign.spec.region, data.points)
+    assert all(f"x {settings['x']:.4g}" in flat for settings in missing.settings)
+    more = [{**settings, "score": 60.0 + i} for i, settings in enumerate(missing.settings)]
+    (folder / "more.csv").write_text(
+        "x,frequency,score\n" + "".join(f"{m['x']},{m['frequency']},{m['score']}\n" for m in more)
+    )
+    assert command("ingest", folder, folder / "more.csv")[0] == 0
+    assert np.all(np.isfinite(of(fit(folder))))
+
+
+def test_too_few_runs_names_settings(tmp_path: Path) -> None:
+    folder = make(tmp_path / "c", X + FREQUENCY, [{"x": 5.0, "frequency": 4.0, "score": 50.0 + i} for i in range(7)])
+    code, _, output = command("fit", folder)  # all runs at one point
+    assert code == 2
+    assert "5 at these settings would do" in " ".join(output.split())
+
+
+EXTREME_DESIGN = [(0, 1), (10, 1), (0, 16), (10, 16), (5, 4), (5, 1), (5, 16), (0, 4), (10, 4), (5, 4), (2, 8), (7, 2)]
+
+
+@pytest.mark.parametrize("n", [6, 7])
+def test_as_many_runs_as_terms_and_one_more(tmp_path: Path, n: int) -> None:
+    rng = np.random.default_rng(1)
+    rows = [
+        {"x": x, "frequency": f, "score": 50 + round(float(rng.normal()), 3)}
+        for x, f in [EXTREME_DESIGN[i] for i in (0, 1, 2, 4, 5, 7, 8)[:n]]
+    ]
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows))
+    np.testing.assert_allclose(
+        matrix(rows)[:6] @ of(found), [row["score"] for row in rows[:6]], rtol=1e-9 if n == 6 else 1.0
+    )
+    assert found["df_residual"] == n - 6
+    if n == 6:
+        assert np.isnan(found["s"])
+        assert "no residual degrees of freedom" in " ".join(found["warnings"])
+        assert "reason" in found["searched"]
+        assert found["lack_of_fit"]["reason"]
+    else:
+        assert np.isfinite(found["optimum"]["confidence"]["half_width"])
+
+
+def test_scores_that_do_not_vary(tmp_path: Path) -> None:
+    rows = [{"x": x, "frequency": f, "score": 50.0} for x, f in EXTREME_DESIGN]
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows))
+    assert found["optimum"]["mean"] == pytest.approx(50.0)
+    assert found["s"] == 0.0
+    assert "All scores are equal" in " ".join(found["warnings"])
+    assert "reason" in found["models"]
+    assert "reason" in found["transform"]
+    json.dumps(found["posterior"]["optimum"])
+
+
+def test_scores_of_nothing_and_everything(tmp_path: Path) -> None:
+    rows = [{"x": x, "frequency": f, "score": (0, 100, 100)[i % 3]} for i, (x, f) in enumerate(EXTREME_DESIGN)]
+    for name, model in (("i", ""), ("l", '[model]\nresponse = "logit"\n')):
+        found = fit(make(tmp_path / name, X + FREQUENCY, rows, model, PERCENT))
+        assert np.all(np.isfinite(of(found)))
+        if name == "l":
+            best = found["optimum"]
+            assert 0.0 <= best["prediction"]["low"] <= best["mean"] <= best["prediction"]["high"] <= 100.0
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e12])
+def test_ranges_of_any_size(tmp_path: Path, size: float) -> None:
+    """The same design in other units: the same coded fit and the same optimum."""
+    rng = np.random.default_rng(3)
+    rows = [
+        {"x": x, "frequency": f, "score": 60 - 0.3 * (x - 6) ** 2 + round(float(rng.normal()), 3)}
+        for x, f in EXTREME_DESIGN
+    ]
+    plain = fit(make(tmp_path / "p", X + FREQUENCY, rows))
+    other = [{**row, "x": row["x"] * size} for row in rows]
+    found = fit(make(tmp_path / "o", X.replace("10.0", repr(10.0 * size)) + FREQUENCY, other))
+    np.testing.assert_allclose(of(found), of(plain), rtol=1e-7, atol=1e-9)
+    assert found["optimum"]["settings"]["x"] == pytest.approx(plain["optimum"]["settings"]["x"] * size, rel=1e-6)
+    assert found["optimum"]["prediction"]["half_width"] == pytest.approx(
+        plain["optimum"]["prediction"]["half_width"], rel=1e-7
+    )
+
+
+def test_level_that_was_never_run(tmp_path: Path) -> None:
+    rows = [{**row, "pol": "HH"} for row in quadratic(16)]
+    code, _, output = command("fit", make(tmp_path / "c", X + FREQUENCY + POL, rows))
+    assert code == 2
+    flat = " ".join(output.split())
+    assert "pol[HH]" in flat
+    assert "pol VV" in flat  # a run that would mend it
+
+
+def test_weights_over_twelve_decades(tmp_path: Path) -> None:
+    se = 10.0 ** np.linspace(-3, 3, 24)
+    rows = quadratic(se=se)
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+    from fractions import Fraction
+
+    Z, y = matrix(rows), [row["score"] for row in rows]
+    root = [1 / float(value) for value in se]
+    # Exact normal equations in rational arithmetic.
+    A = [[Fraction(float(v)) * Fraction(r) for v in line] for line, r in zip(Z, root, strict=True)]
+    t = [Fraction(float(v)) * Fraction(r) for v, r in zip(y, root, strict=True)]
+    G = [
+        [sum(line[i] * line[j] for line in A) for j in range(6)]
+        + [sum(line[i] * v for line, v in zip(A, t, strict=True))]
+        for i in range(6)
+    ]
+    for i in range(6):
+        G[i] = [v / G[i][i] for v in G[i]]
+        for j in range(6):
+            if j != i:
+                G[j] = [a - G[j][i] * b for a, b in zip(G[j], G[i], strict=True)]
+    np.testing.assert_allclose(of(found), [float(line[-1]) for line in G], rtol=1e-8)
+
+
+def test_eight_factors(tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    factors = "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(8))
+    rows = []
+    for _ in range(60):
+        x = np.round(rng.choice([-1, 0, 1], 8) * rng.uniform(0.8, 1, 8), 3)
+        rows.append(
+            {f"x{i}": v for i, v in enumerate(x)}
+            | {"score": round(float(70 - 4 * np.sum((x - 0.3) ** 2) + rng.normal()), 4)}
+        )
+    (analysis,) = Campaign.open(make(tmp_path / "c", factors, rows)).analyse_all(n_draws=200)
+    assert analysis.fit.n_terms == 45
+    assert analysis.fit.df_residual == 15
+    value = analysis.optimum.mean
+    some = analysis.model.matrix(analysis.region.sample(100_000, rng)) @ analysis.fit.estimate
+    assert value >= some.max()
