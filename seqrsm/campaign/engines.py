@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
-
-import numpy as np
 
 from seqrsm.campaign.own_utility import call_utility, find_utility
 from seqrsm.errors import Problem, SpecError
 from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
+from seqrsm.scene.statistics import SceneStatistics, scene_statistics
+from seqrsm.score import sampled
 from seqrsm.score.classification import UtilityScore, percent_correct
 from seqrsm.score.retrieval import percent_correct_radiometer, soil_moisture_error
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.simulate.fidelity import Plan, RungPlan
+from seqrsm.simulate.fidelity_radar import plan_radar
+from seqrsm.simulate.fidelity_radiometer import plan_radiometer
 from seqrsm.simulate.frame import make_frame
-from seqrsm.simulate.prm import check_radiometer, simulate_radiometer
+from seqrsm.simulate.prm import check_radiometer, meet_radiometer, simulate_radiometer
 from seqrsm.simulate.prm_image import RadiometerImage
+from seqrsm.simulate.prm_sample import radiometer_sample
 from seqrsm.simulate.psm import Precision, RadarImage, simulate_radar
+from seqrsm.simulate.psm_sample import meet, radar_record, radar_sample
 from seqrsm.simulate.receiver import transfer_function
+from seqrsm.simulate.sample import Sample
 from seqrsm.simulate.targets import CulturalTarget, check_targets, load_targets
-from seqrsm.units import linear_to_db
 
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration
@@ -38,6 +43,41 @@ class Utility(Protocol):
 
     def __call__(self, image: Any, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
         """Score the image."""
+
+
+class SampledUtility(Protocol):
+    """The same measure of a sample of an image's pixels: a mean over pixels, which every rung admits."""
+
+    def __call__(self, sample: Sample, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
+        """Score the sample."""
+
+
+class Planner(Protocol):
+    """Choice of the rung of one run, and the sample of it."""
+
+    def __call__(
+        self, scene: Scene, sensor: Any, table: Any, seed: int, run_id: int, utilities: Sequence[str], demand: Demand
+    ) -> tuple[Plan, Callable[[RungPlan], Sample]]:
+        """Plan the run; the function makes the sample of any rung below the top."""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What a campaign asks of the fidelity of its simulations.
+
+    Attributes
+    ----------
+    tolerance : float
+        Accepted error of a score [score units].
+    fidelity : str
+        "auto" or a rung.
+    widening : Mapping
+        Factor of a rung's bound that the online check found to be too small.
+    """
+
+    tolerance: float = 0.5
+    fidelity: str = "auto"
+    widening: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +99,10 @@ class Engine:
         What is kept with a score.
     utilities : Mapping
         Utility measures by the names of ``campaign.toml``.
+    plan : Planner
+        Chooses the cheapest sufficient model of a run.
+    sampled : Mapping
+        Those of the utilities that are means over pixels, for a sample of them; others need the whole image.
     files : tuple of str
         Sensor parameters that name a file; in ``campaign.toml`` its path is from the campaign's folder.
     threads : bool
@@ -73,6 +117,8 @@ class Engine:
     examine: Callable[[Scene, Any, Any], tuple[str, ...]]
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
+    plan: Planner
+    sampled: Mapping[str, SampledUtility]
     files: tuple[str, ...] = ()
     threads: bool = False
     masks: tuple[str, ...] = ()
@@ -173,13 +219,77 @@ def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: Em
 
 
 def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:
-    noise_db = linear_to_db(image.noise_equivalent_sigma0)
-    return {
-        "engine": "psm",
-        "looks": [float(image.looks.min()), float(image.looks.max())],
-        "noise_equivalent_sigma0_db": [round(float(np.min(noise_db)), 2), round(float(np.max(noise_db)), 2)],
-        "occasion": dict(image.occasion.record(image.radar.channels, scene.categories)),
-    }
+    return radar_record(image.radar, scene, image.looks, image.noise_equivalent_sigma0, image.occasion)
+
+
+@lru_cache(maxsize=4)
+def statistics_of(scene: Scene) -> SceneStatistics:
+    """Statistics of a scene, computed once."""
+    return scene_statistics(scene)
+
+
+def _plan_radar(
+    scene: Scene,
+    sensor: RadarConfiguration,
+    table: Sigma0Table,
+    seed: int,
+    run_id: int,
+    utilities: Sequence[str],
+    demand: Demand,
+) -> tuple[Plan, Callable[[RungPlan], Sample]]:
+    lookups, occasion = meet(scene, sensor, table, seed, run_id)
+    plan = plan_radar(
+        scene,
+        statistics_of(scene),
+        sensor,
+        lookups,
+        tolerance=demand.tolerance,
+        pixelwise=all(name in _SAMPLED_RADAR for name in utilities),
+        fidelity=demand.fidelity,
+        widening=demand.widening,
+    )
+
+    def make(rung: RungPlan) -> Sample:
+        return radar_sample(scene, sensor, lookups, occasion, rung, seed=seed, run_id=run_id)
+
+    return plan, make
+
+
+_SAMPLED_RADAR: Mapping[str, SampledUtility] = {"percent_correct": sampled.percent_correct_radar}
+
+
+def _plan_radiometer(
+    scene: Scene,
+    sensor: RadiometerConfiguration,
+    table: EmissivityTable,
+    seed: int,
+    run_id: int,
+    utilities: Sequence[str],
+    demand: Demand,
+) -> tuple[Plan, Callable[[RungPlan], Sample]]:
+    met = meet_radiometer(scene, sensor, table, seed=seed, run_id=run_id)
+    plan = plan_radiometer(
+        scene,
+        statistics_of(scene),
+        sensor,
+        met,
+        tolerance=demand.tolerance,
+        utilities=utilities,
+        pixelwise=all(name in _SAMPLED_RADIOMETER for name in utilities),
+        fidelity=demand.fidelity,
+        widening=demand.widening,
+    )
+
+    def make(rung: RungPlan) -> Sample:
+        return radiometer_sample(scene, sensor, table, met, rung, seed=seed, run_id=run_id)
+
+    return plan, make
+
+
+_SAMPLED_RADIOMETER: Mapping[str, SampledUtility] = {
+    "percent_correct": sampled.percent_correct_radiometer,
+    "retrieval_error": sampled.soil_moisture_error,
+}
 
 
 def _radiometer_record(image: RadiometerImage, scene: Scene) -> dict[str, Any]:
@@ -194,6 +304,8 @@ ENGINES: Mapping[str, Engine] = {
         examine=_examine_radar,
         record=_radar_record,
         utilities={"percent_correct": percent_correct},
+        plan=_plan_radar,
+        sampled=_SAMPLED_RADAR,
         files=("targets_file", "pattern_file"),
         threads=True,
         masks=("shadow", "layover"),
@@ -205,6 +317,8 @@ ENGINES: Mapping[str, Engine] = {
         examine=_examine_radiometer,
         record=_radiometer_record,
         utilities={"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
+        plan=_plan_radiometer,
+        sampled=_SAMPLED_RADIOMETER,
         files=("beam_file",),
         masks=("blocked",),
     ),

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from seqrsm.campaign.engines import ENGINES, Image, Sensor, modified_ns
+from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.campaign.own_utility import file_of, located
 from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.scene.scene import Scene, load_scene
+from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
+from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference
 from seqrsm.simulate.psm import Precision
+from seqrsm.simulate.sample import Sample
 
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
@@ -38,6 +42,8 @@ class SimulationTask:
         Path of the user's table of sigma0 or emissivity, "" for the shipped one alone.
     utilities : tuple of (application, utility)
         What to score.
+    demand : Demand
+        How faithful the simulation must be.
     """
 
     engine: str
@@ -48,11 +54,38 @@ class SimulationTask:
     scene: str
     table: str
     utilities: tuple[tuple[str, str], ...]
+    demand: Demand = field(default_factory=Demand)
+
+
+@dataclass(frozen=True, slots=True)
+class FidelityCheck:
+    """What the next rung said of a run: the online check of the planner.
+
+    Attributes
+    ----------
+    rung, by : str
+        Rung of the score, and the rung that checked it.
+    application : str
+        The one whose scores differ most, against the limit.
+    difference, limit : float
+        Score less that of the checking rung, and how far they may differ [score units].
+    """
+
+    rung: str
+    by: str
+    application: str
+    difference: float
+    limit: float
+
+    @property
+    def violated(self) -> bool:
+        """Whether the bound was too small."""
+        return abs(self.difference) > self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Scores of a run, or the reason why there are none; ``seconds`` is what it took.
+    """Scores of a run, or the reason why there are none; ``seconds`` is what it took, the check left out.
 
     ``again``: the failure was the machine's (memory, disk) and not the sensor's; another attempt may do better.
     """
@@ -62,10 +95,16 @@ class SimulationResult:
     failure: str
     seconds: float
     again: bool = False
+    check: FidelityCheck | None = None
 
 
-def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]) -> SimulationTask:
-    """Task of one run of a campaign.
+def task_of(
+    spec: CampaignSpec,
+    run_id: int,
+    settings: Mapping[str, float | str],
+    widening: Mapping[str, float] | None = None,
+) -> SimulationTask:
+    """Task of one run of a campaign; ``widening``: factors of the rungs' bounds, as the campaign found them.
 
     Raises
     ------
@@ -91,6 +130,7 @@ def task_of(spec: CampaignSpec, run_id: int, settings: Mapping[str, float | str]
         str(spec.scene_path),
         str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
         utilities,
+        Demand(spec.simulator.tolerance, spec.simulator.fidelity, dict(widening or {})),
     )
 
 
@@ -127,19 +167,38 @@ def simulate_image(task: SimulationTask, precision: Precision = "float32", threa
     return image, scene
 
 
+def plan_of(task: SimulationTask) -> tuple[Plan, Callable[[RungPlan], Sample], Scene, Sensor]:
+    """The planner's decision on a task, what makes a rung's sample, and the scene and sensor it is about."""
+    scene, sensor, engine = scene_at(task.scene), configuration(task), ENGINES[task.engine]
+    names = [name for _, name in task.utilities]
+    table = engine.table(task.table)
+    plan, make = engine.plan(scene, sensor, table, task.seed, task.run_id, names, task.demand)
+    return plan, make, scene, sensor
+
+
 def carry_out(task: SimulationTask) -> SimulationResult:
     """Simulate and score; a sensor that cannot work is a failure with its reason, not an exception."""
     start = time.perf_counter()
     task = on_this_machine(task)
     try:
-        image, scene = simulate_image(task)
-        scores = tuple(_score(task, image, scene, application, name) for application, name in task.utilities)
+        plan, make, scene, sensor = plan_of(task)
+        scores = _scores(task, plan.chosen, make, scene, sensor)
+        seconds = time.perf_counter() - start
+        other = plan.next_rung() if checked(task.seed, task.run_id) else None
+        check = None
+        if other is not None:
+            check = _compare(plan.chosen, other, scores, _scores(task, other, make, scene, sensor))
     except UserError as error:
         return SimulationResult(task.run_id, (), str(error), time.perf_counter() - start)
     except (MemoryError, OSError) as error:
         reason = f"{type(error).__name__}: {error}"
         return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, again=True)
-    return SimulationResult(task.run_id, scores, "", time.perf_counter() - start)
+    record = {**plan.record(), "seconds": round(seconds, 4)}
+    if check is not None:
+        record["check"] = {"by": check.by, "difference": check.difference, "limit": check.limit}
+    return SimulationResult(
+        task.run_id, tuple(_new_score(*score, record) for score in scores), "", seconds, check=check
+    )
 
 
 def files_of(task: SimulationTask) -> frozenset[str]:
@@ -160,13 +219,43 @@ def on_this_machine(task: SimulationTask) -> SimulationTask:
     return replace(task, scene=local_file(task.scene), table=local_file(task.table), fixed=fixed, utilities=utilities)
 
 
-def _score(task: SimulationTask, image: Image, scene: Scene, application: str, utility: str) -> NewScore:
-    engine = ENGINES[task.engine]
-    found = engine.score(utility, image, scene, seed=task.seed, run_id=task.run_id)
+Scored = tuple[str, UtilityScore, dict[str, Any]]
+
+
+def score_by(task: SimulationTask, rung: str) -> tuple[dict[str, float], float]:
+    """Score of each application of a task by one rung, and the CPU time it took [s]; for studies of the ladder."""
+    start = time.process_time()
+    plan, make, scene, sensor = plan_of(replace(task, demand=replace(task.demand, fidelity=rung)))
+    scores = _scores(task, plan.chosen, make, scene, sensor)
+    return {application: score.value for application, score, _ in scores}, time.process_time() - start
+
+
+def _scores(
+    task: SimulationTask, rung: RungPlan, make: Callable[[RungPlan], Sample], scene: Scene, sensor: Sensor
+) -> list[Scored]:
+    """Application, score and record of the run by one rung."""
+    engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.run_id}
+    if rung.rung == "F4":
+        image = engine.simulate(scene, sensor, engine.table(task.table), task.seed, task.run_id)
+        record = engine.record(image, scene)
+        return [(name, engine.score(utility, image, scene, **key), record) for name, utility in task.utilities]
+    sample = make(rung)
+    record = dict(sample.record)
+    return [(name, engine.sampled[utility](sample, scene, **key), record) for name, utility in task.utilities]
+
+
+def _compare(rung: RungPlan, other: RungPlan, scores: list[Scored], others: list[Scored]) -> FidelityCheck:
+    differences = {name: one.value - two.value for (name, one, _), (_, two, _) in zip(scores, others, strict=True)}
+    worst = max(differences, key=lambda name: abs(differences[name]))
+    return FidelityCheck(rung.rung, other.rung, worst, differences[worst], largest_difference(rung, other))
+
+
+def _new_score(application: str, found: UtilityScore, record: dict[str, Any], fidelity: dict[str, Any]) -> NewScore:
     metadata = {
-        **engine.record(image, scene),
+        **record,
         "n_cells": found.n_cells,
         "n_tiles": found.n_clusters,
         **found.details,
+        "fidelity": fidelity,
     }
     return NewScore(application, found.value, se=found.se if found.se > 0.0 else None, metadata=metadata)

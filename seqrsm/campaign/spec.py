@@ -43,7 +43,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
     sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted
-    error of a simulated score, in score units; ``fixed``: every sensor parameter that is no factor.
+    error of a simulated score, in score units; ``fidelity`` ("auto": the cheapest model of each run that is proven to
+    meet the tolerance; or a rung "F0" to "F4", see :mod:`seqrsm.simulate.fidelity`); ``fixed``: every sensor parameter
+    that is no factor.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
 ``[stop]``

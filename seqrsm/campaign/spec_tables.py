@@ -200,12 +200,13 @@ class ModelSpec(Table):
 
 
 class SimulatorSpec(Table):
-    """The engine, its files (paths from the campaign's folder), tolerance in score units, fixed parameters."""
+    """The engine, its files (paths from the campaign's folder), tolerance in score units, rung, fixed parameters."""
 
     engine: Literal["psm", "prm"]
     scene: Annotated[str, Field(min_length=1)]
     table: str = ""
     tolerance: PositiveNumber = 0.5
+    fidelity: Literal["auto", "F0", "F1", "F2", "F3", "F4"] = "auto"
     fixed: dict[str, Number | str] = Field(default_factory=dict)
 
 

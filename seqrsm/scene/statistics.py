@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
+from seqrsm.arrays import AnyArray
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import rms_slope, slopes
+
+PYRAMID: Final = (1, 2, 4, 8)
+"""Cells along a side of the blocks over which slopes are taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +26,18 @@ class SceneStatistics:
         Lowest and highest known elevation [m].
     rms_slope, max_slope : float
         Root-mean-square and largest slope along one axis [1].
+    step_slope_east, step_slope_north : float
+        Largest slope between neighbouring cells along each axis [1]: what proves that nothing is hidden.
+    rms_slope_east, rms_slope_north : tuple of float
+        Root-mean-square slope along each axis [1] of the terrain as it is, and averaged over 2, 4 and 8 cells.
     category_fractions : Mapping[str, float]
         Share of each category among the cells whose category is known.
     scored_fraction : float
         Share of the cells that are scored.
     boundary_density_1_m : float
         Length of category boundary to an area [1/m], for isotropic boundaries.
+    field_boundary_density_1_m : float
+        The same for the boundaries of fields.
     n_fields : int
         Fields that hold at least one cell.
     median_field_m2 : float
@@ -37,9 +48,14 @@ class SceneStatistics:
     high_m: float
     rms_slope: float
     max_slope: float
+    step_slope_east: float
+    step_slope_north: float
+    rms_slope_east: tuple[float, ...]
+    rms_slope_north: tuple[float, ...]
     category_fractions: Mapping[str, float]
     scored_fraction: float
     boundary_density_1_m: float
+    field_boundary_density_1_m: float
     n_fields: int
     median_field_m2: float
 
@@ -51,21 +67,58 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
     size = np.bincount(scene.field_id.ravel())
     size = np.sort(size[size > 0])
     half = int(np.searchsorted(np.cumsum(size), 0.5 * scene.field_id.size))
+    z = scene.elevation_m
+    levels = [_rms_along(aggregated(z, factor), factor * scene.cell_m) for factor in PYRAMID]
     return SceneStatistics(
-        low_m=float(np.nanmin(scene.elevation_m)),
-        high_m=float(np.nanmax(scene.elevation_m)),
-        rms_slope=rms_slope(scene.elevation_m, scene.cell_m),
-        max_slope=float(np.nanmax(np.abs(slopes(scene.elevation_m, scene.cell_m)))),
+        low_m=float(np.nanmin(z)),
+        high_m=float(np.nanmax(z)),
+        rms_slope=rms_slope(z, scene.cell_m),
+        max_slope=float(np.nanmax(np.abs(slopes(z, scene.cell_m)))),
+        step_slope_east=_largest_step(z, 1) / scene.cell_m,
+        step_slope_north=_largest_step(z, 0) / scene.cell_m,
+        rms_slope_east=tuple(east for east, _ in levels),
+        rms_slope_north=tuple(north for _, north in levels),
         category_fractions={name: float(n) / known for name, n in zip(scene.categories, count, strict=True)},
         scored_fraction=float(scene.scored.mean()),
-        boundary_density_1_m=_boundary_density(scene),
+        boundary_density_1_m=_boundary_density(scene.cover, scene.cell_m),
+        field_boundary_density_1_m=_boundary_density(scene.field_id, scene.cell_m),
         n_fields=int(size.size),
         median_field_m2=float(size[half]) * scene.cell_m**2,
     )
 
 
-def _boundary_density(scene: Scene) -> float:
+def aggregated(layer: AnyArray, factor: int) -> AnyArray:
+    """Mean of the known values of every ``factor`` x ``factor`` cells; what is left over at the edges is dropped."""
+    rows, cols = layer.shape[0] // factor, layer.shape[1] // factor
+    if factor == 1 or min(rows, cols) < 2:
+        return layer
+    blocks = layer[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor)
+    if not np.isnan(layer).any():
+        return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64))
+    known = np.isfinite(blocks)
+    total = np.where(known, blocks, 0.0).sum(axis=(1, 3), dtype=np.float64)
+    n = known.sum(axis=(1, 3))
+    return np.where(n > 0, total / np.maximum(n, 1), np.nan)
+
+
+def _rms_along(z: AnyArray, cell_m: float) -> tuple[float, float]:
+    """Root-mean-square slope towards east and towards north; 0 where no slope is known."""
+    found = []
+    for layer in slopes(z, cell_m):
+        known = layer[np.isfinite(layer)]
+        found.append(float(np.sqrt(np.mean(np.square(known)))) if known.size else 0.0)
+    return found[0], found[1]
+
+
+def _largest_step(z: AnyArray, axis: int) -> float:
+    """Largest difference between neighbours along an axis; a step over unknown cells counts as the whole relief."""
+    step = np.abs(np.diff(z, axis=axis))
+    known = step[np.isfinite(step)]
+    largest = float(known.max()) if known.size else 0.0
+    return largest if known.size == step.size else float(np.nanmax(z) - np.nanmin(z))
+
+
+def _boundary_density(label: AnyArray, cell_m: float) -> float:
     """pi/4 x unlike neighbour pairs x cell / area: a grid counts an isotropic boundary 4/pi times too long."""
-    cover = scene.cover
-    unlike = np.count_nonzero(cover[1:] != cover[:-1]) + np.count_nonzero(cover[:, 1:] != cover[:, :-1])
-    return 0.25 * np.pi * float(unlike) / (cover.size * scene.cell_m)
+    unlike = np.count_nonzero(label[1:] != label[:-1]) + np.count_nonzero(label[:, 1:] != label[:, :-1])
+    return 0.25 * np.pi * float(unlike) / (label.size * cell_m)

@@ -7,7 +7,8 @@ trained on and tested in disjoint pieces of ground.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -118,7 +119,17 @@ def percent_correct(
             Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
         )
     row, column = np.divmod(used, n_azimuth)
-    tile = _tiles(image, row, column, tile_m)
+    across, along = image.place_m(row, column)
+    ground = image.ground_range_m
+    if image.radar.scan == "slar":
+        across, extent = (
+            across - ground[0],
+            (float(ground[-1] - ground[0]), (n_azimuth - 0.5) * image.azimuth_spacing_m),
+        )
+    else:
+        reach = float(ground[-1])
+        across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
+    tile, keys = tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
     power = image.apparent_sigma0().reshape(len(image.intensity), -1)[:, used].T.astype(np.float64)
     looks = image.looks[row]
     score = score_pixels(
@@ -131,16 +142,21 @@ def percent_correct(
         likelihood=likelihood,
         priors=priors,
         training_purity=training_purity,
+        tile_keys=keys,
     )
-    named = score.details["not_predicted"]
-    assert isinstance(named, tuple)
-    per_class = score.details["per_class_percent"]
-    assert isinstance(per_class, dict)
-    details: dict[str, object] = {
-        "not_predicted": tuple(scene.categories[k] for k in named),
-        "per_class_percent": {scene.categories[k]: value for k, value in per_class.items()},
+    return with_names(score, scene.categories)
+
+
+def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:
+    """The score with classes by name in its details, where `score_pixels` has numbers."""
+    missing, shares = score.details["not_predicted"], score.details["per_class_percent"]
+    assert isinstance(missing, tuple)
+    assert isinstance(shares, dict)
+    named = {
+        "not_predicted": tuple(categories[k] for k in missing),
+        "per_class_percent": {categories[k]: value for k, value in shares.items()},
     }
-    return UtilityScore(score.value, score.se, score.n_cells, score.n_clusters, score.confusion, details)
+    return replace(score, details={**score.details, **named})
 
 
 def score_pixels(
@@ -156,6 +172,9 @@ def score_pixels(
     training_purity: float = TRAINING_PURITY,
     scale: Literal["decibel", "linear"] = "decibel",
     covariates: FloatArray | None = None,
+    tile_keys: FloatArray | None = None,
+    pixels_each: float = 1.0,
+    group: IntArray | None = None,
 ) -> UtilityScore:
     """`percent_correct` on bare arrays: pixels with the cells of each class in them.
 
@@ -176,6 +195,13 @@ def score_pixels(
     covariates : float64 array (n_pixels, n_covariates), optional
         Known for each pixel and no evidence of its class, such as the look angle: the Gaussian law of each class is
         conditional on them, its mean a straight line in each.
+    tile_keys : float64 array (n_tiles,), optional
+        The half of the tiles with the smaller keys is one half; drawn if not given.
+    pixels_each : float
+        Pixels of the full image that each of these stands for: teaching counts them as so many.
+    group : int64 array (n_pixels,), optional
+        Number of each pixel's group in a systematic sample, 0, 1, ... in the order of place: the details then hold
+        ``sampling_se``, the standard error of having looked at these groups only.
 
     Returns
     -------
@@ -184,7 +210,10 @@ def score_pixels(
     """
     n_classes = counts.shape[1]
     n_tiles = int(tile.max()) + 1
-    order = generator(seed, run_id, "training tiles").permutation(n_tiles)
+    if tile_keys is None:
+        order = generator(seed, run_id, "training tiles").permutation(n_tiles)
+    else:
+        order = np.argsort(tile_keys)
     half_of_tile = np.zeros(n_tiles, dtype=np.int64)
     half_of_tile[order[: n_tiles // 2]] = 1
     half = half_of_tile[tile]
@@ -199,15 +228,15 @@ def score_pixels(
         train = test if n_tiles == 1 else ~test
         if not test.any():
             continue
-        weights = _training_weights(counts[train], training_purity)
+        weights = _training_weights(counts[train], training_purity, pixels_each)
         known = weights.any(axis=0)
         taught |= known
         if likelihood == "gamma":
             log_likelihood = _gamma_log_likelihood(features[train], weights, features[test], looks[test])
         else:
-            log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
+            log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test], pixels_each)
             if covariates is not None:
-                log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
+                log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test], pixels_each)
         if priors == "area":
             area = counts[train].sum(axis=0)
             log_likelihood += np.log(np.maximum(area, 1) / area.sum())
@@ -224,6 +253,8 @@ def score_pixels(
         "not_predicted": tuple(int(k) for k in np.flatnonzero(~taught & (total > 0))),
         "per_class_percent": shares,
     }
+    if group is not None:
+        details["sampling_se"] = 100.0 * systematic_se(correct, counts.sum(axis=1), group)
     return UtilityScore(100.0 * value, 100.0 * se, int(total.sum()), n_tiles, confusion, details)
 
 
@@ -255,19 +286,56 @@ def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tupl
     return share, math.sqrt(n / (n - 1.0) * float(residual @ residual)) / float(size.sum())
 
 
-def _tiles(image: RadarImage, row: IntArray, column: IntArray, tile_m: float) -> IntArray:
-    """Tile of each pixel by its centre, numbered without gaps; squares on the ground in either range format."""
-    across, along = image.place_m(row, column)
-    across = across - (image.ground_range_m[0] if image.radar.scan == "slar" else 0.0)
-    code = np.floor(across / tile_m).astype(np.int64) * 1_000_003 + np.floor(along / tile_m).astype(np.int64)
-    return np.asarray(np.unique(code, return_inverse=True)[1], dtype=np.int64).ravel()
+def systematic_se(correct: AnyArray, cells: AnyArray, group: IntArray) -> float:
+    """Standard error of the share of correct cells in a systematic sample of groups, such as every tenth column.
+
+    Successive differences of the groups' residuals, eq. (8.3) of Wolter (2007), Introduction to Variance Estimation,
+    2nd ed.; without finite population correction; nan with fewer than two groups.
+    """
+    right, size = np.bincount(group, weights=correct), np.bincount(group, weights=cells)
+    n = len(size)
+    if n < 2:
+        return math.nan
+    residual = right - float(right.sum() / size.sum()) * size
+    return math.sqrt(n / (2.0 * (n - 1.0)) * float(np.square(np.diff(residual)).sum())) / float(size.sum())
 
 
-def _training_weights(counts: AnyArray, purity: float) -> FloatArray:
+def tiles(
+    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float, *, seed: int, run_id: int
+) -> tuple[IntArray, FloatArray]:
+    """Square tile of ground that each pixel belongs to, and the key by which the tiles are split into halves.
+
+    The keys are those of all tiles of the image, whichever are asked for: a part of an image is split as the whole.
+
+    Parameters
+    ----------
+    across_m, along_m : float64 array (n_pixels,)
+        Centre of each pixel [m].
+    extent_m : tuple of float
+        Largest value of either in the whole image [m].
+    tile_m : float
+        Side of a tile [m].
+    seed, run_id : int
+
+    Returns
+    -------
+    tile : int64 array (n_pixels,)
+        Numbered without gaps.
+    keys : float64 array (n_tiles,)
+    """
+    wide, long = (max(math.floor(size / tile_m), 0) + 1 for size in extent_m)
+    away = np.clip(np.floor(across_m / tile_m).astype(np.int64), 0, wide - 1)
+    ahead = np.clip(np.floor(along_m / tile_m).astype(np.int64), 0, long - 1)
+    code, tile = np.unique(away * long + ahead, return_inverse=True)
+    keys = generator(seed, run_id, "training tiles").random(wide * long)
+    return np.asarray(tile, dtype=np.int64).ravel(), keys[code]
+
+
+def _training_weights(counts: AnyArray, purity: float, pixels_each: float) -> FloatArray:
     """Cells with which each pixel teaches each class (n_pixels, n_classes)."""
     cells = counts.astype(np.float64)
     pure = np.where(cells >= purity * cells.sum(axis=1, keepdims=True), cells, 0.0)
-    few = _effective_pixels(pure) < _ENOUGH_PIXELS
+    few = pixels_each * _effective_pixels(pure) < _ENOUGH_PIXELS
     pure[:, few] = cells[:, few]
     return pure
 
@@ -284,7 +352,9 @@ def _decibels(power: FloatArray) -> FloatArray:
     return np.asarray(10.0 * np.log10(np.maximum(power, np.where(np.isfinite(floor), floor, 1.0))))
 
 
-def _gaussian_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray) -> FloatArray:
+def _gaussian_log_likelihood(
+    train: FloatArray, weights: FloatArray, test: FloatArray, pixels_each: float
+) -> FloatArray:
     """Log likelihood (n_test, n_classes) under each class's Gaussian, its moments weighted by cells.
 
     A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d
@@ -297,7 +367,7 @@ def _gaussian_log_likelihood(train: FloatArray, weights: FloatArray, test: Float
     second = np.einsum("nk,ni,nj->kij", weights, train, train, optimize=True) / safe[:, None, None]
     covariance = second - mean[:, :, None] * mean[:, None, :]
     pooled = np.tensordot(total, covariance, axes=1) / total.sum() + 1e-6 * np.eye(d)
-    effective = _effective_pixels(weights)
+    effective = pixels_each * _effective_pixels(weights)
     prior_pixels = 2.0 * (d + 1)
     out = np.empty((len(test), n_classes))
     for k in range(n_classes):

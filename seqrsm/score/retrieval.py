@@ -13,8 +13,15 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem, SceneError
-from seqrsm.rng import generator
-from seqrsm.score.classification import TRAINING_PURITY, Priors, UtilityScore, cluster_ratio, score_pixels
+from seqrsm.score.classification import (
+    TRAINING_PURITY,
+    Priors,
+    UtilityScore,
+    cluster_ratio,
+    score_pixels,
+    tiles,
+    with_names,
+)
 from seqrsm.simulate.kernels import count_classes
 
 if TYPE_CHECKING:
@@ -74,25 +81,21 @@ def percent_correct_radiometer(
         raise SceneError(Problem("no scored cell lies in the image", "Scan wider", field="scored"))
     brightness = image.brightness_k.reshape(len(image.brightness_k), -1)[:, used].T.astype(np.float64)
     sample, line = np.divmod(used, n_lines)
+    tile, keys = _tiles(image, scene, sample, line, tile_m, seed, run_id)
     score = score_pixels(
         brightness,
         np.ones(used.size),
         counts[used],
-        _tiles(image, scene, sample, line, tile_m),
+        tile,
         seed=seed,
         run_id=run_id,
         priors=priors,
         training_purity=training_purity,
         scale="linear",
         covariates=np.square(image.scan.look_rad[sample])[:, None],
+        tile_keys=keys,
     )
-    details: dict[str, object] = dict(score.details)
-    missing, shares = score.details["not_predicted"], score.details["per_class_percent"]
-    assert isinstance(missing, tuple)
-    assert isinstance(shares, dict)
-    details["not_predicted"] = tuple(scene.categories[k] for k in missing)
-    details["per_class_percent"] = {scene.categories[k]: value for k, value in shares.items()}
-    return UtilityScore(score.value, score.se, score.n_cells, score.n_clusters, score.confusion, details)
+    return with_names(score, scene.categories)
 
 
 def soil_moisture_error(image: RadiometerImage, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
@@ -161,10 +164,9 @@ def retrieval_error(
     mean = np.bincount(index, weights=value) / cells
     n_lines = image.brightness_k.shape[2]
     sample, line = np.divmod(used, n_lines)
-    tile = _tiles(image, scene, sample, line, tile_m)
+    tile, keys = _tiles(image, scene, sample, line, tile_m, seed, run_id)
     brightness = image.brightness_k.reshape(len(image.brightness_k), -1)[:, used].T.astype(np.float64)
-    features = _polynomial(brightness, np.square(image.scan.look_rad[sample]))
-    retrieved = _crossed_fit(features, mean, cells, tile, seed=seed, run_id=run_id)
+    retrieved = retrieve(brightness, np.square(image.scan.look_rad[sample]), mean, cells, tile, keys)
     low, high = (0.0, 100.0) if quantity == "water_fraction" else (float(mean.min()), float(mean.max()))
     error = np.clip(retrieved, low, high)[index] - value
     unit_tile = tile[index]
@@ -207,15 +209,52 @@ def _seen_pixels(image: RadiometerImage) -> AnyArray:
     return pixel
 
 
-def _tiles(image: RadiometerImage, scene: Scene, sample: IntArray, line: IntArray, tile_m: float | None) -> IntArray:
-    """Tile of each footprint by its centre, numbered without gaps; squares on the ground."""
-    side = tile_m or min(scene.shape) * scene.cell_m / TILES_ACROSS
+def tile_side_m(scene: Scene) -> float:
+    """Side of a tile where it is not given [m]."""
+    return min(scene.shape) * scene.cell_m / TILES_ACROSS
+
+
+def _tiles(
+    image: RadiometerImage,
+    scene: Scene,
+    sample: IntArray,
+    line: IntArray,
+    tile_m: float | None,
+    seed: int,
+    run_id: int,
+) -> tuple[IntArray, FloatArray]:
+    """Tile of each footprint by its centre, and the tiles' keys."""
     scan = image.scan
     half = 0.5 * scene.shape[image.quarter_turns % 2] * scene.cell_m
-    across = np.clip(scan.height_m * np.tan(np.clip(scan.look_rad[sample], -1.5, 1.5)), -half, half) + half
-    code = np.floor(across / side).astype(np.int64) * 1_000_003
-    code += np.floor((line + 0.5) * scan.advance_m / side).astype(np.int64)
-    return np.asarray(np.unique(code, return_inverse=True)[1], dtype=np.int64).ravel()
+    across = across_of_look(scan.look_rad[sample], scan.height_m, half)
+    extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
+    along = np.asarray((line + 0.5) * scan.advance_m, dtype=np.float64)
+    return tiles(across, along, extent, tile_m or tile_side_m(scene), seed=seed, run_id=run_id)
+
+
+def across_of_look(look_rad: FloatArray, height_m: float, half_m: float) -> FloatArray:
+    """Distance of footprints from the left edge of a scene ``2 half_m`` wide [m], held at its edges."""
+    away = height_m * np.tan(np.clip(look_rad, -1.5, 1.5))
+    return np.asarray(np.clip(away, -half_m, half_m) + half_m)
+
+
+def retrieve(
+    brightness: FloatArray, angle: FloatArray, target: FloatArray, cells: FloatArray, tile: IntArray, keys: FloatArray
+) -> FloatArray:
+    """Quantity of each footprint, from the polynomial that the other half of the tiles teaches.
+
+    Parameters
+    ----------
+    brightness : float64 array (n, n_channels)
+        [K]
+    angle : float64 array (n,)
+        Square of the look angle.
+    target, cells : float64 array (n,)
+        Mean of the quantity over each footprint, and the cells that tell of it.
+    tile, keys
+        Of `seqrsm.score.classification.tiles`.
+    """
+    return _crossed_fit(_polynomial(brightness, angle), target, cells, tile, keys)
 
 
 def _polynomial(brightness: FloatArray, angle: FloatArray) -> FloatArray:
@@ -229,12 +268,11 @@ def _polynomial(brightness: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def _crossed_fit(
-    features: FloatArray, target: FloatArray, cells: FloatArray, tile: IntArray, *, seed: int, run_id: int
+    features: FloatArray, target: FloatArray, cells: FloatArray, tile: IntArray, keys: FloatArray
 ) -> FloatArray:
     """Target of each footprint, retrieved by the fit to the other half of the tiles; weights are cells."""
-    n_tiles = int(tile.max()) + 1
-    order = generator(seed, run_id, "training tiles").permutation(n_tiles)
-    half = np.isin(tile, order[: n_tiles // 2])
+    n_tiles = len(keys)
+    half = np.isin(tile, np.argsort(keys)[: n_tiles // 2])
     out = np.full(len(target), float(np.average(target, weights=cells)))
     for tested in (True, False):
         test = half == tested

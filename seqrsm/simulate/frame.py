@@ -250,3 +250,9 @@ def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, re
         wanted = math.ceil((2.0 * max(reach, 0.0) + resolution_m) / cell_m) + 1
         out.append(max(min(wanted, room, len(y)), 0))
     return out[0], out[1]
+
+
+@lru_cache(maxsize=2)
+def categories_of_fields(scene: Scene) -> AnyArray:
+    """Category of each field of a scene, uint8 (n_fields,)."""
+    return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)

@@ -25,6 +25,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
 from seqrsm.simulate import kernels, kernels_prm
+from seqrsm.simulate.frame import categories_of_fields
 from seqrsm.simulate.prm_effects import effect_notes, effects_k, planck_offset_used_k
 from seqrsm.simulate.prm_frame import RadiometerFrame, make_radiometer_frame, surface_temperature_k, temperature_layer
 from seqrsm.simulate.prm_image import RadiometerImage
@@ -102,6 +103,51 @@ def simulate_radiometer(
     SceneError
         No cell has an elevation, or the layer of temperature is asked for and missing.
     """
+    met = meet_radiometer(
+        scene, radiometer, table, seed=seed, run_id=run_id, precision=precision, random_occasion=random_occasion
+    )
+    frame, lookups, occasion, air = met.frame, met.lookups, met.occasion, met.air
+    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
+    mapped = radiation_map(frame, radiometer, lookups, air, ground_k, occasion, met.planck_k)
+    effects = effects_k(radiometer, lookups, air, frame, ground_k)
+    notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
+    return scan_image(
+        frame,
+        mapped,
+        radiometer,
+        met.scan,
+        occasion,
+        moist=lookups[0].moist,
+        effects_k=effects,
+        seed=seed,
+        run_id=run_id,
+        notes=(*notes, *air.notes, *effect_notes(effects, met.planck_k)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Meeting:
+    """What one run of a radiometer meets: the scene in its frame, its scan, emissivities, air, and the occasion."""
+
+    frame: RadiometerFrame
+    scan: ScanGeometry
+    lookups: list[EmissivityLookup]
+    occasion: RadiometerOccasion
+    air: Atmosphere
+    planck_k: float
+
+
+def meet_radiometer(
+    scene: Scene,
+    radiometer: RadiometerConfiguration,
+    table: EmissivityTable,
+    *,
+    seed: int,
+    run_id: int,
+    precision: Precision = "float32",
+    random_occasion: bool = True,
+) -> Meeting:
+    """Everything before the first cell is looked at; parameters and errors as of `simulate_radiometer`."""
     frame = make_radiometer_frame(scene, radiometer, precision)
     n, m = frame.elevation_m.shape
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
@@ -111,7 +157,7 @@ def simulate_radiometer(
         for channel in radiometer.channels
     ]
     if random_occasion:
-        field_category = kernels.categories_of_fields(frame.field, frame.cover, scene.n_fields)
+        field_category = categories_of_fields(scene)
         occasion = draw_radiometer_occasion(radiometer, lookups, field_category, seed=seed, run_id=run_id)
     else:
         occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields)
@@ -124,22 +170,7 @@ def simulate_radiometer(
         rain_mm_h=radiometer.rain_mm_h,
         planck_offset_k=planck_k,
     )
-    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
-    mapped = radiation_map(frame, radiometer, lookups, air, ground_k, occasion, planck_k)
-    effects = effects_k(radiometer, lookups, air, frame, ground_k)
-    notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
-    return scan_image(
-        frame,
-        mapped,
-        radiometer,
-        scan,
-        occasion,
-        moist=lookups[0].moist,
-        effects_k=effects,
-        seed=seed,
-        run_id=run_id,
-        notes=(*notes, *air.notes, *effect_notes(effects, planck_k)),
-    )
+    return Meeting(frame, scan, lookups, occasion, air, planck_k)
 
 
 def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable) -> ScanGeometry:

@@ -54,26 +54,43 @@ def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, pre
     SceneError
         No cell has an elevation.
     """
+    turns = round((radiometer.heading_deg - 90.0) / 90.0)
+    layers = _turned(scene, turns, precision)
+    n = len(layers.elevation_m)
+    return RadiometerFrame(
+        elevation_m=layers.elevation_m,
+        cover=layers.cover,
+        field=layers.field,
+        across_m=np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64),
+        height_m=radiometer.altitude_m - layers.mean_m,
+        cell_m=scene.cell_m,
+        quarter_turns=turns,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turned:
+    """A scene's layers in the orientation of a heading."""
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    mean_m: float
+
+
+# The layers do not depend on the run, so the runs of a campaign share them.
+@lru_cache(maxsize=2)
+def _turned(scene: Scene, turns: int, precision: str) -> _Turned:
     known, mean, _ = kernels.elevation_summary(scene.elevation_m)
     if known == 0:
         raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
-    turns = round((radiometer.heading_deg - 90.0) / 90.0)
     elevation = np.array(np.rot90(scene.elevation_m, turns), dtype=precision, order="C")
     elevation -= elevation.dtype.type(mean)
     cover = np.ascontiguousarray(np.rot90(scene.cover, turns))
     if known < elevation.size:
         cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
         kernels.fill_no_data(elevation)
-    n = len(elevation)
-    return RadiometerFrame(
-        elevation_m=elevation,
-        cover=cover,
-        field=np.ascontiguousarray(np.rot90(scene.field_id, turns)),
-        across_m=np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64),
-        height_m=radiometer.altitude_m - mean,
-        cell_m=scene.cell_m,
-        quarter_turns=turns,
-    )
+    return _Turned(elevation, cover, np.ascontiguousarray(np.rot90(scene.field_id, turns)), mean)
 
 
 def surface_temperature_k(
@@ -82,6 +99,7 @@ def surface_temperature_k(
     radiometer: RadiometerConfiguration,
     lookup: EmissivityLookup,
     occasion: RadiometerOccasion,
+    at: tuple[AnyArray, AnyArray] | None = None,
 ) -> AnyArray:
     """Physical temperature of every element in the frame [K], with the occasion's departures.
 
@@ -89,6 +107,8 @@ def surface_temperature_k(
     ----------
     scene, frame, radiometer, lookup, occasion
         As in `simulate_radiometer`; the report's mode heats every cover alike.
+    at : tuple of int array, optional
+        Rows and columns of a whole frame whose cells `frame` holds, where it holds some only.
 
     Returns
     -------
@@ -102,6 +122,7 @@ def surface_temperature_k(
     if radiometer.temperature == "layer":
         layer = temperature_layer(scene)
         base = np.rot90(np.where(np.isfinite(layer), layer, np.nanmean(layer)), frame.quarter_turns)
+        base = base if at is None else base[at]
     elif radiometer.temperature == "constant":
         base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
     else:
@@ -111,8 +132,9 @@ def surface_temperature_k(
         heating = np.ones(NO_COVER + 1)
         if radiometer.mode == "full":
             heating[: len(lookup.heating)] = lookup.heating
+        turned = np.rot90(exposure, frame.quarter_turns)
         base = physical_temperature_k(
-            np.rot90(exposure, frame.quarter_turns),
+            turned if at is None else turned[at],
             heating[frame.cover],
             radiometer.temperature_low_k,
             radiometer.temperature_high_k,

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -20,13 +19,12 @@ from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
-from seqrsm.sensor.earth import RangeGeometry, ground_range_of_slant, range_geometry
 from seqrsm.sensor.feasibility import CHANNELS, GAUSSIAN_LOOKS
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
 from seqrsm.simulate.echo import EchoGrid, echo_grid, echo_sums, field_factors, in_threads, sigma0_lut
 from seqrsm.simulate.fading import add_fading, correlated_fading
-from seqrsm.simulate.frame import RadarFrame, make_frame
+from seqrsm.simulate.frame import RadarFrame, categories_of_fields, make_frame
 from seqrsm.simulate.occasion import (
     Occasion,
     draw_ground_state,
@@ -36,6 +34,7 @@ from seqrsm.simulate.occasion import (
 )
 from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import Registration
+from seqrsm.simulate.row_law import row_law
 from seqrsm.simulate.targets import CulturalTarget, add_targets
 
 if TYPE_CHECKING:
@@ -214,12 +213,6 @@ def look_up(
     ]
 
 
-@lru_cache(maxsize=2)
-def categories_of_fields(scene: Scene) -> AnyArray:
-    """Category of each field of a scene, uint8 (n_fields,)."""
-    return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)
-
-
 def _form_image(
     sums: AnyArray,
     scene: Scene,
@@ -236,56 +229,36 @@ def _form_image(
     """Phase two: resolution cells, receiver noise, fading and receiver."""
     if targets:
         add_targets(sums, targets, scene.shape, radar, frame, grid)
-    flat = _row_geometry(frame, radar, grid)
-    slant, theta = flat.slant_range_m, flat.incidence_rad
+    law = row_law(frame, radar, grid)
     m = sums.shape[2]
     cells_a_pixel = float(frame.wrapped) or radar.pixel_spacing_m / frame.cell_m
     n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
     mean = np.empty((sums.shape[0], grid.n_bins, n_pixels), dtype=sums.dtype)
-    across = np.asarray(radar.ground_resolution_m(theta))
-    single_look = across * radar.azimuth_resolution_m(slant)
-    # Ground range of one bin on flat ground, so that the sum over a bin becomes that of one single-look cell.
-    bin_ground = radar.range_spacing_m / (1.0 if radar.range_format == "ground" else np.sin(theta))
-    constant = radar.radar_constant_w_m2() / grid.reference_range_m**4
-    beam = np.full(grid.n_bins, radar.resolution_m if radar.finer_pixels else 0.0)
-    if radar.aperture == "real":
-        beam = np.maximum(beam, radar.azimuth_resolution_m(slant))
-    factor = constant * single_look * frame.cell_m / bin_ground
-    beam /= frame.cell_m
-    if frame.column_m is not None:
-        # Columns of one angle: a beam is as many of them on every ring.
-        column_m = flat.ground_range_m * (frame.column_m[-1] / frame.ground_range_m[-1])
-        factor *= frame.cell_m / column_m
-        beam = np.full(grid.n_bins, radar.azimuth_beamwidth_rad * frame.ground_range_m[-1] / frame.column_m[-1])
 
     def average(k: int) -> None:
         c, rows = _block(k, grid.n_bins, threads)
-        kernels.average_azimuth(sums[c, rows], beam[rows], cells_a_pixel, factor[rows], mean[c, rows])
+        kernels.average_azimuth(sums[c, rows], law.beam_cells[rows], cells_a_pixel, law.factor_w[rows], mean[c, rows])
 
     in_threads(average, threads * len(mean), threads)
     if frame.wrapped:
         n_pixels -= 2
         mean = np.ascontiguousarray(mean[:, :, 1:-1])
-    width = (np.maximum(across, radar.resolution_m) if radar.finer_pixels else across) / bin_ground
-    smeared = int((width > 1.0).sum())
+    smeared = int((law.range_width > 1.0).sum())
     if smeared:
-        kernels.smear_range(mean, width)
-    looks = radar.looks_used(theta)
-    noise = radar.noise_power_w(slant)
+        kernels.smear_range(mean, law.range_width)
+    looks, noise = law.looks, law.noise_w
     power = _faded(mean, noise, looks, radar, seed, run_id, threads)
-    calibration = radar.received_power_w(1.0, theta, slant, flat.look_rad)
-    centre = range_geometry(np.array([frame.centre_m]), frame.height_m, frame.curved)
-    reference = radar.received_power_w(1.0, centre.incidence_rad, centre.slant_range_m, centre.look_rad)
+    flat = law.geometry
     return RadarImage(
-        intensity=received(power, radar, float(reference[0])),
+        intensity=received(power, radar, law.reference_w),
         mean_power=mean,
         noise_power_w=noise,
         looks=looks,
-        calibration_w=calibration,
-        noise_equivalent_sigma0=noise / calibration,
-        slant_range_m=slant,
+        calibration_w=law.calibration_w,
+        noise_equivalent_sigma0=noise / law.calibration_w,
+        slant_range_m=flat.slant_range_m,
         ground_range_m=flat.ground_range_m,
-        incidence_angle_deg=np.rad2deg(theta),
+        incidence_angle_deg=np.rad2deg(flat.incidence_rad),
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
         registration=Registration(
@@ -322,10 +295,7 @@ def _faded(
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
     numbers = np.array([CHANNELS.index(channel) for channel in radar.channels])
     key = stream_key(seed, run_id, "speckle")
-    if radar.fading == "gaussian" and float(looks.min()) < GAUSSIAN_LOOKS:
-        text = f"the Gaussian form of fading is negative too often at the {float(looks.min()):.3g} looks of this image"
-        remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
-        raise ConfigurationError(Problem(text, remedy, field="fading", value=radar.fading))
+    refuse_gaussian(radar, looks)
     if radar.finer_pixels:
         cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)
         factor = correlated_fading(mean.shape, looks, numbers, key, cell, gaussian=radar.fading == "gaussian")
@@ -350,23 +320,23 @@ def _faded(
     return out
 
 
+def refuse_gaussian(radar: RadarConfiguration, looks: FloatArray) -> None:
+    """Refuse eq. (3-12) where it goes negative too often.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if radar.fading == "gaussian" and float(looks.min()) < GAUSSIAN_LOOKS:
+        text = f"the Gaussian form of fading is negative too often at the {float(looks.min()):.3g} looks of this image"
+        remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
+        raise ConfigurationError(Problem(text, remedy, field="fading", value=radar.fading))
+
+
 def _block(k: int, n_rows: int, threads: int) -> tuple[slice, slice]:
     """Channel and rows of the k-th piece of work: contiguous in memory."""
     channel, part = divmod(k, threads)
     return slice(channel, channel + 1), slice(part * n_rows // threads, (part + 1) * n_rows // threads)
-
-
-def _row_geometry(frame: RadarFrame, radar: RadarConfiguration, grid: EchoGrid) -> RangeGeometry:
-    """Flat ground in the middle of every image row."""
-    position = (grid.first + 0.5 + np.arange(grid.n_bins)) * radar.range_spacing_m
-    # Rows before the nadir echo exist only where terrain is displaced there; they take the angle of the innermost cell.
-    least = 0.5 * min(frame.cell_m, frame.near_edge_m)
-    if radar.range_format == "ground":
-        ground = frame.near_edge_m + position
-    else:
-        edge = range_geometry(np.array([frame.near_edge_m]), frame.height_m, frame.curved)
-        ground = ground_range_of_slant(edge.slant_range_m[0] + position, frame.height_m, frame.curved)
-    return range_geometry(np.maximum(ground, least), frame.height_m, frame.curved)
 
 
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:

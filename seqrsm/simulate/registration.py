@@ -47,28 +47,7 @@ class Registration:
 
     def _make(self) -> None:
         frame, grid = self.frame, self.grid
-        shape = (len(frame.source), frame.elevation_m.shape[1])
-        offset = np.empty(shape, dtype=frame.elevation_m.dtype)
-        state = np.empty(shape, dtype=np.uint8)
-        dtype = offset.dtype
-        # No channels: position and state alone.
-        table = np.empty((0, 2 * (self.n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
-        kernels.power_cells(
-            frame.elevation_m,
-            frame.source,
-            frame.cover,
-            frame.field,
-            grid.geometry,
-            frame.cell_m,
-            self.ground_format,
-            table,
-            self.n_categories,
-            np.empty((0, 0), dtype=dtype),
-            np.empty(0, dtype=dtype),
-            np.empty((0, 0, 0), dtype=dtype),
-            offset,
-            state,
-        )
+        offset, state = place_cells(frame, grid, self.n_categories, ground_format=self.ground_format)
         base = grid.base[1:-1]
         kernels.mark_layover(offset, base, state)
         pixel = kernels.register_cells(
@@ -107,3 +86,47 @@ class Registration:
     def layover(self) -> BoolArray:
         """Cells (rows, cols) whose echo is mixed with other ground in range."""
         return np.asarray((self._layer("state") & np.uint8(kernels.LAYOVER)) != 0)
+
+
+def place_cells(
+    frame: RadarFrame, grid: EchoGrid, n_categories: int, *, ground_format: bool
+) -> tuple[AnyArray, AnyArray]:
+    """Range position of every element less that of its row [bins], and its mask bits but for layover.
+
+    Parameters
+    ----------
+    frame : RadarFrame
+    grid : EchoGrid
+    n_categories : int
+        Categories of the scene.
+    ground_format : bool
+        Range format of the image.
+
+    Returns
+    -------
+    offset : float array (n, m)
+    state : uint8 array (n, m)
+    """
+    shape = (len(frame.source), frame.elevation_m.shape[1])
+    offset = np.empty(shape, dtype=frame.elevation_m.dtype)
+    state = np.empty(shape, dtype=np.uint8)
+    dtype = offset.dtype
+    # No channels: position and state alone.
+    table = np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
+    kernels.power_cells(
+        frame.elevation_m,
+        frame.source,
+        frame.cover,
+        frame.field,
+        grid.geometry,
+        frame.cell_m,
+        ground_format,
+        table,
+        n_categories,
+        np.empty((0, 0), dtype=dtype),
+        np.empty(0, dtype=dtype),
+        np.empty((0, 0, 0), dtype=dtype),
+        offset,
+        state,
+    )
+    return offset, state

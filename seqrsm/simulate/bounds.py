@@ -1,0 +1,148 @@
+"""What a simplification costs at most: closed forms of the fidelity planner, each with its source.
+
+A cheaper model errs in two ways. What it leaves out shifts the power of a pixel by some decibels or kelvin; how far
+that can move a score depends on the spread of a class, which covers or uncovers the shift (`shift_bound`). And a sample
+of the ground stands for all of it (`sampling_variance`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from scipy.special import erfc
+
+DB_OF_FADING: Final = 10.0 / math.log(10.0)
+"""Standard deviation of one look in decibels is about this, of N looks this over sqrt(N)."""
+
+_STEEPEST: Final = 2.0 / math.sqrt(2.0 * math.pi * math.e)
+"""Twice the largest value of z phi(z), which a normal law's tail probability changes by when its scale changes."""
+
+
+def shift_bound(rms_shift: float, spread: float) -> float:
+    """Share of pixels at most that a random shift moves into another class.
+
+    Two classes whose distance is 2 z spreads are told apart rightly with probability Phi(z). A shift of the pixels,
+    independent of their class, widens the spread from s to sqrt(s**2 + e**2), and z falls by z (1 - s / sqrt(s**2 +
+    e**2)). The slope of Phi times z is z phi(z), at most 0.242; a class between two others has two such borders.
+
+    Parameters
+    ----------
+    rms_shift : float
+        Root-mean-square shift e, >= 0.
+    spread : float
+        Standard deviation s of the pixels of a class without the shift, same unit, >= 0.
+
+    Returns
+    -------
+    float
+        0 to 1; 1 where a class has no spread at all.
+    """
+    if rms_shift <= 0.0:
+        return 0.0
+    if spread <= 0.0:
+        return 1.0
+    # ln(s'/s) bounds the integral of d ln(s) z phi(z) for any distance, also for large shifts.
+    return min(1.0, _STEEPEST * math.log(math.hypot(spread, rms_shift) / spread))
+
+
+def smith_shadow(rms_slope: float, incidence_rad: float) -> float:
+    """Share of Gaussian terrain in shadow at an incidence angle, for parallel rays.
+
+    Smith 1967, "Geometrical shadowing of a random rough surface", IEEE Trans. Antennas Propag. 15, 668: the probability
+    of being lit is [1 - erfc(m / sqrt(2) s) / 2] / (1 + L), with m = cot(incidence).
+
+    Parameters
+    ----------
+    rms_slope : float
+        Along the ray [1].
+    incidence_rad : float
+        0 to pi/2.
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    if rms_slope <= 0.0 or incidence_rad <= 0.0:
+        return 0.0
+    mu = 1.0 / math.tan(min(incidence_rad, 0.5 * math.pi - 1e-9))
+    v = mu / (math.sqrt(2.0) * rms_slope)
+    beyond = float(erfc(v))
+    capital = 0.5 * (math.sqrt(2.0 / math.pi) * rms_slope / mu * math.exp(-min(v * v, 700.0)) - beyond)
+    return min(max(1.0 - (1.0 - 0.5 * beyond) / (1.0 + capital), 0.0), 1.0)
+
+
+def mixed_share(boundary_density_1_m: float, along_m: float, across_m: float) -> float:
+    """Share of resolution cells that hold more than one category.
+
+    A cell meets an isotropic set of boundaries by the mean width of its outline; for Poisson boundaries the share is
+    1 - exp(-(2/pi) l (a + b)).
+
+    Parameters
+    ----------
+    boundary_density_1_m : float
+        Length of boundary on an area l [1/m].
+    along_m, across_m : float
+        Sides a, b of the cell [m].
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    return float(-math.expm1(-2.0 / math.pi * boundary_density_1_m * max(along_m + across_m, 0.0)))
+
+
+def aggregation_shift_db(slope_db_deg: float, cot_incidence: float, lost_across: float, lost_along: float) -> float:
+    """Mean power that averaging the elevations hides [dB], from the slope variance that is lost.
+
+    -2.17 [k**2 v_across - k cot(theta) v_across + v_across + v_along] dB with k = 13.2 g, the second order of the power
+    of a tilted cell.
+
+    Parameters
+    ----------
+    slope_db_deg : float
+        Slope of sigma0 with angle g [dB/deg].
+    cot_incidence : float
+    lost_across, lost_along : float
+        Variance of slope in range and azimuth of the fine data base less that of the coarse one [1].
+
+    Returns
+    -------
+    float
+        >= 0; the sign is dropped.
+    """
+    k = 13.2 * slope_db_deg
+    return abs(-2.17 * ((k * k - k * cot_incidence + 1.0) * lost_across + lost_along))
+
+
+def sampling_variance(length_m: float, n: int, step_m: float, extent_m: float) -> tuple[float, float]:
+    """Variance of means along a line, over that of one point: of ``n`` equally spaced points, and of the whole line.
+
+    For an exponential correlation of length l, and a random start: coth(h / 2 l) / n with h the step, and
+    2 l / extent (both for lines much longer than l, and at most 1). The mean of the points less that of the line has
+    the first less the second: see Bellhouse 1988, Handbook of Statistics 6, 125.
+
+    Parameters
+    ----------
+    length_m : float
+        Correlation length [m], >= 0.
+    n : int
+        Points.
+    step_m, extent_m : float
+        Between points; of the line [m].
+
+    Returns
+    -------
+    tuple of float
+    """
+    if length_m <= 0.0:
+        return 1.0 / n, 0.0
+    points = min(1.0 / math.tanh(0.5 * step_m / length_m) / n, 1.0)
+    return points, min(2.0 * length_m / extent_m, points)
+
+
+def correlation_length_m(boundary_density_1_m: float) -> float:
+    """Length over which a mosaic's fields stay the same [m]: a line meets boundaries at a rate (2/pi) l."""
+    return 0.5 * math.pi / boundary_density_1_m if boundary_density_1_m > 0.0 else math.inf

@@ -1,0 +1,381 @@
+"""The fidelity planner: the cheapest model of a run whose error is proven to stay within the campaign's tolerance.
+
+The ladder, cheapest first. All rungs draw the same occasion of a run (fields, date, moisture, training ground); they
+differ in how much of the image they make and in what of the ground they heed.
+
+========  ==========================================================================================
+``F0``    no image: single pixels of ground taken as flat, fading or noise drawn several times
+``F1``    strips of the image, on a data base of wider cells
+``F2``    strips of the image at full resolution; nothing of the ground is left out
+``F3``    the whole image, fading or noise drawn several times, so that it is integrated out of the score
+``F4``    the whole image with one draw of fading, receiver, and everything else
+========  ==========================================================================================
+
+Each effect gets a verdict from the scene's statistics and the sensor. The bound of a rung is the sum of what it leaves
+out and of one standard error of looking at a part of the ground; its sizes are chosen as small as the tolerance allows.
+Functions of their arguments alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.rng import generator
+from seqrsm.simulate.bounds import sampling_variance
+
+Rung = Literal["F0", "F1", "F2", "F3", "F4"]
+Verdict = Literal["exact", "bounded", "needed"]
+
+RUNGS: Final[tuple[Rung, ...]] = ("F0", "F1", "F2", "F3", "F4")
+
+MEANINGS: Final[Mapping[str, str]] = {
+    "F0": "single pixels of flat ground, no image",
+    "F1": "strips of the image on a coarser data base",
+    "F2": "strips of the image at full resolution",
+    "F3": "the whole image, fading or noise integrated out",
+    "F4": "the whole image with everything drawn once",
+}
+
+DRAWS: Final = (1, 2, 4)
+"""How often fading may be drawn in the cheaper rungs."""
+
+FULL_DRAWS: Final = 8
+"""Most draws where fading is integrated out over the whole image."""
+
+TEACHING: Final = 2.0
+"""A sample also teaches the classifier: its error is larger than that of the pixels it tests by this factor at most
+(Monte Carlo over flat, rolling and steep ground, `tests/statistical/test_fidelity.py`)."""
+
+QUIET: Final = 0.2
+"""Part of the tolerance that the draws of a whole image may leave."""
+
+CHECKED_SHARE: Final = 0.05
+"""Share of runs that the next rung makes too, to hold the difference against the bounds."""
+
+CHECK_LIMIT: Final = 3.0
+"""Standard errors of sampling that such a difference may reach beyond what is left out."""
+
+LEAST_COLUMNS: Final = 8
+"""Fewest strips: their scatter is known to a third."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What leaving one effect out would do to the score.
+
+    Attributes
+    ----------
+    name : str
+    verdict : {"exact", "bounded", "needed"}
+        Proven to change nothing; changes the score by no more than `bound`, within the tolerance; or more than that.
+    bound : float
+        Largest change of the score [score units]; inf where no bound is known.
+    text : str
+        The test and its numbers.
+    """
+
+    name: str
+    verdict: Verdict
+    bound: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RungPlan:
+    """How one rung would make a run's score.
+
+    Attributes
+    ----------
+    rung : str
+    bias : float
+        Sum of the bounds of what it leaves out [score units].
+    sampling : float
+        Standard error of looking at a part of the ground, at most [score units].
+    effort : float
+        Estimated time [s]; ranks rungs, and is no promise.
+    columns, rows : int
+        Pixels along the flight and across that are taken.
+    draws : int
+        Of fading or noise.
+    coarse : int
+        Cells of the data base along a side of one cell of the coarser one.
+    left_out : tuple of str
+        Names of the effects it leaves out.
+    scatter : float
+        Standard error of its own draw of fading or noise, where that belongs to the run [score units]; 0 elsewhere.
+    refused : str
+        Why it cannot be used at all, "" if it can.
+    """
+
+    rung: Rung
+    bias: float = 0.0
+    sampling: float = 0.0
+    effort: float = 0.0
+    columns: int = 0
+    rows: int = 0
+    draws: int = 1
+    coarse: int = 1
+    left_out: tuple[str, ...] = ()
+    scatter: float = 0.0
+    refused: str = ""
+
+    @property
+    def bound(self) -> float:
+        """Bias and standard error together [score units]."""
+        return self.bias + self.sampling
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the planner decided for one run.
+
+    Attributes
+    ----------
+    chosen : RungPlan
+    rungs : tuple of RungPlan
+        All, cheapest model first.
+    effects : tuple of Effect
+    tolerance : float
+        Accepted error [score units].
+    why : str
+        The decision in words.
+    """
+
+    chosen: RungPlan
+    rungs: tuple[RungPlan, ...]
+    effects: tuple[Effect, ...]
+    tolerance: float
+    why: str
+
+    def next_rung(self) -> RungPlan | None:
+        """The next rung above the chosen one that is no worse; None at the top."""
+        limit = max(self.tolerance, self.chosen.bound)
+        above = self.rungs[RUNGS.index(self.chosen.rung) + 1 :]
+        return next((plan for plan in above if not plan.refused and plan.bound <= limit), None)
+
+    def of(self, rung: str) -> RungPlan:
+        """Plan of one rung."""
+        return self.rungs[RUNGS.index(rung)]
+
+    def record(self) -> dict[str, Any]:
+        """What is kept with a score: plain numbers and names."""
+        chosen = self.chosen
+        return {
+            "rung": chosen.rung,
+            "bound": round(chosen.bound, 6),
+            "bias_bound": round(chosen.bias, 6),
+            "sampling_bound": round(chosen.sampling, 6),
+            "left_out": list(chosen.left_out),
+            "tolerance": self.tolerance,
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as a JSON document; None stands for no bound."""
+        rungs = [
+            {**asdict(plan), "bound": plan.bound, "meaning": MEANINGS[plan.rung], "left_out": list(plan.left_out)}
+            for plan in self.rungs
+        ]
+        effects = [{**asdict(effect), "bound": _finite(effect.bound)} for effect in self.effects]
+        for row in rungs:
+            row["bias"], row["bound"] = _finite(float(row["bias"])), _finite(float(row["bound"]))
+        return {
+            "rung": self.chosen.rung,
+            "bound": _finite(self.chosen.bound),
+            "tolerance": self.tolerance,
+            "why": self.why,
+            "rungs": rungs,
+            "effects": effects,
+        }
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def effect(name: str, bound: float, tolerance: float, text: str, *, proven: bool = False) -> Effect:
+    """Effect with the verdict that its bound earns; "exact" only by proof, not because a number came out as zero."""
+    verdict: Verdict = "exact" if proven and bound == 0.0 else "bounded" if bound <= tolerance else "needed"
+    return Effect(name, verdict, bound, text)
+
+
+def choose(
+    rungs: Sequence[RungPlan],
+    effects: Sequence[Effect],
+    tolerance: float,
+    fidelity: str = "auto",
+    widening: Mapping[str, float] | None = None,
+) -> Plan:
+    """Take the cheapest rung whose bound meets the tolerance.
+
+    Parameters
+    ----------
+    rungs : sequence of RungPlan
+        One for each of `RUNGS`, in that order.
+    effects : sequence of Effect
+    tolerance : float
+        Accepted error [score units], > 0.
+    fidelity : "auto" or a rung
+        A rung takes the decision out of the planner's hands.
+    widening : Mapping, optional
+        Factor by which a rung's bound was seen to be too small, >= 1.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    ConfigurationError
+        The rung asked for cannot be used.
+    """
+    factors = widening or {}
+    widened = tuple(_widened(plan, factors.get(plan.rung, 1.0)) for plan in rungs)
+    if fidelity != "auto":
+        asked = widened[RUNGS.index(fidelity)]
+        if asked.refused:
+            remedy = 'Use "auto" or "F4"'
+            raise ConfigurationError(Problem(f"{fidelity}: {asked.refused}", remedy, field="fidelity", value=fidelity))
+        why = f"{fidelity} was asked for; its error is at most {_shown(asked.bound)}"
+        return Plan(asked, widened, tuple(effects), tolerance, why)
+    good = [plan for plan in widened if not plan.refused and plan.bound <= tolerance]
+    chosen = min(good, key=lambda plan: (plan.effort, -RUNGS.index(plan.rung)))
+    return Plan(chosen, widened, tuple(effects), tolerance, _why(chosen, widened, tolerance))
+
+
+def _widened(plan: RungPlan, factor: float) -> RungPlan:
+    if factor == 1.0:
+        return plan
+    changed = {**{name: getattr(plan, name) for name in plan.__dataclass_fields__}}
+    changed["bias"], changed["sampling"] = plan.bias * factor, plan.sampling * factor
+    return RungPlan(**changed)
+
+
+def _why(chosen: RungPlan, rungs: Sequence[RungPlan], tolerance: float) -> str:
+    parts = [f"{chosen.rung}, {MEANINGS[chosen.rung]}: error at most {_shown(chosen.bound)} of {tolerance:g} accepted"]
+    for plan in rungs[: RUNGS.index(chosen.rung)]:
+        if plan.refused:
+            parts.append(f"{plan.rung} cannot be used: {plan.refused}")
+        elif plan.bound > tolerance:
+            parts.append(f"{plan.rung} could be off by {_shown(plan.bound)}")
+        else:
+            parts.append(f"{plan.rung} would take longer here")
+    return "; ".join(parts)
+
+
+def _shown(bound: float) -> str:
+    return f"{bound:.2g}" if math.isfinite(bound) else "an unknown amount"
+
+
+def checked(seed: int, run_id: int) -> bool:
+    """Whether the choice for a run is checked by the next rung: a twentieth of the runs, drawn by their id."""
+    return bool(generator(seed, run_id, "fidelity check").random() < CHECKED_SHARE)
+
+
+def largest_difference(one: RungPlan, other: RungPlan) -> float:
+    """How far the scores of two rungs may differ before a bound is called violated [score units]."""
+    return one.bias + other.bias + CHECK_LIMIT * math.hypot(one.sampling, other.sampling, other.scatter)
+
+
+def full_draws(ground: Ground, tolerance: float) -> int:
+    """Draws of fading for a whole image that leave next to no scatter of their own."""
+    n = ground.n_rows * ground.n_columns
+    wanted = (ground.draw_error(n, 1) / (QUIET * tolerance)) ** 2
+    return int(min(max(math.ceil(wanted), 1), FULL_DRAWS))
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What the sampling error of an image depends on.
+
+    Attributes
+    ----------
+    correlation_m : float
+        Over which the fields stay the same [m].
+    mixed : float
+        Share of pixels that hold more than one category.
+    across_m, along_m : float
+        Extent of the image [m].
+    n_rows, n_columns : int
+        Its pixels across and along the flight.
+    spread : float
+        Largest standard deviation of one pixel's part in the score [score units].
+    fades : bool
+        Whether fading or noise is drawn.
+    """
+
+    correlation_m: float
+    mixed: float
+    across_m: float
+    along_m: float
+    n_rows: int
+    n_columns: int
+    spread: float
+    fades: bool = True
+
+    def sampling_error(self, rows: int, columns: int, draws: int) -> float:
+        """Standard error of a score from so many rows and columns of pixels against that of all [score units].
+
+        Three parts, of which a pixel's variance is divided between the first and the last: fields that the sample
+        gives too much or too little room; pixels on borders, which vary among themselves; and the draws of fading.
+        """
+        pixels = rows * columns
+        part = pixels / (self.n_rows * self.n_columns)
+        axes = ((columns, self.n_columns, self.along_m), (rows, self.n_rows, self.across_m))
+        points, whole = 1.0, 1.0
+        for n, full, extent in axes:
+            at_points, over_line = sampling_variance(self.correlation_m, n, extent / n, extent)
+            points *= over_line if n >= full else at_points
+            whole *= over_line
+        places = max(points - whole, 0.0)
+        fading = 1.0 / (pixels * draws) if self.fades else 0.0
+        return TEACHING * self.spread * math.sqrt(max(places, fading) + self.mixed * (1.0 - part) / pixels)
+
+    def draw_error(self, pixels: int, draws: int) -> float:
+        """Standard error that so many draws of fading on so many pixels leave [score units]."""
+        return TEACHING * self.spread / math.sqrt(pixels * draws) if self.fades else 0.0
+
+
+def smallest(
+    ground: Ground, allowed: float, effort: Callable[[int, int, int], float], *, square: bool
+) -> tuple[int, int, int]:
+    """Rows, columns and draws of least effort whose sampling error is allowed.
+
+    Parameters
+    ----------
+    ground : Ground
+    allowed : float
+        [score units]
+    effort : callable
+        (rows, columns, draws) -> time.
+    square : bool
+        Thin out in both directions alike; otherwise all rows are kept.
+
+    Returns
+    -------
+    tuple of int
+        Rows, columns, draws; all of them where nothing less will do.
+    """
+    found = []
+    for draws in DRAWS if ground.fades else (1,):
+
+        def sizes(columns: int) -> tuple[int, int]:
+            if not square:
+                return ground.n_rows, columns
+            step = ground.along_m / columns
+            return max(min(round(ground.across_m / step), ground.n_rows), 1), columns
+
+        low, high = min(LEAST_COLUMNS, ground.n_columns), ground.n_columns
+        while low < high:
+            middle = (low + high) // 2
+            if ground.sampling_error(*sizes(middle), draws) <= allowed:
+                high = middle
+            else:
+                low = middle + 1
+        rows, columns = sizes(low)
+        found.append((effort(rows, columns, draws), rows, columns, draws))
+    _, rows, columns, draws = min(found)
+    return rows, columns, draws

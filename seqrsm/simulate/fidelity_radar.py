@@ -1,0 +1,343 @@
+"""The fidelity planner's view of a side-looking radar: what its image owes to relief, noise, mixed cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.constants import EARTH_RADIUS_M
+from seqrsm.scene.scene import Scene
+from seqrsm.scene.statistics import PYRAMID, SceneStatistics
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate import bounds
+from seqrsm.simulate.fidelity import RUNGS, Effect, Ground, Plan, RungPlan, choose, effect, full_draws, smallest
+from seqrsm.simulate.frame import make_frame
+
+if TYPE_CHECKING:
+    from seqrsm.scattering.sigma0 import Sigma0Lookup
+
+COARSE: Final = 2
+"""Cells of the data base along a side of a cell of the coarser one."""
+
+_NS_A_CELL, _NS_A_PIXEL, _NS_A_CLASS, _NS_A_RUN = 8.0, 40.0, 45.0, 3e6
+_LEAST_SHARE: Final = 0.001
+_POINTWISE: Final = ("linear", "square_law", "saturation", "compression")
+
+
+def plan_radar(
+    scene: Scene,
+    statistics: SceneStatistics,
+    radar: RadarConfiguration,
+    lookups: Sequence[Sigma0Lookup],
+    *,
+    tolerance: float,
+    pixelwise: bool,
+    fidelity: str = "auto",
+    widening: Mapping[str, float] | None = None,
+) -> Plan:
+    """Choose the rung for one run of a radar whose utility is a share of pixels in percent.
+
+    Parameters
+    ----------
+    scene : Scene
+    statistics : SceneStatistics
+        Of the same scene.
+    radar : RadarConfiguration
+    lookups : sequence of Sigma0Lookup
+        Backscatter of the scene's categories, one for each channel.
+    tolerance : float
+        Accepted error [percent].
+    pixelwise : bool
+        Whether every utility asked for is a mean over pixels.
+    fidelity, widening
+        As in `seqrsm.simulate.fidelity.choose`.
+
+    Returns
+    -------
+    Plan
+    """
+    common = _why_not(radar, pixelwise)
+    if radar.scan != "slar":
+        refused = [RungPlan(rung, refused=common) for rung in RUNGS[:-1]]
+        return choose([*refused, RungPlan("F4")], (), tolerance, fidelity, widening)
+    view = _View(scene, statistics, radar, lookups)
+    relief = view.relief_effects(tolerance)
+    ground = view.ground()
+    n_all = ground.n_rows * ground.n_columns
+    rungs = []
+    flat = common or _why_not_flat(radar)
+    bias = min(sum(e.bound for e in relief), 100.0)
+    rows, columns, draws = smallest(ground, tolerance - bias, view.flat_effort, square=True)
+    rungs.append(
+        RungPlan(
+            "F0",
+            bias,
+            ground.sampling_error(rows, columns, draws),
+            view.flat_effort(rows, columns, draws),
+            columns,
+            rows,
+            draws,
+            left_out=tuple(e.name for e in relief),
+            refused=flat,
+        )
+    )
+    coarse = view.coarse_effect(tolerance)
+    for rung, left, factor in (("F1", (coarse,), COARSE), ("F2", (), 1)):
+        bias = min(sum(e.bound for e in left), 100.0)
+
+        def effort(r: int, c: int, d: int, factor: int = factor) -> float:
+            return view.effort(c / ground.n_columns, r * c, d, factor)
+
+        rows, columns, draws = smallest(ground, tolerance - bias, effort, square=False)
+        whole = columns >= ground.n_columns
+        rungs.append(
+            RungPlan(
+                "F1" if rung == "F1" else "F2",
+                bias,
+                ground.sampling_error(rows, columns, draws),
+                effort(rows, columns, draws),
+                columns,
+                rows,
+                draws,
+                factor,
+                left_out=tuple(e.name for e in left) + (() if whole else ("ground between the strips",)),
+                refused=common or (view.coarse_refusal() if rung == "F1" else ""),
+            )
+        )
+    draws = full_draws(ground, tolerance)
+    integrated = ground.draw_error(n_all, draws)
+    whole_effort = view.effort(1.0, n_all, draws, 1)
+    rungs.append(RungPlan("F3", 0.0, integrated, whole_effort, ground.n_columns, ground.n_rows, draws, refused=common))
+    whole_effort, once = view.effort(1.0, n_all, 1, 1), ground.draw_error(n_all, 1)
+    rungs.append(RungPlan("F4", 0.0, 0.0, whole_effort, ground.n_columns, ground.n_rows, scatter=once))
+    effects = (*relief, coarse, *view.other_effects(tolerance))
+    return choose(rungs, effects, tolerance, fidelity, widening)
+
+
+def _why_not(radar: RadarConfiguration, pixelwise: bool) -> str:
+    """Why every rung below the top is closed."""
+    if not pixelwise:
+        return "the utility needs the whole image"
+    if radar.scan != "slar":
+        return "the antenna turns"
+    if radar.targets_file:
+        return "cultural targets stand in the scene"
+    if radar.heading_deg % 90.0 != 0.0:
+        return "the heading is not along the grid"
+    if radar.receiver not in _POINTWISE:
+        return "the receiver's gain depends on neighbouring pixels"
+    return ""
+
+
+def _why_not_flat(radar: RadarConfiguration) -> str:
+    if radar.range_format != "ground":
+        return "the image is in slant range"
+    if radar.aperture == "real" or radar.finer_pixels:
+        return "the beam is wider than a pixel"
+    if radar.receiver != "linear" or radar.adc_bits:
+        return "the receiver is not linear"
+    if radar.binning != "overlap":
+        return "the report's nearest-element binning has a ripple of its own"
+    return ""
+
+
+class _View:
+    """The numbers of one radar over one scene that the tests need."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        statistics: SceneStatistics,
+        radar: RadarConfiguration,
+        lookups: Sequence[Sigma0Lookup],
+    ) -> None:
+        self.scene, self.statistics, self.radar, self.lookups = scene, statistics, radar, lookups
+        frame = make_frame(scene, radar, "float32")
+        own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+        ends = frame.ground_range_m[own][[0, -1]]
+        self.geometry = range_geometry(ends, frame.height_m, frame.curved)
+        self.height_m, self.cell_m, self.n_rows = frame.height_m, frame.cell_m, frame.n_rows
+        self.m = int(frame.elevation_m.shape[1])
+        # Rows of the frame run along the flight; the slopes towards the radar are those across it.
+        north_south = frame.quarter_turns % 2 == 0
+        self.step = statistics.step_slope_north if north_south else statistics.step_slope_east
+        across, along = statistics.rms_slope_north, statistics.rms_slope_east
+        self.across, self.along = (across, along) if north_south else (along, across)
+        self.kept = np.array([statistics.category_fractions[name] for name in scene.categories])
+
+    @property
+    def theta(self) -> FloatArray:
+        """Incidence angle at the near and the far edge [rad]."""
+        return self.geometry.incidence_rad
+
+    def slope_of_curves(self) -> FloatArray:
+        """Steepest change of each category's sigma0 over the swath, the worst channel [dB/deg]."""
+        low, high = np.rad2deg(self.theta)
+        k0, k1 = max(int(low) - 2, 0), min(int(high) + 3, 90)
+        found = []
+        for lookup in self.lookups:
+            curve = 10.0 * np.log10(np.maximum(lookup.sigma0[:, k0 : k1 + 1], 1e-12))
+            found.append(np.abs(np.diff(curve, axis=1)).max(axis=1))
+        return np.asarray(np.max(found, axis=0))
+
+    def spread_db(self) -> FloatArray:
+        """Least scatter of each category's pixels [dB]: among fields, and of fading."""
+        looks = float(self.radar.looks_used(self.theta).max())
+        fading = 0.0 if self.radar.fading == "none" else bounds.DB_OF_FADING**2 / looks
+        field = np.min([lookup.field_sd_db for lookup in self.lookups], axis=0)
+        return np.asarray(np.sqrt(field**2 + fading))
+
+    def shifted(self, shift_db: FloatArray | float) -> float:
+        """Percent of pixels at most that a shift of each category's power moves into another class."""
+        shifts = np.broadcast_to(shift_db, self.kept.shape)
+        pairs = zip(shifts, self.spread_db(), self.kept, strict=True)
+        return 100.0 * math.fsum(float(k) * bounds.shift_bound(float(e), float(s)) for e, s, k in pairs if k > 0.0)
+
+    def pixel_slope(self) -> float:
+        """Root-mean-square range slope at the scale of a pixel."""
+        level = max(i for i, size in enumerate(PYRAMID) if i == 0 or size * self.cell_m <= self.radar.pixel_spacing_m)
+        return self.across[level]
+
+    def relief_effects(self, tolerance: float) -> tuple[Effect, ...]:
+        """What F0 leaves out."""
+        theta, slope = self.theta, self.slope_of_curves()
+        top = self.statistics.high_m - self.statistics.low_m
+        grazing = (self.height_m - top) / float(self.geometry.ground_range_m[1])
+        near_tan = math.tan(float(theta[0]))
+        rms = self.across[0]
+        hidden = self.step <= grazing
+        if hidden:
+            shadow, text = 0.0, f"no step of the ground exceeds {self.step:.3g}, rays descend by {grazing:.3g}"
+        else:
+            # Steep steps are rarer than (rms / limit)**2 whatever their law; Smith's law is that of Gaussian slopes.
+            shadow = 100.0 * max(bounds.smith_shadow(rms, float(theta[1])), _rare(rms, grazing))
+            text = f"rms range slope {rms:.3g} at {math.degrees(theta[1]):.0f} deg, rays descend by {grazing:.3g}"
+        effects = [effect("cast shadow", shadow, tolerance, text, proven=hidden)]
+        ordered = self.step < near_tan
+        if ordered:
+            over, text = 0.0, f"no step of the ground exceeds tan(incidence) = {near_tan:.3g} at near range"
+        else:
+            over = 100.0 * _rare(rms, near_tan)
+            text = f"steps up to {self.step:.3g} against tan(incidence) = {near_tan:.3g} at near range"
+        effects.append(effect("layover", over, tolerance, text, proven=ordered))
+        s, cot = self.pixel_slope(), 1.0 / near_tan
+        tilt = s * (np.rad2deg(1.0) * slope + bounds.DB_OF_FADING * cot)
+        text = f"rms slope {s:.3g} over a pixel: {float(tilt @ self.kept):.2g} dB"
+        effects.append(effect("local incidence", self.shifted(tilt), tolerance, text))
+        reach = float(self.geometry.slant_range_m[0])
+        own = 0.5 * top / reach * (4.0 * bounds.DB_OF_FADING * math.cos(theta[0]) + np.rad2deg(1.0) * slope)
+        text = f"{top:.0f} m of relief at {reach / 1000.0:.3g} km: {float(own @ self.kept):.2g} dB"
+        effects.append(effect("own range and angle of raised ground", self.shifted(own), tolerance, text))
+        return tuple(effects)
+
+    def coarse_effect(self, tolerance: float) -> Effect:
+        """What F1 leaves out."""
+        level = PYRAMID.index(COARSE)
+        lost = [max(rms[0] ** 2 - rms[level] ** 2, 0.0) for rms in (self.across, self.along)]
+        cot = 1.0 / math.tan(float(self.theta[0]))
+        shift = np.array([bounds.aggregation_shift_db(float(g), cot, *lost) for g in self.slope_of_curves()])
+        shadows = [bounds.smith_shadow(self.across[k], float(self.theta[1])) for k in (0, level)]
+        mixed = 100.0 * self.mixed() * min(0.5 * COARSE * self.cell_m / self.radar.pixel_spacing_m, 1.0)
+        bound = self.shifted(shift) + 100.0 * abs(shadows[0] - shadows[1]) + mixed
+        text = (
+            f"{COARSE} x {COARSE} cells: {float(shift @ self.kept):.2g} dB of slope, {mixed:.2g} % for the borders of "
+            "fields in a pixel"
+        )
+        return effect("detail below two cells", bound, tolerance, text)
+
+    def coarse_refusal(self) -> str:
+        """Why the coarser data base cannot be used."""
+        if COARSE * self.cell_m > 0.5 * self.radar.pixel_spacing_m:
+            return "a pixel would hold fewer than 2 x 2 cells of the coarser data base"
+        if min(self.scene.shape) < 8 * COARSE:
+            return "the data base is too small"
+        return ""
+
+    def mixed(self) -> float:
+        """Share of pixels that hold more than one category."""
+        side = self.radar.pixel_spacing_m
+        return bounds.mixed_share(self.statistics.boundary_density_1_m, side, side)
+
+    def other_effects(self, tolerance: float) -> tuple[Effect, ...]:
+        """Effects that every rung heeds, for the record."""
+        radar, theta = self.radar, self.theta
+        looks = float(radar.looks_used(theta).min())
+        fading = self.shifted(bounds.DB_OF_FADING / math.sqrt(looks))
+        near, far = (float(x) for x in self.geometry.slant_range_m)
+        swath = 4.0 * bounds.DB_OF_FADING * math.log(far / near)
+        nesz = radar.noise_equivalent_sigma0(theta, self.geometry.slant_range_m, self.geometry.look_rad)
+        least = min(float(lookup.sigma0[self.kept > _LEAST_SHARE][:, _degrees(theta)].min()) for lookup in self.lookups)
+        noise_db = bounds.DB_OF_FADING * float(nesz.max()) / max(least, 1e-30)
+        sag = float(self.geometry.ground_range_m[1]) ** 2 / (2.0 * EARTH_RADIUS_M)
+        air_db = 2.0 * radar.zenith_loss_db * float(np.ptp(1.0 / np.cos(np.minimum(theta, 1.4))))
+        beam = radar.azimuth_resolution_m(float(self.geometry.slant_range_m[1])) if radar.aperture == "real" else 0.0
+        bits = radar.adc_bits
+        curved = "" if radar.curved else "a flat Earth was asked for; "
+        changes = (
+            ("fading", fading, f"{looks:.3g} looks: {bounds.DB_OF_FADING / math.sqrt(looks):.2g} dB; drawn"),
+            ("several categories in a pixel", 100.0 * self.mixed(), "by the density of borders; in all rungs"),
+            ("range and gain over the swath", self.shifted(swath), f"{swath:.2g} dB from near to far; in all rungs"),
+            ("receiver noise", self.shifted(noise_db), f"{noise_db:.2g} dB on the weakest category; in all rungs"),
+            ("atmosphere over the swath", self.shifted(air_db), f"{air_db:.2g} dB; in all rungs"),
+        )
+        whole = (
+            ("curvature of the Earth", radar.curved, f"{curved}{sag:.2g} m at the far edge"),
+            ("azimuth beam wider than a cell", beam > self.cell_m, f"{beam:.3g} m on cells of {self.cell_m:g} m"),
+            ("quantisation", bits > 0, f"{bits} bits" if bits else "no converter"),
+            (
+                "cultural targets",
+                bool(radar.targets_file),
+                "targets_file" if radar.targets_file else "none in the scene",
+            ),
+            ("double precision", False, "single precision changes a pixel's power by a millionth"),
+        )
+        found = [effect(name, bound, tolerance, text) for name, bound, text in changes]
+        for name, heeded, text in whole:
+            bound = math.inf if heeded else 0.0
+            found.append(effect(name, bound, tolerance, f"{text}; in all rungs" if heeded else text, proven=True))
+        return tuple(found)
+
+    def ground(self) -> Ground:
+        """Extent and correlation, for the sampling error."""
+        side = self.radar.pixel_spacing_m
+        across, along = self.n_rows * self.cell_m, self.m * self.cell_m
+        return Ground(
+            correlation_m=bounds.correlation_length_m(self.statistics.field_boundary_density_1_m),
+            mixed=bounds.mixed_share(self.statistics.field_boundary_density_1_m, side, side),
+            across_m=across,
+            along_m=along,
+            n_rows=max(math.ceil(across / side - 1e-9), 1),
+            n_columns=max(math.ceil(along / side - 1e-9), 1),
+            spread=50.0,
+            fades=self.radar.fading != "none",
+        )
+
+    def effort(self, share: float, pixels: float, draws: int, coarse: int) -> float:
+        """Estimated time of a strip or image [s]."""
+        channels, classes = len(self.lookups), len(self.scene.categories)
+        halo = (1.0 + 2.0 * coarse * self.cell_m / self.radar.pixel_spacing_m) if share < 1.0 else 1.0
+        cells = self.n_rows * self.m * min(share * halo, 1.0) / coarse**2
+        each = _NS_A_PIXEL * channels + _NS_A_CLASS * classes
+        return 1e-9 * (_NS_A_RUN + cells * channels * _NS_A_CELL + pixels * draws * each)
+
+    def flat_effort(self, rows: int, columns: int, draws: int) -> float:
+        """Estimated time of flat pixels [s]."""
+        channels, classes = len(self.lookups), len(self.scene.categories)
+        points = min(math.floor(self.radar.pixel_spacing_m / self.cell_m) + 2, 8) ** 2
+        each = points * (25.0 + 15.0 * channels) + draws * (_NS_A_PIXEL * channels + _NS_A_CLASS * classes)
+        return 1e-9 * (_NS_A_RUN + rows * columns * each)
+
+
+def _rare(rms_slope: float, limit: float) -> float:
+    """Share of ground, doubled for what lies behind, whose slope passes a limit: Chebyshev's inequality."""
+    return min(2.0 * (rms_slope / limit) ** 2, 1.0) if limit > 0.0 else 1.0
+
+
+def _degrees(theta: FloatArray) -> slice:
+    low, high = np.rad2deg(theta)
+    return slice(max(int(low), 0), min(math.ceil(high), 90) + 1)

@@ -1,0 +1,228 @@
+"""The fidelity planner's view of a scanning radiometer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.scattering.emissivity import MOISTURE_NODES
+from seqrsm.scene.scene import Scene
+from seqrsm.scene.statistics import PYRAMID, SceneStatistics
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.simulate import bounds
+from seqrsm.simulate.fidelity import Effect, Ground, Plan, RungPlan, choose, effect, full_draws, smallest
+from seqrsm.simulate.prm import Meeting
+from seqrsm.simulate.prm_sample import BEAM_POINTS
+
+_NS_A_CELL, _NS_A_FOOTPRINT, _NS_A_POINT, _NS_A_RUN = 90.0, 300.0, 40.0, 6e6
+
+_NO_STRIPS: Final = "beams reach over several lines, so that a strip needs more ground than it scores"
+
+PERCENT_CORRECT: Final = "percent_correct"
+
+
+def plan_radiometer(
+    scene: Scene,
+    statistics: SceneStatistics,
+    radiometer: RadiometerConfiguration,
+    met: Meeting,
+    *,
+    tolerance: float,
+    utilities: Sequence[str],
+    pixelwise: bool,
+    fidelity: str = "auto",
+    widening: Mapping[str, float] | None = None,
+) -> Plan:
+    """Choose the rung for one run of a radiometer.
+
+    Parameters
+    ----------
+    scene, statistics, radiometer
+        The run's.
+    met : Meeting
+        Of `seqrsm.simulate.prm.meet_radiometer`.
+    tolerance : float
+        Accepted error [percent correct, or percent of moisture].
+    utilities : sequence of str
+        What is scored: the bound is the largest of theirs.
+    pixelwise : bool
+        Whether all of them are means over pixels.
+    fidelity, widening
+        As in `seqrsm.simulate.fidelity.choose`.
+    """
+    view = _View(scene, statistics, radiometer, met, utilities)
+    relief = view.relief_effects(tolerance)
+    ground = view.ground()
+    common = "" if pixelwise else "the utility needs the whole image"
+    common = common or ("the report's own simulation has no noise" if radiometer.mode == "report" else "")
+    bias = sum(e.bound for e in relief)
+    rows, columns, draws = smallest(ground, tolerance - bias, view.flat_effort, square=True)
+    rungs = [
+        RungPlan(
+            "F0",
+            bias,
+            ground.sampling_error(rows, columns, draws),
+            view.flat_effort(rows, columns, draws),
+            columns,
+            rows,
+            draws,
+            left_out=tuple(e.name for e in relief),
+            refused=common,
+        ),
+        RungPlan("F1", refused=_NO_STRIPS),
+        RungPlan("F2", refused=_NO_STRIPS),
+    ]
+    draws = full_draws(ground, tolerance)
+    n_all = ground.n_rows * ground.n_columns
+    quiet = ground.draw_error(n_all, draws)
+    rungs.append(RungPlan("F3", 0.0, quiet, view.effort(draws), ground.n_columns, ground.n_rows, draws, refused=common))
+    rungs.append(
+        RungPlan("F4", 0.0, 0.0, view.effort(1), ground.n_columns, ground.n_rows, scatter=ground.draw_error(n_all, 1))
+    )
+    return choose(rungs, (*relief, *view.other_effects(tolerance)), tolerance, fidelity, widening)
+
+
+class _View:
+    """The numbers of one radiometer over one scene that the tests need."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        statistics: SceneStatistics,
+        radiometer: RadiometerConfiguration,
+        met: Meeting,
+        utilities: Sequence[str],
+    ) -> None:
+        self.scene, self.statistics, self.radiometer, self.met = scene, statistics, radiometer, met
+        self.utilities = utilities
+        self.warm_k = radiometer.temperature_low_k
+        self.edge = math.atan(float(np.abs(met.frame.across_m).max()) / met.frame.height_m)
+        north_south = met.frame.quarter_turns % 2 == 0
+        self.step = statistics.step_slope_north if north_south else statistics.step_slope_east
+        self.across = statistics.rms_slope_north if north_south else statistics.rms_slope_east
+        self.along = statistics.rms_slope_east if north_south else statistics.rms_slope_north
+        self.kept = np.array([statistics.category_fractions[name] for name in scene.categories])
+
+    def slope_of_curves(self) -> FloatArray:
+        """Steepest change of each category's brightness over the sweep [K/deg]."""
+        last = min(math.ceil(math.degrees(self.edge)) + 5, 90)
+        changes = [np.abs(np.diff(look.emissivity[:, :, : last + 1], axis=2)) for look in self.met.lookups]
+        return self.warm_k * np.asarray(np.max([change.max(axis=(1, 2)) for change in changes], axis=0))
+
+    def spread_k(self) -> FloatArray:
+        """Least scatter of each category's footprints [K]."""
+        nedt = float(self.radiometer.nedt_k(self.warm_k))
+        field = self.warm_k * np.min([look.field_sd for look in self.met.lookups], axis=0)
+        return np.asarray(np.sqrt(field**2 + nedt**2 + (0.5 * self.radiometer.temperature_field_sd_k) ** 2))
+
+    def sensitivity_k(self) -> float:
+        """Change of brightness with a percent of moisture, the least over its range [K]."""
+        last = math.ceil(math.degrees(self.edge))
+        found = []
+        for look in self.met.lookups:
+            if look.moist.any() and look.emissivity.shape[1] > 1:
+                change = np.diff(look.emissivity[look.moist][:, :, :last], axis=1)
+                found.append(np.abs(change / (100.0 * np.diff(MOISTURE_NODES)[:, None])).mean())
+        return self.warm_k * float(max(found, default=0.0))
+
+    def shifted(self, shift_k: FloatArray | float) -> float:
+        """Largest change of any score that a shift of each category's brightness makes."""
+        shifts = np.broadcast_to(shift_k, self.kept.shape)
+        found = [0.0]
+        if PERCENT_CORRECT in self.utilities:
+            pairs = zip(shifts, self.spread_k(), self.kept, strict=True)
+            found.append(100.0 * sum(k * bounds.shift_bound(float(e), float(s)) for e, s, k in pairs if k > 0.0))
+        if any(name != PERCENT_CORRECT for name in self.utilities):
+            least = self.sensitivity_k()
+            mean = float(shifts @ self.kept)
+            found.append(mean / least if least > 0.0 else math.inf)
+        return max(found)
+
+    def relief_effects(self, tolerance: float) -> tuple[Effect, ...]:
+        """What F0 leaves out."""
+        slope, top = self.slope_of_curves(), self.statistics.high_m - self.statistics.low_m
+        grazing = (self.met.frame.height_m - top) / max(float(np.abs(self.met.frame.across_m).max()), 1.0)
+        seen = self.step <= grazing
+        share = 0.0
+        if not seen:
+            rare = min(2.0 * (self.across[0] / grazing) ** 2, 1.0) if grazing > 0.0 else 1.0
+            share = 100.0 * max(bounds.smith_shadow(self.across[0], self.edge), rare)
+        text = f"steps up to {self.step:.3g}, rays descend by {grazing:.3g}"
+        found = [effect("blocked ground", share, tolerance, text, proven=seen)]
+        width = self.radiometer.resolution_m
+        level = max(i for i, size in enumerate(PYRAMID) if i == 0 or size * self.scene.cell_m <= width)
+        tilt = math.degrees(math.hypot(self.across[level], self.along[level])) * slope
+        text = f"rms slope {self.across[level]:.3g} over a footprint: {float(tilt @ self.kept):.2g} K"
+        found.append(effect("local incidence", self.shifted(tilt), tolerance, text))
+        lift = math.degrees(0.5 * top / self.met.frame.height_m * math.sin(self.edge) * math.cos(self.edge)) * slope
+        text = f"{top:.0f} m of relief: {float(lift @ self.kept):.2g} K"
+        found.append(effect("angle of raised ground", self.shifted(lift), tolerance, text))
+        contrast = self.contrast_k()
+        points = contrast / (BEAM_POINTS * math.sqrt(12.0))
+        mixed = bounds.mixed_share(self.statistics.boundary_density_1_m, width, width)
+        text = f"{BEAM_POINTS} points a side, {contrast:.2g} K between covers, {100 * mixed:.0f} % mixed footprints"
+        found.append(effect("beam by points", mixed * self.shifted(points), tolerance, text))
+        return tuple(found)
+
+    def contrast_k(self) -> float:
+        """Standard deviation of brightness among the covers [K]."""
+        mean = np.mean([look.emissivity[:, :, 0].mean(axis=1) for look in self.met.lookups], axis=0)
+        centre = float(mean @ self.kept)
+        return self.warm_k * math.sqrt(float(np.square(mean - centre) @ self.kept))
+
+    def other_effects(self, tolerance: float) -> tuple[Effect, ...]:
+        """Effects that every rung heeds, for the record."""
+        air, height = self.met.air, self.met.frame.height_m
+        least = min(float(look.emissivity[self.kept > 0.0].min()) for look in self.met.lookups)
+        nadir, far = (float(air.upwelling_k(x, height) + air.transmission(x, height) * 280.0) for x in (0.0, self.edge))
+        sky = (1.0 - least) * float(air.sky_k(self.edge))
+        planck = 0.5 * self.radiometer.planck_offset_k
+        nedt = float(self.radiometer.nedt_k(self.warm_k))
+        mixed = bounds.mixed_share(self.statistics.boundary_density_1_m, *(2 * [self.radiometer.resolution_m]))
+        rows = (
+            ("receiver noise", self.shifted(nedt), f"{nedt:.2g} K; drawn"),
+            ("air over the sweep", self.shifted(abs(far - nadir)), f"{abs(far - nadir):.2g} K; in all rungs"),
+            ("reflected sky", self.shifted(sky), f"{sky:.2g} K; in all rungs"),
+            ("Planck's law", self.shifted(planck), f"{planck:.2g} K; by the configuration, in all rungs"),
+            ("several covers in a footprint", 100.0 * mixed, "by the density of borders; in all rungs"),
+        )
+        found = [effect(name, bound, tolerance, text) for name, bound, text in rows]
+        text = "single precision changes a footprint's temperature by a millionth"
+        found.append(effect("double precision", 0.0, tolerance, text, proven=True))
+        return tuple(found)
+
+    def ground(self) -> Ground:
+        """Extent and correlation, for the sampling error."""
+        scan, frame = self.met.scan, self.met.frame
+        width = self.radiometer.resolution_m
+        spread = 0.0
+        if PERCENT_CORRECT in self.utilities:
+            spread = 50.0
+        if any(name != PERCENT_CORRECT for name in self.utilities):
+            spread = max(spread, 100.0 * self.radiometer.soil_moisture_field_sd)
+        return Ground(
+            correlation_m=bounds.correlation_length_m(self.statistics.field_boundary_density_1_m),
+            mixed=bounds.mixed_share(self.statistics.field_boundary_density_1_m, width, width),
+            across_m=len(frame.elevation_m) * frame.cell_m,
+            along_m=scan.n_lines * scan.advance_m,
+            n_rows=len(scan.look_rad),
+            n_columns=scan.n_lines,
+            spread=spread,
+            fades=bool(self.radiometer.nedt_k(self.warm_k) > 0.0),
+        )
+
+    def effort(self, draws: int) -> float:
+        """Estimated time of the whole image [s]."""
+        ground = self.met.scan
+        footprints = len(ground.look_rad) * ground.n_lines * draws
+        cells = self.met.frame.elevation_m.size
+        return 1e-9 * (_NS_A_RUN + cells * _NS_A_CELL + footprints * _NS_A_FOOTPRINT)
+
+    def flat_effort(self, rows: int, columns: int, draws: int) -> float:
+        """Estimated time of flat footprints [s]."""
+        each = BEAM_POINTS**2 * _NS_A_POINT * len(self.met.lookups) + draws * _NS_A_FOOTPRINT
+        return 1e-9 * (_NS_A_RUN + rows * columns * each)

@@ -1,0 +1,181 @@
+"""Cheaper rungs against the full simulation of the same occasions: Monte Carlo over flat, rolling and steep ground."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from seqrsm.campaign.engines import ENGINES, Demand
+from seqrsm.scene.scene import Scene
+from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.simulate.fidelity import RUNGS
+from seqrsm.simulate.psm_sample import meet, radar_strips
+
+COVERS = ("Wheat", "Corn", "Forage", "Trees", "Grass")
+RELIEF = {"flat": 0.0, "rolling": 60.0, "steep": 600.0}
+RUNS = range(1, 25)
+SEED = 5
+
+
+@lru_cache(maxsize=8)
+def ground(kind: str, cover: tuple[str, ...] = COVERS, cell_m: float = 5.0) -> Scene:
+    return synthetic_scene(
+        320, 360, cell_m, categories=cover, field_m=14.0 * cell_m, relief_m=RELIEF[kind], exponent=3.6, seed=11
+    )
+
+
+def radar(resolution: float = 15.0, **changes: float | str) -> object:
+    fixed = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "depression_angle": 50.0, **changes}
+    return ENGINES["psm"].configure({"frequency": 5.4, "polarization": "HH+HV", "resolution": resolution}, fixed)
+
+
+def plan(scene: Scene, sensor: object, run: int, rung: str, tolerance: float, engine: str = "psm") -> tuple:
+    table = ENGINES[engine].table("")
+    return ENGINES[engine].plan(scene, sensor, table, SEED, run, ("percent_correct",), Demand(tolerance, rung))
+
+
+def scores(scene: Scene, sensor: object, rung: str, tolerance: float, engine: str = "psm") -> tuple[np.ndarray, object]:
+    """Score of every run by a rung, and the plan of the last."""
+    own = ENGINES[engine]
+    found = []
+    for run in RUNS:
+        chosen, make = plan(scene, sensor, run, rung, tolerance, engine)
+        if rung == "F4":
+            image = own.simulate(scene, sensor, own.table(""), SEED, run)
+            found.append(own.utilities["percent_correct"](image, scene, seed=SEED, run_id=run).value)
+        else:
+            sample = make(chosen.chosen)
+            found.append(own.sampled["percent_correct"](sample, scene, seed=SEED, run_id=run).value)
+    return np.array(found), chosen.chosen
+
+
+@lru_cache(maxsize=4)
+def full(kind: str) -> np.ndarray:
+    return scores(ground(kind), radar(), "F4", 1.0)[0]
+
+
+@pytest.mark.parametrize("kind", RELIEF)
+@pytest.mark.parametrize("rung", ["F0", "F2", "F3"])
+def test_a_rung_errs_by_no_more_than_its_bound(kind: str, rung: str) -> None:
+    cheap, made = scores(ground(kind), radar(), rung, 4.0)
+    difference = cheap - full(kind)
+    mean, error = difference.mean(), difference.std(ddof=1) / np.sqrt(len(difference))
+    # The bias bound is about the mean over occasions; teaching by a part of the ground costs some of the other.
+    assert abs(mean) <= made.bias + 0.5 * made.sampling + 3.0 * error
+    # 24 runs know a standard deviation to 14 %: three of those.
+    assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, 0.6)
+
+
+def test_the_occasion_keeps_its_spread_on_every_rung() -> None:
+    """A cheaper rung that drew no fields or dates would make runs repeat each other."""
+    true = full("flat").std(ddof=1)
+    for rung in ("F0", "F2", "F3"):
+        cheap, _ = scores(ground("flat"), radar(), rung, 4.0)
+        assert cheap.std(ddof=1) > 0.6 * true
+        assert np.corrcoef(cheap, full("flat"))[0, 1] > 0.5
+
+
+def test_flat_ground_admits_the_cheapest_rung_and_steep_ground_does_not() -> None:
+    sensor = radar()
+    flat, _ = plan(ground("flat"), sensor, 1, "auto", 4.0)
+    steep, _ = plan(ground("steep"), sensor, 1, "auto", 4.0)
+    assert flat.of("F0").bias == 0.0
+    assert {e.name: e.verdict for e in flat.effects}["cast shadow"] == "exact"
+    assert flat.chosen.bound <= 4.0
+    assert steep.of("F0").bias > 4.0
+    assert steep.chosen.rung != "F0"
+    assert {e.name: e.verdict for e in steep.effects}["local incidence"] == "needed"
+
+
+def test_tighter_tolerance_never_takes_a_cheaper_model() -> None:
+    efforts = [plan(ground("rolling"), radar(), 1, "auto", tolerance)[0].chosen.effort for tolerance in (0.1, 1.0, 8.0)]
+    assert efforts == sorted(efforts, reverse=True)
+
+
+def test_whole_image_in_strips_is_the_image() -> None:
+    """All columns without fading: the same mean power to the last bits of single precision, the same registration."""
+    scene, sensor = ground("rolling"), radar(fading="none")
+    own = ENGINES["psm"]
+    image = own.simulate(scene, sensor, own.table(""), SEED, 3)
+    lookups, occasion = meet(scene, sensor, own.table(""), SEED, 3)
+    sample = radar_strips(scene, sensor, lookups, occasion, seed=SEED, run_id=3)
+    np.testing.assert_allclose(sample.values[0].reshape(image.intensity.shape), image.apparent_sigma0(), rtol=1e-5)
+    seen = image.pixel_of_cell[image.pixel_of_cell >= 0]
+    assert np.array_equal(np.bincount(seen), np.bincount(sample.pixel_of_cell[sample.pixel_of_cell >= 0]))
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"resolution": 7.0}, {"resolution": 60.0, "aperture": "real", "antenna_length_m": 8.0}]
+)
+def test_a_strip_shows_what_the_image_shows_there(changes: dict) -> None:
+    scene = ground("steep")
+    sensor = radar(fading="none", **({"resolution": 15.0} | changes))
+    own = ENGINES["psm"]
+    image = own.simulate(scene, sensor, own.table(""), SEED, 4)
+    lookups, occasion = meet(scene, sensor, own.table(""), SEED, 4)
+    sample = radar_strips(scene, sensor, lookups, occasion, seed=SEED, run_id=4, columns=9)
+    n_channels, n_range, n_azimuth = image.intensity.shape
+    place = np.round(sample.along_m[:9] / image.azimuth_spacing_m - 0.5).astype(int)
+    inner = (place > 8) & (place < n_azimuth - 9)
+    strips = sample.values[0].reshape(n_channels, n_range, 9)[:, :, inner]
+    np.testing.assert_allclose(strips, image.apparent_sigma0()[:, :, place[inner]], rtol=2e-4, atol=1e-9)
+    wanted = np.bincount(image.pixel_of_cell[image.pixel_of_cell >= 0], minlength=n_range * n_azimuth)
+    found = np.bincount(sample.pixel_of_cell[sample.pixel_of_cell >= 0], minlength=n_range * 9)
+    assert np.array_equal(found.reshape(n_range, 9), wanted.reshape(n_range, n_azimuth)[:, place])
+
+
+def test_flat_pixels_are_those_of_the_image_of_flat_ground() -> None:
+    scene, sensor = ground("flat"), radar(fading="none")
+    own = ENGINES["psm"]
+    image = own.simulate(scene, sensor, own.table(""), SEED, 6)
+    chosen, make = plan(scene, sensor, 6, "F0", 30.0)
+    sample = make(chosen.chosen)
+    row = np.round(sample.across_m / image.range_spacing_m).astype(int)
+    column = np.round(sample.along_m / image.azimuth_spacing_m - 0.5).astype(int)
+    true = image.apparent_sigma0()[:, row, column]
+    inner = (row > 0) & (row < image.intensity.shape[1] - 1)
+    np.testing.assert_allclose(sample.values[0][:, inner], true[:, inner], rtol=5e-3)
+
+
+def test_integrated_fading_tends_to_the_gamma_law() -> None:
+    """One class boundary at a threshold: the share of draws below it is the gamma distribution function."""
+    from scipy.special import gammainc
+
+    from seqrsm.simulate.psm_sample import faded_draws
+
+    mean = np.full((1, 40, 50), 2.0, dtype=np.float32)
+    looks = np.full(40, 3.7)
+    sensor = replace(radar(), channels=("HH",))
+    drawn = faded_draws(mean, np.full(40, 0.5), looks, np.ones(40), 1.0, sensor, 1, 1, 8)
+    share = (drawn < 2.0).mean()
+    true = gammainc(3.7, 3.7 * 2.0 / 2.5)
+    assert abs(share - true) < 4.0 * np.sqrt(true * (1 - true) / drawn.size)
+
+
+def test_a_utility_of_its_own_gets_the_whole_image() -> None:
+    table = ENGINES["psm"].table("")
+    chosen, _ = ENGINES["psm"].plan(ground("flat"), radar(), table, SEED, 1, ("package:function",), Demand(50.0))
+    assert chosen.chosen.rung == "F4"
+    assert all(rung.refused for rung in chosen.rungs[:-1])
+    assert tuple(rung.rung for rung in chosen.rungs) == RUNGS
+
+
+def radiometer() -> object:
+    fixed = {"bandwidth": 100.0, "noise_temperature": 500.0, "scan_period": 2.5, "altitude_m": 6000.0}
+    fixed |= {"speed_m_s": 80.0, "integration_time": 8.0}
+    return ENGINES["prm"].configure({"frequency": 18.0, "polarization": "H+V", "resolution": 150.0}, fixed)
+
+
+@pytest.mark.parametrize("rung", ["F0", "F3"])
+def test_radiometer_rungs_err_by_no_more_than_their_bound(rung: str) -> None:
+    scene = ground("flat", ("Water", "Trees", "Grass", "Bareground"), 30.0)
+    true, _ = scores(scene, radiometer(), "F4", 3.0, "prm")
+    cheap, made = scores(scene, radiometer(), rung, 3.0, "prm")
+    difference = cheap - true
+    error = difference.std(ddof=1) / np.sqrt(len(difference))
+    assert abs(difference.mean()) <= made.bias + 0.5 * made.sampling + 3.0 * error
+    assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, 1.0)
+    assert cheap.std(ddof=1) > 0.5 * true.std(ddof=1)
