@@ -379,7 +379,7 @@ def fit_matrix(
         As :func:`fit_least_squares`.
     """
     Z = np.asarray(Z, dtype=np.float64)
-    ones = np.flatnonzero(np.all(Z == 1.0, axis=0))[:1] if Z.ndim == 2 else []
+    ones = np.flatnonzero(np.all(np.atleast_2d(Z) == 1.0, axis=0))[:1].tolist()
     terms = [_Column(name, "intercept" if i in ones else "linear") for i, name in enumerate(names)]
     return fit_least_squares(Z, y, terms, weights=weights, setting_ids=setting_ids, block_ids=block_ids)
 
