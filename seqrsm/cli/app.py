@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from seqrsm import __version__
-from seqrsm.cli.console import EXIT_BUDGET_SPENT, activity, guarded, print_json, progress_bar, run_display, say
+from seqrsm.cli.console import EXIT_BUDGET_SPENT, activity, at_end, guarded, print_json, progress_bar, run_display, say
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
+    from seqrsm.campaign.loop import Campaign
 
 app = typer.Typer(
     name="seqrsm",
@@ -34,6 +35,15 @@ Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder, th
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that simulate at the same time.")]
 Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
+
+
+def _opened(folder: Path) -> Campaign:
+    """The campaign in a folder; its data base is closed when the command ends."""
+    from seqrsm.campaign.loop import Campaign
+
+    campaign = Campaign.open(folder)
+    at_end(campaign.store.close)
+    return campaign
 
 
 def main() -> None:
@@ -136,10 +146,9 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import show_look, show_outcome
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     with run_display() as display:
 
         def on_look(look: Analysis) -> None:
@@ -180,10 +189,9 @@ def propose(
     as_json: AsJson = False,
 ) -> None:
     """Issue the next runs."""
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import run_row, show_proposals
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     measured_only = campaign.spec.simulator is None
     if measured_only and source in ("simulation", "best"):
         raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
@@ -198,10 +206,9 @@ def propose(
 @guarded
 def simulate(folder: Folder, workers: Workers = 1, cluster: Cluster = None, as_json: AsJson = False) -> None:
     """Carry out the issued simulation runs."""
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import run_row, show_runs
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     with progress_bar("simulating") as progress:
         runs = campaign.simulate(workers=workers, cluster=cluster, on_progress=progress)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
@@ -216,10 +223,9 @@ def ingest(
     as_json: AsJson = False,
 ) -> None:
     """Take measured scores or interpreters' rankings in; all or nothing."""
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import show_ingest
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     reports = campaign.ingest(*files, dry_run=dry_run)
     if as_json:
         print_json([asdict(report) for report in reports])
@@ -239,15 +245,13 @@ def void(
     ] = None,
 ) -> None:
     """Take a run, or a ranking, out of the fit; nothing is ever deleted."""
-    from seqrsm.campaign.loop import Campaign
-
     if (run_id is None) == (ranking is None):
         raise UserError(Problem("void takes out one run or one ranking", "Give RUN_ID, or --ranking N."))
     if run_id is not None:
-        Campaign.open(folder).void(run_id, why)
+        _opened(folder).void(run_id, why)
         say(f"run {run_id} is void: {why}")
     elif ranking is not None:
-        Campaign.open(folder).store.void_ranking(ranking, why)
+        _opened(folder).store.void_ranking(ranking, why)
         say(f"ranking {ranking} is void: {why}")
 
 
@@ -263,14 +267,13 @@ def fit(
     as_json: AsJson = False,
 ) -> None:
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.campaign.serialise import analysis_to_json
     from seqrsm.campaign.serialise_study import tests_to_json
     from seqrsm.campaign.term_tests import term_tests
     from seqrsm.cli.show_fit import show_compromise, show_fit
     from seqrsm.cli.show_study import show_tests
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     with activity("sampling the posterior"):
         analyses = campaign.analyse_all(application, sampler="emcee", thorough=True)
         weighed = campaign.compromise(analyses)
@@ -315,10 +318,9 @@ def rehearse(
     as_json: AsJson = False,
 ) -> None:
     """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.cli.show import show_rehearsal
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     with progress_bar("rehearsing") as progress:
         result = campaign.rehearse(campaigns, on_progress=progress)
     print_json(result) if as_json else show_rehearsal(result)
@@ -337,10 +339,9 @@ def report(
 ) -> None:
     """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
     from seqrsm.campaign.assemble import assemble
-    from seqrsm.campaign.loop import Campaign
     from seqrsm.report import write_report
 
-    campaign = Campaign.open(folder)
+    campaign = _opened(folder)
     if html is None and pdf is None and figures is None:
         html, pdf = campaign.folder / "reports" / "report.html", campaign.folder / "reports" / "report.pdf"
     with activity("report") as step:
@@ -368,10 +369,9 @@ def image(
 ) -> None:
     """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region."""
     from seqrsm.campaign.images import write_image
-    from seqrsm.campaign.loop import Campaign
 
     with activity("simulating"):
-        result = write_image(Campaign.open(folder), settings or [], run_id, out, mask=mask, threads=threads)
+        result = write_image(_opened(folder), settings or [], run_id, out, mask=mask, threads=threads)
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 
@@ -455,9 +455,7 @@ def export(
     ],
 ) -> None:
     """Write everything out."""
-    from seqrsm.campaign.loop import Campaign
-
-    Campaign.open(folder).export(file)
+    _opened(folder).export(file)
     say(f"wrote {file}")
 
 

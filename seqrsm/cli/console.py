@@ -37,6 +37,8 @@ EXIT_INTERRUPTED = 130
 _said: list[str] = []
 """What the running command has written to stdout: no empty line goes before the first."""
 
+_to_do: list[Callable[[], None]] = []
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -76,8 +78,16 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
             fail(f"error: {error}", EXIT_USER_ERROR)
         except KeyboardInterrupt:
             fail("interrupted; every score so far is kept, and the same command goes on from here", EXIT_INTERRUPTED)
+        finally:
+            while _to_do:
+                _to_do.pop()()
 
     return wrapper
+
+
+def at_end(call: Callable[[], None]) -> None:
+    """Call this when the running command ends, however it ends."""
+    _to_do.append(call)
 
 
 def print_json(document: Any) -> None:
