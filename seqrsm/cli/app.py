@@ -394,6 +394,45 @@ def scene_import(
     say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
 
 
+@scene_app.command("synthetic")
+@guarded
+def scene_synthetic(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
+    rows: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from north to south.")] = 400,
+    cols: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from west to east.")] = 400,
+    cell_m: Annotated[float, typer.Option(min=0.01, help="Side of a cell [m].")] = 5.0,
+    categories: Annotated[
+        str, typer.Option(metavar="NAMES", help="Covers of the fields.")
+    ] = "Wheat,Corn,Vegetables,Grass,Trees",
+    field_m: Annotated[float, typer.Option(min=0.01, help="Mean side of a field [m].")] = 150.0,
+    relief_m: Annotated[float, typer.Option(min=0.0, help="Highest above lowest point [m].")] = 30.0,
+    rivers: Annotated[int, typer.Option(min=0, max=50, help="Rivers through the valleys.")] = 1,
+    towns: Annotated[int, typer.Option(min=0, max=50, help="Towns.")] = 1,
+    town_m: Annotated[float, typer.Option(min=1.0, help="Mean radius of a town [m].")] = 200.0,
+    roads: Annotated[bool, typer.Option(help="Roads that join the towns.")] = True,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another land.")] = 0,
+) -> None:
+    """Draw a data base: terrain, fields, rivers, roads and towns."""
+    from seqrsm.scene.scene import save_scene
+    from seqrsm.scene.synthetic import synthetic_scene
+
+    scene = synthetic_scene(
+        rows,
+        cols,
+        cell_m,
+        categories=[name.strip() for name in categories.split(",")],
+        field_m=field_m,
+        relief_m=relief_m,
+        rivers=rivers,
+        towns=towns,
+        town_m=town_m,
+        roads=roads,
+        seed=seed,
+    )
+    save_scene(scene, out)
+    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, {scene.n_fields} fields")
+
+
 @scene_app.command("show")
 @guarded
 def scene_show(

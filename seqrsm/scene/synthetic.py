@@ -1,4 +1,4 @@
-"""Whole synthetic scenes: terrain, fields and categories from a seed."""
+"""Whole synthetic scenes from a seed: terrain, fields and their categories, rivers, roads and towns."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ from typing import Literal
 import numpy as np
 
 from seqrsm.errors import Problem, SceneError
+from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
 from seqrsm.scene.fields import connected_patches, draw_index, rectangle_labels, voronoi_labels
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.terrain import fractal_terrain
+
+_TOWN = ("Buildings", "Asphalt", "Grass")
+_TOWN_SHARES = (0.5, 0.2, 0.3)
+_BLOCK_M = 50.0
 
 
 def synthetic_scene(
@@ -26,9 +31,18 @@ def synthetic_scene(
     rms_slope: float | None = None,
     exponent: float = 3.5,
     base_m: float = 0.0,
+    rivers: int = 0,
+    river_m: float = 30.0,
+    towns: int = 0,
+    town_m: float = 300.0,
+    roads: bool = False,
+    road_m: float = 12.0,
     seed: int = 0,
 ) -> Scene:
-    """Scene of drawn fields on drawn terrain.
+    """Scene of drawn fields on drawn terrain, with rivers, roads and towns if asked for.
+
+    Rivers run through valleys, roads shun slopes and join the towns; a river is Water, a road Asphalt, and a town is
+    made of blocks of Buildings, Asphalt and Grass. They are added to the categories where they are not among them.
 
     Parameters
     ----------
@@ -48,13 +62,18 @@ def synthetic_scene(
         See `seqrsm.scene.terrain.fractal_terrain`.
     base_m : float
         Height of the lowest point [m].
+    rivers, towns : int
+        Number of each.
+    river_m, town_m, road_m : float
+        Width of a river, mean radius of a town, width of a road [m].
+    roads : bool
     seed : int
-        Seed of terrain, fields and categories.
+        Seed of everything that is drawn.
 
     Raises
     ------
     SceneError
-        Impossible size, relief, slope, shares or field.
+        Impossible size, relief, slope, shares, field, or feature.
     """
     shares = [1.0] * len(categories) if shares is None else list(shares)
     if len(shares) != len(categories) or not categories or min(shares) < 0.0 or sum(shares) <= 0.0:
@@ -70,14 +89,48 @@ def synthetic_scene(
         piece = voronoi_labels(rows, cols, side, seed=seed)
     else:
         piece = rectangle_labels(rows, cols, side, side)
+    wrong = [
+        Problem("must not be negative", field=name, value=value)
+        for name, value in (("rivers", rivers), ("towns", towns), ("river_m", river_m), ("road_m", road_m))
+        if value < 0
+    ]
+    if wrong or town_m <= 0.0:
+        raise SceneError(*(wrong or [Problem("must be above zero", field="town_m", value=town_m)]))
+    cover = draw_index(piece, shares, seed=seed + 1).astype(np.uint8)
+    names, part = list(categories), np.zeros((rows, cols), dtype=np.int64)
+    river = river_mask(relief, rivers, river_m / cell_m, seed=seed + 2)
+    centres = town_centres(rows, cols, towns, seed=seed + 3)
+    if towns:
+        town = town_mask((rows, cols), centres, town_m / cell_m, seed=seed + 4)
+        block = voronoi_labels(rows, cols, max(round(_BLOCK_M / cell_m), 1), seed=seed + 5)
+        kind = np.array([_number(names, name) for name in _TOWN])[draw_index(block, _TOWN_SHARES, seed=seed + 6)]
+        cover[town], part[town] = kind[town], 1 + block[town]
+    if rivers:
+        cover[river], part[river] = _number(names, "Water"), -1
+    if roads:
+        road = road_mask(relief, cell_m, centres, river, road_m / cell_m, seed=seed + 7)
+        cover[road], part[road] = _number(names, "Asphalt"), -2
+    features = "".join(f", {text}" for text, made in _features(rivers, towns, roads) if made)
     return Scene(
         elevation_m=(base_m + relief).astype(np.float32),
-        cover=draw_index(piece, shares, seed=seed + 1).astype(np.uint8),
-        categories=tuple(categories),
-        field_id=connected_patches(piece),
+        cover=cover,
+        categories=tuple(names),
+        field_id=connected_patches(np.where(part == 0, piece, -1), part, cover),
         scored=np.ones((rows, cols), dtype=bool),
         cell_m=cell_m,
         name=f"synthetic {rows} x {cols}, seed {seed}",
         licence="none needed: computed",
-        provenance=f"seqrsm.scene.synthetic, {layout} fields of {field_m:g} m, relief {relief_m:g} m, seed {seed}",
+        provenance=f"seqrsm.scene.synthetic, {layout} fields of {field_m:g} m, relief {relief_m:g} m"
+        f"{features}, seed {seed}",
     )
+
+
+def _features(rivers: int, towns: int, roads: bool) -> tuple[tuple[str, bool], ...]:
+    return (f"{rivers} rivers", rivers > 0), (f"{towns} towns", towns > 0), ("roads", roads)
+
+
+def _number(names: list[str], name: str) -> int:
+    """Number of a category, which is added where it is not among the names."""
+    if name not in names:
+        names.append(name)
+    return names.index(name)
