@@ -284,9 +284,12 @@ def walk(
     return state
 
 
-def look(plan: Plan, state: RegionState, points: FloatArray, y: FloatArray, batch: int) -> RegionState:
-    """The region after one more batch, from the state before; ``points`` and ``y`` of all batches so far."""
-    return _advance(plan, state, _Data(points, y, np.ones(len(y)), np.empty((len(y), 0))), batch)
+def look(
+    plan: Plan, state: RegionState, points: FloatArray, y: FloatArray, batch: int, weights: FloatArray | None = None
+) -> RegionState:
+    """The region after one more batch, from the state before; points, scores and weights of all batches so far."""
+    of_runs = np.ones(len(y)) if weights is None else weights
+    return _advance(plan, state, _Data(points, y, of_runs, np.empty((len(y), 0))), batch)
 
 
 def _advance(plan: Plan, state: RegionState, data: _Data, batch: int) -> RegionState:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
@@ -24,6 +24,9 @@ _I_BOUND = (2.1333333333333333, 3.586215760, 5.275409587, 7.163453067, 9.2325816
 _ALIAS_TOLERANCE = 1e-8
 _SAMPLE = 10_000
 _SEED = 71_993
+_COVER_LEVELS = {1: 41, 2: 21, 3: 11, 4: 7}
+_ASCENTS, _SWEEPS = 4000, 60
+_LINE_PLACES, _NEWTON_STEPS = 17, 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +175,7 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     inverse = inverse_root @ inverse_root.T
     d_value = float(np.exp(2.0 * np.mean(np.log(np.abs(np.diag(R)))))) / n
     i_value = n * float(np.sum(inverse * region_moments(model, region)))
-    g_value = n * _largest_variance(model, region, inverse)
+    g_value = n * largest_variance(model, region, inverse)[0]
     sample = region.sample(_SAMPLE, np.random.default_rng(_SEED))
     curve = np.quantile(prediction_variance(model, points, sample), np.linspace(0.0, 1.0, 101))
     d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
@@ -197,43 +200,95 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     )
 
 
-def _largest_variance(model: QuadraticModel, region: Region, inverse: FloatArray) -> float:
-    """Largest z'(Z'Z)^-1 z over the region: best candidates, then coordinate ascent along feasible intervals."""
-    points = region.candidates(limit=20_000)
+def largest_variance(model: QuadraticModel, region: Region, inverse: FloatArray) -> tuple[float, FloatArray]:
+    """Largest z'Dz over the region for D (p, p), and the places (m, k) of its highest maxima.
+
+    Best candidates, then coordinate ascent along feasible intervals.
+    """
+    points = region.candidates(_COVER_LEVELS.get(len(region.continuous), 5), limit=20_000)
     rows = model.matrix(points)
     values = np.einsum("ij,jk,ik->i", rows, inverse, rows)
-    points = points[np.argsort(-values, kind="stable")[:200]].copy()
+    # One ascent from everywhere, then from the places that these ended at: the best candidates alone may share a hill.
+    points = points[np.argsort(-values, kind="stable")[:_ASCENTS]].copy()
     best = float(values.max())
-    for _ in range(20):
-        before = best
+    for number in range(_SWEEPS):
+        before, start = best, points.copy()
         for j in region.continuous:
             spans, counts = region.line_intervals_of(points, j)
-            best = max(best, _ascend(model, inverse, points, j, spans, counts))
-        if best <= before * (1.0 + 1e-12):
+            way = np.zeros_like(points)
+            way[:, j] = 1.0
+            best = max(best, _ascend(model, inverse, points, way, spans - points[:, j][:, None, None], counts))
+        if number < 2:
+            points = np.unique(np.round(points, 4 + number), axis=0)
+            continue
+        if region.is_box:
+            # Along the way of the sweep: ridges that run askew are climbed by it.
+            way = points - start
+            best = max(best, _ascend(model, inverse, points, way, *_reach(points, way)))
+        if best <= before * (1.0 + 1e-13) and np.max(np.abs(points - start), initial=0.0) < 1e-5:
             break
-    return best
+    rows = model.matrix(points)
+    heights = np.einsum("ij,jk,ik->i", rows, inverse, rows)
+    top = np.unique(np.round(points[heights > 0.97 * best], 6), axis=0)
+    return best, top
+
+
+def _reach(points: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Interval (n, 1, 2) of steps along ``way`` that stay in the cube, and how many there are: 0 without a way."""
+    moving = np.abs(way) > 1e-9
+    safe = np.where(moving, way, 1.0)
+    ends = np.stack([(-1.0 - points) / safe, (1.0 - points) / safe])
+    low = np.max(np.where(moving, ends.min(axis=0), -np.inf), axis=1)
+    high = np.min(np.where(moving, ends.max(axis=0), np.inf), axis=1)
+    return np.stack([low, high], axis=1)[:, None, :], np.any(moving, axis=1).astype(np.int64)
 
 
 def _ascend(
-    model: QuadraticModel, inverse: FloatArray, points: FloatArray, j: int, spans: FloatArray, counts: np.ndarray
+    model: QuadraticModel, inverse: FloatArray, points: FloatArray, way: FloatArray, spans: FloatArray, counts: IntArray
 ) -> float:
-    """Move coordinate j of every point to the largest variance on its line, in place; returns the largest of all."""
-    # A quartic through five of its values; exact but for rounding.
-    nodes = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    lines = np.repeat(points[:, None, :], nodes.size, axis=1)
-    lines[:, :, j] = nodes
-    rows = model.matrix(lines.reshape(-1, model.k))
-    values = np.einsum("ij,jk,ik->i", rows, inverse, rows).reshape(-1, nodes.size)
-    coefficients = np.linalg.solve(np.vander(nodes, 5), values.T).T
-    largest = -np.inf
-    for i, polynomial in enumerate(coefficients):
-        roots = np.roots(np.polyder(polynomial))
-        real = roots.real[np.abs(roots.imag) < 1e-9]
-        for low, high in spans[i, : counts[i]]:
-            places = np.concatenate([[low, high], real[(real > low) & (real < high)]])
-            heights = np.polyval(polynomial, places)
-            top = int(np.argmax(heights))
-            if heights[top] > np.polyval(polynomial, points[i, j]):
-                points[i, j] = places[top]
-            largest = max(largest, float(heights[top]))
-    return largest
+    """Move points (n, k) along ``way`` (n, k) to the largest variance there, in place; returns the largest of all.
+
+    ``spans`` (n, m, 2) are intervals of allowed steps, ``counts`` of them for each point.
+    """
+    best_of_all = -np.inf
+    for m in range(spans.shape[1]):
+        there = np.flatnonzero(counts > m)
+        if not there.size:
+            break
+        low, high = spans[there, m, :].T
+        # A quartic through five of its values; exact but for rounding. Steps are in units of the longer side.
+        scale = np.maximum(np.maximum(np.abs(low), np.abs(high)), 1e-9)
+        unit = way[there] * scale[:, None]
+        nodes = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+        rows = model.matrix((points[there][:, None, :] + nodes[:, None] * unit[:, None, :]).reshape(-1, model.k))
+        values = np.einsum("ij,jk,ik->i", rows, inverse, rows).reshape(-1, nodes.size)
+        quartic = np.linalg.solve(np.vander(nodes, 5), values.T).T
+        slope = quartic[:, :4] * np.array([4.0, 3.0, 2.0, 1.0])
+        bend = slope[:, :3] * np.array([3.0, 2.0, 1.0])
+        low, high = low / scale, high / scale
+        places = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _LINE_PLACES)
+        heights = _horner(quartic, places)
+        # Two ends and two hills at most: the highest places that no neighbour overtops.
+        padded = np.pad(heights, ((0, 0), (1, 1)), constant_values=-np.inf)
+        hill = (heights >= padded[:, :-2]) & (heights >= padded[:, 2:])
+        order = np.argsort(np.where(hill, -heights, np.inf), axis=1, kind="stable")[:, :4]
+        tops = np.take_along_axis(places, order, axis=1)
+        step = ((high - low) / (_LINE_PLACES - 1))[:, None]
+        first, last = np.maximum(tops - step, low[:, None]), np.minimum(tops + step, high[:, None])
+        for _ in range(_NEWTON_STEPS):
+            curvature, gradient = _horner(bend, tops), _horner(slope, tops)
+            tops = np.clip(tops - gradient / np.where(curvature < 0.0, curvature, -np.inf), first, last)
+        places = np.column_stack([np.zeros(there.size), tops, places])
+        heights = _horner(quartic, places)
+        index = np.argmax(heights, axis=1)
+        points[there] += places[np.arange(there.size), index][:, None] * unit
+        best_of_all = max(best_of_all, float(heights.max()))
+    return best_of_all
+
+
+def _horner(coefficients: FloatArray, at: FloatArray) -> FloatArray:
+    """Polynomials (n, d), highest power first, each at its own places (n, m)."""
+    value = np.zeros_like(at)
+    for column in coefficients.T:
+        value = value * at + column[:, None]
+    return value

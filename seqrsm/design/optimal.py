@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.evaluate import condition, continuous_bound, inestimable_terms
+from seqrsm.design.evaluate import condition, continuous_bound, inestimable_terms, largest_variance
 from seqrsm.design.exchange import Task, search_box, search_constrained
+from seqrsm.design.minimax import MinimaxSearch
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import DesignError, Problem
 
-Criterion: TypeAlias = Literal["D", "I", "A"]
+Criterion: TypeAlias = Literal["D", "I", "A", "G"]
 
 START_SEARCHES = 120
 """Local searches of a start design in a box."""
@@ -33,11 +34,11 @@ class Design:
         The runs chosen, coded.
     fixed : ndarray (m, k)
         Earlier runs that were kept; counted in every figure below.
-    criterion : {"D", "I", "A"}
+    criterion : {"D", "I", "A", "G"}
         What was optimised.
     value : float
-        Its value: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), to be small. M = Z'Z + prior precision over all
-        N = m + n runs.
+        Its value: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), G the largest z'M^-1 z over the region, to be
+        small. M = Z'Z + prior precision over all N = m + n runs.
     log_det : float
         log|M|.
     d_value : float
@@ -100,9 +101,9 @@ def optimal_design(
         Over the same factors.
     n_runs : int
         Runs to choose, beside the fixed ones; a run may be repeated.
-    criterion : {"D", "I", "A"}
+    criterion : {"D", "I", "A", "G"}
         ``"D"``: smallest confidence region of the coefficients; ``"I"``: smallest mean prediction variance over the
-        region; ``"A"``: smallest mean variance of the coefficients.
+        region; ``"A"``: smallest mean variance of the coefficients; ``"G"``: smallest largest prediction variance.
     seed : int
         The same seed gives the same design on any machine with IEEE arithmetic.
     starts : int, optional
@@ -132,6 +133,8 @@ def optimal_design(
         if lost:
             raise _coinciding(lost)
     moments = region_moments(model, region) if weight is None else np.asarray(weight, dtype=np.float64)
+    if criterion == "G":
+        return _minimax(model, region, n_runs, kept, prior, moments, seed, starts)
     weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]
     task = Task(n_runs, np.ascontiguousarray(precision), None if weights is None else np.ascontiguousarray(weights))
     if region.is_box:
@@ -144,6 +147,42 @@ def optimal_design(
     if hits == 0:
         raise _singular(model, region)
     return _described(model, points, kept, criterion, moments, prior, (hits, total, seed), region)
+
+
+def _minimax(
+    model: QuadraticModel,
+    region: Region,
+    n_runs: int,
+    fixed: FloatArray,
+    prior: FloatArray,
+    moments: FloatArray,
+    seed: int,
+    starts: int | None,
+) -> Design:
+    """G-optimal design, from designs that are good by the D and the I criterion and from random ones."""
+    given = prior if np.any(prior) else None
+    quick = 20 if region.is_box else 4
+    total = int(np.clip(36 * (10.0 / model.p) ** 1.5, 6, 60)) if starts is None else max(starts, 1)
+    criteria: tuple[Criterion, ...] = ("D", "I")
+    rng = np.random.default_rng([seed % 2**63, 2])
+    first = []
+    for i in range(total):
+        if i % 3:
+            first.append(region.sample(n_runs, rng))
+            continue
+        start = optimal_design(
+            model, region, n_runs, criteria[i % 2], seed=seed + i, starts=quick, fixed=fixed, prior_precision=given
+        )
+        first.append(start.points)
+    Z_fixed = model.matrix(fixed)
+
+    def largest(D: FloatArray) -> tuple[float, FloatArray]:
+        return largest_variance(model, region, D)
+
+    engine = MinimaxSearch(model, region, prior + Z_fixed.T @ Z_fixed, largest)
+    rounds = min(100 // model.p, 20) if model.p <= 10 and starts is None else 0
+    points, _ = engine.search(first, rounds, rng)
+    return _described(model, points, fixed, "G", moments, prior, (1, total + rounds, seed), region)
 
 
 def start_design(
@@ -225,8 +264,9 @@ def _checked_fixed(model: QuadraticModel, fixed: FloatArray | None) -> FloatArra
 
 
 def _check_counts(model: QuadraticModel, n_runs: int, criterion: str, fixed: FloatArray, prior: FloatArray) -> None:
-    if criterion not in ("D", "I", "A"):
-        raise DesignError(Problem("unknown criterion", "Use D, I or A.", field="criterion", value=criterion))
+    if criterion not in get_args(Criterion):
+        names = ", ".join(get_args(Criterion))
+        raise DesignError(Problem("unknown criterion", f"Use {names}.", field="criterion", value=criterion))
     if n_runs < 1:
         raise DesignError(Problem("a design needs at least one run", "Ask for more.", field="n_runs", value=n_runs))
     known = model.matrix(fixed)
@@ -279,12 +319,15 @@ def _described(
     plain = region.is_box and not np.any(prior)
     d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
     number, rank = condition(Z)
+    value = {"D": d_value, "I": trace, "A": float(np.trace(inverse))}.get(criterion)
+    if value is None:
+        value = largest_variance(model, region, np.asarray(inverse, dtype=np.float64))[0]
     hits, starts, seed = search
     return Design(
         points=points,
         fixed=fixed,
         criterion=criterion,
-        value={"D": d_value, "I": trace, "A": float(np.trace(inverse))}[criterion],
+        value=value,
         log_det=log_det,
         d_value=d_value,
         i_value=n * trace,

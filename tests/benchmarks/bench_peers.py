@@ -46,7 +46,7 @@ def seqrsm(score: Score, k: int, n: int, seed: int) -> Answers:
     while True:
         state = surfaces.step(plan, state, X, y, batch)
         found = surfaces.fit_box(state, model, region, X, y)
-        answers.append((len(y), found.point, surfaces.widths(found)[0]))
+        answers.append((len(y), found.point, float(np.diff(found.ends("confidence"))[0]) / 2.0))
         if len(y) >= n:
             return answers
         new = surfaces.next_points(state, found, k, X, min(BATCH, n - len(y)), rng, seed * 131 + len(y))

@@ -12,16 +12,21 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import expit
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.allowance import Allowance, departure_allowance
+from seqrsm.campaign.fitted import student_weights
+from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, departure_allowance
+from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.intervals import IntervalKind, half_width
-from seqrsm.decide.moving import Plan, RegionState, look, sub_region, whole_box
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.moving import Plan, RegionState, evidence_limit, look, whole_box
+from seqrsm.decide.stopping import Departure
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.propose.batch import propose_batch
 
@@ -103,39 +108,136 @@ def true_optimum(surface: Surface, k: int) -> float:
     return max(float(values.max()), *(-climb.fun for climb in climbs))
 
 
+class Told:
+    """What the fit is told of the scores: plain errors, Student-t errors, or counts of ``trials`` (logit scale)."""
+
+    def __init__(self, errors: str = "normal", trials: int = 0) -> None:
+        self.student, self.trials = errors == "student_t", trials if errors == "binomial" else 0
+
+    def link(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scores on the scale of the fit, and weights: of counts those of the binomial."""
+        if not self.trials:
+            return y, np.ones(len(y))
+        right = y * self.trials / 100.0
+        return np.log((right + 0.5) / (self.trials - right + 0.5)), self.weight_at_percent(y)
+
+    def weight_at_percent(self, y: FloatArray) -> FloatArray:
+        right = y * self.trials / 100.0
+        return 1.0 / (1.0 / (right + 0.5) + 1.0 / (self.trials - right + 0.5))
+
+    def back(self, values: FloatArray | float) -> FloatArray:
+        return 100.0 * expit(np.asarray(values)) if self.trials else np.asarray(values)
+
+    def weight_at(self, value: float) -> float:
+        return float(self.weight_at_percent(self.back(np.array([value])))[0]) if self.trials else 1.0
+
+
+NORMAL = Told()
+
+
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What one look knows."""
+    """What one look knows, on the scale of the fit."""
 
+    told: Told
     point: FloatArray  # recommended, coded in the whole region
     local: FloatArray
-    mean: float
-    s: float
-    df: int
-    h: float
-    beta: FloatArray
-    C: FloatArray
-    n: int
-    distinct: int
+    row: FloatArray
+    fit: LeastSquaresFit
+    model: QuadraticModel
+    weight: float  # of a run at the recommended settings
     allowance: Allowance
+    departure: Departure
+
+    @property
+    def mean(self) -> float:
+        return float(self.row @ self.fit.estimate)
+
+    @property
+    def s(self) -> float:
+        """Of a run at the recommended settings."""
+        return self.fit.s / float(np.sqrt(self.weight))
+
+    @property
+    def h(self) -> float:
+        """In units of that."""
+        return float(self.fit.variance_unscaled(self.row[None, :])[0]) * self.weight
+
+    def half_width(self, kind: IntervalKind, level: float = 0.95, replicates: int = 5) -> float:
+        """Of the model alone."""
+        if not self.told.student:
+            return float(half_width(kind, self.s, self.fit.df_residual, self.h, level, replicates))
+        beta, sigma = student_draws(self.fit.Z, self.fit.y)
+        rng = np.random.default_rng(len(self.fit.y))
+        m = {"confidence": 0, "prediction": 1, "prediction_mean": replicates}[kind]
+        noise = rng.standard_t(4.0, (len(sigma), m)).mean(axis=1) if m else 0.0
+        low, high = np.quantile(beta @ self.row + sigma * noise, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+        return 0.5 * float(high - low)
+
+    def ends(self, kind: IntervalKind, level: float = 0.95, *, allow: bool = True) -> FloatArray:
+        """In scores, with or without the allowance for a departure."""
+        allowance = self.allowance if allow else NO_ALLOWANCE
+        return self.told.back(
+            np.array(allowance.ends(self.mean, self.half_width(kind, level), self.fit.df_residual, level))
+        )
+
+    def widening(self, half: float, level: float = 0.95) -> float:
+        """Factor by which the allowance widens an interval of half-width ``half``."""
+        low, high = self.allowance.ends(self.mean, half, self.fit.df_residual, level)
+        return (high - low) / (2.0 * half)
 
 
-def fit_box(state: RegionState, model: QuadraticModel, region: Region, X: FloatArray, y: FloatArray) -> Fitted:
-    """Least squares in the box of ``state``."""
+def student_draws(Z: FloatArray, y: FloatArray, nu: float = 4.0, chains: int = 25) -> tuple[FloatArray, FloatArray]:
+    """Posterior of coefficients and scale under Student-t errors and flat priors, by Gibbs sampling.
+
+    Errors are normal with precisions drawn from a gamma distribution (Geweke 1993, J. Appl. Econometrics 8, S19-S40);
+    ``seqrsm`` itself samples the same posterior by emcee, twenty times slower.
+    """
+    rng = np.random.default_rng(len(y))
+    n, p = Z.shape
+    share = np.ones((chains, n))
+    betas, sigmas = [], []
+    outer = (Z[:, :, None] * Z[:, None, :]).reshape(n, p * p)
+    for sweep in range(95):
+        L = np.linalg.cholesky((share @ outer).reshape(chains, p, p))
+        right = (share * y) @ Z
+        half = np.linalg.solve(L, right[:, :, None])
+        rss = np.maximum(share @ y**2 - np.sum(half[..., 0] ** 2, axis=1), 1e-12)
+        sigma = np.sqrt(rss / rng.chisquare(n - p, chains))
+        noise = sigma[:, None] * rng.standard_normal((chains, p))
+        beta = np.linalg.solve(np.swapaxes(L, 1, 2), half + noise[:, :, None])[..., 0]
+        square = (y - beta @ Z.T) ** 2 / sigma[:, None] ** 2
+        share = rng.gamma(0.5 * (nu + 1.0), 2.0 / (nu + square))
+        if sweep >= 15:
+            betas.append(beta)
+            sigmas.append(sigma)
+    return np.vstack(betas), np.concatenate(sigmas)
+
+
+def fit_box(
+    state: RegionState, model: QuadraticModel, region: Region, X: FloatArray, y: FloatArray, told: Told = NORMAL
+) -> Fitted:
+    """The fit in the box of ``state``, as ``seqrsm`` makes it."""
     inside = state.box.contains(X)
-    local, scores = state.box.local(X[inside]), y[inside]
+    local = state.box.local(X[inside])
+    values, weights = told.link(y[inside])
     Z = model.matrix(local)
-    C = np.linalg.inv(Z.T @ Z)
-    beta = np.linalg.lstsq(Z, scores, rcond=None)[0]
-    rest = scores - Z @ beta
-    df = len(scores) - model.p
-    best = optimum(model, region, beta).point
-    z = model.matrix(best[None, :])[0]
-    count = np.unique(np.round(local, 9), axis=0)
-    allowance = departure_allowance(model, region, local, Z, scores, best, z)
-    point = state.box.outwards(best)
-    s = float(np.sqrt(rest @ rest / df))
-    return Fitted(point, best, float(z @ beta), s, df, float(z @ C @ z), beta, C, len(scores), len(count), allowance)
+    if told.student:
+        weights = student_weights(Z, values, weights)
+    for _ in range(2 if told.trials else 0):
+        # Weights by what is expected, not by what was scored: a lucky score would count for less.
+        root = np.sqrt(weights)
+        expected = Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]
+        weights = told.weight_at_percent(told.back(expected))
+    ids = [tuple(row) for row in np.round(local, 9) + 0.0]
+    fit = fit_least_squares(Z, values, model.terms, weights=weights, setting_ids=ids)
+    best = optimum(model, region, fit.estimate).point
+    row = model.matrix(best[None, :])[0]
+    allowance = departure_allowance(model, region, local, Z, values, best, row, weights)
+    seen = find_discrepancy(model, local, Z, values, weights).evidence
+    departure = Departure(seen, evidence_limit(fit.df_residual))
+    weight = told.weight_at(float(row @ fit.estimate))
+    return Fitted(told, state.box.outwards(best), best, row, fit, model, weight, allowance, departure)
 
 
 def next_points(
@@ -146,13 +248,14 @@ def next_points(
     box = state.box if state.target is None else state.target
     done = box.local(X[box.contains(X)])
     if state.target is None:
-        root = np.linalg.cholesky(found.C + 1e-12 * np.eye(model.p))
-        sigma = found.s * np.sqrt(found.df / rng.chisquare(found.df, size=(64, 1)))
-        draws = found.beta + sigma * (rng.standard_normal((64, model.p)) @ root.T)
+        fit = found.fit
+        df = fit.df_residual
+        sigma = fit.s * np.sqrt(df / rng.chisquare(df, size=(64, 1)))
+        draws = fit.estimate + sigma * (rng.standard_normal((64, model.p)) @ fit.factor.T)
         options = {
             "x_hat": found.local,
             "target_points": optimum_draws(model, region, draws)[0],
-            "df_pure_error": found.n - found.distinct,
+            "df_pure_error": pure_error(found),
         }
     else:
         options = {
@@ -168,26 +271,10 @@ def next_points(
     return np.array([box.outwards(proposal.point) for proposal in batch])
 
 
-def widths(found: Fitted, level: float = 0.95) -> tuple[float, float]:
-    """Half-widths of the confidence and the prediction interval at the recommended settings, by the quadratic alone."""
-    return (
-        float(half_width("confidence", found.s, found.df, found.h, level)),
-        float(half_width("prediction", found.s, found.df, found.h, level)),
-    )
-
-
-def allowed(found: Fitted, kind: IntervalKind, level: float = 0.95, replicates: int = 5) -> tuple[float, float]:
-    """Ends of the interval with a departure from the quadratic allowed for."""
-    half = float(half_width(kind, found.s, found.df, found.h, level, replicates))
-    return found.allowance.ends(found.mean, half, found.df, level)
-
-
-def widening(found: Fitted, rule: StopRule) -> float:
-    """Factor by which the allowance widens the interval that the stop rule watches."""
-    low, high = allowed(found, rule.interval, rule.level, rule.replicates)
-    return (high - low) / (
-        2.0 * float(half_width(rule.interval, found.s, found.df, found.h, rule.level, rule.replicates))
-    )
+def pure_error(found: Fitted) -> int:
+    """Degrees of freedom of pure error."""
+    lack = found.fit.lack_of_fit()
+    return lack.df_pe if isinstance(lack, LackOfFit) else 0
 
 
 def begin(k: int, max_runs: int, moving: bool) -> tuple[Plan, RegionState]:
@@ -196,22 +283,11 @@ def begin(k: int, max_runs: int, moving: bool) -> tuple[Plan, RegionState]:
     return Plan(region, max_runs=max_runs if moving else 0), RegionState(whole_box(k))
 
 
-def step(plan: Plan, state: RegionState, X: FloatArray, y: FloatArray, batch: int) -> RegionState:
+def step(plan: Plan, state: RegionState, X: FloatArray, y: FloatArray, batch: int, told: Told = NORMAL) -> RegionState:
     """One look."""
-    return look(plan, state, X, y, batch) if plan.max_runs else state
-
-
-__all__ = [
-    "Fitted",
-    "Surface",
-    "allowed",
-    "begin",
-    "fit_box",
-    "next_points",
-    "stage",
-    "step",
-    "sub_region",
-    "true_optimum",
-    "widening",
-    "widths",
-]
+    if not plan.max_runs:
+        return state
+    values, weights = told.link(y)
+    if told.student:
+        weights = student_weights(stage(X.shape[1])[0].matrix(X), values, weights)
+    return look(plan, state, X, values, batch, weights)

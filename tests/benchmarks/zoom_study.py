@@ -42,16 +42,20 @@ def campaign(surface, k: int, sigma: float, n_runs: int, seed: int, moving: bool
         found = surfaces.fit_box(state, model, region, X, y)
         if any(c <= len(X) < c + 4 for c in CHECKPOINTS):
             truth = float(surface(found.point))
-            confidence, prediction = surfaces.widths(found)
             fresh = truth + sigma * eyes.standard_normal(400)
+
+            def covered(values: np.ndarray, kind: str, found=found) -> float:
+                low, high = found.ends(kind)
+                return float(np.mean((values >= low) & (values <= high)))
+
             half = 0.5 * (np.array(state.box.high) - np.array(state.box.low))
             rows.append(
                 {
                     "runs": max(c for c in CHECKPOINTS if c <= len(X)),
                     "regret": best - truth,
-                    "mean": float(abs(truth - found.mean) <= confidence),
-                    "new_run": float(np.mean(np.abs(fresh - found.mean) <= prediction)),
-                    "half_width": confidence,
+                    "mean": covered(np.array([truth]), "confidence"),
+                    "new_run": covered(fresh, "prediction"),
+                    "half_width": float(np.diff(found.ends("confidence"))[0]) / 2.0,
                     "box": float(half.max()),
                 }
             )

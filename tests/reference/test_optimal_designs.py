@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import continuous_bound, evaluate_design
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -138,3 +139,36 @@ def test_g_efficiency_of_a_known_design(k, n):
     design = optimal_design(model, region, n, seed=1)
     report = evaluate_design(model, region, design.points)
     assert 100.0 * report.g_efficiency == pytest.approx(float(row["G_eff_of_D_best_pct"]), abs=2e-3)
+
+
+G_ROWS = [row for row in cases((1, 2)) if (row.values[0]["k"], row.values[0]["N"]) in {("1", "8"), ("2", "9")}]
+
+
+@pytest.mark.parametrize("row", G_ROWS)
+def test_g_optimal_designs_come_within_half_a_point_of_the_best_known(row):
+    k, n = int(row["k"]), int(row["N"])
+    design = optimal_design(*build(k), n, "G", seed=1)
+    # By a grid of its own, and by a local ascent from its best places: the largest variance of all.
+    axis = np.linspace(-1.0, 1.0, 41)
+    places = np.stack([m.ravel() for m in np.meshgrid(*[axis] * k, indexing="ij")], axis=1)
+    Z = direct(design.points)
+    inverse = np.linalg.inv(Z.T @ Z)
+    rows = direct(places)
+    largest = float(np.max(np.sum((rows @ inverse) * rows, axis=1)))
+    assert design.value >= largest * (1.0 - 1e-12)
+    assert design.value <= largest * 1.01
+    assert 100.0 * Z.shape[1] / (n * design.value) >= float(row["G_eff_best_pct"]) - 0.5
+
+
+def test_g_optimal_designs_with_levels_and_constraints():
+    factors = (
+        ContinuousFactor("a", -1.0, 1.0),
+        CategoricalFactor("c", ("u", "v")),
+        DiscreteFactor("d", (0.0, 1.0, 2.0)),
+    )
+    region = Region(factors, (Constraint("a + 0.5 * d <= 1.2"),))
+    model = QuadraticModel(factors)
+    chosen = optimal_design(model, region, 16, "G", seed=3, starts=6)
+    other = optimal_design(model, region, 16, "D", seed=3)
+    assert np.all(region.feasible(chosen.points))
+    assert evaluate_design(model, region, chosen.points).g_value < evaluate_design(model, region, other.points).g_value
