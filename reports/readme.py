@@ -1,0 +1,139 @@
+"""Make the outputs in README.md anew: ``python reports/readme.py [--check]``.
+
+The commands of every block that begins with three backquotes and ``console`` are run in their order in one temporary
+folder, from the templates to the end, and what they print takes the place of what stands there; a comment
+``<!-- lines FROM .. TO; FROM .. TO -->`` before a block keeps those parts of the last command's output, each from the
+first line that begins with FROM up to, and without, the next that begins with TO. The answers of the example campaigns
+come from ``reports/*/optimum.json``, the pictures of the walk-through go to ``reports/readme``. Lines with times and
+versions differ from machine to machine; ``--check`` compares the rest.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[1]
+README = ROOT / "README.md"
+BLOCK = re.compile(r"(?:<!-- lines (?P<kept>[^>]*) -->\n)?```console\n(?P<body>.*?)```\n", re.S)
+ANSWERS = re.compile(r"(<!-- answers -->\n).*?(<!-- /answers -->)", re.S)
+VARIES = re.compile(r"\d s\b|\d s;|made .*Z|version|\d\.\d+ ms")
+PICTURES = {"image.png": "readme/image.png", "figures/history-of-half-width.png": "readme/half-width.png"}
+PICTURE_WIDTH = 760
+
+
+def main(arguments: list[str]) -> int:
+    """Write README.md and its pictures, or compare; 1 where they differ."""
+    old = README.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        text = BLOCK.sub(lambda match: _block(match, Path(folder)), old)
+        text = ANSWERS.sub(lambda match: match[1] + _answers() + match[2], text)
+        if "--check" in arguments:
+            return int(_lasting(text) != _lasting(old))
+        README.write_text(text, encoding="utf-8")
+        for name, target in PICTURES.items():
+            if (Path(folder) / name).exists():
+                _small(Path(folder) / name, ROOT / "reports" / target)
+    return 0
+
+
+def _block(match: re.Match[str], folder: Path) -> str:
+    """The block with what its commands print now."""
+    commands = [line[2:] for line in match["body"].splitlines() if line.startswith("$ ")]
+    out = []
+    for k, command in enumerate(commands):
+        sys.stderr.write(f"{command}\n")
+        lines = _run(command, folder)
+        if match["kept"] and k == len(commands) - 1:
+            lines = _parts(lines, match["kept"])
+        out += [f"$ {command}", *lines]
+    head = f"<!-- lines {match['kept']} -->\n" if match["kept"] else ""
+    return head + "```console\n" + "\n".join(out).rstrip() + "\n```\n"
+
+
+def _run(command: str, folder: Path) -> list[str]:
+    """Lines that a command prints, with `seqrsm` this one."""
+    tools = folder / ".bin"
+    if not tools.exists():
+        tools.mkdir()
+        (tools / "seqrsm").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m seqrsm "$@"\n', encoding="utf-8")
+        (tools / "seqrsm").chmod(0o755)
+    surroundings = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "NO_COLOR": "1"}
+    surroundings["PYTHONPATH"] = f"{ROOT}:{os.environ.get('PYTHONPATH', '')}"
+    done = subprocess.run(
+        command, shell=True, cwd=folder, env=surroundings, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    if done.returncode not in (0, 3):
+        raise SystemExit(f"{command} ended with {done.returncode}:\n{done.stdout}")
+    return [line.rstrip() for line in done.stdout.replace(f"{folder}/", "").rstrip("\n").splitlines()]
+
+
+def _parts(lines: list[str], kept: str) -> list[str]:
+    """Parts of an output; three dots stand where something was left out."""
+    out: list[str] = []
+    at = 0
+    for part in kept.split("; "):
+        first, _, last = part.partition(" .. ")
+        start = next((i for i in range(at, len(lines)) if lines[i].strip().startswith(first)), None)
+        if start is None:
+            raise SystemExit(f"no line begins with {first!r}")
+        stop = next((i for i in range(start + 1, len(lines)) if last and lines[i].strip().startswith(last)), len(lines))
+        while stop > start and not lines[stop - 1]:
+            stop -= 1
+        out += ["..."] * (start > at) + lines[start:stop]
+        at = stop
+    return out + ["..."] * (at < len(lines))
+
+
+def _answers() -> str:
+    """What each example campaign found, from its report."""
+    rows = []
+    for file in sorted((ROOT / "reports").glob("*/optimum.json")):
+        one = json.loads(file.read_text(encoding="utf-8"))["applications"][0]
+        spec = tomllib.loads((ROOT / "campaigns" / file.parent.name / "campaign.toml").read_text(encoding="utf-8"))
+        units = {factor["name"]: factor.get("unit", "") for factor in spec["factor"]}
+        best, stop = one["optimum"], one["stop"]
+        settings = ", ".join(
+            f"{name} {value:.3g} {units[name]}".rstrip() if isinstance(value, float) else f"{name} {value}"
+            for name, value in best["settings"].items()
+        )
+        future = best["prediction"]
+        verdict = "the stop rule held" if stop["held"] else "the stop rule does not hold yet"
+        rows.append(
+            f"* [`{file.parent.name}`](reports/{file.parent.name}/report.pdf): {settings}. Mean score "
+            f"{best['mean']:.1f} {one['score_unit']}; one future run {future['low']:.1f} to {future['high']:.1f} (95 % "
+            f"prediction interval); {one['n_runs']} runs, {verdict}.\n"
+        )
+    return "".join(rows)
+
+
+def _small(source: Path, target: Path) -> None:
+    """A picture for the README: no wider than a page, in few colours."""
+    with Image.open(source) as image:
+        width = min(PICTURE_WIDTH, image.width)
+        small = image.convert("RGB").resize(
+            (width, round(image.height * width / image.width)), Image.Resampling.LANCZOS
+        )
+    out = io.BytesIO()
+    small.quantize(64, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(out.getvalue())
+
+
+def _lasting(text: str) -> list[str]:
+    return [line for line in text.splitlines() if not VARIES.search(line)]
+
+
+if __name__ == "__main__":
+    assert shutil.which("sh")
+    sys.exit(main(sys.argv[1:]))
