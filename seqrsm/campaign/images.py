@@ -12,10 +12,11 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.engines import ENGINES
+from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of
 from seqrsm.campaign.image_files import write_geotiff, write_mask, write_npz, write_png
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
-from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
+from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, setting_text
@@ -90,6 +91,25 @@ def write_image(
         + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else ""),
         **({} if share is None else {"mask": mask, "mask_share": share}),
     }
+
+
+def explain_image(campaign: Campaign, assignments: Sequence[str], run_id: int) -> dict[str, Any]:
+    """How a run of some settings would be simulated, and why: the fidelity planner's decision.
+
+    Parameters
+    ----------
+    campaign, assignments, run_id
+        As in `write_image`.
+
+    Raises
+    ------
+    UserError
+        No simulator, an unknown factor or value, or a sensor that cannot be.
+    """
+    settings = _settings(campaign, assignments)
+    widening = widening_of(campaign.store.events(kind=VIOLATED))
+    plan, *_ = plan_of(task_of(campaign.spec, run_id, settings, widening))
+    return {"settings": settings, **plan.to_json()}
 
 
 def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float | str]:

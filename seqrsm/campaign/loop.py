@@ -16,6 +16,7 @@ from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.check import check_simulator
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.fitted import confirmation_reason
 from seqrsm.campaign.heartbeat import heartbeat
 from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
@@ -250,11 +251,22 @@ class Campaign:
             self.store.issue(proposed)
         waiting = {run.run_id: run for run in self.store.runs("issued", source="simulation")}
         carried: set[int] = set()
+        waiting |= self._repeat_doubtful()
         while waiting:
             claimed = self.store.claim(waiting) if waiting else ()
             carried |= {run.run_id for run in claimed}
             waiting = {run.run_id: run for run in self._carry_out(claimed, workers, cluster, on_progress)}
+            waiting |= self._repeat_doubtful()
         return tuple(run for run in self.store.runs() if run.run_id in carried)
+
+    def _repeat_doubtful(self) -> dict[int, RunRecord]:
+        """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""
+        widening = widening_of(self.store.events(kind=VIOLATED))
+        ids = to_repeat(self.spec, self.store.runs("scored"), widening) if widening else ()
+        if not ids:
+            return {}
+        made = self.store.repeat(ids, "a check found the bound of its simulation's error too small")
+        return {run.run_id: run for run in self.store.runs("issued") if run.run_id in made}
 
     def _carry_out(
         self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
@@ -263,7 +275,8 @@ class Campaign:
         again: list[RunRecord] = []
         if not claimed:
             return again
-        tasks = [task_of(self.spec, run.run_id, run.proposed) for run in claimed]
+        widening = widening_of(self.store.events(kind=VIOLATED))
+        tasks = [task_of(self.spec, run.run_id, run.proposed, widening) for run in claimed]
         files = files_of(tasks[0]) if cluster is not None else ()
         try:
             with heartbeat(self.store):
@@ -273,6 +286,8 @@ class Campaign:
                         self.store.fail(run.run_id, result.reason)
                     elif not result.failure:
                         self.store.record_scores(run.run_id, result.scores)
+                        if result.check is not None and result.check.violated:
+                            self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
                     else:
                         self.store.fail(run.run_id, result.failure)
                         if result.again and run.attempts < MAX_ATTEMPTS:

@@ -194,6 +194,8 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         reason = f"{type(error).__name__}: {error}"
         return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, again=True)
     record = {**plan.record(), "seconds": round(seconds, 4)}
+    if plan.chosen.rung in task.demand.widening:
+        record["widening"] = task.demand.widening[plan.chosen.rung]
     if check is not None:
         record["check"] = {"by": check.by, "difference": check.difference, "limit": check.limit}
     return SimulationResult(

@@ -255,6 +255,27 @@ class Store:
             ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
             rescore_without(ledger, run_id)
 
+    def repeat(self, run_ids: Sequence[int], why: str) -> tuple[int, ...]:
+        """Make runs void and issue runs with the same settings, purpose and batch in their place; all or none.
+
+        Returns
+        -------
+        tuple of int
+            Ids of the new runs, in the order given.
+        """
+        _need_reason(why)
+        with self._write() as ledger:
+            old = {run.run_id: run for run in ledger.runs(RUNS.c.id.in_(tuple(run_ids)))}
+            ledger.move(run_ids, "void", {"reason": why}, detail={"reason": why})
+            made = []
+            for run_id in run_ids:
+                run = old[run_id]
+                fresh = NewRun(run.proposed, run.purpose, run.why, run.source, run.cost, run.block)
+                (new_id,) = ledger.add_runs([fresh], batch=run.batch, issue=True)
+                ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == new_id).values(replaces=run_id))
+                made.append(new_id)
+            return tuple(made)
+
     def release(self, run_ids: Iterable[int]) -> tuple[int, ...]:
         """Issue again those of the runs that this process still holds; returns their ids."""
         with self._write() as ledger:

@@ -1,0 +1,62 @@
+"""The online check of the fidelity planner: what a campaign learnt about its bounds, and which runs that concerns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from seqrsm.campaign.records import EventRecord, RunRecord
+from seqrsm.campaign.simulation import FidelityCheck
+from seqrsm.campaign.spec import CampaignSpec
+
+VIOLATED = "fidelity bound violated"
+"""Kind of the event."""
+
+LEAST_STEP = 1.25
+"""Factor by which a violated bound is widened at least, so that few violations settle it."""
+
+
+def widening_of(events: Iterable[EventRecord]) -> dict[str, float]:
+    """Factor of each rung's bound that the campaign found, by rung; empty where no bound was violated."""
+    factors: dict[str, float] = {}
+    for event in events:
+        if event.kind == VIOLATED:
+            rung = str(event.detail["rung"])
+            factors[rung] = max(factors.get(rung, 1.0), float(event.detail["factor"]))
+    return factors
+
+
+def violation(check: FidelityCheck, widening: Mapping[str, float]) -> dict[str, Any]:
+    """Details of the event of a violated bound, the limit being that of the bound as widened so far."""
+    factor = widening.get(check.rung, 1.0) * max(abs(check.difference) / check.limit, LEAST_STEP)
+    return {
+        "rung": check.rung,
+        "by": check.by,
+        "application": check.application,
+        "difference": check.difference,
+        "limit": check.limit,
+        "factor": factor,
+    }
+
+
+def fidelity_of(run: RunRecord) -> dict[str, Any]:
+    """What was kept of the planner's decision with a run's score; empty for flights and older runs."""
+    found = next((score.metadata["fidelity"] for score in run.scores if "fidelity" in score.metadata), None)
+    return dict(found) if isinstance(found, dict) else {}
+
+
+def to_repeat(spec: CampaignSpec, runs: Sequence[RunRecord], widening: Mapping[str, float]) -> tuple[int, ...]:
+    """Scored runs whose bound, as it is known now, does not meet the tolerance: ids.
+
+    A rung that was asked for by name is not put in question.
+    """
+    if spec.simulator is None or spec.simulator.fidelity != "auto" or not widening:
+        return ()
+    found = []
+    for run in runs:
+        kept = fidelity_of(run) if run.state == "scored" and run.source == "simulation" else {}
+        if kept:
+            now = widening.get(str(kept["rung"]), 1.0) / float(kept.get("widening", 1.0))
+            if now > 1.0 and now * float(kept["bound"]) > spec.simulator.tolerance:
+                found.append(run.run_id)
+    return tuple(found)
