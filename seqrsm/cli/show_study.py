@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from seqrsm.campaign.findings import Study, TermChoice
     from seqrsm.campaign.term_tests import TermTest
 
-_SHOWN_RUNS = 10
+_SHOWN_RUNS = 5
 
 
 def show_study(analysis: Analysis, study: Study) -> None:

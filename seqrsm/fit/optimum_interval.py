@@ -89,7 +89,7 @@ def searched_interval(
     point = optimum(model, region, beta, goal).point
     row = model.matrix(point[None, :])
     mean, h = float((row @ beta)[0]), float(np.sum(np.square(row @ L)))
-    se = fit.se[: model.p]
+    se = fit.s * np.linalg.norm(L, axis=1)
     flatter = np.sign(beta) * np.maximum(np.abs(beta) - se, 0.0)
     flatter[0] = beta[0]
     own = 1.0 / (weight * replicates)

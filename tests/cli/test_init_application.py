@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 
 import pytest
@@ -49,7 +50,7 @@ def test_every_application_of_the_catalogue_gives_a_valid_file(tmp_path) -> None
     """Whatever is printed: within what can be simulated, and within the print where that is possible."""
     limits = {"frequency": FREQUENCY_GHZ, "resolution": RESOLUTION_M, "depression_angle": DEPRESSION_DEG}
     (tmp_path / "scene.npz").write_bytes(b"x")
-    tried = 0
+    tried = with_prior = 0
     for words in sorted({entry.application for entry in load_catalog().entries if entry.system == "active"}):
         try:
             start = start_ranges(words)
@@ -66,7 +67,15 @@ def test_every_application_of_the_catalogue_gives_a_valid_file(tmp_path) -> None
                 low, high = limits[item["name"]]
                 assert low <= item["low"] < item["high"] <= high, words
         tried += 1
+        known = re.sub(r"(?m)^# (?=\[application\.prior|utility = \[|optimum = )", "", text)
+        if known != text:  # the catalogue as a prior, once its signs are taken away
+            (tmp_path / "campaign.toml").write_text(known, encoding="utf-8")
+            prior = load_spec(tmp_path).applications[0].prior
+            assert prior is not None, words
+            assert prior.optimum, words
+            with_prior += 1
     assert tried > 100
+    assert with_prior > 30
 
 
 @pytest.mark.parametrize("arguments", [["x"], ["x", "--template", "flevoland", "--application", "snow"]])

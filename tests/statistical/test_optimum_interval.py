@@ -55,19 +55,23 @@ def test_curved_surface_has_nominal_t_intervals_and_flat_ones_do_not() -> None:
     assert found[1][0] < 0.94  # what the t interval leaves out
 
 
-@pytest.mark.parametrize(("curvature", "tilt"), [(0.5, 0.2), (0.5, 1.0), (6.0, 0.2)])
-def test_interval_that_allows_for_the_search_covers(curvature: float, tilt: float) -> None:
-    model, region, points, beta = setup(2, 16, curvature, tilt)
-    Z, sets = model.matrix(points), 400
+@pytest.mark.parametrize(
+    ("k", "n", "curvature", "tilt"),
+    [(2, 16, 0.5, 0.2), (2, 16, 0.5, 1.0), (2, 16, 6.0, 0.2), (3, 24, 0.5, 0.2), (4, 36, 0.25, 0.2)],
+)
+def test_interval_that_allows_for_the_search_covers(k: int, n: int, curvature: float, tilt: float) -> None:
+    """In full, to 2000 data sets and k = 4, by tests/benchmarks/statistics_study.py."""
+    model, region, points, beta = setup(k, n, curvature, tilt)
+    Z, sets = model.matrix(points), 400 if k == 2 else 250
     rng = np.random.default_rng(2)
-    template = fit_least_squares(Z, Z @ beta + rng.normal(size=16), model.terms)
+    template = fit_least_squares(Z, Z @ beta + rng.normal(size=n), model.terms)
     mean, new, gaps, optimism = 0, 0, [], []
     for i in range(sets):
-        y = Z @ beta + 0.5 * rng.normal(size=16)
+        y = Z @ beta + 0.5 * rng.normal(size=n)
         estimate = template.covariance_unscaled @ Z.T @ y
         s = float(np.sqrt(np.sum((y - Z @ estimate) ** 2) / template.df_residual))
         fit = dataclasses.replace(template, estimate=estimate, s=s)
-        found = searched_interval(model, region, fit, draws=300, seed=i)
+        found = searched_interval(model, region, fit, draws=300 if k == 2 else 200, seed=i)
         truth = float((model.matrix(found.point[None, :]) @ beta)[0])
         mean += found.confidence[0] <= truth <= found.confidence[1]
         new += found.prediction[0] <= truth + 0.5 * rng.normal() <= found.prediction[1]

@@ -161,3 +161,26 @@ def test_refused_and_warned() -> None:
     ):
         with pytest.raises(FitError, match=match):
             fit_random_blocks(Z_bad, y_bad, days)
+
+
+def test_draws_are_those_of_the_intervals() -> None:
+    """Exact draws of coefficients and of a run on a new day against the mixture's quantiles."""
+    Z, y, day = problem(36, 6, 1.5, 5)
+    found = fit_random_blocks(Z, y, day.tolist())
+    rng = np.random.default_rng(6)
+    n = 200_000
+    beta, sigma, of_days = found.draws(n, rng)
+    row = np.array([[1.0, 0.3, -0.4, -0.12, 0.09, 0.16]])
+    run = beta @ row[0] + np.hypot(sigma, of_days) * rng.normal(size=n)
+    exact = found.predict(row, 0.9)
+    for draws, interval in ((beta @ row[0], exact.confidence), (run, exact.prediction)):
+        below = [np.mean(draws < interval.low[0]), np.mean(draws < interval.high[0])]
+        np.testing.assert_allclose(below, [0.05, 0.95], atol=5 * np.sqrt(0.0475 / n))
+    np.testing.assert_allclose(beta.mean(axis=0), found.estimate, atol=0.02)
+    ratio = np.mean(of_days / sigma < found.sigma_ratio_interval(0.9)[1])
+    assert ratio == pytest.approx(0.95, abs=0.02)  # the grid is coarse
+    low, high = exact.confidence.low[0], exact.confidence.high[0]
+    wrong = found.estimate @ row[0] + 0.5 * (beta @ row[0] - found.estimate @ row[0])
+    assert np.mean((wrong > low) & (wrong < high)) > 0.93  # control
+    # The variance beside it is that of the draws but for the doubt about sigma.
+    assert found.variance(row)[0] == pytest.approx(np.var(beta @ row[0]), rel=0.15)

@@ -265,3 +265,24 @@ def test_proposal_density_is_that_of_scipy() -> None:
     np.testing.assert_allclose(proposal.log_density(x), expected, rtol=1e-12)
     draws = proposal.draw(np.random.RandomState(1), 50_000)
     np.testing.assert_allclose(np.cov(draws, rowvar=False), covariance * 6 / 4, rtol=0.1, atol=0.05)
+
+
+def test_prior_of_dependent_coefficients_is_that_of_rotated_independent_ones() -> None:
+    """A precision matrix: the posterior in other coordinates of the same prior and the same surface."""
+    rng = np.random.default_rng(9)
+    x = np.linspace(-1, 1, 10)
+    Z, y = np.column_stack([np.ones(10), x]), 3.0 + 2.0 * x + rng.normal(size=10)
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    sd = np.array([2.0, 0.3])
+    plain = CoefficientPrior(np.array([1.0, -1.0]), sd)
+    turned = CoefficientPrior(turn @ plain.mean, sd, precision=turn @ np.diag(sd**-2.0) @ turn.T)
+    beta = rng.normal(size=(5, 2))
+    np.testing.assert_allclose(turned.log_density(beta @ turn.T), plain.log_density(beta), rtol=1e-12)
+    known = {"sigma_known": [1.0]}
+    one, other = normal_model(Z, y, plain, **known), normal_model(Z @ turn.T, y, turned, **known)
+    gap = other.log_density(beta @ turn.T) - one.log_density(beta)
+    np.testing.assert_allclose(gap, gap[0], atol=1e-9)
+    sampled = normal_model(Z @ turn.T, y, turned, sources=["a"] * 10)
+    free = normal_model(Z, y, plain, sources=["a"] * 10)
+    v = np.array([[0.7], [1.0], [1.6]])
+    np.testing.assert_allclose(sampled.log_density(v), free.log_density(v), atol=1e-9)
