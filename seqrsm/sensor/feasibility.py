@@ -68,6 +68,8 @@ _LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
     "snow_depth_cm": (0.0, 500.0, "cm"),
     "n_bits": (1, 32, ""),
     "dynamic_range_db": (0.1, 200.0, "dB"),
+    "texture_db": (0.0, 20.0, "dB"),
+    "texture_m": (0.1, 1e5, "m"),
     "soil_moisture_low": (0.01, 0.6, "m3/m3"),
     "soil_moisture_high": (0.01, 0.6, "m3/m3"),
     "wind_low_m_s": (0.0, 40.0, "m/s"),

@@ -138,6 +138,9 @@ class RadarConfiguration:
         Volumetric soil moisture of a run is uniform between them [m3/m3].
     wind_low_m_s, wind_high_m_s : float
         Wind speed over water of a run is uniform between them [m/s].
+    texture_db, texture_m : float
+        How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
+        these parts [m] (`seqrsm.simulate.texture`).
     targets_file : str
         CSV file of cultural targets (`seqrsm.simulate.targets.load_targets`); "" for none.
 
@@ -201,6 +204,8 @@ class RadarConfiguration:
     soil_moisture_high: float = 0.30
     wind_low_m_s: float = 2.0
     wind_high_m_s: float = 8.0
+    texture_db: float = 0.0
+    texture_m: float = 50.0
     targets_file: str = ""
 
     def __post_init__(self) -> None:

@@ -256,6 +256,8 @@ class _View:
             return "a pixel would hold fewer than 2 x 2 cells of the coarser data base"
         if min(self.scene.shape) < 8 * COARSE:
             return "the data base is too small"
+        if self.radar.texture_db > 0.0:
+            return "texture within fields is drawn on the data base's own cells"
         return ""
 
     def mixed(self) -> float:

@@ -14,6 +14,7 @@ from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
 from seqrsm.simulate.ppi import bilinear, polar_layers
+from seqrsm.simulate.texture import ground_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +113,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     SceneError
         No cell has an elevation.
     """
+    scene = ground_of(scene, radar)
     if radar.scan == "ppi":
         return _polar_frame(scene, radar, precision)
     turned = _turned(scene, radar.heading_deg, precision)

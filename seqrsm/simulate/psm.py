@@ -36,6 +36,7 @@ from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import Registration
 from seqrsm.simulate.row_law import row_law
 from seqrsm.simulate.targets import CulturalTarget, add_targets
+from seqrsm.simulate.texture import with_texture
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
@@ -183,6 +184,7 @@ def simulate_radar(
     field_category = categories_of_fields(scene)
     if random_occasion:
         occasion = draw_occasion(radar, lookups, field_category, state, seed=seed, run_id=run_id)
+        occasion = with_texture(occasion, scene, radar, lookups, seed=seed, run_id=run_id)
     else:
         occasion = nominal_occasion(lookups, field_category, state)
     grid = echo_grid(frame, radar)
@@ -347,6 +349,12 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     ]
     if radar.finer_pixels:
         notes[0] = "fading is correlated over the resolution cell and independent between channels"
+    if radar.texture_db > 0.0:
+        notes.append(
+            f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)"
+        )
+    else:
+        notes.append("fields are even inside: texture_db = 0")
     if radar.elevation_pattern == "isotropic":
         notes.append("antenna gain is the same over the swath")
     if smeared and not radar.finer_pixels:

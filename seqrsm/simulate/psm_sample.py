@@ -32,6 +32,7 @@ from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import place_cells
 from seqrsm.simulate.row_law import RowLaw, row_law
 from seqrsm.simulate.sample import Sample, places
+from seqrsm.simulate.texture import with_texture
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
@@ -46,7 +47,8 @@ def meet(
     """Backscatter of the categories and state of the ground in a run: those of `simulate_radar`."""
     state = draw_ground_state(radar, seed=seed, run_id=run_id)
     lookups = look_up(scene, radar, table, state)
-    return lookups, draw_occasion(radar, lookups, categories_of_fields(scene), state, seed=seed, run_id=run_id)
+    occasion = draw_occasion(radar, lookups, categories_of_fields(scene), state, seed=seed, run_id=run_id)
+    return lookups, with_texture(occasion, scene, radar, lookups, seed=seed, run_id=run_id)
 
 
 def radar_sample(

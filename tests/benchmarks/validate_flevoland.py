@@ -1,13 +1,14 @@
 """Simulated against measured percent correct: the AIRSAR flight over Flevoland, at every configuration of the flight.
 
-    python tests/benchmarks/validate_flevoland.py [runs [--again]]
+    python tests/benchmarks/validate_flevoland.py [runs [--again | --more]]
     python tests/benchmarks/validate_flevoland.py --fields AIRSAR.npz
 
 The labelled fields are simulated with the class backscatter and the spread between fields that the flight measured, and
-classified as the flight was. Everything it reads is in the repository; it writes ``reports/validation``, with
-``--again`` from the scores of the last time. The second form makes ``flevoland_fields.npz``, the mean backscatter of
-every field, from the flight's own quantised planes (arrays ``hh_q``, ``hv_q``, ``vv_q``: decibels are q / 4 - 60, and
-10.99 more for sigma0), which are not in the repository.
+classified as the flight was. Everything it reads is in the repository; it writes ``reports/validation``: with
+``--again`` from the scores of the last time, with ``--more`` after adding the variants that are missing there. The
+second form makes ``flevoland_fields.npz``, the mean backscatter of every field, from the flight's own quantised planes
+(arrays ``hh_q``, ``hv_q``, ``vv_q``: decibels are q / 4 - 60, and 10.99 more for sigma0), which are not in the
+repository.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ VARIANTS = {
     "even fields": "as measured, but every field of a class alike",
     "own fields": "every labelled field at its own measured mean, ground between them drawn",
     "own ground": "every labelled field and every patch of ground between them at its own measured mean",
+    "texture": "as measured, and parts of fields of 75 m that differ by the measured 1.0 dB",
+    "own ground, texture": "all at their measured means, and parts of fields of 75 m that differ by 1.0 dB",
 }
 
 
@@ -133,6 +136,8 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
         altitude_m=8000.0,
         looks=looks * (1.0 if variant == "nominal looks" else EFFECTIVE),
         speed_m_s=200.0,
+        texture_db=1.0 if "texture" in variant else 0.0,
+        texture_m=75.0,
     )
     found = []
     if variant.startswith("own"):
@@ -167,19 +172,25 @@ def main() -> None:
     settings = [(r["polarization"], float(r["looks"]), float(r[resolution_name])) for r in rows]
     measured = np.array([float(r[score_name]) for r in rows])
     if sys.argv[2:3] == ["--again"]:
-        with (OUT / "flevoland_scores.csv").open(encoding="utf-8") as stream:
-            kept = list(csv.DictReader(stream))
-        results = {variant: np.array([float(row[variant]) for row in kept]) for variant in VARIANTS}
-        write_report(settings, measured, results, runs)
+        write_report(settings, measured, kept_scores(), runs)
         return
     results = {}
+    if sys.argv[2:3] == ["--more"]:
+        results = kept_scores()
     with ProcessPoolExecutor(2) as pool:
-        for variant in VARIANTS:
+        for variant in [name for name in VARIANTS if name not in results]:
             call: Callable[[tuple[str, float, float]], float] = partial(simulated, variant=variant, runs=runs)
             results[variant] = np.array(list(pool.map(call, settings, chunksize=4)))
     write_table(settings, measured, results)
     draw(settings, measured, results["measured"])
     write_report(settings, measured, results, runs)
+
+
+def kept_scores() -> dict[str, np.ndarray]:
+    """Scores of the last time, by variant."""
+    with (OUT / "flevoland_scores.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    return {name: np.array([float(row[name]) for row in rows]) for name in VARIANTS if name in rows[0]}
 
 
 def write_table(settings: list, measured: np.ndarray, results: dict[str, np.ndarray]) -> None:

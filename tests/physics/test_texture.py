@@ -1,0 +1,63 @@
+"""Texture within fields: its size, its scale, its independence of everything else, and the rungs of the ladder."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from psm_cases import Table, radar, scene
+
+from seqrsm.simulate.frame import make_frame
+from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.texture import pieces
+
+
+def site():
+    rng = np.random.default_rng(0)
+    field = np.kron(np.arange(6).reshape(2, 3), np.ones((60, 60), dtype=int))
+    cover = np.kron(rng.integers(0, 2, (2, 3)), np.ones((60, 60), dtype=int))
+    return scene(np.zeros(field.shape), 5.0, cover, field)
+
+
+def image(run_id=1, **changes):
+    given = {"fading": "none", "resolution_m": 10.0, "peak_power_w": 1e6, **changes}
+    return simulate_radar(site(), radar(**given), Table((-8.0, -12.0), field_sd_db=1.0), seed=1, run_id=run_id)
+
+
+def test_pieces_stay_within_fields():
+    found = pieces(site(), 50.0)
+    assert (found.parent[found.scene.field_id] == site().field_id).all()
+    assert 6 * 20 < len(found.parent) < 6 * 70
+    assert make_frame(site(), radar(texture_db=1.0), "float32").field.max() == len(found.parent) - 1
+
+
+def test_parts_of_a_field_scatter_by_as_much_as_asked_for():
+    plain = image()
+    piece = pieces(site(), 100.0).scene.field_id.ravel()
+    spread = []
+    for run in range(1, 13):
+        one, even = image(run, texture_db=1.5, texture_m=100.0), image(run)
+        ratio = 10.0 * np.log10(one.mean_power[0] / even.mean_power[0])
+        spread.append(np.bincount(piece, ratio.ravel()[one.pixel_of_cell.ravel()]) / np.bincount(piece))
+    # Pixels at the border of two pieces are mixtures, so the means of pieces scatter a little less.
+    assert np.std(np.concatenate(spread)) == pytest.approx(1.42, abs=0.12)
+    assert abs(np.mean(spread)) < 0.15
+    assert plain.occasion.field_offset_db.shape == (1, 6)
+
+
+def test_no_texture_leaves_every_bit_as_it_was_and_fields_keep_their_draws():
+    np.testing.assert_array_equal(image().intensity, image(texture_db=0.0, texture_m=20.0).intensity)
+    one = image(texture_db=1.0)
+    mean = np.bincount(pieces(site(), 50.0).parent, one.occasion.field_offset_db[0]) / np.bincount(
+        pieces(site(), 50.0).parent
+    )
+    np.testing.assert_allclose(mean, image().occasion.field_offset_db[0], atol=0.75)
+    assert any("parts of fields" in note for note in one.notes)
+
+
+def test_channels_share_part_of_it():
+    table = Table((-8.0, -12.0), channel_correlation=0.6)
+    r = radar(channels=("HH", "VV"), texture_db=1.0, texture_m=5.0)
+    offset = simulate_radar(site(), r, table, seed=1, run_id=1).occasion.field_offset_db
+    assert np.corrcoef(offset)[0, 1] == pytest.approx(0.6, abs=0.02)
+    alone = simulate_radar(site(), radar(channels=("VV",), texture_db=1.0, texture_m=5.0), table, seed=1, run_id=1)
+    np.testing.assert_array_equal(alone.occasion.field_offset_db[0], offset[1])
