@@ -22,6 +22,8 @@ from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, setting_text
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError, UserError
+from seqrsm.progress import tell
+from seqrsm.score.classification import UtilityScore
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
@@ -180,8 +182,10 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
         The first application's is shown.
     """
     spec = campaign.spec
-    made = []
-    for title, settings in chosen_settings(campaign, analyses).items():
+    made: list[tuple[str, dict[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
+    chosen = chosen_settings(campaign, analyses)
+    for title, settings in chosen.items():
+        tell("simulating pictures", len(made), len(chosen))
         task = task_of(spec, NO_RUN, settings)
         image, scene = simulate_image(task)
         score = ENGINES[task.engine].score(task.utilities[0][1], image, scene, seed=spec.seed, run_id=NO_RUN)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from seqrsm import __version__
-from seqrsm.cli.console import EXIT_BUDGET_SPENT, activity, at_end, guarded, print_json, progress_bar, run_display, say
+from seqrsm.cli.console import EXIT_BUDGET_SPENT, at_end, display, guarded, print_json, say
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
@@ -130,8 +131,8 @@ def check(
     from seqrsm.campaign.check import check_campaign
     from seqrsm.cli.show import show_check
 
-    with progress_bar("checking") as progress:
-        result = check_campaign(folder, progress)
+    with display("checking", inner=False) as shown:
+        result = check_campaign(folder, partial(shown.count, "checking"))
     print_json(result.to_json()) if as_json else show_check(result, verbose)
 
 
@@ -149,24 +150,24 @@ def run(
     from seqrsm.cli.show import show_look, show_outcome
 
     campaign = _opened(folder)
-    with run_display() as display:
+    with display("reading") as shown:
 
         def on_look(look: Analysis) -> None:
             if not as_json:
                 show_look(campaign.spec, look)
-            display.step("choosing the next runs")
+            shown.step("choosing the next runs")
 
         def on_step(text: str) -> None:
             if not as_json:
                 say(text)
-            display.step(text)
+            shown.step(text)
 
         outcome = campaign.run(
             max_runs=max_runs,
             batch=batch,
             workers=workers,
             cluster=cluster,
-            on_progress=display.progress,
+            on_progress=shown.simulated,
             on_look=on_look,
             say=on_step,
         )
@@ -195,7 +196,7 @@ def propose(
     measured_only = campaign.spec.simulator is None
     if measured_only and source in ("simulation", "best"):
         raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
-    with activity("choosing the next runs"):
+    with display("choosing the next runs"):
         runs = campaign.propose(n, source=source or ("flight" if measured_only else "simulation"), csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
     if n is not None and len(runs) > n:
@@ -209,8 +210,8 @@ def simulate(folder: Folder, workers: Workers = 1, cluster: Cluster = None, as_j
     from seqrsm.cli.show import run_row, show_runs
 
     campaign = _opened(folder)
-    with progress_bar("simulating") as progress:
-        runs = campaign.simulate(workers=workers, cluster=cluster, on_progress=progress)
+    with display("simulating") as shown:
+        runs = campaign.simulate(workers=workers, cluster=cluster, on_progress=shown.simulated)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
 
 
@@ -274,7 +275,7 @@ def fit(
     from seqrsm.cli.show_study import show_tests
 
     campaign = _opened(folder)
-    with activity("sampling the posterior"):
+    with display("sampling the posterior"):
         analyses = campaign.analyse_all(application, sampler="emcee", thorough=True)
         weighed = campaign.compromise(analyses)
     tests = [term_tests(analysis, test or []) for analysis in analyses]
@@ -305,7 +306,7 @@ def status(
     from seqrsm.campaign.status import campaign_status
     from seqrsm.cli.show import show_status
 
-    with activity("reading"):
+    with display("reading"):
         result = campaign_status(folder, history=history)
     print_json(result) if as_json else show_status(load_spec(folder).factors, result)
 
@@ -321,8 +322,8 @@ def rehearse(
     from seqrsm.cli.show import show_rehearsal
 
     campaign = _opened(folder)
-    with progress_bar("rehearsing") as progress:
-        result = campaign.rehearse(campaigns, on_progress=progress)
+    with display("rehearsing", inner=False) as shown:
+        result = campaign.rehearse(campaigns, on_progress=partial(shown.count, "rehearsing"))
     print_json(result) if as_json else show_rehearsal(result)
 
 
@@ -342,9 +343,13 @@ def tradeoff(
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.show_fidelity import show_tradeoff
 
-    with progress_bar("measuring") as progress:
+    with display("measuring", inner=False) as shown:
         result = measure_tradeoff(
-            load_spec(folder), configurations=configurations, occasions=occasions, numerics=numerics, progress=progress
+            load_spec(folder),
+            configurations=configurations,
+            occasions=occasions,
+            numerics=numerics,
+            progress=partial(shown.count, "measuring"),
         )
     print_json(result) if as_json else show_tradeoff(result)
 
@@ -367,8 +372,8 @@ def report(
     campaign = _opened(folder)
     if html is None and pdf is None and figures is None:
         html, pdf = campaign.folder / "reports" / "report.html", campaign.folder / "reports" / "report.pdf"
-    with activity("report") as step:
-        written = write_report(assemble(campaign, step), html=html, pdf=pdf, figures=figures, step=step)
+    with display("reading") as shown:
+        written = write_report(assemble(campaign, shown.step), html=html, pdf=pdf, figures=figures, step=shown.step)
     for path in (html, pdf):
         if path is not None:
             say(f"wrote {path}")
@@ -403,7 +408,7 @@ def image(
     campaign = _opened(folder)
     result: dict[str, Any] = {}
     if out is not None:
-        with activity("simulating"):
+        with display("simulating"):
             result = write_image(campaign, settings or [], run_id, out, mask=mask, threads=threads)
         if not as_json:
             say(f"wrote {out}: {result['summary']}")
@@ -505,7 +510,7 @@ def design(
     from seqrsm.campaign.standalone import standalone_design
     from seqrsm.cli.show import show_design
 
-    with activity("searching"):
+    with display("searching"):
         result: dict[str, Any] = standalone_design(factors, runs, criterion, seed, csv)
     print_json(result) if as_json else show_design(result)
 
@@ -547,6 +552,6 @@ def doctor(as_json: AsJson = False) -> None:
     from seqrsm.campaign.doctor import examine
     from seqrsm.cli.show import show_doctor
 
-    with activity("compiling the kernels"):
+    with display("compiling the kernels"):
         result = examine()
     print_json(result) if as_json else show_doctor(result)

@@ -18,7 +18,6 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
-    SpinnerColumn,
     Task,
     TextColumn,
     TimeElapsedColumn,
@@ -29,6 +28,7 @@ from rich.text import Text
 
 from seqrsm.errors import ConvergenceError, UserError
 from seqrsm.plain import plain
+from seqrsm.progress import listening
 
 EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
@@ -173,48 +173,48 @@ def _plain_rows(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> list[str
     ]
 
 
-@contextmanager
-def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield ``update(done, total)``; a bar with rate and time left on a terminal, nothing when piped."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    with Progress(*_bar_columns(), console=stderr(), transient=True) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+class Display:
+    """What is being done: one line that moves on a terminal, with count, rate and time left where they are known."""
 
-
-class RunDisplay:
-    """What `seqrsm run` is doing: one line that moves on a terminal, nothing but its messages when piped."""
-
-    def __init__(self, bar: Progress | None) -> None:
+    def __init__(self, bar: Progress | None, label: str) -> None:
         self._bar = bar
-        self._task = None if bar is None else bar.add_task("reading", total=None)
-
-    def progress(self, done: int, total: int) -> None:
-        """Runs simulated of those waiting."""
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, description="simulating", completed=done, total=total)
+        self._label = label
+        self._task = None if bar is None else bar.add_task(label, total=None)
 
     def step(self, text: str) -> None:
-        """Something without a known length begins."""
+        """Something begins whose length is not known yet."""
+        self._label = text
         if self._bar is not None and self._task is not None:
             # A total cannot be taken back from a task: a new one has none.
             self._bar.remove_task(self._task)
             self._task = self._bar.add_task(text, total=None)
 
+    def count(self, text: str, done: int, total: int) -> None:
+        """So many pieces of this are done of so many."""
+        if text != self._label:
+            self.step(text)
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=done, total=total)
+
+    def simulated(self, done: int, total: int) -> None:
+        """Runs simulated of those waiting."""
+        self.count("simulating", done, total)
+
 
 @contextmanager
-def run_display() -> Iterator[RunDisplay]:
-    """Display of a whole campaign."""
+def display(label: str, *, inner: bool = True) -> Iterator[Display]:
+    """Show what the block does, and, unless ``inner`` is False, what `seqrsm.progress` tells of it; piped, nothing."""
     if not sys.stderr.isatty():
-        yield RunDisplay(None)
+        yield Display(None, label)
         return
     with Progress(*_bar_columns(), console=stderr(), transient=True) as bar:
-        yield RunDisplay(bar)
+        shown = Display(bar, label)
+        with listening(shown.count if inner else None):
+            yield shown
 
 
 def _bar_columns() -> tuple[ProgressColumn, ...]:
+    # A bar without a total pulses: it tells that the program lives.
     return (
         TextColumn("{task.description}"),
         BarColumn(bar_width=20),
@@ -249,18 +249,6 @@ class _RateColumn(ProgressColumn):
         if not speed:
             return Text("")
         return Text(f"{speed:.1f}/s" if speed >= 1.0 else f"{1.0 / speed:.1f} s each")
-
-
-@contextmanager
-def activity(label: str) -> Iterator[Callable[[str], None]]:
-    """Yield ``step(text)`` for work whose length is not known: what is being done and for how long; piped, nothing."""
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=stderr(), transient=True) as bar:
-        task = bar.add_task(label, total=None)
-        yield lambda text: bar.update(task, description=text)
 
 
 def number(value: float, digits: int = 4) -> str:

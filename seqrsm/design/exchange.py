@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from threading import Thread
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from seqrsm.design import kernels
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.progress import heard, tell
 
 # Starts with log|M|/p below this are drawn anew: an exchange from there ends in poor optima.
 _FLOOR_PER_TERM = -6.0
@@ -20,6 +24,7 @@ _CANDIDATES = 3000
 _POLISHED = 2
 _MAX_PASSES = 60
 _COARSE, _PASS_GAIN = 1e-3, 1e-9
+_SEARCHING, _TOLD_EVERY_S = "searching the design", 0.2
 # Smallest eigenvalue of M with unit diagonal: below the first M is singular but for rounding, below the second too
 # near to it to be exchanged from (random runs over many levels are), and a ridge carries the search out of there.
 _SINGULAR, _DOUBTFUL, _RIDGE = 1e-14, 1e-8, 1e-2
@@ -97,7 +102,8 @@ def search_box(
     """Best rows (n, k) found in a box, and how many local searches ended at their value."""
     p = model.p
     threshold = _THRESHOLD * (p if task.weight is None else 1.0)
-    points, value, hits = kernels.search(
+    points, value, hits = _told(
+        chains * (starts + moves),
         seed,
         task.n,
         1 + sum(len(columns) for columns in model.columns),
@@ -112,6 +118,31 @@ def search_box(
         _FLOOR_PER_TERM * p,
     )
     return points, hits if np.isfinite(value) else 0
+
+
+def _told(total: int, *arguments: Any) -> tuple[FloatArray, float, int]:
+    """The compiled search; where somebody listens it runs in a thread of its own and its count is told meanwhile."""
+    done = np.zeros(1, dtype=np.int64)
+    search: Callable[..., tuple[FloatArray, float, int]] = kernels.search
+    if not heard():
+        return search(*arguments, done)
+    found: list[tuple[FloatArray, float, int] | BaseException] = []
+
+    def work() -> None:
+        try:
+            found.append(search(*arguments, done))
+        except BaseException as error:
+            found.append(error)
+
+    # A daemon: an interrupted program ends without waiting for it.
+    thread = Thread(target=work, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(_TOLD_EVERY_S)
+        tell(_SEARCHING, int(done[0]), total)
+    if isinstance(found[0], BaseException):
+        raise found[0]
+    return found[0]
 
 
 def search_constrained(
@@ -129,7 +160,8 @@ def search_constrained(
         candidates = candidates[np.sort(rng.choice(candidates.shape[0], _CANDIDATES, replace=False))]
     rows = model.matrix(candidates)
     found: list[tuple[float, FloatArray]] = []
-    for _ in range(starts):
+    for start in range(starts):
+        tell(_SEARCHING, start, starts)
         chosen = rng.choice(candidates.shape[0], task.n, replace=candidates.shape[0] < task.n)
         points = candidates[chosen].copy()
         if smallest_eigenvalue(task.precision + rows[chosen].T @ rows[chosen]) < _DOUBTFUL:

@@ -580,7 +580,8 @@ def draw_start(X: FloatArray, G: FloatArray, F: FloatArray, R: FloatArray, W: Fl
 
 @kernel
 def search(seed: int, n: int, n_base: int, R: FloatArray, W: FloatArray, linear: bool, layout: Layout, chains: int,
-           starts: int, moves: int, threshold: float, floor: float) -> tuple[FloatArray, float, int]:  # fmt: skip
+           starts: int, moves: int, threshold: float, floor: float, done: IntArray,
+           ) -> tuple[FloatArray, float, int]:  # fmt: skip
     """Chains of multi-start coordinate exchange, each followed by iterated local search from its best.
 
     Parameters
@@ -595,6 +596,8 @@ def search(seed: int, n: int, n_base: int, R: FloatArray, W: FloatArray, linear:
         Fall of the value (log|M| or -log tr(W D)) still accepted as the next point to perturb.
     floor : float
         Starts of smaller log|M| are drawn anew.
+    done : int64 array (1,)
+        Written: local searches made so far.
 
     Returns
     -------
@@ -612,6 +615,7 @@ def search(seed: int, n: int, n_base: int, R: FloatArray, W: FloatArray, linear:
     for count in range(chains * each + 1):
         chain, step = divmod(count, each)
         last = chain == chains
+        done[0] = count
         if step == 0:
             state[0] = mix(mix(np.uint64(seed)) + np.uint64(chain))
             chain_best = -np.inf

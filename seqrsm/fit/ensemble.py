@@ -27,6 +27,7 @@ from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.general_target import GeneralModel, general_target
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
 from seqrsm.fit.target import GammaPrior, SamplerPrior, Target, TunedProposal, WeakPrior, build_target
+from seqrsm.progress import tell
 
 __all__ = ["EnsemblePosterior", "GammaPrior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
 
@@ -35,6 +36,7 @@ _PILOT = 300  # steps that tune the independence proposal and are then forgotten
 _TAUS = 50.0  # steps kept must exceed this many autocorrelation times
 _BURN_TAUS = 5.0
 _R_HAT = 1.01
+_TOLD_EVERY = 20  # stored steps
 _STORE_BYTES = 96 * 2**20  # beyond this every second stored step is dropped
 _TAU_WALKERS = 128  # walkers that the autocorrelation time is averaged over
 _R_HAT_DRAWS = 2000  # draws of each ensemble that R-hat is computed from
@@ -277,7 +279,7 @@ class _Chain:
         self._state = emcee.State(start, log_prob=log_prob, random_state=random.get_state())
         self._start([target.proposal], [1.0])
         if not target.exact:
-            self.advance(_PILOT, np.inf)
+            self.advance(_PILOT, np.inf, _PILOT)
             late = self.stored[_PILOT // 2 :: 10].reshape(-1, target.d)
             self._start([target.proposal.tuned(late), target.proposal], [0.8, 0.2])
 
@@ -299,8 +301,8 @@ class _Chain:
         self.thin = 1
         self.steps = 0
 
-    def advance(self, steps: int, deadline: float) -> None:
-        """Make about ``steps`` more steps, fewer when the deadline passes."""
+    def advance(self, steps: int, deadline: float, wanted: int) -> None:
+        """Make about ``steps`` more steps, fewer when the deadline passes, on the way to so many ``wanted`` in all."""
         limit = max(_STORE_BYTES // (8 * self.stored.shape[1] * self.stored.shape[2]), 64)
         while (self.stored.shape[0] + steps // self.thin) > limit:
             self.stored = self.stored[1::2].copy()
@@ -312,6 +314,8 @@ class _Chain:
         ):
             block.append(state.coords.copy())
             self._state = state
+            if len(block) % _TOLD_EVERY == 0:
+                tell("sampling the posterior", self.steps + len(block) * self.thin, wanted)
             if time.monotonic() > deadline:
                 break
         self.steps += len(block) * self.thin
@@ -354,7 +358,8 @@ def _run(
     deadline = time.monotonic() + max_seconds
     block = _FIRST_BLOCK
     while True:
-        chain.advance(min(block, max_steps - chain.steps), deadline)
+        steps = min(block, max_steps - chain.steps)
+        chain.advance(steps, deadline, chain.steps + steps)
         reached = chain.judge(max_draws)
         tau, r_hat, ess = float(np.max(reached.tau)), float(np.max(reached.r_hat)), float(np.min(reached.ess))
         if progress is not None:

@@ -14,6 +14,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import DesignError, Problem
 from seqrsm.fit.optimum import Goal
 from seqrsm.fit.rank_one import downdate, information_gain, is_reserved_run, linear_gain, optimum_targets
+from seqrsm.progress import tell
 from seqrsm.propose.candidates import candidate_points, jitter
 from seqrsm.propose.criteria import CRITERIA, average_matrix, relative_drop, unscaled_covariance
 from seqrsm.propose.steepest import steepest_points
@@ -184,6 +185,7 @@ def propose_batch(
     proposals = []
     n_before = len(Z_done)
     for i in range(n):
+        tell("choosing the next runs", i, n)
         reserved = is_reserved_run(n_before + i, spread_share)
         if path and not reserved:
             proposal = engine.along(path.pop(0))

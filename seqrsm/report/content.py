@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import seqrsm
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.progress import tell
 from seqrsm.report.blocks import Report, Section
 from seqrsm.report.section_compromise import compromise_section
 from seqrsm.report.section_data import data_section, question_section, run_section
@@ -15,6 +18,8 @@ from seqrsm.report.section_optimum import optimum_section, posterior_section, su
 from seqrsm.report.section_sources import assumption_section, image_section, provenance_section
 from seqrsm.report.section_study import location_section
 from seqrsm.report.section_summary import summary_section
+
+_Made = TypeVar("_Made", bound=Section | None)
 
 
 def build_report(dossier: Dossier) -> Report:
@@ -30,22 +35,23 @@ def build_report(dossier: Dossier) -> Report:
     Report
         The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
     """
-    sections = [summary_section(dossier), question_section(dossier), data_section(dossier)]
+    told = _Teller(9 + 8 * len(dossier.analyses))
+    sections = [told(summary_section(dossier)), told(question_section(dossier)), told(data_section(dossier))]
     for number, analysis in enumerate(dossier.analyses, 1):
-        parts = _application_sections(dossier, analysis, f"a{number}")
+        parts = _application_sections(dossier, analysis, f"a{number}", told)
         if len(dossier.analyses) == 1:
             sections += parts
         else:
             sections.append(Section(f"a{number}", f"Application {analysis.application}", (), parts, new_page=True))
-    weighed = compromise_section(dossier)
-    sections += [weighed] if weighed is not None else []
-    images = image_section(dossier)
-    sections += [images] if images is not None else []
-    written = literature_section(dossier)
-    sections += [written] if written is not None else []
-    sections += [assumption_section(dossier), provenance_section(dossier)]
-    if dossier.runs:
-        sections.append(run_section(dossier))
+    last = (
+        told(compromise_section(dossier)),
+        told(image_section(dossier)),
+        told(literature_section(dossier)),
+        told(assumption_section(dossier)),
+        told(provenance_section(dossier)),
+        told(run_section(dossier) if dossier.runs else None),
+    )
+    sections += [section for section in last if section is not None]
     return Report(
         title=f"Campaign {dossier.spec.name}",
         subtitle="Response surface, optimum and intervals of a sensor design",
@@ -55,17 +61,30 @@ def build_report(dossier: Dossier) -> Report:
     )
 
 
-def _application_sections(dossier: Dossier, analysis: Analysis, key: str) -> tuple[Section, ...]:
-    place = location_section(analysis, key)
+class _Teller:
+    """Passes sections on and tells how many of them there are so far."""
+
+    def __init__(self, total: int) -> None:
+        self._done, self._total = 0, total
+
+    def __call__(self, section: _Made) -> _Made:
+        self._done += 1
+        tell("drawing", self._done, self._total)
+        return section
+
+
+def _application_sections(dossier: Dossier, analysis: Analysis, key: str, told: _Teller) -> tuple[Section, ...]:
+    model, importance = told(model_section(analysis, key)), told(importance_section(analysis, key))
+    best, place = told(optimum_section(analysis, key, dossier.spec.stop)), told(location_section(analysis, key))
     return (
-        model_section(analysis, key),
-        importance_section(analysis, key),
-        optimum_section(analysis, key, dossier.spec.stop),
+        model,
+        importance,
+        best,
         *(() if place is None else (place,)),
-        surface_section(analysis, key),
-        posterior_section(analysis, key),
-        history_section(dossier, analysis, key),
-        diagnostics_section(analysis, key),
+        told(surface_section(analysis, key)),
+        told(posterior_section(analysis, key)),
+        told(history_section(dossier, analysis, key)),
+        told(diagnostics_section(analysis, key)),
     )
 
 

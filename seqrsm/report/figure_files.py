@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
+from seqrsm.progress import tell
 from seqrsm.report.blocks import Block, Details, FigureBlock, Panel, PanelData, Report, Section
 from seqrsm.report.files import put
 from seqrsm.report.wording import slug
@@ -46,7 +47,9 @@ def write_figures(report: Report, folder: Path) -> tuple[Path, ...]:
     """
     written: list[Path] = []
     index: list[tuple[float | str, ...]] = []
-    for name, title, caption, panel in named_panels(report):
+    panels = list(named_panels(report))
+    for count, (name, title, caption, panel) in enumerate(panels):
+        tell("writing figures", count, len(panels))
         made = {
             ".svg": _svg(panel).encode("utf-8"),
             ".pdf": _typeset(panel, title, "pdf"),

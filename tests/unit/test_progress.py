@@ -1,0 +1,83 @@
+"""What long work tells while it works, and that listening changes no result."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+
+import numpy as np
+import pytest
+
+from seqrsm import progress
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.optimal import optimal_design
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import DesignError
+from seqrsm.fit.ensemble import sample_posterior
+
+FACTORS = tuple(ContinuousFactor(name, -1.0, 1.0) for name in "xyz")
+
+
+def heard_of(work):
+    told = []
+    with progress.listening(lambda *what: told.append(what)):
+        result = work()
+    return result, told
+
+
+def rising(told, label):
+    """(done, total) of a label, never falling and never beyond the total."""
+    counts = [(done, total) for what, done, total in told if what == label]
+    assert counts
+    assert all(0 <= done <= total for done, total in counts)
+    assert all(a[0] <= b[0] for a, b in itertools.pairwise(counts))
+    return counts
+
+
+@pytest.mark.parametrize("constraints", [(), (Constraint("x + y <= 0.5"),)])
+def test_a_search_tells_its_count_and_finds_the_same_design(constraints):
+    region, model = Region(FACTORS, constraints), QuadraticModel(FACTORS)
+
+    def work():
+        return optimal_design(model, region, 13, seed=3, starts=400 if not constraints else 6)
+
+    silent = work()
+    loud, told = heard_of(work)
+    np.testing.assert_array_equal(loud.points, silent.points)
+    counts = rising(told, "searching the design")
+    assert counts[-1][1] == silent.starts
+
+
+def test_what_a_search_refuses_reaches_the_caller():
+    region, model = Region(FACTORS), QuadraticModel(FACTORS)
+    with progress.listening(lambda *_: None), pytest.raises(DesignError):
+        optimal_design(model, region, 3)
+    before = threading.active_count()
+    with progress.listening(lambda *_: None):
+        optimal_design(model, region, 12, starts=5)
+    assert threading.active_count() == before
+
+
+def test_a_sampler_tells_its_steps_and_draws_the_same():
+    rng = np.random.default_rng(0)
+    Z = np.column_stack([np.ones(20), rng.uniform(-1, 1, (20, 2))])
+    y = Z @ [60.0, 2.0, -1.0] + rng.normal(size=20)
+    silent = sample_posterior(Z, y, seed=1)
+    loud, told = heard_of(lambda: sample_posterior(Z, y, seed=1))
+    np.testing.assert_array_equal(loud.beta, silent.beta)
+    assert rising(told, "sampling the posterior")[-1][0] <= silent.steps
+
+
+def test_nobody_hears_outside_and_inside_a_silence():
+    told = []
+    progress.tell("a", 1, 2)
+    assert not progress.heard()
+    with progress.listening(lambda *what: told.append(what)):
+        progress.tell("b", 1, 2)
+        with progress.listening(None):
+            progress.tell("c", 1, 2)
+        progress.tell("d", 2, 2)
+    assert told == [("b", 1, 2), ("d", 2, 2)]
+    assert not progress.heard()
