@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import hashlib
 import io
 import json
 import os
@@ -11,12 +13,15 @@ from dataclasses import asdict, astuple, fields
 from pathlib import Path
 
 from seqrsm import __version__
+from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.campaign.store import Store
 from seqrsm.errors import Problem, StoreError
 
 FORMAT = "seqrsm-export-1"
+MAX_ATTACHED = 20_000_000
+"""A larger file [bytes] is named by its hash and not written into the export."""
 # A spreadsheet takes a cell that begins so for a formula and runs it.
 _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
@@ -31,7 +36,8 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     spec : CampaignSpec
         Its factors give the columns of settings.
     path : Path or str
-        ``NAME.json``: one document with runs, scores, looks, events and files. ``NAME.csv``: a row for each score (and
+        ``NAME.json``: one document with specification, scene, runs, scores, looks, events
+        and files, from which `seqrsm.campaign.rebuild` makes the campaign anew. ``NAME.csv``: a row for each score (and
         for each run without one); looks, events and files go to ``NAME.looks.csv`` and so on beside it.
 
     Returns
@@ -74,6 +80,8 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "campaign": store.info(),
         "seed": spec.seed,
         "spec_hash": spec.spec_hash,
+        "campaign_toml": (spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig"),
+        "attached": [attached(spec.folder, path) for path in spec_files(spec)],
         "factors": [{"name": factor.name, "unit": getattr(factor, "unit", "")} for factor in spec.factors],
         "runs": [asdict(run) for run in store.runs()],
         "looks": [asdict(look) for look in store.looks()],
@@ -82,6 +90,27 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "rankings": [asdict(rank) for rank in store.rankings()],
     }
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def spec_files(spec: CampaignSpec) -> tuple[Path, ...]:
+    """Files that the campaign's simulations read: scene, tables, beams; those that are there."""
+    if spec.simulator is None or spec.scene_path is None:
+        return ()
+    fixed = (spec.simulator.fixed.get(name) for name in ENGINES[spec.simulator.engine].files)
+    paths = [spec.scene_path, *(spec.folder / str(name) for name in (spec.simulator.table, *fixed) if name)]
+    return tuple(dict.fromkeys(path for path in paths if path.is_file()))
+
+
+def attached(folder: Path, path: Path) -> dict[str, str | None]:
+    """A file of the campaign: place relative to its folder, SHA-256, and its content where it is not too large."""
+    content = path.read_bytes()
+    name = os.path.relpath(path, folder)
+    inside = not name.startswith("..") and not os.path.isabs(name)
+    return {
+        "path": Path(name).as_posix() if inside else str(path),
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "base64": base64.b64encode(content).decode("ascii") if inside and len(content) <= MAX_ATTACHED else None,
+    }
 
 
 def _run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[list[str], list[list[object]]]:

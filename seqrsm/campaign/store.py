@@ -39,6 +39,7 @@ from seqrsm.campaign.store_connection import Database, utc_now
 from seqrsm.campaign.store_ingest import ingest_files
 from seqrsm.campaign.store_ledger import Ledger
 from seqrsm.campaign.store_rankings import rescore_without, stored_rankings, void_ranking
+from seqrsm.campaign.store_restore import restore
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
 
@@ -348,6 +349,25 @@ class Store:
         _need_reason(why)
         with self._write() as ledger:
             void_ranking(ledger, ranking, why)
+
+    def restore(
+        self,
+        meta: Mapping[str, str],
+        runs: Sequence[RunRecord],
+        looks: Sequence[LookRecord],
+        events: Sequence[EventRecord],
+        files: Sequence[FileRecord],
+        rankings: Sequence[RankingRecord],
+    ) -> None:
+        """Put the records of an export into this store, which must be empty, exactly as they are: no event tells of it.
+
+        Raises
+        ------
+        StoreError
+            It holds runs already, or the records contradict each other; nothing was changed.
+        """
+        with self._write() as ledger:
+            restore(ledger, meta, runs, looks, events, files, rankings)
 
     # -- looks and events -----------------------------------------------------------------------------------------
 

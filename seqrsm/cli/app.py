@@ -77,9 +77,12 @@ def init(
         typer.Option(metavar="WORDS", help='Start from the literature on an application, such as "soil moisture".'),
     ] = None,
     more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="More words of --application.")] = None,
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="FILE", help="Make it anew from the .json of `seqrsm export`.")
+    ] = None,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Make a campaign folder from a template, or from what the literature asks for."""
+    """Make a campaign folder from a template, from what the literature asks for, or from an export."""
     from seqrsm.campaign.templates import copy_template, templates
 
     if list_templates:
@@ -91,13 +94,19 @@ def init(
         raise UserError(
             Problem("init makes one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
         )
-    if folder is None or (template is None) == (application is None):
+    if folder is None or [template, application, source].count(None) != 2:
         raise UserError(
             Problem(
-                "init needs a folder, and a template or an application",
-                "Write: seqrsm init DIR --template NAME (--list names them), or seqrsm init DIR --application WORDS.",
+                "init needs a folder, and a template or an application or an export",
+                "Write: seqrsm init DIR --template NAME (--list names them), --application WORDS, or --from FILE.json.",
             )
         )
+    if source is not None:
+        from seqrsm.campaign.rebuild import rebuild
+
+        rebuild(source, folder)
+        say(f"made {folder} from {source}; next: seqrsm status {folder}")
+        return
     if application is not None:
         from seqrsm.campaign.from_catalog import init_from_catalog, tables_text
 

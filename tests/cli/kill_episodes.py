@@ -80,8 +80,11 @@ class Episode:
     campaigns: int = 0
 
 
-def call(arguments: list[object], kill_after_s: float | None = None) -> bool:
-    """Run a command; True when it ended with exit code 0, False when it was killed before."""
+def call(arguments: list[object], kill_after_s: float | None = None, clock: list[float] | None = None) -> bool:
+    """Run a command; True when it ended with exit code 0, False when it was killed before.
+
+    ``clock`` gets the time that it took [s] after its imports.
+    """
     process = subprocess.Popen(
         [sys.executable, "-c", CHILD, *map(str, arguments)],
         stdin=subprocess.PIPE,
@@ -94,6 +97,7 @@ def call(arguments: list[object], kill_after_s: float | None = None) -> bool:
     assert process.stdout is not None
     assert process.stdin is not None
     assert process.stdout.readline() == "ready\n"
+    begin = time.monotonic()
     process.stdin.write("go\n")
     process.stdin.flush()
     if kill_after_s is not None:
@@ -102,6 +106,8 @@ def call(arguments: list[object], kill_after_s: float | None = None) -> bool:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
     _, err = process.communicate(timeout=600)
+    if clock is not None:
+        clock.append(time.monotonic() - begin)
     if process.returncode == -signal.SIGKILL:
         return False
     assert process.returncode == 0, err

@@ -23,7 +23,7 @@ HOMES = {
     "emcee": ("fit/ensemble",),
     "numba": ("jit.py", "simulate/kernels", "design/kernels"),
     "pandas": ("campaign/", "score/flight.py", "report/"),
-    "distributed": ("simulate/runner.py",),
+    "distributed": ("simulate/cluster.py",),
     "tifffile": ("scene/", "campaign/", "simulate/", "cli/"),
 }
 

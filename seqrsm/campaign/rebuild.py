@@ -1,0 +1,159 @@
+"""A campaign made anew from its export: the same folder, the same store, the same next step."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path, PurePosixPath
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from seqrsm.campaign.export import FORMAT
+from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
+from seqrsm.campaign.schema import STATES
+from seqrsm.campaign.spec import SPEC_NAME, load_spec
+from seqrsm.campaign.store import Store
+from seqrsm.campaign.templates import new_folder
+from seqrsm.errors import Problem, StoreError, UserError
+
+MAX_BYTES = 500_000_000
+_AGAIN = "Export the campaign again: seqrsm export DIR FILE.json"
+
+Record = TypeVar("Record", RunRecord, ScoreRecord, LookRecord, EventRecord, FileRecord, RankingRecord)
+
+
+def rebuild(source: Path, folder: Path) -> None:
+    """Make the campaign of an export in a new folder; all or nothing.
+
+    Parameters
+    ----------
+    source : Path
+        ``.json`` of `seqrsm.campaign.export`.
+    folder : Path
+        New, or empty.
+
+    Raises
+    ------
+    UserError
+        The folder is not empty; a file that the export only names is not there or is another one.
+    StoreError
+        The file is no export, or damaged.
+    """
+    document = _read(source)
+    new_folder(folder)
+    try:
+        _write(document, source, folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _read(source: Path) -> Mapping[str, Any]:
+    if not source.is_file():
+        raise StoreError(Problem("there is no such file", "Check the name.", file=str(source)))
+    if source.stat().st_size > MAX_BYTES:
+        raise StoreError(Problem(f"the file is larger than {MAX_BYTES // 1_000_000} MB", _AGAIN, file=str(source)))
+    try:
+        document = json.loads(source.read_bytes().decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise StoreError(Problem(f"this is no JSON document: {error}", _AGAIN, file=str(source))) from None
+    found = document.get("format") if isinstance(document, dict) else None
+    if found != FORMAT:
+        message = "this is no export that this program can rebuild"
+        raise StoreError(Problem(message, _AGAIN, file=str(source), field="format", value=found))
+    return dict(document)
+
+
+def _write(document: Mapping[str, Any], source: Path, folder: Path) -> None:
+    where = str(source)
+    try:
+        text, attachments = document["campaign_toml"], document["attached"]
+        (folder / SPEC_NAME).write_text(text, encoding="utf-8", newline="")
+        for one in attachments:
+            _attach(one, source, folder)
+        runs = [_run(row) for row in document["runs"]]
+        looks = [_record(LookRecord, row) for row in document["looks"]]
+        events = [_record(EventRecord, row) for row in document["events"]]
+        files = [_record(FileRecord, row) for row in document["files"]]
+        rankings = [_record(RankingRecord, row) for row in document["rankings"]]
+        meta = {str(key): str(value) for key, value in document["campaign"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError, UnicodeError) as error:
+        message = f"the export is damaged: {type(error).__name__} {error}"
+        raise StoreError(Problem(message, _AGAIN, file=where)) from None
+    spec = load_spec(folder)
+    if spec.spec_hash != document.get("spec_hash"):
+        message = "the specification in the export is not the one that its runs were made for"
+        raise StoreError(Problem(message, _AGAIN, file=where, field="spec_hash"))
+    with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
+        store.restore(meta, runs, looks, events, files, rankings)
+
+
+def _attach(one: Mapping[str, Any], source: Path, folder: Path) -> None:
+    """Write a file of the campaign, or find it beside the export, by its hash; nothing is written outside."""
+    name, digest, content = str(one["path"]), one["sha256"], one["base64"]
+    place = PurePosixPath(name)
+    inside = not place.is_absolute() and ".." not in place.parts and "\\" not in name and ":" not in name
+    if not inside:
+        if not Path(name).is_file() or _sha256(Path(name).read_bytes()) != digest:
+            message = f"the campaign needs the file of SHA-256 {digest}, which is not there"
+            raise UserError(Problem(message, "Put it back.", file=name))
+        return
+    if content is None:
+        beside = source.parent / place
+        if not beside.is_file():
+            message = f"the export does not hold this file (SHA-256 {digest})"
+            raise UserError(Problem(message, "Put it beside the export.", file=str(beside)))
+        data = beside.read_bytes()
+    else:
+        try:
+            data = base64.b64decode(content, validate=True)
+        except binascii.Error as error:
+            raise ValueError(f"{name}: {error}") from None
+    if _sha256(data) != digest:
+        raise ValueError(f"{name} has another SHA-256 than {digest}")
+    target = folder / place
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(data)
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _run(row: Mapping[str, Any]) -> RunRecord:
+    run = _record(RunRecord, {**row, "scores": ()})
+    if run.state not in STATES:
+        raise ValueError(f"run {run.run_id} has the state {run.state!r}")
+    scores = tuple(_record(ScoreRecord, {**score, "run_id": run.run_id}) for score in row["scores"])
+    return RunRecord(**{field.name: getattr(run, field.name) for field in fields(run)} | {"scores": scores})
+
+
+def _record(kind: type[Record], row: Mapping[str, Any]) -> Record:
+    """A record whose values have the types that it asks for."""
+    hints = get_type_hints(kind)
+    if set(row) != set(hints):
+        raise ValueError(f"{kind.__name__} has the fields {sorted(row)}")
+    for name, hint in hints.items():
+        if not _fits(row[name], hint):
+            raise TypeError(f"{name} of {kind.__name__} is {row[name]!r}")
+    return kind(**row)
+
+
+def _fits(value: object, hint: Any) -> bool:
+    origin = get_origin(hint)
+    if origin is UnionType:
+        return any(_fits(value, part) for part in get_args(hint))
+    if origin is Literal:
+        return value in get_args(hint)
+    if hint in (None, NoneType):
+        return value is None
+    if hint is float:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63
+    return isinstance(value, origin or hint)
