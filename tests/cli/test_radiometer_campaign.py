@@ -85,6 +85,11 @@ def call(*arguments: object, code: int = 0):
     return result
 
 
+def layer(folder: Path, name: str) -> np.ndarray:
+    with np.load(folder / "image.npz") as archive:
+        return archive[name]
+
+
 def image(folder: Path, *settings: str) -> dict:
     return json.loads(call("image", folder, *settings, "--out", folder / "image.npz", "--json").stdout)
 
@@ -110,7 +115,7 @@ def test_a_table_of_ones_own_and_a_measured_beam_lie_beside_the_campaign(folder,
     (folder / "emissivity.csv").write_text(ROWS, encoding="utf-8")
     # Grass of emissivity 0.30 leaves 90 K of some 300 K: told from bare soil at a glance.
     own = image(folder)
-    coldest = np.nanmin(np.load(folder / "image.npz")["brightness_k"])
+    coldest = np.nanmin(layer(folder, "brightness_k"))
     assert coldest < 110.0
     assert own["record"]["occasion"] == shipped["record"]["occasion"]
     assert any("mine" in note for note in own["notes"])
@@ -121,7 +126,7 @@ def test_a_table_of_ones_own_and_a_measured_beam_lie_beside_the_campaign(folder,
     (folder / "campaign.toml").write_text(text.replace('polarization = "H+V"', measured), encoding="utf-8")
     monkeypatch.chdir(folder.parent)
     image(folder)
-    np.testing.assert_allclose(np.nanmin(np.load(folder / "image.npz")["brightness_k"]), coldest, atol=0.5)
+    np.testing.assert_allclose(np.nanmin(layer(folder, "brightness_k")), coldest, atol=0.5)
 
 
 def test_faults_of_these_files_are_told_with_their_place(folder):
@@ -153,7 +158,7 @@ def test_temperature_is_a_layer_of_the_data_base(folder):
         fixed = f'polarization = "H+V"\n{temperature}'
         (folder / "campaign.toml").write_text(TOML.replace('polarization = "H+V"', fixed), encoding="utf-8")
         call("image", folder, "--out", folder / "image.npz")
-        return np.load(folder / "image.npz")["mean_k"]
+        return layer(folder, "mean_k")
 
     assert "no layer of temperature" in call(
         "image", write_layer(folder, None), "--out", folder / "i.npz", code=2
@@ -176,3 +181,61 @@ def write_layer(folder: Path, kelvin: float | None) -> Path:
     fixed = 'polarization = "H+V"\ntemperature = "layer"'
     (folder / "campaign.toml").write_text(TOML.replace('polarization = "H+V"', fixed), encoding="utf-8")
     return folder
+
+
+def test_all_seven_passive_parameters_may_be_factors(folder):
+    ranges = {
+        "frequency": (1.4, 36.0),
+        "resolution": (30.0, 80.0),
+        "integration_time": (0.1, 0.3),
+        "bandwidth": (20.0, 300.0),
+        "noise_temperature": (100.0, 800.0),
+        "scan_period": (0.3, 0.6),
+    }
+    factors = "".join(f'[[factor]]\nname = "{n}"\nlow = {a}\nhigh = {b}\n\n' for n, (a, b) in ranges.items())
+    factors += '[[factor]]\nname = "polarization"\nlevels = ["H", "V", "H+V"]\n\n'
+    head, _, rest = TOML.partition("[[factor]]")
+    tail = "[[application]]" + rest.partition("[[application]]")[2]
+    for name in (*ranges, "polarization"):
+        tail = "\n".join(line for line in tail.splitlines() if not line.startswith(f"{name} ="))
+    text = (
+        head + factors + tail.replace("half_width = 3.0", "half_width = 90.0").replace("max_runs = 20", "max_runs = 40")
+    )
+    (folder / "campaign.toml").write_text(text + "\n[model]\norder = 1\n", encoding="utf-8")
+    assert set(json.loads(call("status", folder, "--json").stdout)["units"]) == {*ranges, "polarization"}
+    # Each one moves the noise of a footprint, or what the picture shows of the ground, as its formula says.
+
+    def nedt(**changes: float) -> float:
+        given = {**{name: a for name, (a, _) in ranges.items()}, **changes}
+        settings = [word for name, value in given.items() for word in ("--set", f"{name}={value}")]
+        return image(folder, *settings, "--set", "polarization=V")["record"]["nedt_k"][0]
+
+    first = nedt()
+    assert nedt(integration_time=0.3) == pytest.approx(first / 3.0**0.5, rel=2e-3)
+    assert nedt(bandwidth=300.0) == pytest.approx(first / 15.0**0.5, rel=2e-3)
+    # The system's temperature is the receiver's plus the antenna's, some 280 K of land.
+    antenna = (800.0 - 100.0) / (nedt(noise_temperature=800.0) / first - 1.0) - 100.0
+    assert 240.0 < antenna < 300.0
+    # Twice the period: sweeps twice as far apart, half as many of them in a line of 30 m.
+    assert nedt(scan_period=0.6) == pytest.approx(first * 2.0**0.5, rel=0.03)
+
+
+def test_greytone_and_geotiff_tell_the_same_temperatures(folder):
+    import tifffile
+    from PIL import Image
+
+    text = TOML.replace('polarization = "H+V"', 'polarization = "V"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    for suffix in ("png", "npz", "tif"):
+        call("image", folder, "--out", folder / f"image.{suffix}")
+    with np.load(folder / "image.npz") as archive:
+        arrays = {name: archive[name] for name in ("brightness_k", "pixel_of_cell")}
+    kelvin = arrays["brightness_k"][0].astype(np.float64)
+    # Eq. (3-50) with the black end as known emitter: grey tone 0 at T_a1, the density's range spread over 255.
+    black, white = np.quantile(kelvin[np.isfinite(kelvin)], [0.02, 0.98])
+    tone = np.clip(255.0 / np.log10(white / black) * np.log10(kelvin / black), 0.0, 255.0)
+    with Image.open(folder / "image.png") as picture:
+        np.testing.assert_allclose(np.asarray(picture, dtype=float), np.nan_to_num(np.rint(tone)), atol=1.0)
+    cells = np.squeeze(tifffile.imread(folder / "image.tif"))
+    footprint = arrays["pixel_of_cell"]
+    np.testing.assert_allclose(cells[footprint >= 0], kelvin.ravel()[footprint[footprint >= 0]], rtol=1e-6)
