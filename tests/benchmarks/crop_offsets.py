@@ -203,13 +203,13 @@ def main() -> None:
 
 
 CONCLUSION = """
-**What it means.** Three channels, pixels of 8 to 11 m and the shallow angle are best under every assumption. The band
-is not: as long as the L-band differences are carried on and shrink with frequency, the low end of the range is best, the
-more so the faster they shrink; if crops differ at S and C band by as much as at L band but in another way, some 2 to
-3.5 GHz may be best, by up to 5 points in these draws. No public table decides between them. So the recommendation
-"1.25 GHz" of this campaign rests on the assumption; what taking it costs where it does not hold is the last column. The
-best of a grid is chosen by its own noise, too, some 0.5 to 1 point here. Backscatter of one's own crops at the bands in
-question, given as `[simulator] table`, settles it.
+**What it means.** Three channels, pixels of 8 to 11 m and the shallow angle are best under every assumption.
+The band is not: as long as the L-band differences are carried on and shrink with frequency, the low end of the
+range is best, the more so the faster they shrink; if crops differ at S and C band by as much as at L band but
+in another way, some 2 to 3.5 GHz may be best, by up to 5 points in these draws. No public table decides between
+them. So the recommendation "1.25 GHz" of this campaign rests on the assumption; what taking it costs where it
+does not hold is the last column. The best of a grid is chosen by its own noise, too, some 0.5 to 1 point here.
+Backscatter of one's own crops at the bands in question, given as `[simulator] table`, settles it.
 """
 
 
