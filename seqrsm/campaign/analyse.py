@@ -47,6 +47,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import StationaryPoint, stationary_point
+from seqrsm.fit.importance import variance_shares
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
@@ -126,7 +127,7 @@ def analyse(
         fit=fit,
         anova=fit.anova(),
         lack_of_fit=lack,
-        importance=tuple(_importance(model, fit)),
+        importance=tuple(_importance(model, fit, fitted.beta)),
         stationary=stationary,
         optimum=estimate,
         posterior=posterior,
@@ -172,6 +173,9 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
         replicates=stop.replicates,
         level=stop.level,
         with_departure=_with_departure(spec, fitted, best, confidence, prediction, prediction_mean),
+        ties=tuple(fitted.region.decode(best.ties)) if len(best.ties) else (),
+        ridge=best.flat,
+        exact=best.exact,
     )
 
 
@@ -200,16 +204,18 @@ def _with_departure(
     return DepartureIntervals(shifted, found[0], found[1], found[2], widening)
 
 
-def _importance(model: QuadraticModel, fit: LeastSquaresFit) -> list[FactorImportance]:
-    """Partial F of all terms of each factor (RSL TR 380-1 eq. 2-14), the most important first."""
+def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -> list[FactorImportance]:
+    """Partial F of all terms of each factor (RSL TR 380-1 eq. 2-14) and variance shares, the most important first."""
     rows = []
-    for factor in model.factors:
+    shares = variance_shares(model, beta)
+    for j, factor in enumerate(model.factors):
         indices: IntArray = model.factor_terms(factor.name)
+        both = float(shares.first_order[j]), float(shares.total[j])
         if not len(indices):  # every term of it was left out
-            rows.append(FactorImportance(factor.name, 0, np.nan, np.nan))
+            rows.append(FactorImportance(factor.name, 0, np.nan, np.nan, *both))
             continue
         test = fit.partial_f(indices)
-        rows.append(FactorImportance(factor.name, test.df, test.f, test.p))
+        rows.append(FactorImportance(factor.name, test.df, test.f, test.p, *both))
     return sorted(rows, key=lambda row: -row.f if np.isfinite(row.f) else np.inf)
 
 

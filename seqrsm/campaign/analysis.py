@@ -66,12 +66,18 @@ class ScoredRuns:
 
 @dataclass(frozen=True, slots=True)
 class FactorImportance:
-    """Partial F test (RSL TR 380-1 eq. (2-14)) of all terms that hold a factor."""
+    """Partial F test (RSL TR 380-1 eq. (2-14)) of all terms that hold a factor, and its share of the variance.
+
+    ``share`` is what it explains alone of the variance of the fitted surface over the region's box, ``share_total``
+    that with all of its products (Sobol indices); nan where the surface is flat.
+    """
 
     factor: str
     df: int
     f: float
     p: float
+    share: float = float("nan")
+    share_total: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +128,12 @@ class OptimumEstimate:
     with_departure : DepartureIntervals or None
         The same where the surface may depart from the quadratic by less than can be seen; None where nothing is left
         over to judge that by, and with two sources.
+    ties : tuple of dict
+        Other settings that are as good, natural units.
+    ridge : bool
+        Those between two tied ones are as good as well: the optimum is no point.
+    exact : bool
+        Found by enumeration, hence certain; else the best of many climbs under constraints.
     """
 
     settings: dict[str, float | str]
@@ -134,6 +146,9 @@ class OptimumEstimate:
     replicates: int
     level: float
     with_departure: DepartureIntervals | None = None
+    ties: tuple[dict[str, float | str], ...] = ()
+    ridge: bool = False
+    exact: bool = True
 
 
 @dataclass(frozen=True, slots=True)

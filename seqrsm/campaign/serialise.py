@@ -45,7 +45,15 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         ],
         "lack_of_fit": _lack_of_fit(analysis.lack_of_fit),
         "factors_importance": [
-            {"factor": row.factor, "df": row.df, "f": row.f, "p": row.p} for row in analysis.importance
+            {
+                "factor": row.factor,
+                "df": row.df,
+                "f": row.f,
+                "p": row.p,
+                "share": row.share,
+                "share_total": row.share_total,
+            }
+            for row in analysis.importance
         ],
         "stationary_point": _stationary(analysis),
         "optimum": optimum_to_json(analysis),
@@ -127,6 +135,9 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "prediction": interval_to_json(best.prediction),
         "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
         "level": best.level,
+        "ties": list(best.ties),
+        "ridge": best.ridge,
+        "exact": best.exact,
         "with_departure": None
         if allowed is None
         else {

@@ -112,11 +112,18 @@ def show_importance(analysis: Analysis) -> None:
     """Partial F test of every factor, the most important first."""
     found = {row.factor: row for row in analysis.importance}
     rows = [
-        [name, str(found[name].df), _blank_or(found[name].f, 3), format_p(found[name].p)]
+        [
+            name,
+            str(found[name].df),
+            _blank_or(found[name].f, 3),
+            format_p(found[name].p),
+            *("" if math.isnan(x) else format_percent(x) for x in (found[name].share, found[name].share_total)),
+        ]
         for name in ranked_factors(analysis)
         if name in found
     ]
-    show_table(["factor", "df", "F", "p"], rows, title="Importance of the sensor parameters")
+    columns = ["factor", "df", "F", "p", "variance alone", "with products"]
+    show_table(columns, rows, title="Importance of the sensor parameters")
 
 
 def _show_stationary(analysis: Analysis) -> None:
@@ -168,6 +175,12 @@ def show_optimum(analysis: Analysis) -> None:
                 f"to be seen: {interval_text(analysis, allowed.prediction)} (\u00b1 {half})",
                 2,
             )
+    if best.ties and not best.ridge:
+        others = "; ".join(
+            ", ".join(f"{name} {v if isinstance(v, str) else f'{v:.4g}'}" for name, v in tie.items())
+            for tie in best.ties[:3]
+        )
+        line(f"as good: {others}{' and more' if len(best.ties) > 3 else ''}", 2)
     if best.at_bound:
         line(f"at the border of the region: {', '.join(best.at_bound)}", 2)
     regret = analysis.posterior

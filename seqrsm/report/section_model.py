@@ -296,12 +296,21 @@ def importance_section(analysis: Analysis, key: str) -> Section:
             whole_cell(rows[name].df),
             _blank_or(rows[name].f, 3),
             p_cell(rows[name].p) if math.isfinite(rows[name].p) else Cell(""),
+            *(
+                number_cell(format_percent(x), x) if math.isfinite(x) else Cell("")
+                for x in (rows[name].share, rows[name].share_total)
+            ),
         )
         for name in ranked_factors(analysis)
         if name in rows
     )
-    columns = (Column("Factor"), Column("df", align="right"), Column("F", align="right"), Column("p", align="right"))
-    blocks.append(Table(columns, table_rows, "Factors, the most important first", sortable=True))
+    titles = ("df", "F", "p", "Variance, alone", "with products")
+    columns = (Column("Factor"), *(Column(title, align="right") for title in titles))
+    caption = (
+        "Factors, the most important first. Variance: share of the fitted surface's variance over the region that the "
+        "factor explains alone, and with its products"
+    )
+    blocks.append(Table(columns, table_rows, caption, sortable=True))
     order = listing([readable(row.factor) for row in sorted(tested, key=lambda row: -row.f)])
     alt = f"Bars of the F ratio of each factor, from largest to smallest: {order}."
     caption = "F ratio of every factor; about 1 is what a factor without any effect gives."

@@ -315,6 +315,18 @@ def test_too_few_runs_names_settings(tmp_path: Path) -> None:
     assert "5 at these settings would do" in " ".join(output.split())
 
 
+def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:
+    """A saddle along x: both ends are best; and the shares of the surface's variance, x^2 alone."""
+    rows = [{"x": x, "frequency": f, "score": 50.0 + (x - 5) ** 2} for x, f in EXTREME_DESIGN]
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows))
+    best = found["optimum"]
+    assert {best["settings"]["x"], *(tie["x"] for tie in best["ties"])} == {0.0, 10.0}
+    assert best["exact"] is True
+    shares = {row["factor"]: (row["share"], row["share_total"]) for row in found["factors_importance"]}
+    np.testing.assert_allclose(shares["x"], 1.0, atol=1e-9)
+    np.testing.assert_allclose(shares["frequency"], 0.0, atol=1e-9)
+
+
 EXTREME_DESIGN = [(0, 1), (10, 1), (0, 16), (10, 16), (5, 4), (5, 1), (5, 16), (0, 4), (10, 4), (5, 4), (2, 8), (7, 2)]
 
 
