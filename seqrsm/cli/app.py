@@ -441,12 +441,17 @@ def scene_import(
     temperature: Annotated[
         Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the ground's temperature in kelvin.")
     ] = None,
+    moisture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
+    ] = None,
     cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
 ) -> None:
     """Build a data base from elevation and ground cover on a projected grid in metres."""
     from seqrsm.scene.raster import import_scene
 
-    scene = import_scene(elevation, cover, legend, out, cell_m=cell_m, temperature=temperature, name=out.stem)
+    scene = import_scene(
+        elevation, cover, legend, out, cell_m=cell_m, temperature=temperature, moisture=moisture, name=out.stem
+    )
     say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
 
 

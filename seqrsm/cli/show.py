@@ -258,6 +258,9 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
     if scene.temperature_k is not None:
         known = scene.temperature_k[scene.valid()]
         line(f"temperature of the ground: {known.min():.1f} to {known.max():.1f} K")
+    if scene.soil_moisture is not None:
+        known = scene.soil_moisture[scene.valid()]
+        line(f"moisture of the soil: {known.min():.3f} to {known.max():.3f} m3/m3")
 
 
 def show_design(result: Mapping[str, Any]) -> None:

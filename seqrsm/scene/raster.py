@@ -63,12 +63,13 @@ def import_scene(
     *,
     cell_m: float | None = None,
     temperature: str | Path | None = None,
+    moisture: str | Path | None = None,
     name: str = "",
     licence: str = "",
 ) -> Scene:
     """Scene of two or three rasters and a legend.
 
-    All are resampled to square cells over the ground that elevation and cover share: elevation and temperature by
+    All are resampled to square cells over the ground that elevation and cover share: elevation and the like by
     straight lines, cover by the nearest cell. Touching cells of one cover code are one field.
 
     Parameters
@@ -83,6 +84,8 @@ def import_scene(
         Side of a cell [m]; the finer of both rasters' if not given.
     temperature : path, optional
         Single-layer GeoTIFF of the ground's physical temperature [K] in the same system; it reaches at least as far.
+    moisture : path, optional
+        The same of the soil's volumetric moisture [m3/m3].
     name, licence : str
         Kept in the scene.
 
@@ -110,7 +113,12 @@ def import_scene(
         warmth = read_geotiff(temperature)
         _same_system(height, warmth, str(temperature))
         kelvin = _bilinear(warmth, x, y, beyond=np.nan).astype(np.float32)
-    files = [elevation, cover] if temperature is None else [elevation, cover, temperature]
+    wet = None
+    if moisture is not None:
+        soil = read_geotiff(moisture)
+        _same_system(height, soil, str(moisture))
+        wet = _bilinear(soil, x, y, beyond=np.nan).astype(np.float32)
+    files = [file for file in (elevation, cover, temperature, moisture) if file is not None]
     scene = Scene(
         elevation_m=z,
         cover=indices,
@@ -125,6 +133,7 @@ def import_scene(
         provenance=f"imported from {', '.join(Path(file).name for file in files)} and {Path(legend).name}",
         category_notes=notes,
         temperature_k=kelvin,
+        soil_moisture=wet,
     )
     if out is not None:
         save_scene(scene, out)

@@ -36,6 +36,7 @@ _MAX_BYTES: Final = 16 * MAX_CELLS
 _MIN_CELL_M: Final = 0.05
 _LOWEST_M, _HIGHEST_M = -500.0, 9000.0
 _COLDEST_K, _WARMEST_K = 150.0, 500.0
+_WETTEST = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +67,8 @@ class Scene:
         Remark on a category, for instance that it was drawn and not observed.
     temperature_k : float32 array (rows, cols) or None
         Physical temperature of the ground [K], 150 to 500, known in every valid cell; None: not in this data base.
+    soil_moisture : float32 array (rows, cols) or None
+        Volumetric moisture of the soil [m3/m3], 0 to 0.6, known in every valid cell; None: the same everywhere.
 
     Raises
     ------
@@ -86,6 +89,7 @@ class Scene:
     provenance: str = ""
     category_notes: Mapping[str, str] = field(default_factory=dict)
     temperature_k: Float32Array | None = None
+    soil_moisture: Float32Array | None = None
 
     def __post_init__(self) -> None:
         problems = [*_layer_problems(self), *_grid_problems(self)]
@@ -120,6 +124,8 @@ def _layer_problems(scene: Scene) -> list[Problem]:
     ]
     if scene.temperature_k is not None:
         wanted.append(("temperature_k", scene.temperature_k, np.float32))
+    if scene.soil_moisture is not None:
+        wanted.append(("soil_moisture", scene.soil_moisture, np.float32))
     problems = []
     shape = np.shape(scene.elevation_m)
     if len(shape) != 2 or min(shape) < 2:
@@ -218,6 +224,13 @@ def _content_problems(scene: Scene) -> list[Problem]:
             message = f"{int(cold.sum())} cells lie outside {_COLDEST_K:.0f} to {_WARMEST_K:.0f} K or are not known"
             remedy = "Give kelvin, in every cell that has an elevation and a category"
             problems.append(Problem(message, remedy, field="temperature_k", value=float(kelvin[cold][0])))
+    if scene.soil_moisture is not None:
+        moisture = scene.soil_moisture[scene.valid()]
+        wrong = ~((moisture >= 0.0) & (moisture <= _WETTEST))
+        if wrong.any():
+            message = f"{int(wrong.sum())} cells lie outside 0 to {_WETTEST:g} m3/m3 or are not known"
+            remedy = "Give volumetric moisture, in every cell that has an elevation and a category"
+            problems.append(Problem(message, remedy, field="soil_moisture", value=float(moisture[wrong][0])))
     return problems
 
 
@@ -247,6 +260,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     }
     if scene.temperature_k is not None:
         members["temperature_k"] = scene.temperature_k
+    if scene.soil_moisture is not None:
+        members["soil_moisture"] = scene.soil_moisture
     try:
         with open(path, "wb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **members)
@@ -333,6 +348,7 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
             provenance=str(members["provenance"]),
             category_notes={name: note for name, note in zip(names, notes, strict=True) if note},
             temperature_k=members.get("temperature_k"),
+            soil_moisture=members.get("soil_moisture"),
         )
     except SceneError as error:
         raise SceneError(*(replace(problem, file=file) for problem in error.problems)) from None

@@ -255,6 +255,18 @@ def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, re
 
 
 @lru_cache(maxsize=2)
+def moisture_of_fields(scene: Scene) -> FloatArray | None:
+    """Mean soil moisture of each field's valid cells [m3/m3] (n_fields,), nan where it has none; None without layer."""
+    if scene.soil_moisture is None:
+        return None
+    valid = scene.valid()
+    field = scene.field_id[valid]
+    count = np.bincount(field, minlength=scene.n_fields)
+    total = np.bincount(field, scene.soil_moisture[valid].astype(np.float64), minlength=scene.n_fields)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+@lru_cache(maxsize=2)
 def categories_of_fields(scene: Scene) -> AnyArray:
     """Category of each field of a scene, uint8 (n_fields,)."""
     return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)

@@ -25,7 +25,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
 from seqrsm.simulate import kernels, kernels_prm
-from seqrsm.simulate.frame import categories_of_fields
+from seqrsm.simulate.frame import categories_of_fields, moisture_of_fields
 from seqrsm.simulate.prm_effects import effect_notes, effects_k, planck_offset_used_k
 from seqrsm.simulate.prm_frame import RadiometerFrame, make_radiometer_frame, surface_temperature_k, temperature_layer
 from seqrsm.simulate.prm_image import RadiometerImage
@@ -158,9 +158,11 @@ def meet_radiometer(
     ]
     if random_occasion:
         field_category = categories_of_fields(scene)
-        occasion = draw_radiometer_occasion(radiometer, lookups, field_category, seed=seed, run_id=run_id)
+        occasion = draw_radiometer_occasion(
+            radiometer, lookups, field_category, seed=seed, run_id=run_id, field_moisture=moisture_of_fields(scene)
+        )
     else:
-        occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields)
+        occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields, moisture_of_fields(scene))
     planck_k = planck_offset_used_k(radiometer)
     air = make_atmosphere(
         radiometer.frequency_ghz,

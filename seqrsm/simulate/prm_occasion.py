@@ -62,6 +62,7 @@ def draw_radiometer_occasion(
     *,
     seed: int,
     run_id: int,
+    field_moisture: FloatArray | None = None,
 ) -> RadiometerOccasion:
     """Draw the ground's state of one run.
 
@@ -78,6 +79,8 @@ def draw_radiometer_occasion(
         Category of each field, 255 for none.
     seed, run_id : int
         Campaign and run.
+    field_moisture : float64 array (n_fields,), optional
+        Moisture of each field in the data base [m3/m3]; the run's mean, less the middle of its range, is added to it.
     """
     n_categories, n_fields = len(lookups[0].categories), len(field_category)
     state = generator(seed, run_id, "radiometer ground state")
@@ -85,7 +88,8 @@ def draw_radiometer_occasion(
     mean = float(low + state.random() * (high - low))
     warm = float(radiometer.temperature_date_sd_k * state.standard_normal())
     moisture = generator(seed, run_id, "field moisture").standard_normal(n_fields)
-    moisture = np.clip(mean + radiometer.soil_moisture_field_sd * moisture, MOISTURE_NODES[0], MOISTURE_NODES[-1])
+    level = mean if field_moisture is None else _by_field(field_moisture, mean - 0.5 * (low + high), mean)
+    moisture = np.clip(level + radiometer.soil_moisture_field_sd * moisture, MOISTURE_NODES[0], MOISTURE_NODES[-1])
     temperature = generator(seed, run_id, "field temperature").standard_normal(n_fields)
     dates = generator(seed, run_id, "date emissivity").standard_normal((1 + len(CHANNELS), n_categories))
     plots = generator(seed, run_id, "field emissivity").standard_normal((1 + len(CHANNELS), n_fields))
@@ -104,16 +108,25 @@ def draw_radiometer_occasion(
 
 
 def nominal_radiometer_occasion(
-    radiometer: RadiometerConfiguration, lookups: Sequence[EmissivityLookup], n_fields: int
+    radiometer: RadiometerConfiguration,
+    lookups: Sequence[EmissivityLookup],
+    n_fields: int,
+    field_moisture: FloatArray | None = None,
 ) -> RadiometerOccasion:
     """The table's own state and the middle of the moistures: for pictures and tests, not for scores."""
     mean = 0.5 * (radiometer.soil_moisture_low + radiometer.soil_moisture_high)
     n_channels = len(lookups)
     return RadiometerOccasion(
         mean,
-        np.full(n_fields, mean),
+        np.full(n_fields, mean) if field_moisture is None else _by_field(field_moisture, 0.0, mean),
         np.zeros((n_channels, len(lookups[0].categories))),
         np.zeros((n_channels, n_fields)),
         0.0,
         np.zeros(n_fields),
     )
+
+
+def _by_field(field_moisture: FloatArray, change: float, otherwise: float) -> FloatArray:
+    """Moisture of fields shifted by a change, within the table's ends; `otherwise` where the data base has none."""
+    shifted = np.clip(field_moisture + change, MOISTURE_NODES[0], MOISTURE_NODES[-1])
+    return np.asarray(np.where(np.isfinite(field_moisture), shifted, otherwise))

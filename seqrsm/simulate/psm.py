@@ -9,7 +9,7 @@ receiver's noise, fading and transfer function.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -25,10 +25,10 @@ from seqrsm.simulate import kernels
 from seqrsm.simulate.echo import EchoGrid, echo_grid, echo_sums, field_factors, in_threads, sigma0_lut
 from seqrsm.simulate.fading import add_fading, correlated_fading
 from seqrsm.simulate.frame import RadarFrame, categories_of_fields, make_frame
+from seqrsm.simulate.ground import look_up, met_occasion, with_moisture
 from seqrsm.simulate.occasion import (
     Occasion,
     draw_ground_state,
-    draw_occasion,
     nominal_ground_state,
     nominal_occasion,
 )
@@ -36,10 +36,9 @@ from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import Registration
 from seqrsm.simulate.row_law import row_law
 from seqrsm.simulate.targets import CulturalTarget, add_targets
-from seqrsm.simulate.texture import with_texture
 
 if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
+    from seqrsm.scattering.sigma0 import Sigma0Table
     from seqrsm.scene.scene import Scene
 
 Precision = Literal["float32", "float64"]
@@ -181,38 +180,15 @@ def simulate_radar(
     frame = make_frame(scene, radar, precision)
     state = draw_ground_state(radar, seed=seed, run_id=run_id) if random_occasion else nominal_ground_state(radar)
     lookups = look_up(scene, radar, table, state)
-    field_category = categories_of_fields(scene)
     if random_occasion:
-        occasion = draw_occasion(radar, lookups, field_category, state, seed=seed, run_id=run_id)
-        occasion = with_texture(occasion, scene, radar, lookups, seed=seed, run_id=run_id)
+        occasion = met_occasion(scene, radar, table, lookups, state, seed=seed, run_id=run_id)
     else:
-        occasion = nominal_occasion(lookups, field_category, state)
+        still = nominal_occasion(lookups, categories_of_fields(scene), state)
+        occasion = with_moisture(still, scene, radar, table, lookups)
     grid = echo_grid(frame, radar)
     sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
     return _form_image(sums, scene, radar, frame, grid, occasion, targets, seed, run_id, notes, threads)
-
-
-def look_up(
-    scene: Scene, radar: RadarConfiguration, table: Sigma0Table, ground_state: tuple[float, float]
-) -> list[Sigma0Lookup]:
-    """Backscatter of the scene's categories in each channel at a moisture [m3/m3] and wind [m/s]."""
-    snow: dict[str, float | str] = {}
-    if radar.snow != "none":
-        snow = {"snow": radar.snow, "snow_depth_cm": radar.snow_depth_cm}
-    find: Callable[..., Sigma0Lookup] = table.lookup
-    return [
-        find(
-            scene.categories,
-            radar.frequency_ghz,
-            channel,
-            season=radar.season,
-            wind_m_s=ground_state[1],
-            soil_moisture=ground_state[0],
-            **snow,
-        )
-        for channel in radar.channels
-    ]
 
 
 def _form_image(

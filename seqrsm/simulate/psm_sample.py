@@ -25,14 +25,14 @@ from seqrsm.simulate import kernels
 from seqrsm.simulate.echo import LUT_STEPS, EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.fading import add_fading
 from seqrsm.simulate.fidelity import RungPlan
-from seqrsm.simulate.frame import RadarFrame, categories_of_fields, make_frame
-from seqrsm.simulate.occasion import Occasion, draw_ground_state, draw_occasion
-from seqrsm.simulate.psm import look_up, refuse_gaussian
+from seqrsm.simulate.frame import RadarFrame, make_frame
+from seqrsm.simulate.ground import look_up, met_occasion
+from seqrsm.simulate.occasion import Occasion, draw_ground_state
+from seqrsm.simulate.psm import refuse_gaussian
 from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import place_cells
 from seqrsm.simulate.row_law import RowLaw, row_law
 from seqrsm.simulate.sample import Sample, places
-from seqrsm.simulate.texture import with_texture
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
@@ -47,8 +47,7 @@ def meet(
     """Backscatter of the categories and state of the ground in a run: those of `simulate_radar`."""
     state = draw_ground_state(radar, seed=seed, run_id=run_id)
     lookups = look_up(scene, radar, table, state)
-    occasion = draw_occasion(radar, lookups, categories_of_fields(scene), state, seed=seed, run_id=run_id)
-    return lookups, with_texture(occasion, scene, radar, lookups, seed=seed, run_id=run_id)
+    return lookups, met_occasion(scene, radar, table, lookups, state, seed=seed, run_id=run_id)
 
 
 def radar_sample(
@@ -86,6 +85,9 @@ def coarse_scene(scene: Scene, factor: int) -> Scene:
         scored=scene.scored[middle] & np.isfinite(z),
         cell_m=scene.cell_m * factor,
         bounds=None,
+        # Of no use to a radar's frame; moisture acts by the fields of the scene itself.
+        temperature_k=None,
+        soil_moisture=None,
     )
 
 

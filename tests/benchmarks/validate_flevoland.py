@@ -36,9 +36,10 @@ from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  #
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.score.classification import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate import psm  # noqa: E402
+from seqrsm.simulate import ground  # noqa: E402
+from seqrsm.simulate.frame import categories_of_fields  # noqa: E402
 from seqrsm.simulate.occasion import Occasion, draw_occasion  # noqa: E402
-from seqrsm.simulate.psm import categories_of_fields, simulate_radar  # noqa: E402
+from seqrsm.simulate.psm import simulate_radar  # noqa: E402
 
 OUT = ROOT / "reports" / "validation"
 CELL_M = 12.1
@@ -141,9 +142,11 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
     )
     found = []
     if variant.startswith("own"):
-        psm.draw_occasion = lambda *given, **more: own_occasion(variant, draw_occasion(*given, **more), radar.channels)
+        ground.draw_occasion = lambda *given, **more: own_occasion(
+            variant, draw_occasion(*given, **more), radar.channels
+        )
     else:
-        psm.draw_occasion = draw_occasion
+        ground.draw_occasion = draw_occasion
     for run in range(1, runs + 1):
         image = simulate_radar(scene(), radar, table(variant), seed=1989, run_id=run)
         found.append(percent_correct(image, scene(), seed=1989, run_id=run, tile_m=24 * CELL_M).value)
