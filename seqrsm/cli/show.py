@@ -134,8 +134,9 @@ def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
         heading("History")
     for event in result.get("history", ()):
         run_id = "" if event["run_id"] is None else f" run {event['run_id']}"
-        stamp = f"{event['at']} {event['version']} seed {event['seed']}"
-        line(f"{stamp} {event['kind']}{run_id} {event['detail'] or ''}".rstrip())
+        stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
+        detail = ", ".join(f"{name} {value}" for name, value in (event["detail"] or {}).items())
+        line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
 
 
 def _show_application(factors: Sequence[Factor], result: Mapping[str, Any], application: Mapping[str, Any]) -> None:

@@ -20,6 +20,7 @@ _PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _NODATA = 33550, 33922, 34264, 3
 _MODEL_TYPE, _RASTER_TYPE, _PROJECTED_CS, _LINEAR_UNITS = 1024, 1025, 3072, 3076
 _GEOGRAPHIC, _PIXEL_IS_POINT, _METRE = 2, 2, 9001
 _USER_DEFINED: Final = 32767
+_MOST_TOLD: Final = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +107,11 @@ def import_scene(
     x: FloatArray = left + (np.arange(cols, dtype=np.float64) + 0.5) * float(cell)
     y: FloatArray = top - (np.arange(rows, dtype=np.float64) + 0.5) * float(cell)
     codes, known = _nearest(kind, x, y)
+    if (codes != np.rint(codes)).any():
+        text = "cover codes must be whole numbers"
+        remedy = "Is this the raster of ground cover?"
+        raise SceneError(Problem(text, remedy, str(cover), value=float(codes[codes != np.rint(codes)][0])))
+    codes = codes.astype(np.int64)
     indices = _categories(codes, known, category_of, str(legend))
     z = _bilinear(height, x, y).astype(np.float32)
     kelvin = None
@@ -202,7 +208,9 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(Problem(f"cannot read the legend: {error}", file=file)) from error
-    reader = csv.DictReader(line for line in lines if line.strip() and not line.startswith("#"))
+    written = [line for line in lines if line.strip() and not line.startswith("#")]
+    separator = max(",;\t", key=lambda sign: written[0].count(sign)) if written else ","
+    reader = csv.DictReader(written, delimiter=separator)
     if not {"code", "category"} <= set(reader.fieldnames or ()):
         raise SceneError(Problem("the legend lacks a column", "Columns: code, category, note", file))
     names: list[str] = []
@@ -264,6 +272,10 @@ def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float,
     if not (cell > 0.0 and math.isfinite(cell)):
         raise SceneError(Problem("the cell size must be a positive number of metres", field="cell_m", value=cell))
     rows, cols = int((top - bottom) / cell + 1e-6), int((right - left) / cell + 1e-6)
+    if min(right - left, top - bottom) > 0.0 and (rows < 2 or cols < 2):
+        shared = f"{right - left:g} m x {top - bottom:g} m"
+        text = f"the ground that the rasters share, {shared}, holds no 2 x 2 cells of {cell:g} m"
+        raise SceneError(Problem(text, "Give smaller cells, or larger rasters", file, field="cell_m"))
     if rows < 2 or cols < 2:
         text = f"the rasters share no ground: one spans {one}, the other {two}"
         raise SceneError(Problem(text, "Check their coordinate systems", file))
@@ -282,7 +294,7 @@ def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, An
     known = np.isfinite(values)
     if raster.nodata is not None:
         known &= values != raster.nodata
-    return np.where(known, values, 0).astype(np.int64), known
+    return np.where(known, values, 0), known
 
 
 def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | None = None) -> FloatArray:
@@ -317,15 +329,15 @@ def _categories(codes: AnyArray, known: AnyArray, category_of: Mapping[int, int]
     used = np.unique(codes[known])
     missing = [int(code) for code in used if int(code) not in category_of]
     if missing:
-        counts = {code: int(np.sum(known & (codes == code))) for code in missing}
-        raise SceneError(
-            *(
-                Problem(
-                    f"{n} cells hold a code the legend lacks", "Add a line for it", legend, field="code", value=code
-                )
-                for code, n in counts.items()
-            )
-        )
+        counts = {code: int(np.sum(known & (codes == code))) for code in missing[:_MOST_TOLD]}
+        problems = [
+            Problem(f"{n} cells hold a code the legend lacks", "Add a line for it", legend, field="code", value=code)
+            for code, n in counts.items()
+        ]
+        if len(missing) > _MOST_TOLD:
+            text = f"{len(missing) - _MOST_TOLD} more codes are missing"
+            problems.append(Problem(text, "Is this the raster of ground cover?", legend, field="code"))
+        raise SceneError(*problems)
     index = np.array([category_of.get(int(code), NO_COVER) for code in found], dtype=np.uint8)[place].reshape(
         codes.shape
     )

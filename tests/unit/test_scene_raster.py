@@ -137,3 +137,23 @@ def test_files_that_are_no_rasters(files, tmp_path):
     tifffile.imwrite(bad, np.zeros((4, 4), np.float32))
     with pytest.raises(SceneError, match="does not say where"):
         import_scene(bad, files["cover"], files["legend"])
+
+
+def test_a_raster_that_is_no_cover_is_told_so_in_few_words(files, tmp_path):
+    many = np.arange(3600).reshape(60, 60).astype(np.uint16)
+    files["cover"] = write(tmp_path / "many.tif", many, 5.0)
+    with pytest.raises(SceneError, match=r"more codes are missing.*Is this the raster") as caught:
+        import_scene(**files)
+    assert len(caught.value.problems) == 11
+    files["cover"] = write(tmp_path / "heights.tif", many.astype(np.float32) + 0.25, 5.0)
+    with pytest.raises(SceneError, match=r"whole numbers \(got 0.25\)"):
+        import_scene(**files)
+    files["cover"] = write(tmp_path / "whole.tif", np.full((60, 60), 2.0, np.float32), 5.0)
+    assert import_scene(**files).categories == ("Wheat", "Trees")
+
+
+def test_cells_larger_than_the_ground_and_legends_of_spreadsheets(files):
+    files["legend"].write_text("code;category;note\n1;Wheat;\n2;Trees;planted, dense\n9;;\n", encoding="utf-8")
+    assert import_scene(**files).category_notes == {"Trees": "planted, dense"}
+    with pytest.raises(SceneError, match="holds no 2 x 2 cells of 5000 m"):
+        import_scene(**files, cell_m=5000.0)
