@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -164,6 +165,7 @@ def read_geotiff(path: str | Path) -> Raster:
     import tifffile
 
     file = str(path)
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what is wrong is told below, once
     try:
         with tifffile.TiffFile(path) as tiff:
             page: Any = tiff.pages[0]
@@ -173,10 +175,15 @@ def read_geotiff(path: str | Path) -> Raster:
             values = np.asarray(page.asarray())
     except FileNotFoundError as error:
         raise SceneError(Problem("no such raster", file=file)) from error
-    except (OSError, ValueError, KeyError, IndexError, tifffile.TiffFileError) as error:
+    except SceneError:
+        raise
+    except Exception as error:  # a damaged file makes tifffile and its codecs raise whatever comes to hand
         raise SceneError(Problem(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file)) from error
     if values.ndim == 3:
         values = values[..., 0] if values.shape[-1] <= 4 else values[0]
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
+        raise SceneError(Problem(text, "Convert it with gdal_translate", file))
     keys = _geo_keys(tags.get(_GEO_KEYS))
     left, top, step_x, step_y = _placement(tags, keys, file)
     if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
