@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 import typer
+from typer.testing import CliRunner, Result
 
 from seqrsm.campaign.spec import load_spec
 from seqrsm.cli.app import app
@@ -50,3 +52,27 @@ def test_pictures_and_pages_that_it_names_are_there() -> None:
     root = Path(__file__).parents[2]
     for name in re.findall(r"\]\(((?!http)[^)#]+)\)", README):
         assert (root / name).exists(), name
+
+
+def test_own_table_and_utility_work_as_written(tmp_path: Path) -> None:
+    (block,) = re.findall(r"((?:    (?:quantity,category|sigma0,).*\n)+)", README)
+    (tmp_path / "mine.csv").write_text(re.sub(r"^    ", "", block, flags=re.M), encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    (tmp_path / "mine.py").write_text(code, encoding="utf-8")
+    (text,) = re.findall(r"```toml\n(.*?)```", README, flags=re.S)
+    text = text.replace('# table = "mine.csv"', 'table = "mine.csv"').replace('"percent_correct"', '"mine:score"')
+    (tmp_path / "campaign.toml").write_text(text.replace('["HH", "HH+HV"]', '["HH", "HV"]'), encoding="utf-8")
+    scene = synthetic_scene(40, 60, 10.0, categories=["Grass", "Rapeseed"], field_m=80.0, relief_m=5.0, seed=1)
+    save_scene(scene, tmp_path / "scene.npz")
+
+    def image(polarization: str) -> Result:
+        arguments = ["--set", f"polarization={polarization}", "--set", "resolution=30", "--json"]
+        return CliRunner().invoke(app, ["image", str(tmp_path), *arguments, "--out", str(tmp_path / "i.npz")])
+
+    found = image("HH")
+    assert found.exit_code == 0, found.output
+    assert json.loads(found.stdout)["scores"]["ground-cover"] > 0.0
+    missing = image("HV")
+    assert missing.exit_code == 2
+    assert "Rapeseed" in missing.output
+    assert "HV" in missing.output
