@@ -29,7 +29,7 @@ from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.prm_sample import radiometer_sample
 from seqrsm.simulate.psm import Precision, RadarImage, simulate_radar
 from seqrsm.simulate.psm_sample import meet, radar_record, radar_sample
-from seqrsm.simulate.receiver import transfer_function
+from seqrsm.simulate.receiver import named_function, transfer_function
 from seqrsm.simulate.sample import Sample
 from seqrsm.simulate.targets import CulturalTarget, check_targets, load_targets
 
@@ -208,6 +208,8 @@ def _radiometer_image(
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> tuple[str, ...]:
     make_frame(scene, sensor, "float32")
     transfer_function(sensor, 1.0)
+    if sensor.processing:
+        named_function("processing", sensor.processing)
     check_targets(_targets(sensor.targets_file), scene.shape)
     for channel in sensor.channels:
         table.lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)

@@ -122,7 +122,7 @@ def converted(name: str, value: float | str, problems: list[Problem], shown: str
     """Value of a field of `RadarConfiguration` as its type; what cannot be converted is added to ``problems``."""
     if name == "channels":
         return tuple(part.strip() for part in str(value).split("+"))
-    if name in TEXT_FIELDS or name in ("receiver", "targets_file"):
+    if name in TEXT_FIELDS or name in ("receiver", "processing", "targets_file"):
         return str(value)
     if name == "pattern_table":
         try:
@@ -171,6 +171,9 @@ def value_problems(radar: RadarConfiguration) -> list[Problem]:
     if radar.receiver not in RECEIVERS and ":" not in radar.receiver:
         remedy = f'Known: {", ".join(RECEIVERS)}; or name a function as "package.module:function"'
         problems.append(Problem("unknown", remedy, field="receiver", value=radar.receiver))
+    if radar.processing and ":" not in radar.processing:
+        remedy = 'Name a function as "package.module:function"'
+        problems.append(Problem("unknown", remedy, field="processing", value=radar.processing))
     return problems
 
 

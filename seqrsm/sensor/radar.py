@@ -123,6 +123,8 @@ class RadarConfiguration:
         Flight path over which the automatic gain follows the echo [m].
     adc_bits, adc_range_db : int, float
         Bits of the converter Q, 0 for none, and its full scale over the receiver's level [dB].
+    processing : str
+        S of eq. (3-3): ``package.module:function`` of the intensities after M and Q, or "" for none.
     n_bits, dynamic_range_db : int, float
         Bits of a grey tone and the decibels coded into them (n and m of eqs. 3-16 to 3-18).
     film_gamma, film_k : float
@@ -188,6 +190,7 @@ class RadarConfiguration:
     agc_length_m: float = 500.0
     adc_bits: int = 0
     adc_range_db: float = 20.0
+    processing: str = ""
     n_bits: int = 8
     dynamic_range_db: float = 20.0
     film_gamma: float = 1.0

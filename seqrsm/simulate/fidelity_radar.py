@@ -131,6 +131,8 @@ def _why_not(radar: RadarConfiguration, pixelwise: bool) -> str:
         return "the heading is not along the grid"
     if radar.receiver not in _POINTWISE:
         return "the receiver's gain depends on neighbouring pixels"
+    if radar.processing:
+        return "the image is processed by a function of the user's"
     return ""
 
 

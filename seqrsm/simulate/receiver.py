@@ -24,14 +24,14 @@ Transfer = Callable[[FloatArray], FloatArray]
 
 
 def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -> AnyArray:
-    """Intensity of an image after the radar's own receiver M and converter Q: eqs. (3-1) to (3-3).
+    """Intensity of an image after the radar's own receiver M, converter Q and processing S: eqs. (3-1) to (3-3).
 
     Parameters
     ----------
     power_w : float array (n_channels, n_range, n_azimuth)
         Received power with fading [W].
     radar : RadarConfiguration
-        Its receiver, level, and converter.
+        Its receiver, level, converter and processing.
     reference_w : float
         Power of flat ground of sigma0 = 1 at the centre of the swath [W].
 
@@ -43,31 +43,42 @@ def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -
     Raises
     ------
     ConfigurationError
-        A receiver named as ``package.module:function`` cannot be imported or fails.
+        A receiver or processing named as ``package.module:function`` cannot be imported or fails.
     """
     level = reference_w * 10.0 ** (0.1 * radar.receiver_level_db)
     stage = transfer_function(radar, level)
-    if stage is None and radar.adc_bits == 0:
+    processing = named_function("processing", radar.processing) if radar.processing else None
+    if stage is None and processing is None and radar.adc_bits == 0:
         return power_w
     full_scale = level * 10.0 ** (0.1 * radar.adc_range_db)
     converter = converter_function(radar.adc_bits, full_scale) if radar.adc_bits else None
-    if stage is not None and ":" in radar.receiver:
-        stage = _guarded(stage, radar.receiver)
-    return np.asarray(intensity(power_w, stage, converter), dtype=power_w.dtype)
+    return np.asarray(intensity(power_w, stage, converter, processing), dtype=power_w.dtype)
 
 
-def _guarded(function: Transfer, name: str) -> Transfer:
-    """A user's function whose failures are told as what they are."""
+def named_function(field: str, name: str) -> Transfer:
+    """A user's function ``package.module:function`` of an array, whose failures are told as what they are.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be imported; its own calls raise where it fails or returns something else.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        function: Transfer = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        text = f"the function cannot be imported: {error}"
+        raise ConfigurationError(Problem(text, "Install its package", field=field, value=name)) from error
 
     def stage(power: FloatArray) -> FloatArray:
         try:
             out = np.asarray(function(power.copy()), dtype=np.float64)
         except Exception as error:
-            text = f"the receiver's function failed: {type(error).__name__}: {error}"
-            raise ConfigurationError(Problem(text, "Mend it", field="receiver", value=name)) from error
+            text = f"the function failed: {type(error).__name__}: {error}"
+            raise ConfigurationError(Problem(text, "Mend it", field=field, value=name)) from error
         if out.shape != power.shape or not np.isfinite(out).all() or bool((out < 0.0).any()):
-            text = "the receiver's function must return as many intensities as it is given powers, finite and >= 0"
-            raise ConfigurationError(Problem(text, "Mend it", field="receiver", value=name))
+            text = "the function must return as many intensities as it is given powers, finite and >= 0"
+            raise ConfigurationError(Problem(text, "Mend it", field=field, value=name))
         return out
 
     return stage
@@ -106,15 +117,7 @@ def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | N
             return lambda p: np.asarray(p * (p / (p + level_w)))
         case "agc":
             return lambda p: _automatic_gain(p, level_w, radar.agc_length_m / radar.pixel_spacing_m)
-    module, _, name = radar.receiver.partition(":")
-    try:
-        found: Transfer = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        text = f"the receiver cannot be imported: {error}"
-        raise ConfigurationError(
-            Problem(text, "Install its package", field="receiver", value=radar.receiver)
-        ) from error
-    return found
+    return named_function("receiver", radar.receiver)
 
 
 def converter_function(n_bits: int, full_scale_w: float) -> Transfer:

@@ -282,7 +282,10 @@ def explanation(settings: list, measured: np.ndarray, results: dict[str, np.ndar
     def bias(variant: str, where: np.ndarray) -> str:
         return f"{float((results[variant] - measured)[where].mean()):+.1f}"
 
-    fine, coarse = resolution < 13.0, resolution > 200.0
+    def rms(variant: str) -> str:
+        return f"{agreement(measured, results[variant])['rms']:.1f}"
+
+    fine, coarse, every = resolution < 13.0, resolution > 200.0, np.ones_like(full)
     return f"""## What differs, and why
 
 What the simulation is given: the labelled fields, the class means and the spread between fields, both from the flight
@@ -298,13 +301,15 @@ The variants take the drawn things away one by one.
    measured backscatter as well (over pieces of 300 m, which smooths it, so this is the other end of what may be).
    So this part of the difference belongs to what is known of the scene, not to the radar model.
 3. **The spread between fields counts less**: own means in place of drawn ones change the bias over all configurations
-   from {bias("measured", np.ones_like(full))} to {bias("own fields", np.ones_like(full))}; without any spread it is
-   {bias("even fields", np.ones_like(full))}.
-4. **What is left with everything measured**: {bias("own ground", np.ones_like(full))} over all configurations, and
-   {bias("own ground", middle)} where all looks of cells of 24 to 97 m are averaged. There the simulated fields are even
-   inside, and real ones are not: pure blocks of 72.6 m scatter about the mean of their field by 1.0 dB in HH and VV and
-   by 1.15 dB in HV, where the speckle of their 88 looks makes 0.46 dB; what is left, 0.9 to 1.05 dB (1.0 to 1.1 dB at
-   48 m, 0.8 to 1.0 dB at 97 m), is texture within fields, which the model does not draw.
+   from {bias("measured", every)} to {bias("own fields", every)}; without any spread it is
+   {bias("even fields", every)}.
+4. **Texture within fields explains most of what is left with everything measured**: {bias("own ground", every)} over
+   all configurations, {bias("own ground", middle)} where all looks of cells of 24 to 97 m are averaged. There the
+   simulated fields are even inside, and real ones are not: pure blocks of 72.6 m scatter about the mean of their field
+   by 1.0 dB in HH and VV and by 1.15 dB in HV, where the speckle of their 88 looks makes 0.46 dB; what is left, 0.9 to
+   1.05 dB (1.0 to 1.1 dB at 48 m, 0.8 to 1.0 dB at 97 m), is texture. With parts of 75 m that differ by 1.0 dB the
+   biases become {bias("own ground, texture", every)} and {bias("own ground, texture", middle)}, and the rms difference
+   {rms("own ground, texture")}, near the flight's own observation noise. `texture_db` gives a campaign this texture.
 5. **Looks below those of the cell** are in the flight the mean of a random subset of its cells, so a point sample of a
    mixed cell; here they are independent samples of the whole cell's mean. This adds scatter at 16 and 64 looks.
 6. Class means are taken as the same at every range; the flight's incidence angles (some 20 to 60 deg) are not in its
@@ -312,7 +317,8 @@ The variants take the drawn things away one by one.
 
 **For the use of the engine in a campaign**: configurations are ranked as the flight ranks them, and the simulated
 optimum is as good a choice in the flight as its own best within the noise of two scores. Absolute percentages carry an
-error of about 5 points. Only L band and one date could be tested.
+error of about 5 points, most of it from what is not known of the ground: with the ground known and texture it is
+{rms("own ground, texture")}. Only L band and one date could be tested.
 """
 
 

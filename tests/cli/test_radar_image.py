@@ -98,13 +98,19 @@ def test_a_users_function_is_the_receiver(campaign, tmp_path, monkeypatch):
         "def broken(p): return p / nothing\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    plain = arrays(campaign(QUIET))
+    folder = campaign(QUIET)
+    plain = arrays(folder)
     got = arrays(campaign(QUIET + 'receiver = "my_receiver:root"\n'))
     np.testing.assert_allclose(got["intensity_w"], np.sqrt(plain["intensity_w"].astype(float)), rtol=1e-5)
     refused(campaign('receiver = "my_receiver:wrong"\n'), "my_receiver:wrong", "as many intensities")
     refused(campaign('receiver = "my_receiver:broken"\n'), "nothing", "NameError")
     refused(campaign('receiver = "my_receiver:none"\n'), "my_receiver:none", command="check")
     refused(campaign('receiver = "magic"\n'), "magic", "square_law")
+    got = arrays(campaign(QUIET + 'processing = "my_receiver:root"\nreceiver = "saturation"\n'))
+    limit = level_w(plain, folder)
+    np.testing.assert_allclose(got["intensity_w"], np.sqrt(np.minimum(plain["intensity_w"], limit)), rtol=2e-3)
+    refused(campaign('processing = "my_receiver:none"\n'), "processing", "my_receiver:none", command="check")
+    refused(campaign('processing = "square"\n'), "processing", "package.module:function")
     sys.modules.pop("my_receiver", None)
 
 
