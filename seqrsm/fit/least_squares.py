@@ -272,7 +272,7 @@ def fit_least_squares(
     setting_ids : sequence (n,), optional
         Equal for runs with the same *executed* settings; needed for pure error.
     block_ids : sequence (n,), optional
-        Pure error is taken within blocks.
+        Pure error is taken within blocks; by default those that the block columns tell apart.
 
     Raises
     ------
@@ -288,6 +288,9 @@ def fit_least_squares(
         remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
         raise FitError(Problem(f"{y.size} runs cannot determine {len(names)} terms", remedy))
     n, p = Z.shape
+    in_blocks = np.array([kind == "block" for kind in kinds], dtype=np.bool_)
+    if block_ids is None and np.any(in_blocks):
+        block_ids = [tuple(row) for row in Z[:, in_blocks].tolist()]
     root = np.sqrt(w)
     factors = linear_system.factorise(Z * root[:, None])
     basic, r = linear_system.solve(factors, y * root)

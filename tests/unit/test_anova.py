@@ -109,3 +109,19 @@ def test_group_index() -> None:
     assert group_index(None, 3) is None
     with pytest.raises(ValueError):
         group_index([1, 2], 3)
+
+
+def test_pure_error_is_taken_within_the_blocks_that_the_columns_tell_apart() -> None:
+    """Repeats on different days differ by the days: without block_ids the block columns say which they are."""
+    rng = np.random.default_rng(12)
+    points = np.repeat(rng.uniform(-1, 1, (6, 1)), 4, axis=0)
+    days = ["a", "a", "b", "b"] * 6
+    columns, names = block_columns(days)
+    Z = np.hstack([np.ones((24, 1)), points, columns])
+    terms = [SimpleNamespace(name="1", kind="intercept"), SimpleNamespace(name="x", kind="linear"), *names]
+    y = 5.0 * columns[:, 0] + rng.normal(size=24)
+    ids = [tuple(row) for row in points]
+    fit = fit_least_squares(Z, y, terms, setting_ids=ids)
+    told = fit_least_squares(Z, y, terms, setting_ids=ids, block_ids=days)
+    assert fit.lack_of_fit() == told.lack_of_fit()
+    assert fit.lack_of_fit().df_pe == 12
