@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from typing import Final, Literal, overload
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import BOLTZMANN_J_K, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT_M_S
-from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.errors import ConfigurationError
 from seqrsm.sensor.antenna import (
     PATTERN_STEPS,
     ElevationPattern,
@@ -25,6 +25,7 @@ from seqrsm.sensor.antenna import (
 )
 from seqrsm.sensor.earth import ground_range_of_look, incidence_of_look
 from seqrsm.sensor.feasibility import converted, set_problems, swath_problems, swath_rows, value_problems
+from seqrsm.sensor.settings import collect
 from seqrsm.units import db_to_linear
 
 PARAMETER_FIELDS: Final[Mapping[str, str]] = {
@@ -460,27 +461,14 @@ def from_settings(
     ConfigurationError
         Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
     """
-    given: dict[str, float | str] = {}
-    problems: list[Problem] = []
-    by_field = {field.name: field for field in fields(RadarConfiguration) if field.name != "channels"}
-    known = [*PARAMETER_FIELDS, "pattern_file", *(name for name in by_field if name not in PARAMETER_FIELDS.values())]
-    for name, value in [*settings.items(), *(fixed or {}).items()]:
-        target = "pattern_table" if name == "pattern_file" else PARAMETER_FIELDS.get(name, name)
-        if target != "channels" and target not in by_field:
-            problems.append(Problem("no such radar parameter", f"Known: {', '.join(known)}", field=name, value=value))
-        elif target in given:
-            problems.append(Problem("given twice", "Give it as a factor or as fixed, not both", field=name))
-        else:
-            given[target] = pattern_file_text(str(value), problems) if name == "pattern_file" else value
-    names = {target: name for name, target in PARAMETER_FIELDS.items()}
-    required = ["channels", *(name for name, field in by_field.items() if field.default is MISSING)]
-    for name in required:
-        if name not in given:
-            remedy = "Make it a factor or give it under [simulator.fixed]"
-            problems.append(Problem("missing", remedy, field=names.get(name, name)))
+    names = {**PARAMETER_FIELDS, "pattern_file": "pattern_table"}
+    given, problems = collect("radar", RadarConfiguration, names, settings, fixed)
+    if "pattern_file" in {**settings, **(fixed or {})} and "pattern_table" in given:
+        given["pattern_table"] = pattern_file_text(str(given["pattern_table"]), problems)
+    shown = {target: name for name, target in names.items()}
     arguments: dict[str, object] = {}
     for name, value in given.items():
-        arguments[name] = converted(name, value, problems, names.get(name, name))
+        arguments[name] = converted(name, value, problems, shown.get(name, name))
     if problems:
         raise ConfigurationError(*problems)
     build: Callable[..., RadarConfiguration] = RadarConfiguration

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.sensor.settings import collect
 
 PARAMETER_FIELDS: Final[Mapping[str, str]] = {
     "frequency": "frequency_ghz",
@@ -304,23 +305,7 @@ def from_settings(
     ConfigurationError
         Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
     """
-    given: dict[str, float | str] = {}
-    problems: list[Problem] = []
-    by_field = {field.name: field for field in fields(RadiometerConfiguration)}
-    known = [*PARAMETER_FIELDS, *(name for name in by_field if name not in _SHOWN)]
-    for name, value in [*settings.items(), *(fixed or {}).items()]:
-        target = PARAMETER_FIELDS.get(name, name)
-        if target not in by_field:
-            text = "no such radiometer parameter"
-            problems.append(Problem(text, f"Known: {', '.join(known)}", field=name, value=value))
-        elif target in given:
-            problems.append(Problem("given twice", "Give it as a factor or as fixed, not both", field=name))
-        else:
-            given[target] = value
-    for name, field in by_field.items():
-        if field.default is MISSING and name not in given:
-            remedy = "Make it a factor or give it under [simulator.fixed]"
-            problems.append(Problem("missing", remedy, field=_SHOWN.get(name, name)))
+    given, problems = collect("radiometer", RadiometerConfiguration, PARAMETER_FIELDS, settings, fixed)
     arguments = {name: _converted(name, value, problems) for name, value in given.items()}
     if problems:
         raise ConfigurationError(*problems)
