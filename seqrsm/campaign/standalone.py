@@ -1,17 +1,126 @@
-"""``seqrsm design``: an optimal design without a campaign."""
+"""``seqrsm design``: an optimal or classical design without a campaign."""
 
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from seqrsm.design.evaluate import evaluate_design
-from seqrsm.design.factors import ContinuousFactor
+import numpy as np
+
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.design import classical
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.evaluate import DesignReport, evaluate_design
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import Problem, UserError
+from seqrsm.design.split_plot import FIXED_BLOCKS, plot_sizes, split_plot_design
+from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
+
+CLASSICAL: dict[str, str] = {
+    "factorial": "all corners",
+    "factorial3": "all combinations of low, middle and high",
+    "ccd-face": "central composite, axial points on the faces",
+    "ccd-rotatable": "central composite, axial points beyond the faces: variance alike in every direction",
+    "ccd-inscribed": "the rotatable one shrunk into the region",
+    "box-behnken": "middles of the edges and the centre (3 to 7 factors)",
+    "definitive-screening": "three levels in 2k + 1 runs or two more (3 to 8 factors)",
+    "latin-hypercube": "each factor once in each of as many equal intervals as runs",
+    "sobol": "even filling of the region",
+}
+"""Designs by name."""
+
+_MAX_FACTORS = 8
+_SIZED = ("latin-hypercube", "sobol")
+
+
+@dataclass(frozen=True, slots=True)
+class DesignRequest:
+    """What is wanted.
+
+    Attributes
+    ----------
+    factors : int or None
+        Number of coded continuous factors x1, x2 ...; None where they are declared.
+    declared : tuple of str
+        ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log``, or ``NAME=LEVEL,LEVEL,...``: numbers are discrete levels, words are
+        categories.
+    constraints : tuple of str
+    runs : int or None
+        Runs to choose; None for classical designs that have their own number.
+    kind : str
+        "optimal", or one of `CLASSICAL`.
+    criterion : str
+    order : int
+        1 or 2.
+    centre : int
+        Runs at the centre.
+    prior_runs : Path or None
+        CSV of runs already made, a column for each factor.
+    blocks, plots : int
+        Fixed blocks; plots (flights) that keep the factors ``hard``.
+    hard : tuple of str
+    variance_ratio : float
+        Variance between plots over that between runs.
+    if_possible : float or None
+        Prior standard deviation, in those of a run, of the terms of second order, which are then estimated if possible.
+    seed : int
+    """
+
+    factors: int | None = None
+    declared: tuple[str, ...] = ()
+    constraints: tuple[str, ...] = ()
+    runs: int | None = None
+    kind: str = "optimal"
+    criterion: str = "D"
+    order: int = 2
+    centre: int | None = None
+    prior_runs: Path | None = None
+    blocks: int = 0
+    plots: int = 0
+    hard: tuple[str, ...] = ()
+    variance_ratio: float = 1.0
+    if_possible: float | None = None
+    seed: int = 1979
+
+
+def _wrong(message: str, remedy: str, field: str, value: object = None) -> UserError:
+    return UserError(Problem(message, remedy, field=field, value=value))
+
+
+def parse_factor(text: str) -> Factor:
+    """A factor from ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log`` or ``NAME=LEVEL,LEVEL,...``.
+
+    Raises
+    ------
+    UserError
+        The text is none of these.
+    RegionError
+        Name or values that a factor cannot have.
+    """
+    remedy = 'Write NAME=LOW:HIGH, NAME=LOW:HIGH:log, or NAME=LEVEL,LEVEL; for example "looks=1,2,4".'
+    name, equals, rest = (part.strip() for part in text.partition("="))
+    if not equals or not name or not rest:
+        raise _wrong("a factor is not understood", remedy, "--factor", text)
+    if ":" in rest:
+        low, _, tail = rest.partition(":")
+        high, _, scale = tail.partition(":")
+        try:
+            ends = float(low), float(high)
+        except ValueError:
+            raise _wrong("the range of a factor is no pair of numbers", remedy, "--factor", text) from None
+        if scale.strip() not in ("", "log", "linear"):
+            raise _wrong("unknown scale", "Use log or linear.", "--factor", text)
+        return ContinuousFactor(name, *ends, scale="log" if scale.strip() == "log" else "linear")
+    levels = [part.strip() for part in rest.split(",") if part.strip()]
+    try:
+        return DiscreteFactor(name, tuple(float(level) for level in levels))
+    except ValueError:
+        return CategoricalFactor(name, tuple(levels))
 
 
 def _criterion(text: str) -> Criterion:
@@ -19,63 +128,263 @@ def _criterion(text: str) -> Criterion:
         if text.upper() == criterion:
             found: Criterion = criterion
             return found
-    known = ", ".join(get_args(Criterion))
-    raise UserError(Problem("unknown criterion", f"Use one of {known}.", field="--criterion", value=text))
+    raise _wrong("unknown criterion", f"Use one of {', '.join(get_args(Criterion))}.", "--criterion", text)
 
 
-def standalone_design(n_factors: int, n_runs: int, criterion: str, seed: int, out: Path | None) -> dict[str, Any]:
-    """Optimal design for the full quadratic model in ``n_factors`` factors on [-1, 1].
+def _factors(request: DesignRequest) -> tuple[Factor, ...]:
+    if request.declared and request.factors is not None:
+        raise _wrong("factors are counted and declared", "Give --factors or --factor, not both.", "--factors")
+    if request.declared:
+        found = tuple(parse_factor(text) for text in request.declared)
+        if len(found) > _MAX_FACTORS:
+            raise _wrong("too many factors", f"Use {_MAX_FACTORS} at most.", "--factor", len(found))
+        return found
+    if request.factors is None:
+        raise _wrong("no factors", "Give their number (--factors) or each of them (--factor).", "--factors")
+    return tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(request.factors))
+
+
+def read_prior_runs(path: Path, region: Region) -> FloatArray:
+    """Coded settings (n, k) of runs already made, from a CSV with a column for each factor.
+
+    Raises
+    ------
+    ScoresFileError
+        The file cannot be read, lacks a factor, or has a value that is none; naming line and column.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScoresFileError(Problem(f"cannot read the file: {error}", "Give a UTF-8 CSV.", file=str(path))) from None
+    header = text.partition("\n")[0]
+    delimiter = max(",;\t", key=header.count)
+    rows = list(csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True))
+    columns = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
+    missing = [name for name in region.names if name not in columns]
+    if missing or not rows:
+        what = f"there is no column {', '.join(missing)}" if missing else "there are no runs"
+        remedy = f"Give a header with {', '.join(region.names)} and a line for each run."
+        raise ScoresFileError(Problem(what, remedy, file=str(path), line=1))
+    settings: list[dict[str, float | str]] = []
+    for number, row in enumerate(rows, start=2):
+        one: dict[str, float | str] = {}
+        for factor in region.factors:
+            value = ({(key or "").strip(): cell for key, cell in row.items()}[factor.name] or "").strip()
+            if isinstance(factor, CategoricalFactor):
+                one[factor.name] = value
+                continue
+            try:
+                one[factor.name] = float(value)
+            except ValueError:
+                problem = Problem("a setting is no number", "Correct it.", str(path), number, factor.name, value)
+                raise ScoresFileError(problem) from None
+        settings.append(one)
+        try:
+            region.code([one])
+        except UserError as error:
+            first = error.problems[0]
+            raise ScoresFileError(
+                Problem(first.message, first.remedy, str(path), number, first.field, first.value)
+            ) from None
+    return region.code(settings)
+
+
+def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | None) -> FloatArray:
+    """Coded points of a classical design; levels of discrete factors are the nearest ones."""
+    k, kind = len(factors), request.kind
+    if any(isinstance(factor, CategoricalFactor) for factor in factors):
+        remedy = "Use an optimal design."
+        raise _wrong("classical designs are for numeric factors", remedy, "--design", kind)
+    centre = request.centre
+    if kind in _SIZED and runs is None:
+        raise _wrong("the number of runs is missing", "Give --runs.", "--runs")
+    made: dict[str, Callable[[], FloatArray]] = {
+        "factorial": lambda: np.vstack([classical.full_factorial([2] * k), np.zeros((centre or 0, k))]),
+        "factorial3": lambda: np.vstack([classical.full_factorial([3] * k), np.zeros((centre or 0, k))]),
+        "ccd-face": lambda: classical.central_composite(k, "face", 3 if centre is None else centre),
+        "ccd-rotatable": lambda: classical.central_composite(k, "rotatable", 3 if centre is None else centre),
+        "ccd-inscribed": lambda: classical.central_composite(k, "inscribed", 3 if centre is None else centre),
+        "box-behnken": lambda: classical.box_behnken(k, centre),
+        "definitive-screening": lambda: classical.definitive_screening(k, 1 if centre is None else centre),
+        "latin-hypercube": lambda: classical.latin_hypercube(runs or 1, k, request.seed, centred=True),
+        "sobol": lambda: classical.sobol(runs or 1, k, request.seed),
+    }
+    if kind not in made:
+        raise _wrong("unknown design", f"Use optimal, {', '.join(CLASSICAL)}.", "--design", kind)
+    points = made[kind]()
+    if runs is not None and runs != len(points):
+        remedy = "Leave --runs out, or use --centre or another design."
+        raise _wrong(f"this design has {len(points)} runs", remedy, "--runs", runs)
+    for j, axis in enumerate(Region(factors).axes):
+        if axis is not None:
+            points[:, j] = axis[np.argmin(np.abs(points[:, j][:, None] - axis), axis=1)]
+    return points
+
+
+def _if_possible(request: DesignRequest, model: QuadraticModel) -> FloatArray | None:
+    """Prior precision of the terms of second order, over that of a run (DuMouchel & Jones 1994)."""
+    if request.if_possible is None:
+        return None
+    if not request.if_possible > 0.0 or not np.isfinite(request.if_possible):
+        remedy = "Give a positive number, for instance 1."
+        raise _wrong("the prior standard deviation is impossible", remedy, "--if-possible", request.if_possible)
+    second = [term.kind not in ("intercept", "linear", "category") for term in model.terms]
+    return np.diag(np.where(second, request.if_possible**-2.0, 0.0))
+
+
+def _optimal(
+    request: DesignRequest, model: QuadraticModel, region: Region, prior: FloatArray
+) -> tuple[FloatArray, IntArray, dict[str, Any]]:
+    """Points, plot of each run (empty without plots), and what the search tells."""
+    if request.runs is None:
+        raise _wrong("the number of runs is missing", f"Give --runs, {model.p} or more.", "--runs")
+    criterion, none = _criterion(request.criterion), np.empty(0, dtype=np.int64)
+    n_plots = request.blocks or request.plots
+    if not n_plots:
+        if request.hard:
+            raise _wrong("hard-to-change factors need plots", "Give --plots, say the number of flights.", "--plots")
+        repeats = np.tile(region.centre(), (request.centre or 0, 1))
+        design = optimal_design(
+            model,
+            region,
+            request.runs - len(repeats),
+            criterion,
+            seed=request.seed,
+            fixed=np.vstack([prior, repeats]),
+            prior_precision=_if_possible(request, model),
+        )
+        told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
+        return np.vstack([repeats, design.points]), none, told
+    if request.blocks and (request.plots or request.hard):
+        remedy = "Give --blocks for days, or --plots with --hard for flights."
+        raise _wrong("blocks and plots exclude each other", remedy, "--blocks", request.blocks)
+    if criterion != "D" or len(prior) or request.centre or request.if_possible is not None:
+        what = "Designs in blocks or plots are D-optimal, without prior or centre runs."
+        raise _wrong("this option does not go with blocks or plots", what, "--blocks" if request.blocks else "--plots")
+    if not request.variance_ratio >= 0.0 or not np.isfinite(request.variance_ratio):
+        remedy = "Give 0 or more, for instance 1."
+        raise _wrong("the variance ratio is impossible", remedy, "--variance-ratio", request.variance_ratio)
+    unknown = [name for name in request.hard if name not in region.names]
+    if unknown:
+        known = ", ".join(region.names)
+        raise _wrong("a hard-to-change factor is not among the factors", f"Known: {known}.", "--hard", unknown[0])
+    plots = plot_sizes(request.runs, n_plots)
+    hard = tuple(region.names.index(name) for name in request.hard)
+    eta = FIXED_BLOCKS if request.blocks else request.variance_ratio
+    return split_plot_design(model, region, plots, hard, eta, request.seed), plots, {"seed": request.seed}
+
+
+def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[str, Any]:
+    """Make a design and tell how good it is.
 
     Parameters
     ----------
-    n_factors, n_runs : int
-    criterion : str
-        One of `seqrsm.design.optimal.Criterion`, in any case.
-    seed : int
-        Of the search.
+    request : DesignRequest
     out : Path, optional
-        CSV of the coded points.
+        CSV of the new runs: natural settings, and their block or plot.
 
     Returns
     -------
     dict
-        Points and what is known of their quality.
+        Points and what is known of their quality, prior runs counted.
 
     Raises
     ------
-    DesignError
-        Fewer runs than terms, or an unknown criterion.
+    DesignError, RegionError
+        Fewer runs than terms, factors or constraints that cannot be.
     UserError
-        The file cannot be written.
+        Options that do not go together; a file that cannot be read or written.
     """
-    factors = tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(n_factors))
-    model = QuadraticModel(factors)
-    region = Region(factors)
-    design = optimal_design(model, region, n_runs, _criterion(criterion), seed=seed)
+    if request.order not in (1, 2):
+        raise _wrong("unknown order of the model", "Use 1 or 2.", "--order", request.order)
+    factors = _factors(request)
+    region = Region(factors, tuple(Constraint(text) for text in request.constraints))
+    model = QuadraticModel(factors, 1 if request.order == 1 else 2)
+    prior = read_prior_runs(request.prior_runs, region) if request.prior_runs else np.empty((0, region.k))
+    plots, told = np.empty(0, dtype=np.int64), {"seed": request.seed}
+    if request.kind == "optimal":
+        points, plots, told = _optimal(request, model, region, prior)
+    else:
+        points = _classical(request, factors, request.runs)
+        if request.blocks or request.plots or request.hard:
+            remedy = "Use an optimal design (--design optimal)."
+            raise _wrong("classical designs come without blocks and plots", remedy, "--design", request.kind)
+        out_of_region = np.flatnonzero(~region.feasible(points)) if request.constraints else np.empty(0)
+        if len(out_of_region):
+            raise DesignError(
+                Problem(
+                    f"{len(out_of_region)} of {len(points)} runs of this design violate a constraint",
+                    "Use an optimal design, which keeps to the region.",
+                    field="--design",
+                    value=request.kind,
+                )
+            )
     if out is not None:
-        try:
-            with out.open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.writer(stream)
-                writer.writerow([factor.name for factor in factors])
-                writer.writerows([[repr(float(x)) for x in row] for row in design.points])
-        except OSError as error:
-            raise UserError(Problem(f"cannot write the file: {error.strerror}", file=str(out))) from error
-    report = evaluate_design(model, region, design.points)
+        _write(out, region, points, plots, "block" if request.blocks else "plot")
+    report = evaluate_design(model, region, np.vstack([prior, points]))
+    return _document(request, model, region, points, plots, prior, report, told)
+
+
+def _document(
+    request: DesignRequest,
+    model: QuadraticModel,
+    region: Region,
+    points: FloatArray,
+    plots: IntArray,
+    prior: FloatArray,
+    report: DesignReport,
+    told: dict[str, Any],
+) -> dict[str, Any]:
+    warnings = [f"cannot be estimated: {alias}" for alias in report.aliases]
+    if report.rank == report.n_terms and report.condition_number > 1e3:
+        warnings.append(f"the design is ill-conditioned (condition number {report.condition_number:.2g})")
+    if report.n_runs == report.n_terms:
+        warnings.append("as many runs as terms: nothing is left over to estimate the scatter from")
+    elif not report.df_pure_error:
+        warnings.append("no settings are repeated: lack of fit cannot be tested")
     return {
-        "factors": n_factors,
-        "runs": n_runs,
+        "factors": region.k,
+        "names": list(region.names),
+        "runs": len(points),
+        "prior_runs": len(prior),
         "terms": model.p,
-        "criterion": design.criterion,
-        "points": design.points.tolist(),
-        "d_efficiency": design.d_efficiency,
-        "i_efficiency": design.i_efficiency,
-        "g_efficiency": report.g_efficiency,
-        "d_value": design.d_value,
-        "i_value": design.i_value,
-        "condition_number": design.condition_number,
-        "fraction_of_design_space": report.fraction_of_design_space.tolist(),
-        "warnings": [f"cannot be estimated: {name}" for name in design.inestimable],
-        "searches": design.starts,
-        "searches_that_ended_here": design.hits,
-        "seed": design.seed,
+        "design": request.kind,
+        "criterion": request.criterion.upper() if request.kind == "optimal" else None,
+        "points": points.tolist(),
+        "settings": region.decode(points),
+        "block" if request.blocks else "plot": (plots + 1).tolist() if len(plots) else None,
+        "d_efficiency": report.d_efficiency,
+        "i_efficiency": report.i_efficiency,
+        "g_efficiency": _number(report.g_efficiency),
+        "d_value": _number(report.d_value),
+        "a_value": _number(report.a_value),
+        "i_value": _number(report.i_value),
+        "g_value": _number(report.g_value),
+        "condition_number": _number(report.condition_number),
+        "rank": report.rank,
+        "n_distinct": report.n_distinct,
+        "df_pure_error": report.df_pure_error,
+        "leverage": [_number(value) for value in report.leverage],
+        "fraction_of_design_space": [_number(value) for value in report.fraction_of_design_space],
+        "aliases": list(report.aliases),
+        "warnings": warnings,
+        **told,
     }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _write(out: Path, region: Region, points: FloatArray, plots: IntArray, column: str) -> None:
+    names: Sequence[str] = region.names
+    try:
+        with out.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([*([column] if len(plots) else []), *names])
+            for i, settings in enumerate(region.decode(points)):
+                cells = [settings[name] for name in names]
+                row = [cell if isinstance(cell, str) else repr(float(cell)) for cell in cells]
+                writer.writerow([*([int(plots[i]) + 1] if len(plots) else []), *row])
+    except OSError as error:
+        raise UserError(Problem(f"cannot write the file: {error.strerror}", file=str(out))) from error

@@ -266,12 +266,23 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
 
 def show_design(result: Mapping[str, Any]) -> None:
     """A stand-alone design and its quality."""
-    k = result["factors"]
-    rows = [[str(i + 1), *(f"{round(x, 4) + 0.0:+.4f}" for x in row)] for i, row in enumerate(result["points"])]
-    show_table(["run", *(f"x{i + 1}" for i in range(k))], rows)
+    plots = result.get("block") or result.get("plot")
+    head = "block" if result.get("block") else "plot"
+    rows = []
+    for i, settings in enumerate(result["settings"]):
+        cells = [value if isinstance(value, str) else f"{round(value, 4) + 0.0:.5g}" for value in settings.values()]
+        rows.append([str(i + 1), *([str(plots[i])] if plots else []), *cells])
+    show_table(["run", *([head] if plots else []), *result["names"]], rows)
+    if result["prior_runs"]:
+        line(f"together with {result['prior_runs']} runs made before:")
     for name, value in result.items():
         if isinstance(value, float):
             line(f"{name}: {value:.6g}")
+    curve = result["fraction_of_design_space"]
+    if curve[0] is not None:
+        shares = ", ".join(f"{curve[at]:.4g} in {at} %" for at in (50, 90, 100))
+        line(f"scaled prediction variance is at most {shares} of the region")
+    line(f"{result['n_distinct']} distinct settings, {result['df_pure_error']} degrees of freedom of pure error")
     for warning in result.get("warnings", ()):
         line(f"Warning: {warning}")
 

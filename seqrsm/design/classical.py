@@ -175,3 +175,32 @@ def sobol(n: int, k: int, seed: int | None = None) -> FloatArray:
     engine = qmc.Sobol(k, scramble=seed is not None, seed=None if seed is None else np.random.default_rng(seed))
     points: FloatArray = 2.0 * engine.random_base2(int(np.ceil(np.log2(n))))[:n] - 1.0
     return points
+
+
+def definitive_screening(k: int, centre_runs: int = 1) -> FloatArray:
+    """Definitive screening design (Jones & Nachtsheim 2011, J. Quality Technology 43, 1-15): [C; -C; 0].
+
+    C is a conference matrix of even order (Xiao, Lin & Bai 2012, J. Quality Technology 44, 2-8), here by Paley's
+    construction; for an odd number of factors a column of the next order is left out. Main effects are clear of each
+    other and of all second-order terms; the full quadratic needs more runs from four factors on.
+
+    Parameters
+    ----------
+    k : int
+        Factors, 3 to 8.
+    centre_runs : int
+        Runs at the centre, 1 or more.
+    """
+    order = k + k % 2
+    if not 3 <= k <= 8 or centre_runs < 1:
+        raise DesignError(Problem("definitive screening designs are given for 3 to 8 factors", "Use another.", value=k))
+    q = order - 1
+    squares = {(i * i) % q for i in range(1, q)}
+    character = [0 if i == 0 else 1 if i in squares else -1 for i in range(q)]
+    C = np.ones((order, order))
+    C[0, 0] = 0.0
+    C[1:, 1:] = [[character[(i - j) % q] for j in range(q)] for i in range(q)]
+    if q % 4 == 3:
+        C[1:, 0] = -1.0
+    C = C[:, :k]
+    return np.vstack([C, -C, np.zeros((centre_runs, k))])

@@ -1,0 +1,167 @@
+"""`seqrsm design`: every option, checked on the points it gives, and what it says to mistakes."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from seqrsm.cli.app import app
+from seqrsm.design.classical import definitive_screening
+
+
+def call(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, ["design", *(str(argument) for argument in arguments)])
+    assert result.exit_code == code, result.output + repr(result.exception)
+    return result
+
+
+def made(*arguments: object) -> dict:
+    return json.loads(call(*arguments, "--json").stdout)
+
+
+def quadratic(points) -> np.ndarray:
+    x = np.asarray(points)
+    k = x.shape[1]
+    return np.column_stack([np.ones(len(x)), x, *(x[:, i] * x[:, j] for i in range(k) for j in range(i, k))])
+
+
+def test_efficiencies_are_those_of_the_points() -> None:
+    found = made("--factors", 2, "--runs", 9, "--criterion", "d")
+    Z = quadratic(found["points"])
+    assert found["d_value"] == pytest.approx(np.linalg.det(Z.T @ Z) ** (1 / 6) / 9)
+    assert found["d_efficiency"] == pytest.approx(found["d_value"] / 0.4745937662, rel=1e-6)
+    assert len(found["fraction_of_design_space"]) == 101
+    assert sum(found["leverage"]) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("criterion", ["I", "A", "G"])
+def test_each_criterion_is_better_at_its_own(criterion) -> None:
+    own, other = (made("--factors", 1, "--runs", 7, "--criterion", c) for c in (criterion, "D"))
+    key = f"{criterion.lower()}_value"
+    assert own[key] < other[key] * (1.0 + 1e-9)
+
+
+def test_factors_of_every_kind_and_a_constraint(tmp_path) -> None:
+    out = tmp_path / "d.csv"
+    found = made(
+        "--factor", "f=1:16:log", "--factor", "looks=1,2,4", "--factor", "pol=HH,HV", "--constraint", "looks <= f",
+        "--runs", 18, "--csv", out,
+    )  # fmt: skip
+    with out.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["pol"] for row in rows] == [settings["pol"] for settings in found["settings"]]
+    assert all(float(row["looks"]) <= float(row["f"]) * (1 + 1e-9) and row["looks"] in "1.0 2.0 4.0" for row in rows)
+    # f is coded on its logarithm
+    for point, settings in zip(found["points"], found["settings"], strict=True):
+        assert settings["f"] == pytest.approx(4.0 * 4.0 ** point[0])
+
+
+def test_runs_already_made_are_completed(tmp_path) -> None:
+    file = tmp_path / "old.csv"
+    file.write_text("\ufeffb;a;score\n0.5;10;80\n1;20;81\n0;15;79\n", encoding="utf-8")
+    options = ("--factor", "a=10:20", "--factor", "b=0:1")
+    found = made(*options, "--runs", 6, "--prior-runs", file)
+    assert (found["runs"], found["prior_runs"]) == (6, 3)
+    old = np.array([[-1.0, 0.0], [1.0, 1.0], [0.0, -1.0]])
+    Z = quadratic(np.vstack([old, found["points"]]))
+    assert found["d_value"] == pytest.approx(np.linalg.det(Z.T @ Z) ** (1 / 6) / 9)
+    file.write_text("a,b\n10,0.5\n15,much\n", encoding="utf-8")
+    message = call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
+    assert "old.csv:3" in message
+    assert "b" in message
+    assert "much" in message
+    file.write_text("a\n10\n", encoding="utf-8")
+    assert "no column b" in call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
+    call(*options, "--runs", 6, "--prior-runs", tmp_path / "none.csv", code=2)
+
+
+def test_blocks_and_flights() -> None:
+    found = made("--factors", 2, "--runs", 12, "--blocks", 3)
+    blocks = np.array(found["block"])
+    assert np.bincount(blocks).tolist() == [0, 4, 4, 4]
+    Z = np.column_stack([quadratic(found["points"]), blocks == 2, blocks == 3]).astype(float)
+    assert np.linalg.matrix_rank(Z) == 8
+    flights = made("--factors", 2, "--runs", 12, "--plots", 6, "--hard", "x2")
+    points, plot = np.array(flights["points"]), np.array(flights["plot"])
+    assert all(np.ptp(points[plot == p, 1]) == 0.0 for p in range(1, 7))
+    for options in (
+        ("--hard", "x1"), ("--plots", 4, "--hard", "y"), ("--plots", 2, "--hard", "x1"), ("--blocks", 13),
+        ("--blocks", 2, "--plots", 2), ("--blocks", 2, "--criterion", "I"), ("--plots", 4, "--variance-ratio", -1),
+    ):  # fmt: skip
+        call("--factors", 2, "--runs", 12, *options, code=2)
+
+
+def test_terms_if_possible_need_fewer_runs() -> None:
+    call("--factors", 3, "--runs", 6, code=2)
+    found = made("--factors", 3, "--runs", 6, "--if-possible", 1.0)
+    linear = np.column_stack([np.ones(6), found["points"]])
+    assert np.linalg.matrix_rank(linear) == 4
+    assert found["rank"] == 6
+    assert found["warnings"]
+    call("--factors", 3, "--runs", 6, "--if-possible", 0, code=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "k", "runs"),
+    [
+        ("factorial", 3, 8), ("factorial3", 2, 9), ("ccd-face", 3, 17), ("ccd-rotatable", 2, 11),
+        ("ccd-inscribed", 2, 11), ("box-behnken", 4, 27), ("definitive-screening", 6, 13),
+    ],
+)  # fmt: skip
+def test_classical_designs_by_name(name, k, runs) -> None:
+    found = made("--factors", k, "--design", name)
+    assert found["runs"] == runs
+    assert found["design"] == name
+    if name == "ccd-rotatable":
+        assert np.max(found["points"]) == pytest.approx(2**0.5)
+
+
+@pytest.mark.parametrize("k", [3, 4, 5, 6, 7, 8])
+def test_definitive_screening_keeps_main_effects_clear(k) -> None:
+    X = definitive_screening(k)
+    assert len(X) == 2 * (k + k % 2) + 1
+    np.testing.assert_allclose(X.T @ X, np.diag(np.diag(X.T @ X)), atol=1e-12)
+    second = quadratic(X)[:, 1 + k :]
+    np.testing.assert_allclose(X.T @ second, 0.0, atol=1e-12)
+
+
+def test_picture_and_words(tmp_path) -> None:
+    out = tmp_path / "fds.png"
+    text = call("--factors", 2, "--runs", 8, "--plot", out).stdout
+    assert out.read_bytes()[:4] == b"\x89PNG"
+    assert "d_efficiency" in text
+    assert "of the region" in text
+    call("--factors", 2, "--runs", 8, "--plot", tmp_path / "fds.gif", code=2)
+    call("--factors", 2, "--runs", 8, "--csv", tmp_path / "no" / "d.csv", code=2)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ((), "--factors"),
+        (("--factors", 2), "--runs"),
+        (("--factors", 2, "--factor", "a=1:2", "--runs", 9), "--factors"),
+        (("--factor", "a", "--runs", 9), "NAME=LOW:HIGH"),
+        (("--factor", "a=1:x", "--runs", 9), "a=1:x"),
+        (("--factor", "a=0:1:log", "--runs", 9), "log"),
+        (("--factor", "a=1:2", "--factor", "a=1:3", "--runs", 9), "a"),
+        (("--factors", 2, "--runs", 9, "--criterion", "E"), "D, I, A, G"),
+        (("--factors", 2, "--design", "moon"), "box-behnken"),
+        (("--factors", 2, "--design", "box-behnken"), "3 to 7"),
+        (("--factors", 3, "--design", "box-behnken", "--runs", 9), "15 runs"),
+        (("--factor", "p=H,V", "--factor", "a=1:2", "--design", "ccd-face"), "numeric"),
+        (("--factors", 2, "--design", "factorial", "--constraint", "x1 < 0"), "constraint"),
+        (("--factors", 2, "--runs", 9, "--constraint", "x1 > 0.5", "--constraint", "x1 < -0.5"), "x1 < -0.5"),
+        (("--factors", 2, "--runs", 9, "--constraint", "x1 <"), "constraint"),
+        (("--factors", 2, "--runs", 9, "--constraint", "y > 0"), "y"),
+        (("--factors", 2, "--runs", 5), "6"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(options, named) -> None:
+    message = call(*options, code=2).stderr
+    assert named in message
+    assert "Traceback" not in message
