@@ -52,8 +52,10 @@ def add_fading(
     first_row : int
         Row of the image in which the arrays begin.
     """
-    rows, spread = gamma_rows(looks), 1.0 / np.sqrt(looks)
-    kernels_speckle.add_speckle(mean, noise, rows, spread, numbers, normal_table(), *key, gaussian, first_row, out)
+    (tables, which), spread = gamma_tables(looks), 1.0 / np.sqrt(looks)
+    kernels_speckle.add_speckle(
+        mean, noise, tables, which, spread, numbers, normal_table(), *key, gaussian, first_row, out
+    )
 
 
 @lru_cache(maxsize=1)
@@ -64,8 +66,8 @@ def normal_table() -> AnyArray:
     return np.asarray(z + 1j * np.append(np.diff(z), 0.0))
 
 
-def gamma_rows(looks: FloatArray) -> FloatArray:
-    """Table of y at nodes of the normal variate for each row of an image.
+def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Tables of y for the rows of an image: four coefficients of a cubic in each step of the normal variate.
 
     Parameters
     ----------
@@ -74,11 +76,13 @@ def gamma_rows(looks: FloatArray) -> FloatArray:
 
     Returns
     -------
-    float64 array (n_range, k)
+    float64 array (n_tables, k), int64 array (n_range,)
+        A table for each number of looks, and which of them each row takes.
     """
     if looks.size and bool((looks == looks[0]).all()):
-        return np.broadcast_to(_basis(looks[:1]) @ _series(), (looks.size, _series().shape[1])).copy()
-    return _basis(looks) @ _series()
+        return _basis(looks[:1]) @ _series(), np.zeros(looks.size, dtype=np.int64)
+    different, which = np.unique(looks, return_inverse=True)
+    return _basis(different) @ _series(), which
 
 
 def _basis(looks: FloatArray) -> FloatArray:
@@ -87,7 +91,7 @@ def _basis(looks: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=1)
 def _series() -> FloatArray:
-    """Chebyshev coefficients in 1 / sqrt(N) of y at every node (order + 1, k)."""
+    """Chebyshev coefficients in 1 / sqrt(N) of the coefficients of every step's cubic (order + 1, k)."""
     nodes = np.arange(-1, 2 * round(CUBE_ROOT_REACH * CUBE_ROOT_STEPS) + 3) / CUBE_ROOT_STEPS - CUBE_ROOT_REACH
     at = np.cos(math.pi * (np.arange(_ORDER + 1) + 0.5) / (_ORDER + 1))
     spread = (0.5 * (at + 1.0))[:, None]
@@ -95,7 +99,11 @@ def _series() -> FloatArray:
     low = gammaincinv(spread**-2, ndtr(np.minimum(nodes, 0.0)))
     high = gammainccinv(spread**-2, ndtr(-np.maximum(nodes, 0.0)))
     y = 3.0 * (np.cbrt(np.where(nodes < 0.0, low, high) * spread**2) - 1.0) / spread
-    return np.asarray(np.linalg.solve(chebyshev.chebvander(at, _ORDER), y))
+    series = np.linalg.solve(chebyshev.chebvander(at, _ORDER), y)
+    # The cubic through the nodes on either side of a step and the next ones beyond.
+    a, b, c, d = (series[:, k : series.shape[1] - 3 + k] for k in range(4))
+    cubic = (b, c - a / 3.0 - b / 2.0 - d / 6.0, 0.5 * (a + c) - b, (d - a) / 6.0 + 0.5 * (b - c))
+    return np.asarray(np.stack(cubic, axis=2).reshape(len(series), -1))
 
 
 def correlated_fading(
@@ -133,14 +141,14 @@ def correlated_fading(
     """
     n_channels, n_range, n_azimuth = shape
     weights = [_box(size) for size in cell_pixels]
-    rows, spread = gamma_rows(looks), 1.0 / np.sqrt(looks)
+    (tables, which), spread = gamma_tables(looks), 1.0 / np.sqrt(looks)
     out = np.empty(shape)
     for c in range(n_channels):
         white = np.empty((n_range + len(weights[0]) - 1, n_azimuth + len(weights[1]) - 1))
         kernels_speckle.fill_normal(int(numbers[c]), normal_table(), *key, white)
         down = sum(w * white[k : k + n_range] for k, w in enumerate(weights[0]))
         z = sum(w * np.asarray(down)[:, k : k + n_azimuth] for k, w in enumerate(weights[1]))
-        kernels_speckle.fade(np.asarray(z), rows, spread, gaussian, out[c])
+        kernels_speckle.fade(np.asarray(z), tables, which, spread, gaussian, out[c])
     return out
 
 

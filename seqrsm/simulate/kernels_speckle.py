@@ -25,7 +25,7 @@ CUBE_ROOT_STEPS = 8
 """Steps of the tables of gamma quantiles in a unit of the normal variate."""
 
 CUBE_ROOT_REACH = 6.5
-"""Normal variate at which those tables end on either side, with two nodes more beyond."""
+"""Normal variate at which those tables end on either side."""
 
 
 @kernel
@@ -109,14 +109,16 @@ def _normal_of_word(word: np.uint32, table: AnyArray) -> float:
 
 
 @kernel
-def fade(normal: AnyArray, rows: AnyArray, spread: AnyArray, gaussian: bool, out: AnyArray) -> None:
+def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, gaussian: bool, out: AnyArray) -> None:
     """Fading of mean 1 at the probability of normal variates: RSL TR 380-1 eq. (3-11), or (3-12).
 
     Parameters
     ----------
     normal : float64 array (n_range, n_azimuth)
-    rows : float64 array (n_range, k)
-        Of `seqrsm.simulate.fading.gamma_rows`.
+    tables : float64 array (n_tables, k)
+        Of `seqrsm.simulate.fading.gamma_tables`.
+    which : int64 array (n_range,)
+        Table of each row.
     spread : float64 array (n_range,)
         1 / sqrt(N), at most 1.
     gaussian : bool
@@ -126,7 +128,7 @@ def fade(normal: AnyArray, rows: AnyArray, spread: AnyArray, gaussian: bool, out
     """
     for i in range(normal.shape[0]):
         for j in range(normal.shape[1]):
-            out[i, j] = _fading(normal[i, j], rows[i], spread[i], gaussian)
+            out[i, j] = _fading(normal[i, j], tables[which[i]], spread[i], gaussian)
 
 
 @kernel
@@ -135,13 +137,10 @@ def _fading(z: float, row: AnyArray, spread: float, gaussian: bool) -> float:
     if gaussian:
         return max(1.0 + spread * z, 0.0)
     place = (min(max(z, -CUBE_ROOT_REACH), CUBE_ROOT_REACH) + CUBE_ROOT_REACH) * CUBE_ROOT_STEPS
-    k = np.uint64(place)
-    f = place - np.float64(np.int64(k))
-    # The cubic through four nodes; the table begins one node before the reach.
-    a, b, c, d = row[k], row[k + np.uint64(1)], row[k + np.uint64(2)], row[k + np.uint64(3)]
-    g, h = 1.0 - f, 1.0 + f
-    e = 2.0 - f
-    y = f * g * (-e * a - h * d) * (1.0 / 6.0) + h * e * (g * b + f * c) * 0.5
+    whole = np.int32(place)
+    f = place - whole
+    k = np.uint64(whole) * np.uint64(4)
+    y = row[k] + f * (row[k + np.uint64(1)] + f * (row[k + np.uint64(2)] + f * row[k + np.uint64(3)]))
     root = max(1.0 + spread * y * (1.0 / 3.0), 0.0)
     return float(root * root * root)
 
@@ -150,7 +149,8 @@ def _fading(z: float, row: AnyArray, spread: float, gaussian: bool) -> float:
 def add_speckle(
     mean: AnyArray,
     noise: AnyArray,
-    rows: AnyArray,
+    tables: AnyArray,
+    which: AnyArray,
     spread: AnyArray,
     numbers: AnyArray,
     table: AnyArray,
@@ -168,7 +168,7 @@ def add_speckle(
         Mean power of the ground [W].
     noise : float64 array (n_range,)
         Mean power of the receiver noise [W].
-    rows, spread, gaussian
+    tables, which, spread, gaussian
         As in `fade`.
     numbers : int64 array (n_channels,)
         Number of each channel in the counter: a channel fades alike whoever is imaged beside it.
@@ -186,4 +186,4 @@ def add_speckle(
         for i in range(mean.shape[1]):
             _normal_row(first_row + i, numbers[c], table, k0, k1, normal)
             for j in range(mean.shape[2]):
-                out[c, i, j] = (mean[c, i, j] + noise[i]) * _fading(normal[j], rows[i], spread[i], gaussian)
+                out[c, i, j] = (mean[c, i, j] + noise[i]) * _fading(normal[j], tables[which[i]], spread[i], gaussian)

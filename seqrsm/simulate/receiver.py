@@ -7,6 +7,7 @@ nothing, and costs nothing.
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -210,7 +211,7 @@ def intensity(
     return out
 
 
-def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> FloatArray:
+def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> AnyArray:
     """Density of film, D = gamma log10(I) + log10(K): eqs. (3-4) to (3-6), (3-13), (3-14).
 
     Parameters
@@ -224,7 +225,8 @@ def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> 
 
     Returns
     -------
-    float64 array
+    float array
+        Of the type of `intensity_in`.
 
     Raises
     ------
@@ -233,7 +235,7 @@ def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> 
     """
     _refuse_nonpositive(gamma=gamma, k=k)
     with np.errstate(divide="ignore"):
-        return np.asarray(gamma * np.log10(np.asarray(intensity_in, dtype=np.float64)) + np.log10(k))
+        return np.asarray(gamma * np.log10(np.asarray(intensity_in) * 1.0) + math.log10(k))
 
 
 def greytone(

@@ -8,7 +8,7 @@ from scipy import stats
 
 from seqrsm.rng import generator, stream_key
 from seqrsm.simulate import kernels_speckle as kernels
-from seqrsm.simulate.fading import add_fading, gamma_rows, normal_table
+from seqrsm.simulate.fading import add_fading, gamma_tables, normal_table
 
 # Known answers of the Random123 library, file kat_vectors, philox4x32 with 10 rounds (Salmon et al. 2011).
 VECTORS = [
@@ -53,7 +53,7 @@ def test_fading_is_gamma_with_any_real_number_of_looks(looks):
 def test_fading_has_the_probability_of_its_normal_variate(looks):
     z = np.concatenate([np.linspace(-6.3, 6.3, 4001), np.linspace(-0.01, 0.01, 101)])
     got = np.empty((1, z.size))
-    kernels.fade(z[None], gamma_rows(np.array([looks])), np.array([looks**-0.5]), False, got)
+    kernels.fade(z[None], *gamma_tables(np.array([looks])), np.array([looks**-0.5]), False, got)
     # Each tail from its own side, in units of the tail itself.
     for side, law, normal in ((z <= 0.0, stats.gamma.cdf, stats.norm.cdf), (z > 0.0, stats.gamma.sf, stats.norm.sf)):
         expected = normal(z[side])
