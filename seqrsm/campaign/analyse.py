@@ -298,10 +298,11 @@ def _confirmation(
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
     verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
+    measured = f"{known(interval.mean, half)} {application.unit}".rstrip()
     text = (
-        f"{len(scores)} fresh runs at the recommended settings scored {known(interval.mean, half)} on average "
-        f"({spec.stop.level:.0%} interval {known(interval.low, half)} to {known(interval.high, half)}); this {verdict} "
-        f"the model, which predicted their mean between {known(low, half)} and {known(high, half)} "
+        f"{len(scores)} fresh runs at the recommended settings scored {measured} on average "
+        f"({100 * spec.stop.level:g} % interval {known(interval.low, half)} to {known(interval.high, half)}); this "
+        f"{verdict} the model, which predicted their mean between {known(low, half)} and {known(high, half)} "
         f"(p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(

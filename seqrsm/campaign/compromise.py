@@ -181,7 +181,7 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
     for i, loss in enumerate(found.losses):
         unit = analyses[i].score_unit if i < len(analyses) else ""
         suffix = f" {unit}" if unit else ""
-        between = f"{spec.stop.level:.0%} credible interval {loss.low:.3g} to {loss.high:.3g}"
+        between = f"{100 * spec.stop.level:g} % credible interval {loss.low:.3g} to {loss.high:.3g}"
         tail_text = f" ({between})" if np.isfinite(loss.low) else ""
         spread = loss.high - loss.low if np.isfinite(loss.low) else loss.given_up
         rows.append(

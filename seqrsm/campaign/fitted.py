@@ -291,7 +291,7 @@ def compare_sources(fitted: Fitted, point: FloatArray, level: float) -> SourceCo
         prior_driven=found.prior_driven,
         text=(
             f"At the recommended settings flights score {difference:+.3g} against simulations "
-            f"({level:.0%} credible interval {interval.low:.3g} to {interval.high:.3g}); after {found.n_flights} "
+            f"({100 * level:g} % credible interval {interval.low:.3g} to {interval.high:.3g}); after {found.n_flights} "
             f"flights this is {source} word ({100 * found.prior_share:.0f} % of the prior variance is left). All "
             "intervals are for flights."
         ),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import io
 import json
 import math
+import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -95,25 +97,39 @@ def print_json(document: Any) -> None:
     sys.stdout.write(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-_PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u2003": "  "})
+_PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2003": "  "})
+_FIXED_BLANK = "\u00a0"
 
 
 def ascii_signs(text: str) -> str:
     """The report's minus signs, dashes and fixed blanks as a keyboard has them, so that output can be searched."""
-    return text.translate(_PLAIN)
+    return text.translate(_PLAIN).replace(_FIXED_BLANK, " ")
+
+
+def width() -> int | None:
+    """Columns to keep to: those of the terminal; in a pipe those of COLUMNS, none without it."""
+    if sys.stdout.isatty():
+        return max(stdout().width, 20)
+    asked = os.environ.get("COLUMNS", "")
+    return max(int(asked), 20) if asked.isdecimal() and int(asked) > 0 else None
 
 
 def line(text: str = "", indent: int = 0) -> None:
-    """One statement on stdout, taken literally; on a terminal wrapped under its own beginning."""
-    text = ascii_signs(text)
-    if sys.stdout.isatty():
+    """One statement on stdout, taken literally; where there is a width, wrapped under its own beginning."""
+    columns = width()
+    if columns is not None:
         hang = indent + (2 if text.startswith("- ") else 0)
-        width = max(stdout().width, 20)
+        # Wrapped before fixed blanks become plain ones, so that a number stays beside its unit.
         text = textwrap.fill(
-            text, width, initial_indent=" " * indent, subsequent_indent=" " * hang, break_on_hyphens=False
+            text.translate(_PLAIN),
+            columns,
+            initial_indent=" " * indent,
+            subsequent_indent=" " * hang,
+            break_on_hyphens=False,
         )
     else:
         text = " " * indent + text
+    text = ascii_signs(text)
     _said.append(text)
     stdout().print(text.rstrip(), markup=False)
 
@@ -123,7 +139,9 @@ def heading(text: str) -> None:
     if _said:
         stdout().print()
     _said.append(text)
-    stdout().print(ascii_signs(text), markup=False, style="bold")
+    columns = width()
+    shown = ascii_signs(text if columns is None else textwrap.fill(text, columns, break_on_hyphens=False))
+    stdout().print(shown, markup=False, style="bold")
 
 
 def show_table(
@@ -145,21 +163,48 @@ def show_table(
         The last so many columns are left-aligned all the same.
     """
     sides = ["left" if left or k == 0 or k >= len(columns) - right else "right" for k in range(len(columns))]
+    columns = [ascii_signs(name) for name in columns]
     cells = [[ascii_signs(cell) for cell in row] for row in rows]
     if title:
         heading(title)
+    room = width()
     if not sys.stdout.isatty():
-        for text in _plain_rows([list(columns), *cells] if any(columns) else cells, sides):
-            stdout().print(text, markup=False)
-        return
+        plain_rows = _plain_rows([list(columns), *cells] if any(columns) else cells, sides)
+        if room is None or all(len(text) <= room for text in plain_rows):
+            for text in plain_rows:
+                stdout().print(text, markup=False)
+            return
+    if room is not None:
+        others = sum(max(len(row[k]) for row in [columns, *cells]) + 2 for k in range(1, len(columns)))
+        cells = [[_broken(row[0], room - others), *row[1:]] for row in cells]
     from rich.box import SIMPLE_HEAD
 
-    out = Table(box=SIMPLE_HEAD if any(columns) else None, pad_edge=False, show_header=any(columns), show_edge=False)
+    ruled = sys.stdout.isatty() and any(columns)
+    out = Table(
+        box=SIMPLE_HEAD if ruled else None,
+        padding=(0, 1 if ruled else 2, 0, 0),  # the box has a blank of its own between columns
+        pad_edge=False,
+        show_header=any(columns),
+        show_edge=False,
+    )
     for name, side in zip(columns, sides, strict=True):
-        out.add_column(name, justify="left" if side == "left" else "right", overflow="fold")
+        out.add_column(Text(name), justify="left" if side == "left" else "right", overflow="fold")
     for row in cells:
         out.add_row(*(Text(cell) for cell in row))
-    stdout().print(out)
+    if sys.stdout.isatty():
+        stdout().print(out)
+        return
+    drawn = Console(width=room, file=io.StringIO(), color_system=None)
+    with drawn.capture() as capture:
+        drawn.print(out)
+    for row_text in capture.get().splitlines():
+        stdout().print(row_text.rstrip(), markup=False)
+
+
+def _broken(name: str, room: int) -> str:
+    """The name of a product that is too long, on two lines: broken behind one of its colons, not inside a word."""
+    place = name.rfind(":", 0, max(room, 0))
+    return name if len(name) <= room or place < 0 else f"{name[: place + 1]}\n{name[place + 1 :]}"
 
 
 def _plain_rows(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> list[str]:

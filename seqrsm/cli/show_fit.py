@@ -12,6 +12,7 @@ from seqrsm.design.factors import setting_text
 from seqrsm.report.phrases import (
     interval_text,
     level_phrase,
+    loss_text,
     mean_text,
     no_error_estimate,
     optimum_setting_text,
@@ -24,6 +25,8 @@ from seqrsm.report.rounding import (
     format_number,
     format_p,
     format_percent,
+    format_plain,
+    format_share,
     format_significant,
 )
 from seqrsm.report.surfaces import ranked_factors
@@ -150,7 +153,7 @@ def show_optimum(analysis: Analysis) -> None:
                 factor.name,
                 optimum_setting_text(analysis, factor),
                 setting_range_text(analysis, factor),
-                "" if math.isnan(at_bound) else format_percent(at_bound),
+                "" if math.isnan(at_bound) else format_share(at_bound),
             ]
         )
     columns = ["factor", "recommended", f"{level} credible", "at a bound"]
@@ -166,13 +169,13 @@ def show_optimum(analysis: Analysis) -> None:
             ("confidence interval of the mean", best.confidence),
         ):
             half = format_significant(interval.half_width, 2)
-            line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1 {half})", 2)
+            line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1\u00a0{half})", 2)
         if best.with_departure is not None:
             allowed = best.with_departure
             half = format_significant(allowed.prediction.half_width, 2)
             line(
                 f"{level} prediction interval of one future run, allowing for a departure from the quadratic too small "
-                f"to be seen: {interval_text(analysis, allowed.prediction)} (\u00b1 {half})",
+                f"to be seen: {interval_text(analysis, allowed.prediction)} (\u00b1\u00a0{half})",
                 2,
             )
     if best.ties and not best.ridge:
@@ -185,10 +188,10 @@ def show_optimum(analysis: Analysis) -> None:
         line(f"at the border of the region: {', '.join(best.at_bound)}", 2)
     regret = analysis.posterior
     if math.isfinite(regret.expected_regret):
+        limit = with_unit(format_plain(regret.regret_epsilon), analysis.score_unit)
         line(
-            f"expected loss against the unknown true optimum: "
-            f"{with_unit(format_significant(regret.expected_regret, 2), analysis.score_unit)}; more than "
-            f"{format_significant(regret.regret_epsilon, 2)} with probability {format_percent(regret.p_regret_above)}",
+            f"expected loss against the unknown true optimum: {loss_text(analysis, regret.expected_regret)}; more than "
+            f"{limit} with probability {format_share(regret.p_regret_above)}",
             2,
         )
 

@@ -16,9 +16,9 @@ from seqrsm.report.rounding import (
     decimals_of_significant,
     format_number,
     format_p,
-    format_percent,
     format_plus_minus,
     format_range,
+    format_share,
     format_significant,
 )
 from seqrsm.report.wording import format_setting, level_labels, level_text, readable, with_unit
@@ -128,7 +128,7 @@ def setting_range_text(analysis: Analysis, factor: Factor) -> str:
     shares = level_probabilities(analysis, factor)
     if shares:
         ordered = sorted(shares.items(), key=lambda item: -item[1])
-        return ", ".join(f"{level}: {format_percent(share)}" for level, share in ordered if share >= 0.005)
+        return ", ".join(f"{level}: {format_share(share)}" for level, share in ordered if share >= 0.005)
     spread = setting_spread(posterior)
     ends = (format_setting(factor, end, spread, unit=False) for end in (posterior.low, posterior.high))
     return " to ".join(ends)
@@ -165,3 +165,12 @@ def watched_interval(stop: StopSpec) -> str:
         "prediction_mean": f"prediction interval of the mean of {stop.replicates} future runs",
         "confidence": "confidence interval of the mean",
     }[stop.interval]
+
+
+def loss_text(analysis: Analysis, loss: float) -> str:
+    """Return an expected loss to two digits; "less than" a hundredth of the interval where it is smaller."""
+    half = analysis.optimum.prediction.half_width
+    smallest = 0.01 * (half if math.isfinite(half) and half > 0.0 else abs(analysis.optimum.mean))
+    if loss < smallest:
+        return f"less than {with_unit(format_significant(smallest, 1), analysis.score_unit)}"
+    return with_unit(format_significant(loss, 2), analysis.score_unit)

@@ -128,6 +128,11 @@ def format_percent(fraction: float) -> str:
     return f"{format_number(percent, decimals)}\u00a0%"
 
 
+def format_share(fraction: float) -> str:
+    """Format a probability that is known from draws: none or all of them is no certainty."""
+    return format_percent(min(max(fraction, 1e-4), 1.0 - 1e-4)) if math.isfinite(fraction) else NOTHING
+
+
 def format_plain(value: float) -> str:
     """Format a number that a person chose (a bound, a target): all its digits and no more."""
     if not math.isfinite(value):

@@ -45,7 +45,7 @@ from seqrsm.report.phrases import (
     setting_spread,
     watched_interval,
 )
-from seqrsm.report.rounding import format_number, format_percent, format_significant
+from seqrsm.report.rounding import format_number, format_share, format_significant
 from seqrsm.report.section_study import searched_blocks
 from seqrsm.report.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
 from seqrsm.report.wording import axis_label, format_setting, listing, readable, readable_text, slug, with_unit
@@ -278,7 +278,7 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
         item = setting_posterior(analysis, factor)
         mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
         text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
-        at_bound = "" if item is None or math.isnan(item.p_at_bound) else format_percent(item.p_at_bound)
+        at_bound = "" if item is None or math.isnan(item.p_at_bound) else format_share(item.p_at_bound)
         rows.append(
             (
                 Cell(axis_label(factor)),

@@ -11,6 +11,7 @@ from seqrsm.report.phrases import (
     half_width_text,
     interval_text,
     level_phrase,
+    loss_text,
     mean_text,
     no_error_estimate,
     optimum_setting_text,
@@ -21,10 +22,9 @@ from seqrsm.report.phrases import (
     watched_interval,
 )
 from seqrsm.report.rounding import (
-    format_number,
     format_p,
-    format_percent,
     format_plain,
+    format_share,
     format_significant,
 )
 from seqrsm.report.surfaces import ranked_factors
@@ -145,7 +145,7 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
         return "not testable", no_error_estimate(analysis) or "no test exists"
     first = tested[ranked[0]]
     p = format_p(first.p)
-    detail = f"F = {format_number(first.f, 1)}, p {p if p.startswith('<') else '= ' + p}"
+    detail = f"F = {format_significant(first.f, 3)}, p {p if p.startswith('<') else '= ' + p}"
     if len(ranked) > 1:
         detail += f"; then {listing([readable(name) for name in ranked[1:4]])}"
     return readable(ranked[0]), detail
@@ -161,7 +161,7 @@ def _settings_table(analysis: Analysis) -> Table:
                 Cell(axis_label(factor)),
                 Cell(optimum_setting_text(analysis, factor, unit=False)),
                 Cell(setting_range_text(analysis, factor)),
-                Cell("" if math.isnan(at_bound) else format_percent(at_bound)),
+                Cell("" if math.isnan(at_bound) else format_share(at_bound)),
             )
         )
     columns = (
@@ -182,19 +182,10 @@ def _verdict(analysis: Analysis) -> str:
     else:
         text = "The stop rule does not hold yet."
     if math.isfinite(posterior.expected_regret):
-        loss = _loss_text(analysis, posterior.expected_regret)
+        loss = loss_text(analysis, posterior.expected_regret)
         text += f" Acting on these settings now is expected to lose {loss} against the unknown true optimum"
         if math.isfinite(posterior.p_regret_above) and posterior.regret_epsilon > 0.0:
             epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
-            text += f", and more than {epsilon} with a probability of {format_percent(posterior.p_regret_above)}"
+            text += f", and more than {epsilon} with a probability of {format_share(posterior.p_regret_above)}"
         text += "."
     return text
-
-
-def _loss_text(analysis: Analysis, loss: float) -> str:
-    """Return an expected loss to two digits; "less than" a hundredth of the interval where it is smaller."""
-    half = analysis.optimum.prediction.half_width
-    smallest = 0.01 * (half if math.isfinite(half) and half > 0.0 else abs(analysis.optimum.mean))
-    if loss < smallest:
-        return f"less than {with_unit(format_significant(smallest, 1), analysis.score_unit)}"
-    return with_unit(format_significant(loss, 2), analysis.score_unit)

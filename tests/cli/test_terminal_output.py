@@ -12,6 +12,7 @@ import termios
 from fcntl import ioctl
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
@@ -28,6 +29,31 @@ NOTES = (
     "antenna gain is the same over the swath",
     "antenna gain is the same over the swath",
 )
+
+
+MEASURED = """\
+[campaign]
+name = "measured"
+seed = 1
+[[factor]]
+name = "frequency"
+unit = "GHz"
+low = 1.0
+high = 10.0
+[[factor]]
+name = "depression_angle"
+unit = "deg"
+low = 30.0
+high = 60.0
+[[factor]]
+name = "polarization"
+levels = ["VV", "HH+HV", "HH"]
+[[application]]
+name = "ground-cover"
+utility = "percent_correct"
+[stop]
+half_width = 3.0
+"""
 
 
 def on_terminal(*arguments: object, **environment: str) -> str:
@@ -94,3 +120,42 @@ def test_piped_output_is_plain(command) -> None:
     assert text
     assert not re.search(r"[\u2500-\u257f\x1b\u00a0\u2212]", text)
     assert all(line == line.rstrip() for line in text.splitlines())
+
+
+@pytest.mark.parametrize("columns", [80, 60])
+def test_fit_status_and_check_keep_to_columns_in_a_pipe(measured: Path, columns: int) -> None:
+    for command in ("fit", "status", "check"):
+        wide = CliRunner().invoke(app, [command, str(measured)], env={"COLUMNS": ""})
+        narrow = CliRunner().invoke(app, [command, str(measured)], env={"COLUMNS": str(columns)})
+        assert wide.exit_code == narrow.exit_code == 0, narrow.output
+        lines = narrow.stdout.splitlines()
+        assert max(map(len, lines)) <= columns
+        assert all(line == line.rstrip() for line in lines)
+        assert not re.search(r"[\u2500-\u257f\x1b\u00a0\u2212]", narrow.stdout)
+        # the same words and numbers in the same order, but for where a cell is folded
+        assert sorted(re.sub(r"\s", "", narrow.stdout)) == sorted(re.sub(r"\s", "", wide.stdout))
+
+
+def test_fit_fits_a_terminal_of_80_columns_without_folding_a_term(measured: Path) -> None:
+    lines = without_codes(on_terminal("fit", measured))
+    assert max(map(len, lines)) <= 80
+    at = next(i for i, line in enumerate(lines) if line.startswith("polarization[HH+HV]:") and "frequency" not in line)
+    assert lines[at + 1].strip() == "depression_angle"  # two lines, but no word is cut
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of measured scores with long names."""
+    folder = tmp_path_factory.mktemp("measured") / "campaign"
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(MEASURED, encoding="utf-8")
+    rng = np.random.default_rng(0)
+    rows = ["frequency,depression_angle,polarization,score"]
+    for i in range(36):
+        f, d = rng.uniform(1, 10), rng.uniform(30, 60)
+        score = 70 - 0.3 * (f - 5) ** 2 - 0.02 * (d - 40) ** 2 + (i % 3) * 2 + rng.normal()
+        rows.append(f"{f:.3f},{d:.2f},{('HH', 'VV', 'HH+HV')[i % 3]},{score:.2f}")
+    (folder / "scores.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv")])
+    assert done.exit_code == 0, done.output
+    return folder
