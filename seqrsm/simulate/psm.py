@@ -321,7 +321,9 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     """Assumptions of the engine that matter for this image."""
     notes = [
         "fading is independent between pixels and between channels",
-        "ground outside the data base is its mirror image",
+        "ground outside the data base returns nothing"
+        if frame.wrapped
+        else "ground outside the data base is its mirror image",
     ]
     if radar.finer_pixels:
         notes[0] = "fading is correlated over the resolution cell and independent between channels"
@@ -346,9 +348,7 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
             notes.append(f"the Earth is taken as flat; its curvature at the far edge would be {sag_m:.0f} m")
     if frame.wrapped:
         widths = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
-        notes.append(
-            f"the beam is {widths[0]:.3g} to {widths[1]:.3g} m wide on the ground; a pixel is one beam and one look"
-        )
+        notes.append(f"the beam is {widths[0]:.3g} to {widths[1]:.3g} m wide on the ground; a pixel is one beam wide")
         notes.append("the data base was turned into polar coordinates, its categories by the nearest cell")
     elif frame.cell_of_scene is not None:
         notes.append("the heading is not along the grid: the data base was turned, its categories by the nearest cell")
