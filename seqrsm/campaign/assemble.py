@@ -10,6 +10,7 @@ from seqrsm import __version__
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import Pictures, report_pictures, truth_panel
 from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.tradeoff import read_tradeoff
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
@@ -47,6 +48,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         provenance=_provenance(campaign),
         reproduce=_reproduce(campaign),
         compromise=campaign.compromise(analyses),
+        tradeoff=read_tradeoff(spec.folder),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from seqrsm.arrays import AnyArray
 from seqrsm.campaign.analysis import Analysis
@@ -97,6 +98,8 @@ class Dossier:
         Commands that reproduce this campaign.
     compromise : CompromiseEstimate or None
         Of several applications, or of one with other considerations.
+    tradeoff : Mapping or None
+        What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
     """
 
     spec: CampaignSpec
@@ -110,3 +113,4 @@ class Dossier:
     provenance: Mapping[str, str]
     reproduce: tuple[str, ...]
     compromise: CompromiseEstimate | None = None
+    tradeoff: Mapping[str, Any] | None = None

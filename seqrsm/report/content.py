@@ -16,6 +16,7 @@ from seqrsm.report.section_literature import literature_section
 from seqrsm.report.section_model import diagnostics_section, importance_section, model_section
 from seqrsm.report.section_optimum import optimum_section, posterior_section, surface_section
 from seqrsm.report.section_sources import assumption_section, image_section, provenance_section
+from seqrsm.report.section_speed import speed_section
 from seqrsm.report.section_study import location_section
 from seqrsm.report.section_summary import summary_section
 
@@ -46,6 +47,7 @@ def build_report(dossier: Dossier) -> Report:
     last = (
         told(compromise_section(dossier)),
         told(image_section(dossier)),
+        told(speed_section(dossier)),
         told(literature_section(dossier)),
         told(assumption_section(dossier)),
         told(provenance_section(dossier)),

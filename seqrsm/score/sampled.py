@@ -79,7 +79,7 @@ def soil_moisture_error(sample: Sample, scene: Scene, *, seed: int, run_id: int)
     seen = np.append(np.isfinite(sample.values[0]).all(axis=0), False)
     known = sample.scored & (sample.cover < len(scene.categories)) & seen[sample.pixel_of_cell]
     moist = np.zeros(0, dtype=bool) if sample.moist is None else sample.moist
-    asked = known & np.append(moist, False)[np.where(known, sample.cover, -1)]
+    asked = known & np.append(moist, False)[np.where(known, sample.cover.astype(np.int64), -1)]
     if not asked.any():
         text = "no scored cell tells of soil_moisture"
         raise SceneError(Problem(text, "Choose another utility", field="utility"))

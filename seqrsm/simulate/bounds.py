@@ -46,6 +46,29 @@ def shift_bound(rms_shift: float, spread: float) -> float:
     return min(1.0, _STEEPEST * math.log(math.hypot(spread, rms_shift) / spread))
 
 
+def undecided_share(rms_draw: float, spread: float) -> float:
+    """Part of a pixel's variance (right or wrong) at most that is due to its own draw of fading or noise.
+
+    Near a border between classes a draw e decides; the mean of P (1 - P) over pixels that are spread out by s about
+    two borders is at most 2 phi(0) / s times the integral of Phi (1 - Phi), which is e / sqrt(pi); over 1/4.
+
+    Parameters
+    ----------
+    rms_draw : float
+        Standard deviation e of the draw, >= 0.
+    spread : float
+        Standard deviation s of the pixels of a class without it, same unit, >= 0.
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    if rms_draw <= 0.0:
+        return 0.0
+    return min(8.0 / (math.sqrt(2.0) * math.pi) * rms_draw / spread, 1.0) if spread > 0.0 else 1.0
+
+
 def smith_shadow(rms_slope: float, incidence_rad: float) -> float:
     """Share of Gaussian terrain in shadow at an incidence angle, for parallel rays.
 

@@ -303,8 +303,8 @@ class Ground:
         Its pixels across and along the flight.
     spread : float
         Largest standard deviation of one pixel's part in the score [score units].
-    fades : bool
-        Whether fading or noise is drawn.
+    drawn : float
+        Part of that variance at most that is due to the draw of fading or noise, 0 to 1.
     """
 
     correlation_m: float
@@ -314,7 +314,7 @@ class Ground:
     n_rows: int
     n_columns: int
     spread: float
-    fades: bool = True
+    drawn: float = 1.0
 
     def sampling_error(self, rows: int, columns: int, draws: int) -> float:
         """Standard error of a score from so many rows and columns of pixels against that of all [score units].
@@ -331,12 +331,13 @@ class Ground:
             points *= over_line if n >= full else at_points
             whole *= over_line
         places = max(points - whole, 0.0)
-        fading = 1.0 / (pixels * draws) if self.fades else 0.0
-        return TEACHING * self.spread * math.sqrt(max(places, fading) + self.mixed * (1.0 - part) / pixels)
+        fading = 1.0 / (pixels * draws)
+        own = places + self.drawn * max(fading - places, 0.0)
+        return TEACHING * self.spread * math.sqrt(own + self.mixed * (1.0 - part) / pixels)
 
     def draw_error(self, pixels: int, draws: int) -> float:
         """Standard error that so many draws of fading on so many pixels leave [score units]."""
-        return TEACHING * self.spread / math.sqrt(pixels * draws) if self.fades else 0.0
+        return TEACHING * self.spread * math.sqrt(self.drawn / (pixels * draws))
 
 
 def smallest(
@@ -360,7 +361,7 @@ def smallest(
         Rows, columns, draws; all of them where nothing less will do.
     """
     found = []
-    for draws in DRAWS if ground.fades else (1,):
+    for draws in DRAWS if ground.drawn > 0.0 else (1,):
 
         def sizes(columns: int) -> tuple[int, int]:
             if not square:

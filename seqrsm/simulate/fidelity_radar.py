@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 COARSE: Final = 2
 """Cells of the data base along a side of a cell of the coarser one."""
 
-_NS_A_CELL, _NS_A_PIXEL, _NS_A_CLASS, _NS_A_RUN = 8.0, 40.0, 45.0, 3e6
+_NS_A_CELL, _NS_A_PIXEL, _NS_A_CLASS, _NS_A_RUN = 4.5, 40.0, 45.0, 3e6
 _LEAST_SHARE: Final = 0.001
 _POINTWISE: Final = ("linear", "square_law", "saturation", "compression")
 
@@ -310,16 +310,25 @@ class _View:
         """Extent and correlation, for the sampling error."""
         side = self.radar.pixel_spacing_m
         across, along = self.n_rows * self.cell_m, self.m * self.cell_m
+        pieces = 2.0 / self.radar.texture_m if self.radar.texture_db > 0.0 else 0.0
         return Ground(
             correlation_m=bounds.correlation_length_m(self.statistics.field_boundary_density_1_m),
-            mixed=bounds.mixed_share(self.statistics.field_boundary_density_1_m, side, side),
+            mixed=bounds.mixed_share(self.statistics.field_boundary_density_1_m + pieces, side, side),
             across_m=across,
             along_m=along,
             n_rows=max(math.ceil(across / side - 1e-9), 1),
             n_columns=max(math.ceil(along / side - 1e-9), 1),
             spread=50.0,
-            fades=self.radar.fading != "none",
+            drawn=self.drawn(),
         )
+
+    def drawn(self) -> float:
+        """Part of the pixels' variance that fading has, at most; the rest is that of fields and borders."""
+        looks = float(self.radar.looks_used(self.theta).min())
+        fading = 0.0 if self.radar.fading == "none" else bounds.DB_OF_FADING / math.sqrt(looks)
+        field = np.min([lookup.field_sd_db for lookup in self.lookups], axis=0)
+        pairs = zip(field, self.kept, strict=True)
+        return math.fsum(float(k) * bounds.undecided_share(fading, float(s)) for s, k in pairs if k > 0.0)
 
     def effort(self, share: float, pixels: float, draws: int, coarse: int) -> float:
         """Estimated time of a strip or image [s]."""
@@ -333,7 +342,7 @@ class _View:
         """Estimated time of flat pixels [s]."""
         channels, classes = len(self.lookups), len(self.scene.categories)
         points = min(math.floor(self.radar.pixel_spacing_m / self.cell_m) + 2, 8) ** 2
-        each = points * (25.0 + 15.0 * channels) + draws * (_NS_A_PIXEL * channels + _NS_A_CLASS * classes)
+        each = points * (15.0 + 9.0 * channels) + draws * (_NS_A_PIXEL * channels + _NS_A_CLASS * classes)
         return 1e-9 * (_NS_A_RUN + rows * columns * each)
 
 

@@ -212,7 +212,7 @@ class _View:
             n_rows=len(scan.look_rad),
             n_columns=scan.n_lines,
             spread=spread,
-            fades=bool(self.radiometer.nedt_k(self.warm_k) > 0.0),
+            drawn=1.0 if self.radiometer.nedt_k(self.warm_k) > 0.0 else 0.0,
         )
 
     def effort(self, draws: int) -> float:
