@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +13,7 @@ import pytest
 from seqrsm.campaign import loop
 from seqrsm.campaign.fitted import scored_runs
 from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.records import IngestedRun, NewScore
+from seqrsm.campaign.records import IngestedRun, NewRun, NewScore
 from seqrsm.campaign.spec import load_spec
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
@@ -363,3 +364,35 @@ def test_faults_of_the_new_keys(tmp_path: Path, old: str, new: str, said: str) -
         load_spec(tmp_path)
     assert said in str(caught.value)
     assert all(problem.line for problem in caught.value.problems)
+
+
+TEMPLATES = Path(__file__).parents[2] / "campaigns"
+
+
+def test_the_template_of_two_applications_keeps_its_platform_limits() -> None:
+    """Tables A.21 and A.23: an antenna of 2 m at most, 10 kbit/s of telemetry."""
+    spec = load_spec(TEMPLATES / "crops-and-moisture")
+    assert [application.name for application in spec.applications] == ["crops", "moisture"]
+    for settings in spec.region.decode(spec.region.sample(300, np.random.default_rng(0))):
+        wavelength_m = 299_792_458.0 / (settings["frequency"] * 1e9)
+        assert 1.2 * wavelength_m * 1500.0 / settings["resolution"] <= 2.0 * (1.0 + 1e-5)
+        assert 8.0 * 3000.0 * 80.0 / settings["resolution"] ** 2 <= 10_000.0 * (1.0 + 1e-5)
+
+
+@pytest.mark.parametrize("template", sorted(path.parent.name for path in TEMPLATES.glob("*/campaign.toml")))
+def test_one_run_of_each_template_is_scored(template, tmp_path) -> None:
+    """Carried out at the centre of its region, or its scores taken in."""
+    folder = Path(shutil.copytree(TEMPLATES / template, tmp_path / "c", ignore=shutil.ignore_patterns("*.db*")))
+    made = Campaign.open(folder)
+    scores = sorted(folder.glob("*_scores.csv"))
+    if scores:
+        made.ingest(scores[0])
+    else:
+        region = made.spec.region
+        settings = region.decode(region.centre()[None, :])[0]
+        made.store.add_batch([NewRun(settings, "start", "one run", "simulation", 1.0)], issue=True)
+        made.simulate()
+    runs = made.store.runs()
+    assert runs[0].state == "scored"
+    names = {score.application for score in runs[0].scores}
+    assert names == {application.name for application in made.spec.applications}
