@@ -165,7 +165,9 @@ def picture(image: RadarImage) -> AnyArray:
         known, known_tone = np.full(len(image.intensity), radar.p_rc_w), float(radar.g_rc)
     else:
         known, known_tone = np.array([_median(plane) for plane in image.intensity]), 0.5 * (2.0**bits - 1.0)
-    density, calibration = (film_density(x, radar.film_gamma, radar.film_k) for x in (image.intensity, known))
+    # Single precision holds the levels of 8 bits to a thousandth, those of 16 bits not to one half.
+    exposure = image.intensity if bits <= 8 else image.intensity.astype(np.float64)
+    density, calibration = (film_density(x, radar.film_gamma, radar.film_k) for x in (exposure, known))
     return np.stack(
         [
             to_levels(greytone(plane, float(middle), known_tone, bits, decibels), bits)
