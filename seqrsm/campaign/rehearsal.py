@@ -11,7 +11,7 @@ from seqrsm.campaign.analyse import stop_rule
 from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
 from seqrsm.campaign.posterior import draw_coefficients
-from seqrsm.decide.rehearsal import Rehearsal, rehearse
+from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
 from seqrsm.design.optimal import start_design
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def _summary(result: Rehearsal, unit: str, interval_name: str, response: str) ->
 
     def share(name: str) -> str:
         p = numbers[name]
-        return f"{100 * p:.1f} % ± {100 * np.sqrt(p * (1.0 - p) / result.n_campaigns):.1f}"
+        return f"{100 * p:.1f} % ± {100 * share_se(p, result.n_campaigns):.1f}"
 
     rows = [
         ("campaigns that stop before the budget", share("stopped")),

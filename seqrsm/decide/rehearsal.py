@@ -102,7 +102,7 @@ class Rehearsal:
         if not len(chosen):
             return float("nan"), float("nan")
         share = float(chosen.mean())
-        return share, float(np.sqrt(share * (1.0 - share) / len(chosen)))
+        return share, share_se(share, len(chosen))
 
     def summary(self, unit: str = "") -> tuple[str, ...]:
         """Return sentences with the figures; ``unit`` is that of the score."""
@@ -130,6 +130,12 @@ class Rehearsal:
         low, middle, high = np.quantile(self.cost, [0.1, 0.5, 0.9])
         held.append(f"Cost: median {middle:.4g} (10 % below {low:.4g}, 90 % below {high:.4g}).")
         return tuple(held)
+
+
+def share_se(share: float, n: int) -> float:
+    """Standard error of a share of ``n`` campaigns, half a campaign added to either side: never 0 for none or all."""
+    p = (share * n + 0.5) / (n + 1.0)
+    return float(np.sqrt(p * (1.0 - p) / n))
 
 
 def rehearse(

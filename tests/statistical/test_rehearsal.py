@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from seqrsm.decide.campaigns import Campaigns, Stage
-from seqrsm.decide.rehearsal import Rehearsal, rehearse
+from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
 from seqrsm.decide.stopping import StopRule
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
@@ -213,3 +213,10 @@ def test_campaigns_in_step_equal_an_ordinary_fit() -> None:
         assert lof.p == pytest.approx(p[g], rel=1e-8)
         error = np.linalg.inv(group.A[g]) @ group.Ze[g]
         np.testing.assert_allclose(fit.estimate, betas[g] + error, rtol=1e-9, atol=1e-9)
+
+
+def test_none_or_all_of_some_campaigns_is_not_certain() -> None:
+    # Of 20 campaigns none: the exact 68 % interval reaches to 1 - 0.16 ** (1 / 20) = 8.8 %, the rule of three to 15 %.
+    assert 0.02 < share_se(0.0, 20) < 0.09
+    assert share_se(0.0, 20) == pytest.approx(share_se(1.0, 20))
+    assert share_se(0.5, 400) == pytest.approx(0.025, rel=1e-3)
