@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import tifffile
+from typer.testing import CliRunner
 
+from seqrsm.cli.app import app
 from seqrsm.errors import SceneError
 from seqrsm.scene.raster import import_scene
 from seqrsm.scene.scene import NO_COVER, load_scene
@@ -157,3 +159,40 @@ def test_cells_larger_than_the_ground_and_legends_of_spreadsheets(files):
     assert import_scene(**files).category_notes == {"Trees": "planted, dense"}
     with pytest.raises(SceneError, match="holds no 2 x 2 cells of 5000 m"):
         import_scene(**files, cell_m=5000.0)
+
+
+def command(files, out, *more):
+    given = [word for name, path in files.items() for word in (f"--{name}", str(path))]
+    return CliRunner().invoke(app, ["scene", "import", *given, "--out", str(out), *more])
+
+
+def test_the_command_imports_elevation_cover_moisture_and_gaps(files, tmp_path):
+    i, j = np.mgrid[0:80, 0:90]
+    wet = write(tmp_path / "m.tif", (0.1 + 0.001 * j).astype(np.float32), 4.0, left=1000.0, top=5010.0)
+    z = tifffile.imread(files["elevation"]).copy()
+    z[:6] = -9999.0
+    files["elevation"] = write(tmp_path / "holed.tif", z, 10.0, nodata=-9999.0)
+    result = command(files, tmp_path / "s.npz", "--moisture", str(wet))
+    assert result.exit_code == 0, result.output
+    scene = load_scene(tmp_path / "s.npz")
+    assert np.isnan(scene.elevation_m[:8]).all()
+    assert np.isfinite(scene.elevation_m[14:]).all()
+    assert not scene.scored[:8].any()
+    exact = 0.1 + 0.001 * ((20.0 + 5.0 * np.arange(60) + 2.5) / 4.0 - 0.5)
+    np.testing.assert_allclose(scene.soil_moisture[30], exact, atol=1e-5)
+
+
+def test_the_command_refuses_with_the_remedy_and_writes_nothing(files, tmp_path):
+    degrees = write(tmp_path / "d.tif", np.zeros((30, 30), np.float32), 0.001, 4.7, 50.9, model=2, code=4326)
+    percent = write(tmp_path / "p.tif", np.full((80, 90), 20.0, np.float32), 4.0, left=1000.0, top=5010.0)
+    for change, words, more in (
+        ({"elevation": degrees}, ("degrees", "gdalwarp"), ()),
+        ({"legend": tmp_path / "none.csv"}, ("none.csv",), ()),
+        ({"cover": tmp_path / "none.tif"}, ("none.tif",), ()),
+        ({}, ("soil_moisture", "0 to 0.6", "20.0"), ("--moisture", str(percent))),
+    ):
+        result = command({**files, **change}, tmp_path / "s.npz", *more)
+        assert result.exit_code == 2, result.output
+        for word in words:
+            assert word in result.stderr, result.stderr
+        assert not (tmp_path / "s.npz").exists()
