@@ -167,7 +167,7 @@ def command(files, out, *more):
 
 
 def test_the_command_imports_elevation_cover_moisture_and_gaps(files, tmp_path):
-    i, j = np.mgrid[0:80, 0:90]
+    j = np.mgrid[0:80, 0:90][1]
     wet = write(tmp_path / "m.tif", (0.1 + 0.001 * j).astype(np.float32), 4.0, left=1000.0, top=5010.0)
     z = tifffile.imread(files["elevation"]).copy()
     z[:6] = -9999.0
