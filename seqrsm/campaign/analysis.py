@@ -50,6 +50,8 @@ class ScoredRuns:
         "simulation" or "flight"; why the run was made; block label ("" where none).
     trials, correct : ndarray (n,), optional
         Binomial counts; nan where none were given.
+    model_sd : ndarray (n,), optional
+        Standard deviation of the error that a cheaper simulation adds to its score, in score units; 0 for others.
     """
 
     run_ids: IntArray
@@ -62,6 +64,7 @@ class ScoredRuns:
     blocks: tuple[str, ...]
     trials: FloatArray | None = None
     correct: FloatArray | None = None
+    model_sd: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

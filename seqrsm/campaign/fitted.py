@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -135,7 +136,21 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         blocks=tuple(run.block for run, _ in used),
         trials=_counts([score.n for _, score in used]),
         correct=_counts([score.correct for _, score in used]),
+        model_sd=np.array([model_error_sd(score.metadata) for _, score in used], dtype=np.float64),
     )
+
+
+def model_error_sd(metadata: Mapping[str, Any]) -> float:
+    """Standard deviation of the error of a score's simulation [score units].
+
+    That of looking at a part of the ground, and of what it leaves out, whose bound counts as two standard deviations.
+    """
+    fidelity = metadata.get("fidelity")
+    if not isinstance(fidelity, Mapping):
+        return 0.0
+    sampling = metadata.get("sampling_se")
+    part = float(sampling) if isinstance(sampling, float) and np.isfinite(sampling) else 0.0
+    return float(np.hypot(part, 0.5 * float(fidelity.get("bias_bound", 0.0))))
 
 
 def _counts(values: Sequence[int | None]) -> FloatArray:
@@ -148,7 +163,7 @@ def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
         return data
     keep: BoolArray = box.contains(data.points)
     names = [np.array(getattr(data, name), dtype=object)[keep] for name in ("sources", "purposes", "blocks")]
-    counts = [None if column is None else column[keep] for column in (data.trials, data.correct)]
+    counts = [None if column is None else column[keep] for column in (data.trials, data.correct, data.model_sd)]
     return ScoredRuns(
         run_ids=data.run_ids[keep],
         batches=data.batches[keep],
@@ -160,6 +175,7 @@ def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
         blocks=tuple(names[2]),
         trials=counts[0],
         correct=counts[1],
+        model_sd=counts[2],
     )
 
 

@@ -13,6 +13,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.estimability import missing_runs
+from seqrsm.fit.known_variance import own_weights
 from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.random_blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.robust import student_weights
@@ -59,8 +60,15 @@ def _run_list(ids: IntArray) -> str:
     return f"runs {shown}" + (", ..." if len(ids) > _LISTED_RUNS else "")
 
 
-def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale) -> FloatArray:
-    return student_weights(Z, scale.values, scale.weights) if spec.model.errors == "student_t" else scale.weights
+def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale, data: ScoredRuns) -> FloatArray:
+    """Relative weights: by the scale, by the tails, and less for runs whose simulation has an error of its own."""
+    if spec.model.errors == "student_t":
+        return student_weights(Z, scale.values, scale.weights)
+    if data.model_sd is None:
+        return scale.weights
+    inner = np.clip(data.scores, 0.5, 99.5)
+    stretch = 1.0 if scale.kind == "identity" else 100.0 / (inner * (100.0 - inner))
+    return own_weights(Z, scale.values, np.square(data.model_sd * stretch), scale.weights)
 
 
 def fit_surface(
@@ -84,7 +92,7 @@ def fit_surface(
         Z,
         scale.values,
         [*model.terms, *names],
-        weights=_weights(spec, Z, scale),
+        weights=_weights(spec, Z, scale, data),
         setting_ids=setting_ids(data.points),
         block_ids=labels,
     )
@@ -134,7 +142,9 @@ def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, sc
         return QuadraticModel(model.factors, model.order, (0,))
     columns, names = block_columns(block_labels(spec, data))
     Z = np.hstack([model.matrix(data.points), columns])
-    found = average_models(Z, scale.values, [*model.terms, *names], weights=_weights(spec, Z, scale), seed=spec.seed)
+    found = average_models(
+        Z, scale.values, [*model.terms, *names], weights=_weights(spec, Z, scale, data), seed=spec.seed
+    )
     chosen = {0}
     for unit, present in zip(found.units, found.median_model.tolist(), strict=True):
         chosen.update(unit.columns if present else ())
