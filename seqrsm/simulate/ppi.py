@@ -15,11 +15,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.simulate import kernels
 
 if TYPE_CHECKING:
     from seqrsm.simulate.psm import RadarImage
+
+_MOST_CELLS: Final = 400_000_000
+_BLOCK: Final = 2_000_000
 
 _POINTS: Final = 3
 """Points a side at which a pixel of the rectangular picture looks up the polar image."""
@@ -75,6 +79,11 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     Returns
     -------
     PolarLayers
+
+    Raises
+    ------
+    ConfigurationError
+        The antenna stands so far away that the rings would not fit into memory.
     """
     rows, cols = scene.shape
     cell = scene.cell_m
@@ -82,25 +91,38 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     rings = max(math.ceil(corner / cell), 1)
     pixels = pixels_around(beamwidth_rad)
     wide = max(math.ceil(2.0 * math.pi * rings / pixels), 1)
+    columns = (pixels + 2) * wide
+    if rings * columns > _MOST_CELLS:
+        text = f"the farthest corner of the scene is {corner:.0f} m away: {rings} rings of {columns} cells"
+        remedy = f"Move the antenna nearer, or coarsen the scene: at most {_MOST_CELLS} cells are possible"
+        raise ConfigurationError(Problem(text, remedy, field="antenna_east_m", value=east_m))
     step = 2.0 * math.pi / (pixels * wide)
     bearing = (np.arange(-wide, (pixels + 1) * wide) + 0.5)[None, :] * step
-    radius = np.arange(1, rings + 1)[:, None]
-    col = 0.5 * (cols - 1) + east_m / cell + radius * np.sin(bearing)
-    row = 0.5 * (rows - 1) - north_m / cell - radius * np.cos(bearing)
-    inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
-    i, j = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64), np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
-    elevation = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
     _, mean, peak = kernels.elevation_summary(scene.elevation_m)
-    elevation = (elevation - mean).astype(precision)
-    cover = np.where(inside & ~np.isnan(elevation), scene.cover[i, j], np.uint8(NO_COVER))
-    field = scene.field_id[i, j]
+    elevation = np.empty((rings, columns), dtype=precision)
+    cover = np.empty(elevation.shape, dtype=np.uint8)
+    field = np.empty(elevation.shape, dtype=np.int32)
+    # Some rings at a time: whole arrays of positions would take many times the memory of the layers.
+    for low in range(0, rings, max(_BLOCK // columns, 1)):
+        part = slice(low, min(low + max(_BLOCK // columns, 1), rings))
+        radius = np.arange(part.start + 1, part.stop + 1)[:, None]
+        col = 0.5 * (cols - 1) + east_m / cell + radius * np.sin(bearing)
+        row = 0.5 * (rows - 1) - north_m / cell - radius * np.cos(bearing)
+        inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
+        i = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64)
+        j = np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
+        elevation[part] = np.where(inside, bilinear(scene.elevation_m, row, col) - mean, np.nan)
+        cover[part] = np.where(np.isnan(elevation[part]), np.uint8(NO_COVER), scene.cover[i, j])
+        field[part] = scene.field_id[i, j]
     if np.isnan(elevation).any() and not np.isnan(elevation).all():
         kernels.fill_no_data(elevation)
-    east = (np.arange(cols) - 0.5 * (cols - 1))[None, :] - east_m / cell
-    north = (0.5 * (rows - 1) - np.arange(rows))[:, None] - north_m / cell
-    ring = np.clip(np.rint(np.hypot(east, north)).astype(np.int64) - 1, 0, rings - 1)
-    column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) / step).astype(np.int64)
-    place = ring * bearing.size + wide + np.minimum(column, pixels * wide - 1)
+    place = np.empty((rows, cols), dtype=np.int64)
+    east = (np.arange(cols) - 0.5 * (cols - 1)) - east_m / cell
+    for k in range(rows):
+        north = (0.5 * (rows - 1) - k) - north_m / cell
+        ring = np.clip(np.rint(np.hypot(east, north)).astype(np.int64) - 1, 0, rings - 1)
+        column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) / step).astype(np.int64)
+        place[k] = ring * columns + wide + np.minimum(column, pixels * wide - 1)
     return PolarLayers(elevation, cover, field, place, wide, mean, peak)
 
 

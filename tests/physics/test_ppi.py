@@ -183,6 +183,17 @@ def test_the_polar_grid_holds_the_heights_and_comes_back():
     np.testing.assert_allclose(bilinear(z, np.array([[1.25]]), np.array([[2.5]])), 3.0 + 0.25 - 0.25)
 
 
+def test_an_antenna_beyond_all_measure_is_refused_before_memory_is():
+    with pytest.raises(ConfigurationError, match="Move the antenna nearer"):
+        quiet(flat(), ppi(antenna_east_m=900_000.0, altitude_m=90_000.0))
+
+
+def test_two_by_two_cells_are_seen():
+    image = quiet(flat(2), ppi(altitude_m=100.0, pulse_length_us=0.1, resolution_m=8.0))
+    assert np.isfinite(image.intensity).all()
+    assert image.mean_power.max() > 0.0
+
+
 def test_the_seam_at_north_does_not_show():
     rng = np.random.default_rng(5)
     z = rng.normal(0, 0.4, (120, 120)).cumsum(axis=0).cumsum(axis=1) * 0.05
