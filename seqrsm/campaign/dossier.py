@@ -25,8 +25,8 @@ class ImagePanel:
         Sensor settings in natural units, by factor name.
     channels : tuple of str
         Polarization of each plane of ``greytone``.
-    greytone : ndarray (channels, range, azimuth) of uint8
-        RSL TR 380-1 eq. (3-18); axis 1 runs from near to far range.
+    greytone : ndarray (channels, across, along) of uint8
+        RSL TR 380-1 eq. (3-18); across the track from near to far range, or in the direction of the sweep.
     pixel_m : float
         Ground size of a pixel [m].
     score, score_se : float

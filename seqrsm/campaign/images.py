@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of
@@ -183,6 +183,7 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
     """
     spec = campaign.spec
     made: list[tuple[str, dict[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
+    cell_m = 0.0
     chosen = chosen_settings(campaign, analyses)
     for title, settings in chosen.items():
         tell("simulating pictures", len(made), len(chosen))
@@ -190,15 +191,18 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
         image, scene = simulate_image(task)
         score = ENGINES[task.engine].score(task.utilities[0][1], image, scene, seed=spec.seed, run_id=NO_RUN)
         made.append((title, settings, picture_of(image), image.notes, score))
+        cell_m = scene.cell_m
     scales = grey_scales(picture for _, _, picture, _, _ in made)
     application = spec.applications[0]
+    # Footprints of a sweep are longer to the sides, and lines lie apart by the flight: no pixel of theirs is square.
+    on_ground = spec.simulator is not None and spec.simulator.engine == "prm"
     panels = tuple(
         ImagePanel(
             title=title,
             settings=dict(settings),
             channels=picture.channels,
-            greytone=greytones(picture, scales),
-            pixel_m=picture.pixel_m,
+            greytone=_on_ground(greytones(picture, scales), picture) if on_ground else greytones(picture, scales),
+            pixel_m=cell_m if on_ground else picture.pixel_m,
             score=score.value,
             score_se=score.se,
             caption=_caption(picture, application.name, score.value, score.se, application.unit, scales),
@@ -208,6 +212,13 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
     notes = dict.fromkeys(note for _, _, _, own, _ in made for note in own)
     turns = made[0][2].quarter_turns if made else 0
     return Pictures(panels, truth_panel(spec, turns), tuple(notes))
+
+
+def _on_ground(grey: AnyArray, picture: Picture) -> AnyArray:
+    """Grey tones (channels, pixels ...) on the cells of the scene, in the frame of the ground truth; 255 for none."""
+    place = np.rot90(picture.pixel_of_cell, picture.quarter_turns)
+    flat = grey.reshape(len(grey), -1)
+    return np.where(place >= 0, flat[:, np.maximum(place, 0)], np.uint8(255))
 
 
 def _caption(

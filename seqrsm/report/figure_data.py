@@ -159,7 +159,7 @@ def look_data(analysis: Analysis, looks: Sequence[Look]) -> PanelData:
 
 def picture_data(pixels: AnyArray, pixel_m: float) -> PanelData:
     """Pixels of a bitmap: a row for each range, a column for each azimuth, in metres from the near left corner."""
-    columns = ("range [m] \\ azimuth [m]", *(f"{pixel_m * j:.10g}" for j in range(pixels.shape[1])))
+    columns = ("across track [m] \\ along track [m]", *(f"{pixel_m * j:.10g}" for j in range(pixels.shape[1])))
     rows = tuple((pixel_m * i, *line) for i, line in enumerate(pixels.tolist()))
     return PanelData(columns, rows)
 

@@ -119,7 +119,7 @@ def format_percent(fraction: float) -> str:
     """Format a fraction as percent: whole percents, with one decimal below one and above 99 percent."""
     if math.isnan(fraction):
         return NOTHING
-    percent = 100.0 * fraction
+    percent = min(max(100.0 * fraction, 0.0), 100.0)  # a sum of probabilities may pass 1 by rounding
     if 0.0 < percent < 0.1:
         return "< 0.1\u00a0%"
     if 99.9 < percent < 100.0:

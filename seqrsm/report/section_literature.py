@@ -62,8 +62,9 @@ def _agreement(found: Literature) -> str:
         for row in found.comparisons
         if row.verdict in ("agrees", "not excluded", "differs")
     ]
-    one = "parameter" if comparable == 1 else "parameters"
-    return f"Of {comparable} {one} that can be compared {counts['agrees']} agree: {listing(words)}."
+    if comparable == 1:
+        return f"One parameter can be compared: {words[0]}."
+    return f"Of {comparable} parameters that can be compared {counts['agrees']} agree: {listing(words)}."
 
 
 def _comparison_table(found: Literature, analysis: Analysis) -> Table:

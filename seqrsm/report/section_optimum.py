@@ -138,7 +138,7 @@ def _shape(analysis: Analysis) -> list[Block]:
         for j, value in enumerate(stationary.eigenvalues)
     )
     columns = (
-        Column("Curvature", align="right"),
+        Column("Curvature", analysis.score_unit if analysis.response == "identity" else "", "right"),
         *(Column(readable(analysis.region.names[index]), align="right") for index in numeric),
     )
     table = Table(columns, rows, "Principal curvatures of the fitted surface and their directions, in coded units")
@@ -308,12 +308,31 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
 
 
 def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
-    sampler = analysis.posterior.sampler
-    items = [
-        (readable(name), format_significant(value, 4) if isinstance(value, float) else str(value))
-        for name, value in sampler.items()
-    ]
-    return tuple(items)
+    return tuple(
+        (_SAMPLER_WORDS.get(name, readable(name)), _sampler_value(name, value))
+        for name, value in analysis.posterior.sampler.items()
+    )
+
+
+_SAMPLER_WORDS = {
+    "draws": "draws kept",
+    "steps": "steps of every walker",
+    "tau": "autocorrelation time",
+    "ess": "effective draws, at least",
+    "ess_ends": "effective draws at the ends of the intervals, at least",
+    "acceptance": "accepted proposals",
+    "r_hat": "R-hat over independent ensembles, at most",
+}
+
+
+def _sampler_value(name: str, value: float | str) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    if name == "acceptance":
+        return format_share(value)
+    if name == "r_hat":
+        return format_number(value, 4)
+    return f"{format_significant(value, 2)} steps" if name == "tau" else format_significant(value, 3)
 
 
 def _posterior_figure(analysis: Analysis) -> FigureBlock:

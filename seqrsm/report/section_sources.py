@@ -36,6 +36,7 @@ from seqrsm.report.images import (
     reduce_grey,
     reduction,
 )
+from seqrsm.report.literature import system_of
 from seqrsm.report.phrases import whole_cell
 from seqrsm.report.rounding import format_plain, format_plus_minus
 from seqrsm.report.wording import format_settings, format_value, listing, readable, slug, with_unit
@@ -55,12 +56,14 @@ def image_section(dossier: Dossier) -> Section | None:
         return None
     unit = dossier.analyses[0].score_unit if dossier.analyses else ""
     count = sum(len(image.channels) for image in dossier.images) + (dossier.truth is not None)
-    blocks: list[Block] = [
-        Paragraph(
-            "Range runs down the pictures, near range on top; azimuth runs across. The black bar under each picture is "
-            "its scale, given in the table. All pictures are of one occasion."
-        )
-    ]
+    where = (
+        "Range runs down the pictures, near range on top; azimuth runs across."
+        if system_of(dossier.spec) == "active"
+        else "The sweep runs down the pictures, the flight across; every cell of the ground has the brightness of the "
+        "footprint nearest to it, and is white where there is none."
+    )
+    scale = "The black bar under each picture is its scale, given in the table. All pictures are of one occasion."
+    blocks: list[Block] = [Paragraph(f"{where} {scale}")]
     if dossier.truth is not None:
         text = (
             f"Ground truth: {dossier.truth.name}. {_ended(dossier.truth.provenance)} Licence: {dossier.truth.licence}"
@@ -140,7 +143,7 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
         Column("Picture"),
         Column("Settings"),
         Column("Score \u00b1 s.e.", align="right"),
-        Column("Azimuth by range"),
+        Column("Along by across track"),
         Column("Cell or pixel", align="right"),
         Column("Reduced", align="right"),
         Column("Bar", align="right"),

@@ -50,7 +50,7 @@ def searched_blocks(analysis: Analysis) -> list[Block]:
     text = searched_text(analysis, study)
     if not rows:
         return [Paragraph(f"Intervals that allow for the search: {text[:1].lower()}{text[1:]}", "note")]
-    columns = (Column("Interval"), Column("From, to"), Column("Half-width", align="right"))
+    columns = (Column("Interval"), Column("From, to"), Column("Half-width", analysis.score_unit, "right"))
     cells = tuple((Cell(name[:1].upper() + name[1:]), Cell(ends), Cell(half)) for name, ends, half in rows)
     return [Paragraph(text), Table(columns, cells, f"Intervals after the search, {level_phrase(analysis)}")]
 

@@ -267,7 +267,7 @@ def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
         value = value + _moisture(curve, state, notes)
         status = "assumed"  # the roughness is
     if curve.wind_m_s.size > 1:
-        notes.append(f"wind {state.wind_m_s:g} m/s")
+        notes.append(f"wind {state.wind_m_s:.3g} m/s")
     if state.snow != "none" and curve.category not in _ABOVE_SNOW:
         value, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
         notes.append(note)
@@ -339,7 +339,7 @@ def _moisture(curve: Curve, state: _State, notes: list[str]) -> FloatArray:
         raise ScatteringDataError(Problem(message, "", field="soil_moisture", value=mv))
     low, high = _OH04_MOISTURE_RANGE
     held = "" if low <= mv <= high else f", held at {low if mv < low else high:g}"
-    notes.append(f"soil moisture {mv:g} against {reference:g} by Oh 2004{held} (rms height assumed)")
+    notes.append(f"soil moisture {mv:.3g} m3/m3 against {reference:g} by Oh 2004{held} (rms height assumed)")
     return moisture_change_db(state.frequency_ghz, float(curve.soil_rms_height_m or 0.0), mv, reference)
 
 

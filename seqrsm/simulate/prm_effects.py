@@ -69,12 +69,17 @@ def effects_k(
     }
 
 
+def _digits(value: float) -> str:
+    """Two significant digits, never with a power of ten."""
+    return f"{float(f'{value:.2g}'):.10g}"
+
+
 def effect_notes(sizes_k: Mapping[str, float], planck_offset_k: float) -> tuple[str, ...]:
     """The effects in words; the engine computes all of them whatever their size."""
     nedt = sizes_k["nedt"]
     others = {name: size for name, size in sizes_k.items() if name != "nedt"}
-    above = [f"{name} {size:.2g} K" for name, size in others.items() if size > nedt]
-    below = [f"{name} {size:.2g} K" for name, size in others.items() if size <= nedt]
+    above = [f"{name} {_digits(size)} K" for name, size in others.items() if size > nedt]
+    below = [f"{name} {_digits(size)} K" for name, size in others.items() if size <= nedt]
     law = "Planck's law" if planck_offset_k > 0.0 else "Rayleigh-Jeans"
     notes = [f"radiation by {law}; they differ by {sizes_k['Rayleigh-Jeans against Planck']:.2g} K in power"]
     if above:

@@ -73,7 +73,7 @@ def test_notes_tell_every_assumption() -> None:
         "assumed_offset_frequency",
         "Trees: albedo 0.28 at 1.25 GHz (assumed)",
         "Water: wind 4 m/s",
-        "Bareground: soil moisture 0.35 against 0.2 by Oh 2004, held at 0.291",
+        "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004, held at 0.291",
         "Wheat HH: field sd 1.37 dB (computed: flevoland), date sd 1.00 dB (assumed",
         "correlation of the field-to-field draws of two channels: 0.6 (assumed)",
     ):
