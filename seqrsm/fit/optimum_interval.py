@@ -8,6 +8,10 @@ since error adds to every coefficient, so the bootstrap is done a second time fr
 one standard error nearer to zero. The interval given is the widest of the t interval and the two bootstrap-t intervals
 at each end, since each alone can be short.
 
+Measured (``reports/statistics``): with 16, 24, 36 runs for k = 2, 3, 4 and curvatures of 12, 2, 1 and 0 standard
+deviations of a run, 95 % confidence intervals cover the mean at the fitted optimum in 94 to 97 %, t intervals in 95,
+87 to 93, 75 to 85 and 53 to 82 %.
+
 References
 ----------
 Efron, Tibshirani (1993), An introduction to the bootstrap, chapters 12 and 14 (bootstrap-t).

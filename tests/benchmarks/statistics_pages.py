@@ -35,7 +35,7 @@ def coverage_picture(path: Path, rows: dict[str, list[Row]]) -> None:
         axis.set_xlim(-4.0, 6.0)
     axes[-1, 0].set_xlabel("share less nominal [%]; bars: two Monte Carlo standard errors; band: 1 %")
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
 
 
@@ -58,7 +58,7 @@ def rank_picture(path: Path, found: list[dict]) -> None:
             axis.set_title(f"p = {one['p'][j]:.2f}", fontsize=7)
         line[0].set_ylabel(one["name"], fontsize=6.5, rotation=0, ha="right", va="center")
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
 
 
