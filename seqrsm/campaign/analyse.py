@@ -92,7 +92,7 @@ def analyse(
     looks : sequence of LookRecord
         Earlier looks at this application, for the rule of two looks.
     sampler : "exact" or "emcee"
-        How the posterior is drawn; errors = "student_t" needs and always gets emcee.
+        How the posterior is drawn; with errors = "student_t" "exact" is a Gibbs sampler of exact conditionals.
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool

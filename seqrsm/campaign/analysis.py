@@ -177,7 +177,7 @@ class PosteriorSummary:
     Attributes
     ----------
     sampler : dict
-        "exact" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for emcee.
+        "exact", "gibbs" or "emcee" under the key ``method``, with tau, ess, acceptance, r_hat, steps for emcee.
     term_draws : ndarray (m, p)
         Draws of the coded coefficients, on the scale of the fit.
     optimum_points : ndarray (m, k)

@@ -17,11 +17,11 @@ from seqrsm.decide.moving import Box
 from seqrsm.decide.sources import source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
-from seqrsm.errors import FitError, Problem
+from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative
 from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
-from seqrsm.fit.robust import STUDENT_DF
+from seqrsm.fit.robust import STUDENT_DF, student_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.rng import generator
 
@@ -153,14 +153,23 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
     if fitted.fit.sse == 0.0 or (sampler == "exact" and errors == "normal"):
         beta, sigma = posterior(Z, fitted.fit.y, weights, prior).draws(n_draws, rng)
         made: dict[str, float | str | int] = {"method": "exact", "draws": n_draws}
+    elif sampler == "exact":
+        beta, sigma, made = _student_draws(Z, fitted.fit.y, weights, prior, n_draws, rng)
     else:
         from seqrsm.fit.ensemble import sample_posterior
 
         seed = int(rng.integers(2**31))
-        chain = sample_posterior(Z, fitted.fit.y, weights, errors=errors, prior=prior, nu=STUDENT_DF, seed=seed)
-        keep = _spread(len(chain.sigma), n_draws)
-        made = _sampled(chain, errors, len(keep))
-        beta, sigma = chain.beta[keep], chain.sigma[keep]
+        try:
+            chain = sample_posterior(Z, fitted.fit.y, weights, errors=errors, prior=prior, nu=STUDENT_DF, seed=seed)
+        except ConvergenceError:
+            if errors != "student_t":
+                raise
+            # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
+            beta, sigma, made = _student_draws(Z, fitted.fit.y, weights, prior, n_draws, rng)
+        else:
+            keep = _spread(len(chain.sigma), n_draws)
+            made = _sampled(chain, errors, len(keep))
+            beta, sigma = chain.beta[keep], chain.sigma[keep]
     if fitted.sources is None:
         return Draws(beta[:, :p], sigma, made)
     ratio = 1.0 / np.sqrt(fitted.sources.flight_weight)
@@ -180,6 +189,21 @@ def _binomial_draws(spec: CampaignSpec, fitted: Fitted, rng: np.random.Generator
     beta = chain.of("beta")[keep][:, : fitted.model.p]
     counts = Counts(correlation, float(np.median(trials)))
     return Draws(beta, np.full(len(keep), fitted.fit.s), made, counts=counts)
+
+
+def _student_draws(
+    Z: FloatArray, y: FloatArray, weights: FloatArray, prior: Prior, n_draws: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, dict[str, float | str | int]]:
+    found = student_draws(Z, y, weights, prior, n_draws, rng)
+    made: dict[str, float | str | int] = {
+        "method": "gibbs",
+        "errors": "student_t",
+        "draws": len(found.sigma),
+        "steps": found.sweeps,
+        "ess": found.ess,
+        "r_hat": found.r_hat,
+    }
+    return found.beta, found.sigma, made
 
 
 def _spread(n: int, wanted: int) -> IntArray:

@@ -60,6 +60,11 @@ def show_fit(analysis: Analysis) -> None:
             f"least ESS {float(sampler['ess']):.0f}, at the ends of the intervals {float(sampler['ess_ends']):.0f}, "
             f"R-hat {number(float(sampler['r_hat']), 5)}"
         )
+    elif sampler["method"] == "gibbs":
+        line(
+            f"Posterior by Gibbs sampling of Student-t errors: {sampler['steps']} sweeps, "
+            f"least ESS {float(sampler['ess']):.0f}, R-hat {number(float(sampler['r_hat']), 5)}"
+        )
     if analysis.study is not None:
         show_study(analysis, analysis.study)
     _show_decision(analysis)

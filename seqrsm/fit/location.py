@@ -224,7 +224,7 @@ class BestSettings:
             dust = distance <= _DUST * np.sqrt(np.max(square))
             near, ok = self._neighbours(part)
             near_rows, near_value = self._whitened(near.reshape(-1, self.region.k))
-            near_distance = np.linalg.norm(near_rows.reshape(*ok.shape, -1) - rows[:, None, :], axis=2)
+            near_distance = np.linalg.norm(near_rows.reshape(*ok.shape, rows.shape[1]) - rows[:, None, :], axis=2)
             distance = np.hstack([distance, near_distance])
             gain = np.hstack([gain, near_value.reshape(ok.shape) - value[:, None]])
             itself = np.hstack([dust, ~ok | (near_distance <= _DUST * np.sqrt(np.max(square)))])

@@ -8,9 +8,10 @@ from scipy import stats
 from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
-from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, posterior
+from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
 from seqrsm.fit.ensemble import EnsemblePosterior, GammaPrior, WeakPrior, sample_posterior
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
+from seqrsm.fit.robust import student_draws
 
 
 def problem(n: int = 14, k: int = 2, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -183,3 +184,28 @@ def test_scores_without_noise_are_refused() -> None:
     Z, _, w = problem()
     with pytest.raises(FitError, match="exactly"):
         sample_posterior(Z, np.full(14, 3.0), w, seed=1)
+
+
+def test_gibbs_draws_of_student_errors_meet_the_ensemble() -> None:
+    """Two samplers of one posterior, with and without a prior; the errors are those of the smaller sample."""
+    rng = np.random.default_rng(12)
+    Z = np.column_stack([np.ones(26), rng.uniform(-1.0, 1.0, (26, 3))])
+    y = Z @ np.array([5.0, 1.0, -2.0, 0.5]) + rng.standard_t(4.0, 26)
+    weights = rng.uniform(0.5, 2.0, 26)
+    informed = NormalInverseGamma(np.array([0.0, 0.5, 0.0, 0.0]), np.diag([0.0, 2.0, 1.0, 0.5]), 1.5, 2.0)
+    for prior in (Flat(), informed):
+        found = student_draws(Z, y, weights, prior, 20_000, np.random.default_rng(1))
+        chain = sample_posterior(Z, y, weights, errors="student_t", prior=prior, nu=4.0, seed=3)
+        assert found.r_hat < 1.02
+        for own, other in zip([*found.beta.T, np.log(found.sigma)], [*chain.beta.T, np.log(chain.sigma)], strict=True):
+            assert own.mean() == pytest.approx(other.mean(), abs=0.08 * other.std())
+            assert own.std() == pytest.approx(other.std(), rel=0.08)
+
+
+def test_gibbs_draws_leave_a_wild_score_alone() -> None:
+    rng = np.random.default_rng(2)
+    Z = np.column_stack([np.ones(20), np.linspace(-1.0, 1.0, 20)])
+    y = Z @ np.array([80.0, 3.0]) + rng.standard_normal(20)
+    y[4] = 500.0
+    found = student_draws(Z, y, np.ones(20), Flat(), 4000, np.random.default_rng(1))
+    assert found.beta.mean(axis=0) == pytest.approx([80.0, 3.0], abs=1.0)
