@@ -324,7 +324,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     if len(known) == len(factors):
         spec_checks.knowledge(applications, known, _has_prior(single.get("model")), report)
     if single.get("model") is not None:
-        spec_checks.model(single["model"], report)
+        spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None

@@ -270,8 +270,16 @@ class _Model(Protocol):
     block_effect: Literal["fixed", "random"]
 
 
-def model(table: _Model, report: Reporter) -> None:
-    """Keys of ``[model]`` that exclude each other."""
+def model(table: _Model, applications: Sequence[_Application | None], *, simulated: bool, report: Reporter) -> None:
+    """Keys of ``[model]`` that exclude each other, or what the scores will be."""
+    if table.errors == "beta_binomial":
+        place: Path = ("model", "errors")
+        if simulated:
+            remedy = 'Use errors = "normal": a simulated score is no count of independent decisions.'
+            report.add(place, "simulated scores come without counts", remedy, table.errors)
+        elif any(application is not None and not application.is_percent for application in applications):
+            remedy = 'Set utility = "percent_correct", or errors = "normal".'
+            report.add(place, "beta_binomial errors are for percentages of correct decisions", remedy, table.errors)
     if table.errors == "beta_binomial" and table.response != "logit":
         remedy = 'Add response = "logit".'
         report.add(("model", "errors"), "beta_binomial scores are modelled on the logit scale", remedy, table.errors)

@@ -206,6 +206,10 @@ def test_random_blocks(tmp_path: Path) -> None:
         ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
         ('errors = "beta_binomial"', "logit scale"),
         ('terms = "stepwise"', "terms"),
+        (
+            'response = "logit"\nerrors = "beta_binomial"\n[simulator]\nengine = "psm"\nscene = "s.npz"',
+            "without counts",
+        ),
     ],
 )
 def test_model_keys_that_exclude_each_other(tmp_path: Path, model: str, words: str) -> None:
