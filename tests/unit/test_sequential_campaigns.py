@@ -46,12 +46,15 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                 except ValueError as error:
                     value, failure = 0.0, str(error)
                 scores = () if failure else (NewScore("score", float(value)),)
-                yield index, SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False)
+                yield (
+                    index,
+                    SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False, check=None),
+                )
 
         monkeypatch.setattr(loop, "run_many", carry)
         monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
         monkeypatch.setattr(
-            loop, "task_of", lambda spec, run_id, settings: SimpleNamespace(run_id=run_id, settings=settings)
+            loop, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
         place = tmp_path / folder
         place.mkdir()
