@@ -6,6 +6,7 @@ where it was, and ends with the same result as one that was not.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -200,6 +201,8 @@ class Campaign:
             )
         if csv is not None and csv.exists():
             raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
+        if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
+            raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
         runs = self._proposals(n or self.spec.batch, source, analyses)
         ids = self.store.add_batch(runs, issue=True)
         records = tuple(run for run in self.store.runs() if run.run_id in set(ids))

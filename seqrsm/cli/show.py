@@ -56,7 +56,7 @@ def show_outcome(outcome: Outcome) -> None:
         heading("Decision: stop" if outcome.held else "Decision: the budget ended the campaign")
         for reason in analysis.decision.reasons:
             line(f"- {reason}", 2)
-        if analysis.confirmation is not None:
+        if analysis.confirmation is not None and analysis.confirmation.agrees:  # else the reasons say it
             line(f"- {analysis.confirmation.text}", 2)
         show_warnings(analysis.warnings)
     split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())

@@ -191,3 +191,8 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
     # A band that is too narrow for the finest resolution only lies with the factor.
     narrow = told("bandwidth = 60.0", "bandwidth = 10.0")
     assert "This happens at polarization = HH, resolution = 10." in narrow
+
+
+def test_a_form_that_cannot_be_written_issues_no_runs(tiny) -> None:
+    assert "cannot write" in call("propose", tiny, "--csv", tiny / "nowhere" / "form.csv", code=2)
+    assert json.loads(call("status", tiny, "--json"))["runs"] == {}
