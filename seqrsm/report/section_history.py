@@ -114,7 +114,7 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
 def _confirmation(analysis: Analysis) -> list[Block]:
     confirmation = analysis.confirmation
     assert confirmation is not None
-    places = decimals_for(confirmation.interval.half_width)
+    places = max(decimals_for(confirmation.interval.half_width), score_decimals(analysis))
     runs = listing([str(run) for run in confirmation.run_ids])
     scores = ", ".join(format_number(score, places) for score in confirmation.scores)
     text = (

@@ -33,7 +33,7 @@ from seqrsm.report.rounding import (
     format_percent,
     format_significant,
 )
-from seqrsm.report.section_study import term_blocks, vif_text
+from seqrsm.report.section_study import largest_vif, term_blocks
 from seqrsm.report.study_text import profile_text
 from seqrsm.report.surfaces import ranked_factors
 from seqrsm.report.wording import listing, readable, readable_term, readable_text, slug, with_unit
@@ -147,9 +147,9 @@ def _statistics_table(analysis: Analysis) -> Table:
         ("R\u00b2 predicted (each run left out in turn)", _known(_share(fit.r2_predicted), fit.r2_predicted, analysis)),
         ("Condition number of the model matrix", significant_cell(fit.condition_number, 3)),
     ]
-    worst = vif_text(analysis)
-    if worst:
-        pairs.append(("Largest variance inflation factor", Cell(worst)))
+    worst = largest_vif(analysis)
+    if worst is not None:
+        pairs.append((f"Largest variance inflation factor, of {worst[0]}", significant_cell(worst[1], 3)))
     rows = tuple((Cell(label), cell) for label, cell in pairs)
     return Table((Column("Quantity"), Column("Value", align="right")), rows, "Quality of the fit")
 

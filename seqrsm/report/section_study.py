@@ -25,7 +25,7 @@ from seqrsm.report.blocks import (
 )
 from seqrsm.report.figures_study import location_panel
 from seqrsm.report.phrases import interval_text, level_phrase, number_cell, score_text
-from seqrsm.report.rounding import format_percent, format_significant
+from seqrsm.report.rounding import format_percent
 from seqrsm.report.study_text import (
     LOCATION_METHODS,
     averaged_text,
@@ -185,11 +185,11 @@ def _block_blocks(analysis: Analysis, found: BlockStudy) -> tuple[Block, ...]:
     return (Table(columns, rows, "The recommended settings by block"), Paragraph(block_text(found)))
 
 
-def vif_text(analysis: Analysis) -> str:
-    """The largest variance inflation factor, in words; empty where there is none."""
+def largest_vif(analysis: Analysis) -> tuple[str, float] | None:
+    """Term of the largest variance inflation factor, and that factor; None where there is none."""
     vif = analysis.fit.vif()
     known = [i for i in range(len(vif)) if np.isfinite(vif[i]) and analysis.fit.kinds[i] != "block"]
     if not known:
-        return ""
+        return None
     worst = max(known, key=lambda i: float(vif[i]))
-    return f"{format_significant(float(vif[worst]), 3)} ({readable_term(analysis.fit.names[worst])})"
+    return readable_term(analysis.fit.names[worst]), float(vif[worst])

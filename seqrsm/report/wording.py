@@ -121,6 +121,7 @@ _SUFFIXES = {
     "w": "W", "kw": "kW", "k": "K", "db": "dB", "deg": "deg", "mv": "V", "v": "V",
 }  # fmt: skip
 _RATES = {"_m_s": "m/s", "_mm_h": "mm/h"}
+_OF_NAMES = {"hour": "h", "exposure_hours": "h", "cloud_kg_m2": "kg/m\u00b2"}
 
 
 def fixed_unit(name: str, value: float | str) -> str:
@@ -129,6 +130,8 @@ def fixed_unit(name: str, value: float | str) -> str:
         return ""
     if name in PARAMETER_UNITS:
         return PARAMETER_UNITS[name].unit
+    if name in _OF_NAMES:
+        return _OF_NAMES[name]
     for suffix, unit in _RATES.items():
         if name.endswith(suffix):
             return unit
@@ -149,7 +152,8 @@ def fixed_label(name: str) -> str:
 
 
 def readable_text(text: str, names: Iterable[str]) -> str:
-    """A sentence in which factors stand by their readable names."""
+    """A sentence in which factors stand by their readable names, and no line ends before a percent sign."""
+    text = re.sub(r"(?<=\d) (?=%)", "\u00a0", text)
     for name in sorted((name for name in names if "_" in name), key=len, reverse=True):
         text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", readable(name), text)
     return text

@@ -17,6 +17,7 @@ from seqrsm.report.wording import fixed_label, fixed_unit, readable_text
         ("rain_mm_h", 8.0, "rain", "mm/h"),
         ("noise_figure_db", 4.0, "noise figure", "dB"),
         ("snow_depth_cm", 15.0, "snow depth", "cm"),
+        ("hour", 14.0, "hour", "h"),
         ("soil_moisture_low", 0.1, "soil moisture low", "m\u00b3/m\u00b3"),
         ("polarization", "HH", "polarization", ""),
         ("looks", 4.0, "looks", ""),
