@@ -162,6 +162,8 @@ def sampling_variance(length_m: float, n: int, step_m: float, extent_m: float) -
     """
     if length_m <= 0.0:
         return 1.0 / n, 0.0
+    if math.isinf(length_m):
+        return 1.0, 1.0
     points = min(1.0 / math.tanh(0.5 * step_m / length_m) / n, 1.0)
     return points, min(2.0 * length_m / extent_m, points)
 

@@ -305,6 +305,8 @@ class Ground:
         Largest standard deviation of one pixel's part in the score [score units].
     drawn : float
         Part of that variance at most that is due to the draw of fading or noise, 0 to 1.
+    scored : float
+        Share of the ground that is scored, above 0: the other pixels tell nothing.
     """
 
     correlation_m: float
@@ -315,6 +317,7 @@ class Ground:
     n_columns: int
     spread: float
     drawn: float = 1.0
+    scored: float = 1.0
 
     def sampling_error(self, rows: int, columns: int, draws: int) -> float:
         """Standard error of a score from so many rows and columns of pixels against that of all [score units].
@@ -333,11 +336,11 @@ class Ground:
         places = max(points - whole, 0.0)
         fading = 1.0 / (pixels * draws)
         own = places + self.drawn * max(fading - places, 0.0)
-        return TEACHING * self.spread * math.sqrt(own + self.mixed * (1.0 - part) / pixels)
+        return TEACHING * self.spread * math.sqrt((own + self.mixed * (1.0 - part) / pixels) / self.scored)
 
     def draw_error(self, pixels: int, draws: int) -> float:
         """Standard error that so many draws of fading on so many pixels leave [score units]."""
-        return TEACHING * self.spread * math.sqrt(self.drawn / (pixels * draws))
+        return TEACHING * self.spread * math.sqrt(self.drawn / (pixels * draws * self.scored))
 
 
 def smallest(

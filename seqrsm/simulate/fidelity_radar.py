@@ -320,6 +320,7 @@ class _View:
             n_columns=max(math.ceil(along / side - 1e-9), 1),
             spread=50.0,
             drawn=self.drawn(),
+            scored=max(self.statistics.scored_fraction, 1e-9),
         )
 
     def drawn(self) -> float:

@@ -213,6 +213,7 @@ class _View:
             n_columns=scan.n_lines,
             spread=spread,
             drawn=1.0 if self.radiometer.nedt_k(self.warm_k) > 0.0 else 0.0,
+            scored=max(self.statistics.scored_fraction, 1e-9),
         )
 
     def effort(self, draws: int) -> float:

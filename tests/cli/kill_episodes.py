@@ -156,6 +156,7 @@ def outcome(folder: Path) -> Any:
     for run in document["runs"]:
         for score in run["scores"]:
             score.pop("scored_at")
+            score["metadata"].get("fidelity", {}).pop("seconds", None)
         for name in times & run.keys():
             run.pop(name)
     looks = [(look["after_run"], look["application"], look["summary"]) for look in document["looks"]]

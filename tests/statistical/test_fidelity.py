@@ -179,3 +179,17 @@ def test_radiometer_rungs_err_by_no_more_than_their_bound(rung: str) -> None:
     assert abs(difference.mean()) <= made.bias + 0.5 * made.sampling + 3.0 * error
     assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, 1.0)
     assert cheap.std(ddof=1) > 0.5 * true.std(ddof=1)
+
+
+def test_a_scene_with_little_to_score_is_seen_whole() -> None:
+    scene = ground("rolling")
+    few = np.zeros(scene.shape, dtype=bool)
+    few[40:43, 50:53] = True
+    scene = replace(scene, scored=few & (scene.cover < len(COVERS)))
+    chosen, _ = plan(scene, radar(), 1, "auto", 5.0)
+    assert chosen.chosen.rung == "F4"
+
+
+def test_a_scene_of_one_field_is_planned_and_scored() -> None:
+    scene = synthetic_scene(60, 70, 5.0, categories=("Grass",), field_m=5000.0, seed=1)
+    assert scores(scene, radar(), "auto", 5.0)[0].min() == 100.0
