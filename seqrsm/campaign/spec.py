@@ -15,7 +15,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
 ``[[application]]``, one or more
     ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
-    "package.module:function"; ``goal`` ("maximize" or "minimize"); ``weight`` (1); ``unacceptable`` and ``ideal``:
+    "package.module:function"; ``goal`` ("maximize" or "minimize", the default of
+    "retrieval_error"); ``weight`` (1); ``unacceptable`` and ``ideal``:
     scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``catalog``
     (words of the name or description): what the report looks up in the catalogue of the literature, see
     ``seqrsm catalog``.
@@ -315,6 +316,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     if isinstance(raw.get("simulator"), dict):
         factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
         spec_checks.simulator(folder, raw["simulator"], factor_names, report)
+    spec_checks.goals(applications, report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, _engine_name(raw), report)
     spec_checks.desirabilities("consideration", repeated["consideration"], report)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any, Literal, Protocol
 
+from seqrsm.campaign.spec_tables import ApplicationSpec
 from seqrsm.campaign.toml_lines import Path, line_of
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
@@ -359,6 +360,14 @@ def knowledge(
 
 def _ends(factor: DiscreteFactor) -> tuple[float, float]:
     return min(factor.values), max(factor.values)
+
+
+def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
+    """An error is made small."""
+    for index, application in enumerate(applications):
+        if application is not None and application.utility == "retrieval_error" and application.goal == "maximize":
+            path: Path = ("application", index, "goal")
+            report.add(path, "the utility is an error", 'Write goal = "minimize".', application.goal)
 
 
 def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:

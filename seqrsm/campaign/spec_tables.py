@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
@@ -114,6 +114,7 @@ class ApplicationSpec(Table):
     utility : str
         One of `UTILITIES` or "package.module:function".
     goal : {"maximize", "minimize"}
+        "minimize" is the default, and the only one, of "retrieval_error".
     weight : float
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
@@ -132,6 +133,13 @@ class ApplicationSpec(Table):
     catalog: str = ""
     prior: KnowledgeSpec | None = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _errors_are_made_small(cls, data: object) -> object:
+        if isinstance(data, dict) and data.get("utility") == "retrieval_error" and "goal" not in data:
+            return {**data, "goal": "minimize"}
+        return data
+
     @property
     def is_percent(self) -> bool:
         """Whether scores are percentages from 0 to 100."""
@@ -140,7 +148,7 @@ class ApplicationSpec(Table):
     @property
     def unit(self) -> str:
         """Unit of the scores, "" where the utility tells none."""
-        return "percent" if self.is_percent else ""
+        return "percent" if self.is_percent or self.utility == "retrieval_error" else ""
 
 
 class ConsiderationSpec(Table):

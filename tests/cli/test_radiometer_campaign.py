@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from seqrsm.campaign.spec import load_spec
 from seqrsm.cli.app import app
 from seqrsm.scene.scene import Scene, load_scene, save_scene
 
@@ -239,3 +240,16 @@ def test_greytone_and_geotiff_tell_the_same_temperatures(folder):
     cells = np.squeeze(tifffile.imread(folder / "image.tif"))
     footprint = arrays["pixel_of_cell"]
     np.testing.assert_allclose(cells[footprint >= 0], kelvin.ravel()[footprint[footprint >= 0]], rtol=1e-6)
+
+
+def test_an_error_is_made_small_and_has_a_unit(folder):
+    text = TOML.replace('utility = "retrieval_error"\ngoal = "minimize"', 'utility = "retrieval_error"')
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    spec = load_spec(folder)
+    assert [(one.goal, one.unit) for one in spec.applications] == [("minimize", "percent"), ("minimize", "")]
+    wrong = text.replace('utility = "retrieval_error"', 'utility = "retrieval_error"\ngoal = "maximize"')
+    (folder / "campaign.toml").write_text(wrong, encoding="utf-8")
+    line = wrong[: wrong.index('goal = "maximize"')].count("\n") + 1
+    output = call("check", folder, code=2).output
+    assert f"campaign.toml:{line}: application 'moisture': goal: the utility is an error" in output
+    assert 'Write goal = "minimize"' in output
