@@ -90,7 +90,9 @@ def _summary(result: Rehearsal, unit: str, interval_name: str, response: str) ->
         ),
     ]
     notes = [
-        "Truths are quadratics drawn from the current posterior, errors are normal; ± is a Monte Carlo standard error."
+        "Truths are quadratics drawn from the current posterior, errors are normal; ± is a Monte Carlo standard error.",
+        "The rule is rehearsed without its allowance for departures from the quadratic, and over the fitted region as "
+        "it is: a campaign that needs either takes more runs.",
     ]
     if response != "identity":
         notes.append(f"Figures are on the scale of the fit ({response}).")

@@ -155,8 +155,8 @@ class Fitted:
 
     @property
     def s(self) -> float:
-        """Of a run at the recommended settings."""
-        return self.fit.s / float(np.sqrt(self.weight))
+        """Of a run at the recommended settings; counts scatter at least as the binomial does."""
+        return max(self.fit.s, 1.0 if self.told.trials else 0.0) / float(np.sqrt(self.weight))
 
     @property
     def h(self) -> float:
