@@ -46,7 +46,9 @@ def rank_picture(path: Path, found: list[dict]) -> None:
     for line, one in zip(axes, found, strict=True):
         for axis in line:
             axis.set_axis_off()
-        for j, counts in enumerate(one["histograms"]):
+        for j, fine in enumerate(one["histograms"]):
+            # With few data sets bars are put together, so that each is worth looking at.
+            counts = np.array(fine) if one["sets"] >= 500 else np.reshape(fine, (-1, 2)).sum(axis=1)
             axis = line[j]
             axis.set_axis_on()
             bins = len(counts)
@@ -55,7 +57,7 @@ def rank_picture(path: Path, found: list[dict]) -> None:
             axis.bar(np.arange(bins), counts, width=0.9, color="#0072b2")
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.set_title(f"p = {one['p'][j]:.2f}", fontsize=7)
+            axis.set_title(f"p = {one['p'][j]:.3f}", fontsize=7)
         line[0].set_ylabel(one["name"], fontsize=6.5, rotation=0, ha="right", va="center")
     figure.tight_layout()
     figure.savefig(path, dpi=110, bbox_inches="tight")
@@ -128,7 +130,7 @@ def _calibration(result: dict) -> list[str]:
         "|---|---|---|---|---|",
     ]
     for one in result["rows"]:
-        p = ", ".join(f"{value:.2f}" for value in one["p"])
+        p = ", ".join(f"{value:.3f}" for value in one["p"])
         text.append(f"| {one['name']} | {one['sets']} | {one['refused']} | {p} | {one['control']:.0e} |")
     return [*text, "", _cost(result), ""]
 

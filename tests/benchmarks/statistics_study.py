@@ -109,7 +109,8 @@ def write(out: Path, results: dict) -> None:
     from statistics_pages import coverage_picture, page, rank_picture
 
     rows = {name: [Row(**row) for row in results[name]["rows"]] for name in statistics_cases.STUDIES if name in results}
-    coverage_picture(out / "coverage.png", rows)
+    if rows:
+        coverage_picture(out / "coverage.png", rows)
     if SBC in results:
         rank_picture(out / "ranks.png", results[SBC]["rows"])
     (out / "README.md").write_text(page(results, rows, LACK, SBC), encoding="utf-8")
