@@ -50,6 +50,9 @@ TEACHING: Final = 2.0
 """A sample also teaches the classifier: its error is larger than that of the pixels it tests by this factor at most
 (Monte Carlo over flat, rolling and steep ground, `tests/statistical/test_fidelity.py`)."""
 
+WORTHWHILE: Final = 0.7
+"""A cheaper rung is taken where it is expected to need no more of the full simulation's time than this part."""
+
 QUIET: Final = 0.2
 """Part of the tolerance that the draws of a whole image may leave."""
 
@@ -152,10 +155,11 @@ class Plan:
     why: str
 
     def next_rung(self) -> RungPlan | None:
-        """The next rung above the chosen one that is no worse; None at the top."""
-        limit = max(self.tolerance, self.chosen.bound)
+        """The next rung above the chosen one that is no worse and takes no longer than the top; None at the top."""
+        limit, top = max(self.tolerance, self.chosen.bound), self.rungs[-1]
         above = self.rungs[RUNGS.index(self.chosen.rung) + 1 :]
-        return next((plan for plan in above if not plan.refused and plan.bound <= limit), None)
+        good = (plan for plan in above if not plan.refused and plan.bound <= limit and plan.effort <= top.effort)
+        return next(good, None)
 
     def of(self, rung: str) -> RungPlan:
         """Plan of one rung."""
@@ -241,7 +245,9 @@ def choose(
             raise ConfigurationError(Problem(f"{fidelity}: {asked.refused}", remedy, field="fidelity", value=fidelity))
         why = f"{fidelity} was asked for; its error is at most {_shown(asked.bound)}"
         return Plan(asked, widened, tuple(effects), tolerance, why)
-    good = [plan for plan in widened if not plan.refused and plan.bound <= tolerance]
+    limit = WORTHWHILE * widened[-1].effort
+    good = [plan for plan in widened[:-1] if not plan.refused and plan.bound <= tolerance and plan.effort <= limit]
+    good.append(widened[-1])
     chosen = min(good, key=lambda plan: (plan.effort, -RUNGS.index(plan.rung)))
     return Plan(chosen, widened, tuple(effects), tolerance, _why(chosen, widened, tolerance))
 
@@ -262,7 +268,7 @@ def _why(chosen: RungPlan, rungs: Sequence[RungPlan], tolerance: float) -> str:
         elif plan.bound > tolerance:
             parts.append(f"{plan.rung} could be off by {_shown(plan.bound)}")
         else:
-            parts.append(f"{plan.rung} would take longer here")
+            parts.append(f"{plan.rung} would save no time here")
     return "; ".join(parts)
 
 

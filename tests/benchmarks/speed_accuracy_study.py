@@ -34,7 +34,7 @@ from seqrsm.scene.synthetic import synthetic_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "reports" / "speed-accuracy"
-CAMPAIGNS, RUNS, FRESH = 3, 14, 6
+CAMPAIGNS, RUNS, FRESH = 6, 14, 6
 CROPS = ("Wheat", "Corn", "Oats", "Forage", "Trees", "Grass")
 LAND = ("Water", "Trees", "Grass", "Bareground")
 RADAR = {"polarization": "HH+HV", "bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 8000.0, "depression_angle": 45.0}
@@ -231,18 +231,19 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     left.axvline(20, color="#009e73", ls=":", lw=1)
     left.axvline(5, color="#0072b2", ls=":", lw=1)
     left.set(xscale="log", xlim=(0.5, 100), xlabel="times faster than everything on (dotted: the aims)")
+    left.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
     left.set_ylim(-0.8, len(rows) - 0.2)
     left.set_yticks(places, names, fontsize=8)
     left.legend(loc="lower right", fontsize=8, frameon=False)
     right.axvline(1.0, color="#5c6670", lw=1)
-    right.set(xlabel="utility lost at the optimum over the tolerance, each campaign")
+    right.set(xlabel="utility lost over the tolerance, each campaign")
     right.grid(visible=True, axis="x", color="#d5dae0", lw=0.6)
     figure.savefig(path, dpi=130)
 
 
 HEAD = """# Speed and accuracy of campaigns with the fidelity planner
 
-Written by `python tests/benchmarks/speed_accuracy_study.py`. {campaigns} campaigns of {runs} runs for each site, over
+Written by `python tests/benchmarks/speed_accuracy_study.py`. Campaigns of {runs} runs for each site, over
 frequency and resolution, each once with every run by the full simulation (F4) and once with the planner at each
 tolerance: the same settings and occasions. Times are CPU times of one process, the planner's own decisions and the
 checks of a twentieth of the runs included; other programs ran beside it (load {load:.1f} on {cores} cores), so that
@@ -252,7 +253,7 @@ common to both ways. One full simulation scatters from occasion to occasion by t
 ![Times faster, and utility lost, for each site](speed-accuracy.png)
 
 | site | engine, utility | tolerance | rungs of the runs | s a run by F4 | times faster | bias, rms of a score | \
-utility lost | campaigns within tolerance | checks, violated | sd between occasions |
+utility lost | campaigns, within tolerance | checks, violated | sd between occasions |
 |---|---|---|---|---|---|---|---|---|---|---|"""
 
 CAUSES = """\
@@ -261,13 +262,16 @@ CAUSES = """\
   observed rms errors are smaller than the tolerance, so that a looser one costs little: one full simulation scatters
   from occasion to occasion by more than the tighter one.
 - On a radiometer beams reach over several lines, which leaves no strips to sample; only flat ground with footprints
-  much smaller than its fields admits a cheaper model (F0). Elsewhere the planner keeps the full simulation.
+  much smaller than its fields admits a cheaper model (F0). Elsewhere the planner keeps the full simulation. F0 stands
+  for the beam by 8 x 8 points, whose error the bound counts in full where footprints are mixed.
+- The retrieval on flat soils shows the price of a loose tolerance: few footprints teach the retrieval, which costs more
+  than half of the tolerance as a bias, and the optimum moves with it.
 - A twentieth of the runs is checked by the next rung; where that is the whole image (F2 by F3), the checks alone limit
   the gain to a factor of twenty."""
 
 
-def write(rows: list[dict[str, Any]], campaigns: int, load: float) -> str:
-    head = HEAD.format(campaigns=campaigns, runs=RUNS, load=load, cores=os.cpu_count(), fresh=FRESH)
+def write(rows: list[dict[str, Any]], load: float) -> str:
+    head = HEAD.format(runs=RUNS, load=load, cores=os.cpu_count(), fresh=FRESH)
     lines = [head.replace("\\\n", "")]
     for row in rows:
         site, loss = row["site"], row["loss"]
@@ -277,14 +281,17 @@ def write(rows: list[dict[str, Any]], campaigns: int, load: float) -> str:
         lines.append(
             f"| {site.name} | {engine}, {site.utility} | {row['tolerance']:g} | {rungs} | {row['full_s']:.3f} | "
             f"**{row['speed']:.1f}** | {row['bias']:+.2f}, {row['rms']:.2f} | {loss.mean():+.2f} \u00b1 {se:.2f} | "
-            f"{100 * row['within']:.0f} % | {row['checks']}, {row['violated']} | {row['noise']:.1f} |"
+            f"{len(loss)}, {100 * row['within']:.0f} % | {row['checks']}, {row['violated']} | {row['noise']:.1f} |"
         )
-    within = [row["within"] for row in rows]
+    cheaper = [row for row in rows if set(row["rungs"]) != {"F4"}]
+    within = np.concatenate([row["loss"] <= row["tolerance"] for row in cheaper])
+    mean = np.concatenate([row["loss"] / row["tolerance"] for row in cheaper])
     lines += ["", "## Aims and what was reached", "", *_findings(rows)]
     lines.append(
-        f"- Over all sites and tolerances {100 * float(np.mean(within)):.0f} % of campaigns lost no more than the "
-        "tolerance (aim: 95 %). The optima of both ways differ by the noise of their runs, too: a loss is as often a "
-        "gain."
+        f"- Of the {len(within)} campaigns with any cheaper model (not F4 alone) {100 * float(np.mean(within)):.0f} % "
+        f"lost no more than the tolerance (aim: 95 %); on average they lost {float(np.mean(mean)):+.2f} \u00b1 "
+        f"{float(mean.std(ddof=1) / np.sqrt(len(mean))):.2f} tolerances. With {RUNS} runs of the scatter of the last "
+        "column the optima of both ways differ by chance, too: a loss is as often a gain."
     )
     return "\n".join([*lines, CAUSES, ""])
 
@@ -293,7 +300,10 @@ def _findings(rows: list[dict[str, Any]]) -> list[str]:
     out = []
     for kind, aim in (("flat", 20.0), ("rolling", 5.0)):
         for row in (r for r in rows if r["site"].kind == kind):
-            verdict = "reached" if row["speed"] >= aim else f"missed by a factor {aim / row['speed']:.1f}"
+            short = aim / row["speed"]
+            verdict = (
+                "reached" if short <= 1.0 else "just missed" if short < 1.05 else f"missed by a factor {short:.1f}"
+            )
             name = f"{row['site'].name} (tolerance {row['tolerance']:g})"
             out.append(f"- {name}: {row['speed']:.1f} times faster; the aim of {aim:g} is {verdict}.")
     for row in (r for r in rows if r["site"].kind == "steep"):
@@ -312,9 +322,9 @@ def main() -> None:
     campaigns = parser.parse_args().campaigns
     OUT.mkdir(parents=True, exist_ok=True)
     kept = measure(OUT / "measurements.json", campaigns)
-    rows = [row for site in SITES for row in summary(site, kept[site.name][:campaigns])]
+    rows = [row for site in SITES for row in summary(site, kept[site.name])]
     plot(rows, OUT / "speed-accuracy.png")
-    (OUT / "README.md").write_text(write(rows, campaigns, os.getloadavg()[0]), encoding="utf-8")
+    (OUT / "README.md").write_text(write(rows, os.getloadavg()[0]), encoding="utf-8")
     print(f"wrote {OUT}")
 
 
