@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from seqrsm import __version__
 from seqrsm.campaign.records import LookRecord, RunRecord
-from seqrsm.campaign.serialise import look_summary
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.errors import FitError
@@ -34,8 +37,9 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     """
     spec = load_spec(folder)
     with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
-        runs, looks, events = store.runs(), store.looks(), store.events()
-        applications = [latest_look(spec, application, runs, looks) for application in spec.applications]
+        runs, looks = store.runs(), store.looks()
+        events = store.events() if history else ()
+        applications = _remembered_looks(spec, runs, looks, store.last_event())
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
         "campaign": spec.name,
@@ -56,6 +60,34 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     return result
 
 
+def _remembered_looks(
+    spec: CampaignSpec, runs: Sequence[RunRecord], looks: Sequence[LookRecord], last_event: int
+) -> list[dict[str, Any]]:
+    """Latest look of every application; one that is taken here is kept in ``fits/status.json`` until anything changes.
+
+    Every change of the store is an event, so specification, program and last event tell whether it is still so.
+    """
+    place = spec.folder / "fits" / "status.json"
+    key = [
+        __version__,
+        spec.spec_hash,
+        last_event,
+        looks[-1].looked_at if looks else "",
+        runs[-1].proposed_at if runs else "",
+    ]
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        kept = json.loads(place.read_text(encoding="utf-8"))
+        if kept["key"] == key:
+            return list(kept["applications"])
+    found = [latest_look(spec, application, runs, looks) for application in spec.applications]
+    with suppress(OSError):  # a folder that may not be written: take the look again next time
+        place.parent.mkdir(exist_ok=True)
+        part = place.with_suffix(f".{os.getpid()}.part")
+        part.write_text(json.dumps(plain({"key": key, "applications": found}), allow_nan=False), encoding="utf-8")
+        os.replace(part, place)
+    return found
+
+
 def latest_look(
     spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], looks: Sequence[LookRecord]
 ) -> dict[str, Any]:
@@ -67,6 +99,7 @@ def latest_look(
         ``name``, ``unit``, ``last_look`` (a look's summary, or None before the first fit), ``reason`` (why it is None).
     """
     from seqrsm.campaign.analyse import CONFIRMATION, analyse
+    from seqrsm.campaign.serialise import look_summary
 
     mine = [look for look in looks if look.application == application.name]
     found: dict[str, Any] = {"name": application.name, "unit": application.unit, "last_look": None}

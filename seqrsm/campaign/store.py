@@ -435,6 +435,11 @@ class Store:
         with self._read() as ledger:
             return tuple(EventRecord(*row) for row in ledger.connection.execute(query))
 
+    def last_event(self) -> int:
+        """Number of the latest event; 0 before the first."""
+        with self._read() as ledger:
+            return int(ledger.connection.execute(sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.id), 0))).scalar_one())
+
     def files(self) -> tuple[FileRecord, ...]:
         """Files taken in, in order."""
         with self._read() as ledger:

@@ -48,12 +48,15 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     moved: list[int] = []
     batch = ledger.last_batch() + 1
     known = _KnownRuns(ledger.runs(sa.true())) if any(run.run_id is None for run in file.runs) else None
+    fresh: list[tuple[IngestedRun, RunRecord | None]] = []
+    first = ledger.next_id()
+    ranked_already = _ranked_applications(ledger)
     for run in file.runs:
         twin = known.take(run) if known is not None and run.run_id is None else None
         wanted = run.run_id if twin is None else twin.run_id
         found = () if wanted is None else ledger.runs(RUNS.c.id == wanted)
         old = found[0] if found else None
-        _refuse_ranked(ledger, run, file.name, problems)
+        _refuse_ranked(ranked_already, run, file.name, problems)
         if twin is not None:
             equal += [EqualRow(score.source_row, twin.run_id, twin.state) for score in run.scores]
         if twin is not None and twin.state == "void":
@@ -61,7 +64,8 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         elif wanted is not None and old is None:
             problems.append(_unknown_run(wanted, file.name, run.scores[0].source_row))
         elif old is None or old.state == "void":
-            created.append(_create(ledger, run, old, batch))
+            created.append(first + len(fresh))
+            fresh.append((run, old))
             if old is not None:
                 replaced.append((old.run_id, created[-1]))
         elif _match(ledger, run, old, file.name, problems):
@@ -70,6 +74,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
                 moved.append(old.run_id)
         else:
             unchanged.append(old.run_id)
+    _create(ledger, fresh, batch)
     numbers, ranked_runs = add_rankings(ledger, file, problems)
     if len(problems) > before:
         return IngestOutcome()
@@ -143,28 +148,38 @@ def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems
     return True
 
 
-def _create(ledger: Ledger, run: IngestedRun, old: RunRecord | None, batch: int) -> int:
-    if old is None:
-        new = NewRun(run.settings, "measured", "measured without a proposal", run.source or "flight")
-    else:
-        why = f"takes the place of run {old.run_id}, which is void"
-        new = NewRun(old.proposed, old.purpose, why, run.source or old.source)
-    (run_id,) = ledger.add_runs([new], batch=batch)
-    values: dict[str, Any] = {
-        "executed": plain(run.settings),
-        "block": run.block or ("" if old is None else old.block),
-        "cost": float(run.cost),
-        "replaces": None if old is None else old.run_id,
-    }
-    ledger.add_scores(run_id, run.scores, values)
-    return run_id
+def _create(ledger: Ledger, fresh: Sequence[tuple[IngestedRun, RunRecord | None]], batch: int) -> None:
+    """Insert runs that nobody proposed, and runs in the place of void ones, with their scores."""
+    if not fresh:
+        return
+    made, values = [], []
+    for run, old in fresh:
+        if old is None:
+            made.append(NewRun(run.settings, "measured", "measured without a proposal", run.source or "flight"))
+        else:
+            why = f"takes the place of run {old.run_id}, which is void"
+            made.append(NewRun(old.proposed, old.purpose, why, run.source or old.source))
+        other: dict[str, Any] = {
+            "state": "scored",
+            "ended_at": utc_now(),
+            "executed": plain(run.settings),
+            "block": run.block or ("" if old is None else old.block),
+            "cost": float(run.cost),
+            "replaces": None if old is None else old.run_id,
+        }
+        values.append(other)
+    ids = ledger.add_runs(made, batch=batch, values=values)
+    ledger.insert_scores([(run_id, score) for run_id, (run, _) in zip(ids, fresh, strict=True) for score in run.scores])
 
 
-def _refuse_ranked(ledger: Ledger, run: IngestedRun, name: str, problems: list[Problem]) -> None:
+def _ranked_applications(ledger: Ledger) -> frozenset[str]:
+    return frozenset(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
+
+
+def _refuse_ranked(ranked: frozenset[str], run: IngestedRun, name: str, problems: list[Problem]) -> None:
     """An application's scores are measured, or follow from rankings; they cannot be both."""
     for score in run.scores:
-        query = sa.select(RANKINGS.c.id).where(RANKINGS.c.application == score.application).limit(1)
-        if ledger.connection.execute(query).first() is not None:
+        if score.application in ranked:
             message = f"the scores of '{score.application}' follow from rankings"
             remedy = "Give rankings: run_id, interpreter, rank."
             problems.append(Problem(message, remedy, file=name, line=score.source_row, field="score"))

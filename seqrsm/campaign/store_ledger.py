@@ -79,8 +79,15 @@ class Ledger:
             rows = [{**common, "run_id": run_id, "detail": plain(detail)} for run_id, detail in entries]
             self.connection.execute(sa.insert(EVENTS), rows)
 
-    def add_runs(self, runs: Sequence[NewRun], *, batch: int, issue: bool = False) -> tuple[int, ...]:
-        """Insert runs with consecutive ids."""
+    def add_runs(
+        self,
+        runs: Sequence[NewRun],
+        *,
+        batch: int,
+        issue: bool = False,
+        values: Sequence[Mapping[str, Any]] | None = None,
+    ) -> tuple[int, ...]:
+        """Insert runs with consecutive ids; ``values``: other columns to set, for each run."""
         state, now, first = ("issued" if issue else "proposed"), utc_now(), self.next_id()
         rows = [
             {
@@ -90,6 +97,7 @@ class Ledger:
                 "state": state,
                 "proposed_at": now,
                 "issued_at": now if issue else None,
+                **({} if values is None else values[i]),
             }
             for i, run in enumerate(runs)
         ]
@@ -141,13 +149,16 @@ class Ledger:
 
     def add_scores(self, run_id: int, scores: Sequence[NewScore], values: Mapping[str, Any]) -> None:
         """Insert scores and make the run scored; ``values``: other columns of the run to set."""
-        now = utc_now()
-        self.connection.execute(
-            sa.insert(SCORES), [{**_score_row(score), "run_id": run_id, "scored_at": now} for score in scores]
-        )
-        update = {"state": "scored", "ended_at": now, "owner": "", "reason": "", **values}
+        self.insert_scores([(run_id, score) for score in scores])
+        update = {"state": "scored", "ended_at": utc_now(), "owner": "", "reason": "", **values}
         self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(**update))
-        self.log("scored", [(run_id, _scored_detail(score)) for score in scores])
+
+    def insert_scores(self, scores: Sequence[tuple[int, NewScore]]) -> None:
+        """Insert scores by run id, with an event each; the state of the runs is the caller's."""
+        now = utc_now()
+        rows = [{**_score_row(score), "run_id": run_id, "scored_at": now} for run_id, score in scores]
+        self.connection.execute(sa.insert(SCORES), rows)
+        self.log("scored", [(run_id, _scored_detail(score)) for run_id, score in scores])
 
 
 def _run_row(run: NewRun) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.discrepancy import LENGTHS, VARIANCES, smooth_covariance
+from seqrsm.decide.discrepancy import LENGTHS, MAX_RUNS, VARIANCES, smooth_covariance
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
@@ -130,8 +130,11 @@ def departure_allowance(
     Allowance
         None with fewer than three residual degrees of freedom or where least squares leaves nothing over.
     """
+    # Of very many runs every so many-th: fewer contrasts rule out less, so the allowance is rather too wide.
+    step = max(1, -(-len(y) // MAX_RUNS))
+    points, Z, y = points[::step], Z[::step], y[::step]
     n, p = Z.shape
-    root = np.ones(n) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64))
+    root = np.ones(n) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64)[::step])
     if n < p + 3:
         return NO_ALLOWANCE
     Q, R = np.linalg.qr(Z * root[:, None], mode="complete")

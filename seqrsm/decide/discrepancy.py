@@ -35,7 +35,7 @@ VARIANCES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 NOISE_SLOPES = (0.0, 1.0, 2.0, 3.0)
 """Log ratios of the noise variance, of the poorest fitted score over the best, that are tried."""
 
-_MAX_RUNS = 400  # the cost grows with the cube
+MAX_RUNS = 400  # the cost grows with the cube
 _COVER = 900
 _CLIMB = ((0.2, 160), (0.1, 160), (0.05, 160), (0.02, 160))
 _OTHER_CATEGORY = 0.5  # correlation of the departures of two categories at equal settings
@@ -129,7 +129,7 @@ def find_discrepancy(
     Discrepancy
         None found (evidence 0) with fewer than three residual degrees of freedom or scores that are all alike.
     """
-    step = max(1, -(-len(y) // _MAX_RUNS))
+    step = max(1, -(-len(y) // MAX_RUNS))
     points, Z, y = points[::step], Z[::step], y[::step]
     noise = np.ones(len(y)) if weights is None else 1.0 / np.asarray(weights)[::step]
     nothing = Discrepancy(0.0, float("nan"), 0.0)
@@ -231,7 +231,7 @@ def likely_optimum(
     ndarray (k,)
         Coded, feasible.
     """
-    step = max(1, -(-len(y) // _MAX_RUNS))
+    step = max(1, -(-len(y) // MAX_RUNS))
     points, Z, y = points[::step], Z[::step], y[::step]
     noise = np.ones(len(y)) if weights is None else 1.0 / np.asarray(weights)[::step]
     length = found.length if found.variance > 0.0 else 1.0

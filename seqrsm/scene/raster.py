@@ -184,8 +184,14 @@ def read_geotiff(path: str | Path) -> Raster:
     if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
         text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
         raise SceneError(Problem(text, "Convert it with gdal_translate", file))
-    keys = _geo_keys(tags.get(_GEO_KEYS))
-    left, top, step_x, step_y = _placement(tags, keys, file)
+    try:
+        keys = _geo_keys(tags.get(_GEO_KEYS))
+        left, top, step_x, step_y = _placement(tags, keys, file)
+    except (TypeError, ValueError, IndexError, OverflowError) as error:
+        remedy = "Write it anew, for instance with gdal_translate"
+        raise SceneError(Problem(f"the file's georeference is damaged: {error}", remedy, file)) from error
+    if not all(math.isfinite(value) for value in (left, top, step_x, step_y)):
+        raise SceneError(Problem("the file's georeference is damaged", "Write it anew with gdal_translate", file))
     if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
         zone = int((left + 0.5 * values.shape[1] * step_x + 180.0) // 6.0) + 1
         utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)

@@ -21,7 +21,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import kendalltau
 
 from seqrsm.arrays import FloatArray, IntArray
 
@@ -278,8 +277,15 @@ def _agreement(rankings: Sequence[Ranking], scores: FloatArray, interpreter: int
             continue
         images = [image for group in ranking.groups for image in group]
         places = [place for place, group in enumerate(ranking.groups) for _ in group]
-        tau = float(kendalltau(-np.array(places), scores[images]).statistic)
+        tau = _kendall(-np.array(places, dtype=np.float64), scores[images])
         if np.isfinite(tau):
             weight = len(images) * (len(images) - 1) / 2.0
             total, pairs = total + weight * tau, pairs + weight
     return total / pairs if pairs else float("nan")
+
+
+def _kendall(x: FloatArray, y: FloatArray) -> float:
+    """Kendall's tau-b: concordant less discordant pairs, over the geometric mean of the untied pairs of each."""
+    dx, dy = np.sign(x[:, None] - x), np.sign(y[:, None] - y)
+    untied = float(np.sum(dx**2)) * float(np.sum(dy**2))
+    return float(np.sum(dx * dy)) / untied**0.5 if untied else float("nan")

@@ -75,8 +75,9 @@ def report() -> None:
     lines = [
         f"{total} inputs, made from good files by seeded changes of bytes, tokens, numbers and archive members, were",
         f"read. {failures} of them led to anything but acceptance or an error in words: an exception of another kind,",
-        f"more than {LIMIT_S:.0f} s, a file written outside the reader's folder, a process started, a connection",
-        f"opened, a pickle (watched by an audit hook; the address space was held to {MEMORY >> 30} GB, so bombs show).",
+        f"more than {LIMIT_S:.0f} s of processor time, a file written outside the reader's folder, a process",
+        "started, a connection opened, a pickle (watched by an audit hook; the address space was held to",
+        f"{MEMORY >> 30} GB, so that bombs show).",
         "",
         "| reader | inputs | accepted | refused | failures | slowest [s] |",
         "|---|---|---|---|---|---|",

@@ -7,6 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+from seqrsm.score import ranking
 from seqrsm.score.ranking import Ranking, connected, fit_rankings, log_likelihood
 
 NO_PRIOR = {"score_prior_sd": np.inf, "sharpness_prior_sd": 0.0}
@@ -164,3 +165,12 @@ def test_connected():
 
 def test_ranks_to_groups():
     assert Ranking.of(2, [7, 8, 9, 5], [2, 1, 2, 3.5]) == Ranking(2, ((8,), (7, 9), (5,)))
+
+
+def test_agreement_is_that_of_scipy():
+    from scipy.stats import kendalltau
+
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        x, y = rng.integers(0, 4, 9).astype(float), rng.integers(0, 5, 9).astype(float)
+        assert ranking._kendall(x, y) == pytest.approx(kendalltau(x, y).statistic)

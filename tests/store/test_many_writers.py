@@ -79,7 +79,7 @@ def test_eight_writers(store, tmp_path, url):
 
 
 def test_a_campaign_lives_in_postgres(postgres, tmp_path):
-    """Through the command line, by ``[store] url``; nothing is written into the folder."""
+    """Through the command line, by ``[store] url``; no data base is made in the folder."""
     from conftest import wipe
     from typer.testing import CliRunner
 
@@ -97,7 +97,7 @@ def test_a_campaign_lives_in_postgres(postgres, tmp_path):
         more = ["--why", "clouds"] if command[0] == "void" else []
         result = CliRunner().invoke(app, [command[0], str(tmp_path), *rest, *more])
         assert result.exit_code == 0, result.output
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.toml", "scores.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.toml", "fits", "scores.csv"]
     with Store.open(tmp_path, url=postgres, campaign="shared") as store:
         assert Counter(run.state for run in store.runs()) == {"scored": 20, "void": 1, "issued": 4}
     missing = postgres.replace("seqrsm@", "nobody@")
