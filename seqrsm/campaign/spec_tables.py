@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
@@ -29,7 +29,14 @@ def _is_url(text: str) -> str:
     return text
 
 
+def _is_no_bool(value: object) -> object:
+    if isinstance(value, bool):  # equal to 1 and 0 in Python, not in TOML
+        raise PydanticCustomError("order", "the order is 1 or 2")
+    return value
+
+
 _UTILITIES = ", ".join(UTILITIES)
+Order = Annotated[Literal[1, 2], BeforeValidator(_is_no_bool)]
 Name = Annotated[str, AfterValidator(_is_name)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -195,7 +202,7 @@ class PriorSpec(Table):
 class ModelSpec(Table):
     """The response surface; see the module for the meaning of each key."""
 
-    order: Literal[1, 2] = 2
+    order: Order = 2
     response: Literal["identity", "logit"] = "identity"
     errors: Literal["normal", "student_t", "beta_binomial"] = "normal"
     terms: Literal["full", "hierarchical"] = "full"

@@ -226,6 +226,7 @@ FAULTS = [
     ('"maximize"', '"maximise"', "goal =", "application 'crop-classification': goal", 'Did you mean "maximize"'),
     ("weight = 1.0", "weight = 0", "weight = 0", "application 'crop-classification': weight", "greater than 0"),
     ("order = 2", "order = 3", "order = 3", "[model] order", "1 or 2"),
+    ("order = 2", "order = true", "order = true", "[model] order", "1 or 2"),
     ("prior = {", 'prior = "flat" # {', "prior =", "[model] prior", "[model.prior]"),
     ("noise_sd = 2.0", "noise_sd = 0", "prior = {", "[model] prior.noise_sd", "greater than 0"),
     ("noise_sd = 2.0, ", "", "prior = {", "[model] prior.noise_sd", "missing"),
