@@ -271,8 +271,6 @@ def _mean_standing(rankings: Sequence[Ranking], n_images: int) -> FloatArray:
 
 def _agreement(rankings: Sequence[Ranking], scores: FloatArray, interpreter: int) -> float:
     """Kendall's tau-b of an interpreter's rankings with the scores, weighted by the number of pairs."""
-    from scipy.stats import kendalltau  # half a second that only rankings need
-
     total, pairs = 0.0, 0.0
     for ranking in rankings:
         if ranking.interpreter != interpreter or len(ranking.groups) < 2:
