@@ -11,7 +11,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -251,6 +251,10 @@ _EXPLANATIONS = (
 )
 
 
+_MOUNTS = Path("/proc/mounts")
+_NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "fuse.sshfs", "fuse.glusterfs")
+
+
 def _check_path(path: Path, create: bool) -> None:
     if path.is_dir():
         raise StoreError(Problem("a folder stands where the data base should be", "Move it away.", file=str(path)))
@@ -258,6 +262,31 @@ def _check_path(path: Path, create: bool) -> None:
         raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
     if not create and not path.exists():
         raise StoreError(Problem("there is no data base yet", _ABSENT_REMEDY, file=str(path)))
+    with suppress(OSError):
+        kind = network_file_system(path.parent.resolve(), _MOUNTS.read_text(encoding="utf-8", errors="replace"))
+        if kind:
+            raise StoreError(
+                Problem(
+                    f"the folder lies on a network file system ({kind}), where hosts would spoil each other's writing",
+                    'Keep the campaign on a local disk, or share it by [store] url = "postgresql+psycopg://...".',
+                    file=str(path.parent),
+                )
+            )
+
+
+def network_file_system(folder: Path, mounts: str) -> str:
+    """Kind of the network file system that holds a folder, by the lines of ``/proc/mounts``; "" for a local one.
+
+    SQLite's write-ahead log shares memory between processes, which hosts cannot do.
+    """
+    kinds: dict[Path, str] = {}
+    for line in mounts.splitlines():
+        words = line.split(" ")
+        if len(words) > 2:
+            kinds[Path(words[1].replace("\\040", " "))] = words[2]
+    place = next((parent for parent in (folder, *folder.parents) if parent in kinds), None)
+    kind = "" if place is None else kinds[place]
+    return kind if kind in _NETWORK else ""
 
 
 def _cut_off(path: Path) -> int:

@@ -16,7 +16,7 @@ import sqlalchemy as sa
 from seqrsm.campaign import store_connection
 from seqrsm.campaign.schema import HEAD, METADATA, REVISIONS
 from seqrsm.campaign.store import STORE_NAME, NewRun, Store
-from seqrsm.campaign.store_connection import MIGRATIONS, Database
+from seqrsm.campaign.store_connection import MIGRATIONS, Database, network_file_system
 from seqrsm.errors import StoreError
 
 RUN = NewRun({"x": 1.0})
@@ -282,3 +282,15 @@ def test_a_store_of_the_first_schema_is_migrated(tmp_path):
         assert (run.settings, run.seen_at, run.scores[0].score) == ({"x": 1.0}, None, 5.0)
         assert store.rankings() == ()
     assert len(list(tmp_path.glob("*.schema-0001.*.bak"))) == 1
+
+
+def test_network_file_systems_are_recognised(folder, monkeypatch, tmp_path):
+    mounts = "/dev/a / ext4 rw 0 0\nhost:/x /home nfs4 rw 0 0\n//h/y /mnt/my\\040disk cifs rw 0 0\n"
+    mounts += "/dev/b /home/me ext4 rw 0 0\n"
+    places = {"/home/you/c": "nfs4", "/home/me/c": "", "/mnt/my disk/c": "cifs", "/srv": "", "/homes": ""}
+    found = {place: network_file_system(Path(place), mounts) for place in places}
+    assert found == places
+    (tmp_path / "mounts").write_text(f"host:/x {folder.resolve()} nfs rw 0 0\n")
+    monkeypatch.setattr("seqrsm.campaign.store_connection._MOUNTS", tmp_path / "mounts")
+    with pytest.raises(StoreError, match=r"network file system \(nfs\)"):
+        Store.open(folder)
