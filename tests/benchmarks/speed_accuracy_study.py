@@ -264,8 +264,8 @@ CAUSES = """\
 - On a radiometer beams reach over several lines, which leaves no strips to sample; only flat ground with footprints
   much smaller than its fields admits a cheaper model (F0). Elsewhere the planner keeps the full simulation. F0 stands
   for the beam by 8 x 8 points, whose error the bound counts in full where footprints are mixed.
-- The retrieval on flat soils shows the price of a loose tolerance: few footprints teach the retrieval, which costs more
-  than half of the tolerance as a bias, and the optimum moves with it.
+- The retrieval on flat soils shows the price of few pixels: they also teach the retrieval, which makes its scores worse
+  by a bias of up to half of the tolerance, and the optimum moves with it.
 - A twentieth of the runs is checked by the next rung; where that is the whole image (F2 by F3), the checks alone limit
   the gain to a factor of twenty."""
 
@@ -291,7 +291,7 @@ def write(rows: list[dict[str, Any]], load: float) -> str:
         f"- Of the {len(within)} campaigns with any cheaper model (not F4 alone) {100 * float(np.mean(within)):.0f} % "
         f"lost no more than the tolerance (aim: 95 %); on average they lost {float(np.mean(mean)):+.2f} \u00b1 "
         f"{float(mean.std(ddof=1) / np.sqrt(len(mean))):.2f} tolerances. With {RUNS} runs of the scatter of the last "
-        "column the optima of both ways differ by chance, too: a loss is as often a gain."
+        "column the optima of both ways differ by chance, too."
     )
     return "\n".join([*lines, CAUSES, ""])
 
