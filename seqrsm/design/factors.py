@@ -59,6 +59,7 @@ def _scale_problems(name: str, scale: object, smallest: float) -> list[Problem]:
     return []
 
 
+LOG_NEEDS_POSITIVE = "a logarithmic factor takes positive values only"
 _SAME_END = 1e-14
 """Coded distance from an end that is rounding and no setting of its own."""
 
@@ -82,9 +83,7 @@ def _code(name: str, natural: ArrayLike, low: float, high: float, scale: Scale) 
         return ((values - low) - (high - values)) / (high - low)
     if np.any(values <= 0.0):
         bad = float(values[values <= 0.0].flat[0])
-        raise RegionError(
-            Problem("a logarithmic factor takes positive values only", "Give a value > 0.", field=name, value=bad)
-        )
+        raise RegionError(Problem(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=name, value=bad))
     above, width = log_ratio(values, low), log_ratio(high, low)
     return (above - (width - above)) / width
 

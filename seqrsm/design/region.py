@@ -16,7 +16,7 @@ import numpy as np
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design import search
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor
+from seqrsm.design.factors import LOG_NEEDS_POSITIVE, CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.errors import Problem, RegionError
 
 _BOX_TOLERANCE = 1e-9
@@ -166,17 +166,21 @@ class Region:
         RegionError
             Every factor that is missing, every unknown level and every value that is no finite number.
         """
-        points = np.empty((len(settings), self.k))
+        values = np.empty((len(settings), self.k))
         problems: list[Problem] = []
         for row, setting in enumerate(settings):
             for column, factor in enumerate(self.factors):
-                try:
-                    points[row, column] = _code_one(factor, setting)
-                except RegionError as error:
-                    problems += [Problem(p.message, p.remedy, None, row + 1, p.field, p.value) for p in error.problems]
+                found = _number(factor, setting)
+                if isinstance(found, Problem):
+                    problems.append(Problem(found.message, found.remedy, None, row + 1, found.field, found.value))
+                else:
+                    values[row, column] = found
         if problems:
             raise RegionError(*problems)
-        return points
+        for column, factor in enumerate(self.factors):
+            if not isinstance(factor, CategoricalFactor):
+                values[:, column] = factor.code(values[:, column])
+        return values
 
     def decode(self, points: FloatArray) -> list[dict[str, float | str]]:
         """Return settings in natural units of coded points (n, k) or (k,): one mapping of names to values per point."""
@@ -314,24 +318,23 @@ class Region:
         return np.full(points.shape[0], np.inf) if self.is_box else self.slack(points)
 
 
-def _code_one(factor: Factor, setting: Mapping[str, float | str]) -> float:
+def _number(factor: Factor, setting: Mapping[str, float | str]) -> float | Problem:
+    """Natural value of a numeric factor, index of the level of a categorical one, or what is wrong."""
     if factor.name not in setting:
-        raise RegionError(Problem("a factor has no value", "Give one for every factor.", field=factor.name))
+        return Problem("a factor has no value", "Give one for every factor.", field=factor.name)
     value = setting[factor.name]
     if isinstance(factor, CategoricalFactor):
         label = value.strip() if isinstance(value, str) else str(value)
         if label not in factor.levels:
             remedy = f"The levels are {', '.join(factor.levels)}."
-            raise RegionError(Problem("unknown level", remedy, field=factor.name, value=value))
+            return Problem("unknown level", remedy, field=factor.name, value=value)
         return float(factor.levels.index(label))
-    return _code_number(factor, value)
-
-
-def _code_number(factor: NumericFactor, value: float | str) -> float:
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise RegionError(Problem("a value is no finite number", "Give a number.", field=factor.name, value=value))
-    return float(factor.code(number))
+        return Problem("a value is no finite number", "Give a number.", field=factor.name, value=value)
+    if factor.scale == "log" and number <= 0.0:
+        return Problem(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=factor.name, value=number)
+    return number

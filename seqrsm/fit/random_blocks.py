@@ -219,7 +219,7 @@ def fit_random_blocks(
         raise FitError(Problem(f"{n} runs do not determine {p} terms and their scatter", "Add runs or drop terms."))
     index = np.array([names.index(day) for day in days], dtype=np.int64)
     ratios = np.exp(2.0 * _LOG_ROOT)
-    mean, factor, scale, log_likelihood = _given(ratios, Z, y, w, index)
+    mean, factor, scale, log_likelihood = _given(ratios, runs := _reduce(Z, y, w, index))
     log_share = log_likelihood + _LOG_ROOT - np.log1p(ratios)  # half-Cauchy on sqrt(rho), times d rho / d log rho
     shares = np.exp(log_share - np.max(log_share))
     keep = shares > _NEGLIGIBLE
@@ -234,7 +234,7 @@ def fit_random_blocks(
         factor[keep],
         scale[keep],
         float(n - p),
-        _reml(Z, y, w, index, ratios, log_likelihood),
+        _reml(runs, ratios, log_likelihood),
         reason,
         Z,
         y,
@@ -243,28 +243,52 @@ def fit_random_blocks(
     )
 
 
-def _whiten(ratios: FloatArray, X: FloatArray, w: FloatArray, index: IntArray) -> tuple[FloatArray, FloatArray]:
-    """V^(-1/2) X up to a rotation (c, n, m), and log |V| (c,), for V = W^-1 + ratio JJ' within days.
+@dataclass(frozen=True, slots=True)
+class _Reduced:
+    """The runs as rows whose covariance is diagonal at any ratio of variances: n rows become p + 1 + days.
 
-    W^(1/2) V W^(1/2) = I + ratio uu' within a day, u = sqrt(w); its inverse root changes only the direction of u.
+    Within a day W^(1/2) V W^(1/2) = I + ratio uu', u = sqrt(w): only the direction of u depends on the ratio. What
+    is orthogonal to it is triangularised once for all ratios.
+
+    Attributes
+    ----------
+    within : ndarray (p + 1, p + 1)
+        Triangle of the rows [Z, y] orthogonal to every u.
+    along : ndarray (d, p + 1)
+        Rows along u, one a day, of variance ``1 + ratio * total``.
+    total : ndarray (d,)
+        |u|^2, the weight of each day.
+    log_weights : float
+        Sum of log w.
+    n : int
+        Runs.
     """
+
+    within: FloatArray
+    along: FloatArray
+    total: FloatArray
+    log_weights: float
+    n: int
+
+
+def _reduce(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray) -> _Reduced:
     root = np.sqrt(w)
-    X = X * root[:, None]
-    total = np.bincount(index, w)
-    stretch = 1.0 + ratios[:, None] * total
-    shrink = (1.0 - 1.0 / np.sqrt(stretch)) / total
+    X = np.column_stack([Z, y]) * root[:, None]
+    total: FloatArray = np.bincount(index, w).astype(np.float64)
     along = np.zeros((total.size, X.shape[1]))
     np.add.at(along, index, root[:, None] * X)
-    white = X - root[:, None] * (shrink[:, :, None] * along)[:, index]
-    return white, np.sum(np.log(stretch), axis=1) - np.sum(np.log(w))
+    along /= np.sqrt(total)[:, None]
+    within = np.asarray(np.linalg.qr(X - (root / np.sqrt(total)[index])[:, None] * along[index], mode="r"))
+    return _Reduced(within, along, total, float(np.sum(np.log(w))), Z.shape[0])
 
 
-def _given(
-    ratios: FloatArray, Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Mean (c, p), factor (c, p, p), scale (c,) and log restricted likelihood (c,) at each ratio."""
-    n, p = Z.shape
-    white, log_det = _whiten(ratios, np.column_stack([Z, y]), w, index)
+    n, p = runs.n, runs.within.shape[1] - 1
+    stretch = 1.0 + ratios[:, None] * runs.total
+    within = np.broadcast_to(runs.within, (len(ratios), *runs.within.shape))
+    white = np.concatenate([within, runs.along / np.sqrt(stretch)[:, :, None]], axis=1)
+    log_det = np.sum(np.log(stretch), axis=1) - runs.log_weights
     R: FloatArray = np.asarray(np.linalg.qr(white, mode="r"), dtype=np.float64)
     # The last column of R holds Q'y and, below it, the length of the residual.
     residual = np.abs(R[:, p, p])
@@ -277,11 +301,9 @@ def _given(
     return mean, inverse, residual / np.sqrt(n - p), log_likelihood
 
 
-def _reml(
-    Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray, ratios: FloatArray, log_likelihood: FloatArray
-) -> Reml:
+def _reml(runs: _Reduced, ratios: FloatArray, log_likelihood: FloatArray) -> Reml:
     def at(ratio: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        return _given(np.array([ratio]), Z, y, w, index)
+        return _given(np.array([ratio]), runs)
 
     peak = int(np.argmax(log_likelihood))
     around = np.log(ratios[[max(peak - 1, 0), min(peak + 1, len(ratios) - 1)]])
