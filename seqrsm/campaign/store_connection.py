@@ -262,6 +262,11 @@ def _check_path(path: Path, create: bool) -> None:
         raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
     if not create and not path.exists():
         raise StoreError(Problem("there is no data base yet", _ABSENT_REMEDY, file=str(path)))
+    # Beside a write-ahead log the file may rightly be shorter than its header says.
+    if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
+        raise StoreError(
+            Problem(f"the data base is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
+        )
     with suppress(OSError):
         kind = network_file_system(path.parent.resolve(), _MOUNTS.read_text(encoding="utf-8", errors="replace"))
         if kind:
@@ -287,6 +292,10 @@ def network_file_system(folder: Path, mounts: str) -> str:
     place = next((parent for parent in (folder, *folder.parents) if parent in kinds), None)
     kind = "" if place is None else kinds[place]
     return kind if kind in _NETWORK else ""
+
+
+def _has_log(path: Path) -> bool:
+    return path.with_name(path.name + "-wal").exists()
 
 
 def _cut_off(path: Path) -> int:

@@ -35,7 +35,7 @@ def test_units_and_hierarchy() -> None:
     model = QuadraticModel(factors)
     units = units_of([*model.terms, "block[1]"])
     names = [unit.name for unit in units]
-    pairs = {"x0:x1", "c:x0", "d:x0", "c:x1", "d:x1", "c:d"}
+    pairs = {"x0:x1", "c:x0", "x0:d", "c:x1", "x1:d", "c:d"}
     assert set(names) == {"x0", "x1", "d", "c", "x0^2", "x1^2"} | pairs
     assert sorted(i for unit in units for i in unit.columns) == list(range(1, model.p))
     assert len(units[names.index("c:x0")].columns) == 2
