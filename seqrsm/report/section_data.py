@@ -24,6 +24,9 @@ from seqrsm.report.wording import (
     with_unit,
 )
 
+MOST_RUNS = 2000
+"""Rows of the table of runs; more would be hundreds of pages that nobody turns."""
+
 
 def question_section(dossier: Dossier) -> Section:
     """Return question and region: applications, factors, constraints, stop rule."""
@@ -106,15 +109,23 @@ def data_section(dossier: Dossier) -> Section:
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
         blocks.append(_left_out_table(left_out))
-    blocks.append(Paragraph("Every run with its settings and scores stands at the end of the report.", "note"))
+    shown = "Every run" if len(dossier.runs) <= MOST_RUNS else f"Each of the last {MOST_RUNS} runs"
+    blocks.append(Paragraph(f"{shown} with its settings and scores stands at the end of the report.", "note"))
     return Section("data", "How the data came", tuple(blocks))
 
 
 def run_section(dossier: Dossier) -> Section:
-    """Return the table of all runs, the last section of a report."""
-    table = _run_table(dossier)
-    block = Details(f"All {len(dossier.runs)} runs with settings and scores", (table,))
-    return Section("runs", "Every run", (block,), new_page=True)
+    """Return the table of the runs, the last section of a report: all of them, or the last `MOST_RUNS`."""
+    total = len(dossier.runs)
+    if total <= MOST_RUNS:
+        block = Details(f"All {total} runs with settings and scores", (_run_table(dossier, dossier.runs),))
+        return Section("runs", "Every run", (block,), new_page=True)
+    block = Details(
+        f"The last {MOST_RUNS} of {total} runs with settings and scores",
+        (_run_table(dossier, dossier.runs[-MOST_RUNS:]),),
+    )
+    note = Paragraph(f"The report shows the last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
+    return Section("runs", "The last runs", (note, block), new_page=True)
 
 
 def _counted(count: int, one: str, many: str) -> str:
@@ -151,7 +162,7 @@ def _left_out_table(runs: Sequence[RunRecord]) -> Table:
     return Table(columns, rows, "Runs that do not enter the fit")
 
 
-def _run_table(dossier: Dossier) -> Table:
+def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
     factors = dossier.spec.factors
     applications = [application.name for application in dossier.spec.applications]
     by_name = {analysis.application: analysis for analysis in dossier.analyses}
@@ -173,7 +184,7 @@ def _run_table(dossier: Dossier) -> Table:
     if blocked:
         columns.append(Column("Block"))
     rows = []
-    for run in dossier.runs:
+    for run in runs:
         cells = [whole_cell(run.run_id), whole_cell(run.batch)]
         cells += [_setting_cell(factor, run.settings.get(factor.name)) for factor in factors]
         for name in applications:
@@ -184,7 +195,11 @@ def _run_table(dossier: Dossier) -> Table:
         if blocked:
             cells.append(Cell(run.block))
         rows.append(tuple(cells))
-    caption = "Executed settings and scores of every run"
+    caption = (
+        "Executed settings and scores of every run"
+        if len(runs) == len(dossier.runs)
+        else "Executed settings and scores"
+    )
     if any(run.purpose == "confirmation" for run in dossier.runs):
         caption += "; confirmation runs test the fit and are no part of it"
     return Table(tuple(columns), tuple(rows), caption, sortable=True)

@@ -364,3 +364,13 @@ def test_importing_the_package_draws_nothing_heavy():
 def test_tables_refuse_ragged_rows():
     with pytest.raises(ValueError, match="needs 1 cells"):
         Table((Column("a"),), ((Cell("a"), Cell("b")),), "x")
+
+
+def test_a_report_of_very_many_runs_shows_the_last_and_says_so(simulated, monkeypatch):
+    total = len(simulated.runs)
+    monkeypatch.setattr("seqrsm.report.section_data.MOST_RUNS", total - 3)
+    section = next(section for section in build_report(simulated).sections if section.key == "runs")
+    note, details = section.blocks
+    assert f"last {total - 3} of {total} runs" in note.text
+    (table,) = details.blocks
+    assert [row[0].text for row in table.rows] == [str(run.run_id) for run in simulated.runs[3:]]
