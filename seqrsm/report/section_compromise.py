@@ -20,12 +20,8 @@ def compromise_section(dossier: Dossier) -> Section | None:
     found = dossier.compromise
     if found is None:
         return None
-    factors = dossier.spec.factors
-    settings = listing(
-        [f"{readable(f.name)} {format_setting(f, found.settings[f.name], _spread(found, f.name))}" for f in factors]
-    )
     blocks: list[Block] = [
-        Paragraph(f"The settings that serve all best: {settings}.", "lead"),
+        _settings_sentence(dossier, found),
         Paragraph(
             f"Overall desirability {format_number(found.desirability, 3)}: the weighted geometric mean of the "
             "desirabilities below, each 0 where a score is no longer acceptable and 1 where it is as good as can be. "
@@ -38,6 +34,20 @@ def compromise_section(dossier: Dossier) -> Section | None:
     if found.front_settings:
         blocks.append(Details("Settings that no other beats in everything", (_front_table(dossier, found),)))
     return Section("compromise", "Compromise between the applications", tuple(blocks))
+
+
+def compromise_summary(dossier: Dossier) -> tuple[Block, ...]:
+    """Return what a summary says of several applications: the settings that serve them all, and their price."""
+    found = dossier.compromise
+    return () if found is None else (_settings_sentence(dossier, found), _loss_table(found))
+
+
+def _settings_sentence(dossier: Dossier, found: CompromiseEstimate) -> Paragraph:
+    factors = dossier.spec.factors
+    settings = listing(
+        [f"{readable(f.name)} {format_setting(f, found.settings[f.name], _spread(found, f.name))}" for f in factors]
+    )
+    return Paragraph(f"The settings that serve all best: {settings}.", "lead")
 
 
 def _spread(found: CompromiseEstimate, name: str) -> float:

@@ -27,14 +27,15 @@ from seqrsm.report.rounding import (
     format_share,
     format_significant,
 )
+from seqrsm.report.section_compromise import compromise_summary
 from seqrsm.report.surfaces import ranked_factors
 from seqrsm.report.wording import axis_label, listing, readable, readable_text, with_unit
 
 
 def summary_section(dossier: Dossier) -> Section:
-    """Return the summary of a campaign: one part for each application."""
+    """Return the summary of a campaign: the compromise, if there is one, and one part for each application."""
     if len(dossier.analyses) == 1:
-        return Section("summary", "Summary", _summary(dossier, dossier.analyses[0]))
+        return Section("summary", "Summary", (*_summary(dossier, dossier.analyses[0]), *compromise_summary(dossier)))
     parts = tuple(
         Section(f"summary-{number}", analysis.application, _summary(dossier, analysis))
         for number, analysis in enumerate(dossier.analyses, 1)
@@ -42,7 +43,7 @@ def summary_section(dossier: Dossier) -> Section:
     if not parts:
         note = "No application of this campaign has enough scored runs for its model yet: there is no result to show."
         return Section("summary", "Summary", (Paragraph(note, "warning"),))
-    return Section("summary", "Summary", (), parts)
+    return Section("summary", "Summary", compromise_summary(dossier), parts)
 
 
 def _summary(dossier: Dossier, analysis: Analysis) -> tuple[Block, ...]:

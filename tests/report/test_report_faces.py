@@ -15,6 +15,8 @@ import pytest
 from pypdf import PdfReader
 from report_dossiers import load, make_analysis, runs_of, truth_score
 
+from seqrsm.campaign.analysis import Interval
+from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report import write_report
 from seqrsm.report.blocks import (
@@ -336,6 +338,32 @@ def test_two_applications_have_their_own_sections(flight):
     keys = re.findall(r'<section id="([^"]+)"', render_html(report))
     assert len(keys) == len(set(keys))
     assert {"a1", "a2", "a1-model", "a2-model", "summary-1", "summary-2"} <= set(keys)
+
+
+def test_a_compromise_opens_the_summary(flight):
+    first = flight.analyses[0]
+    settings = dict(first.optimum.settings)
+    interval = Interval(1.0, 3.0)
+    found = CompromiseEstimate(
+        settings=settings,
+        point=first.optimum.point,
+        desirability=0.75,
+        given_up=(GivenUp("first use", "percent", True, 61.0, 63.0, settings, 2.0, interval, 0.8, "text"),),
+        credible={},
+        draw_points=first.optimum.point[None, :],
+        expected_shortfall=0.01,
+        level=0.95,
+        front_settings=(),
+        front_values=np.empty((0, 1)),
+    )
+    both = dataclasses.replace(
+        flight, analyses=(first, dataclasses.replace(first, application="other use")), compromise=found
+    )
+    sentence, table = build_report(both).sections[0].blocks
+    assert sentence.text.startswith("The settings that serve all best: ")
+    assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
+        "first use", "61.0 percent", "63.0 percent", "2.0 percent"
+    ]  # fmt: skip
 
 
 def test_logit_scores_are_drawn_in_percent(simulated):
