@@ -328,8 +328,8 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         )
     if state.target is not None:
         found.append(
-            f"The quadratic does not describe this region; {range_text(spec.region, state.target)} is being filled "
-            "with runs and will take its place."
+            "The scores spoke, at this look or an earlier one, against one quadratic for the whole; "
+            f"{range_text(spec.region, state.target)} is being filled with runs and will take its place."
         )
     if state.box.whole:
         outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))

@@ -82,7 +82,9 @@ def literature(spec: CampaignSpec, analysis: Analysis) -> Literature | None:
     application = next((one for one in spec.applications if one.name == analysis.application), None)
     system = system_of(spec)
     wanted = "" if application is None else application.catalog
-    found = catalogue_words(analysis.application, spec.description, system, wanted)
+    # The description of a campaign of several applications may be about another of them.
+    description = spec.description if len(spec.applications) == 1 else ""
+    found = catalogue_words(analysis.application, description, system, wanted)
     if found is None:
         return None
     asked, reason = found

@@ -30,6 +30,15 @@ def test_a_named_entry_goes_first():
     assert catalogue_words("crop-classification", "", "active", "sea ice") == ("sea ice", "named in campaign.toml")
 
 
+def test_the_description_of_several_applications_is_about_none_of_them(dossier):
+    analysis = dataclasses.replace(dossier.analyses[0], application="best")
+    one = dossier.spec.applications[0].model_copy(update={"name": "best"})
+    spec = dataclasses.replace(dossier.spec, description="How well is soil moisture seen?", applications=(one,))
+    assert literature(spec, analysis).asked == "soil moisture"
+    other = one.model_copy(update={"name": "other"})
+    assert literature(dataclasses.replace(spec, applications=(one, other)), analysis) is None
+
+
 def test_the_key_of_campaign_toml_is_looked_up(dossier):
     application = dossier.spec.applications[0].model_copy(update={"catalog": "soil moisture"})
     spec = dataclasses.replace(dossier.spec, applications=(application,))
