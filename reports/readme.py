@@ -20,6 +20,7 @@ import sys
 import tempfile
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -99,22 +100,31 @@ def _answers() -> str:
     """What each example campaign found, from its report."""
     rows = []
     for file in sorted((ROOT / "reports").glob("*/optimum.json")):
-        one = json.loads(file.read_text(encoding="utf-8"))["applications"][0]
+        applications = json.loads(file.read_text(encoding="utf-8"))["applications"]
         spec = tomllib.loads((ROOT / "campaigns" / file.parent.name / "campaign.toml").read_text(encoding="utf-8"))
         units = {factor["name"]: factor.get("unit", "") for factor in spec["factor"]}
-        best, stop = one["optimum"], one["stop"]
-        settings = ", ".join(
-            f"{name} {value:.3g} {units[name]}".rstrip() if isinstance(value, float) else f"{name} {value}"
-            for name, value in best["settings"].items()
-        )
-        future = best["prediction"]
-        verdict = "the stop rule held" if stop["held"] else "the stop rule does not hold yet"
-        rows.append(
-            f"* [`{file.parent.name}`](reports/{file.parent.name}/report.pdf): {settings}. Mean score "
-            f"{best['mean']:.1f} {one['score_unit']}; one future run {future['low']:.1f} to {future['high']:.1f} (95 % "
-            f"prediction interval); {one['n_runs']} runs, {verdict}.\n"
-        )
+        answers = " ".join(_answer(one, units, alone=len(applications) == 1) for one in applications)
+        rows.append(f"* [`{file.parent.name}`](reports/{file.parent.name}/report.pdf): {answers}\n")
     return "".join(rows)
+
+
+def _answer(one: dict[str, Any], units: dict[str, str], *, alone: bool) -> str:
+    """What was found for one application, in two sentences."""
+    best, fresh = one["optimum"], one["confirmation"]
+    settings = ", ".join(
+        f"{name} {value:.3g} {units[name]}".rstrip() if isinstance(value, float) else f"{name} {value}"
+        for name, value in best["settings"].items()
+    )
+    future = best["prediction"]
+    verdict = "the stop rule held" if one["stop"]["held"] else "the stop rule does not hold yet"
+    if fresh is not None and not fresh["agrees"]:
+        verdict += f", but fresh runs contradict it: {fresh['interval']['low']:.1f} to {fresh['interval']['high']:.1f}"
+    name = "" if alone else f"{one['application']}: "
+    return (
+        f"{name}{settings}. Mean score {best['mean']:.1f} {one['score_unit']}; one "
+        f"future run {future['low']:.1f} to {future['high']:.1f} (95 % prediction interval); {one['n_runs']} runs, "
+        f"{verdict}."
+    )
 
 
 def _small(source: Path, target: Path) -> None:

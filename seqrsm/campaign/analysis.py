@@ -321,3 +321,8 @@ class Analysis:
     sources: SourceComparison | None = None
     dropped: tuple[str, ...] = ()
     study: Study | None = None
+
+    @property
+    def contradicted(self) -> bool:
+        """Fresh runs at the recommended settings do not agree with the model."""
+        return self.confirmation is not None and not self.confirmation.agrees

@@ -48,12 +48,12 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
 
 def show_outcome(outcome: Outcome) -> None:
     """End of `seqrsm run`: recommendation, intervals, reasons, time split."""
-    from seqrsm.cli.show_fit import show_importance, show_optimum, show_warnings
+    from seqrsm.cli.show_fit import decision_heading, show_importance, show_optimum, show_warnings
 
     for analysis in outcome.analyses:
         show_optimum(analysis)
         show_importance(analysis)
-        heading("Decision: stop" if outcome.held else "Decision: the budget ended the campaign")
+        heading(decision_heading(analysis) if outcome.held else "Decision: the budget ended the campaign")
         for reason in analysis.decision.reasons:
             line(f"- {reason}", 2)
         if analysis.confirmation is not None and analysis.confirmation.agrees:  # else the reasons say it

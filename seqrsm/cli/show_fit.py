@@ -201,8 +201,15 @@ def show_optimum(analysis: Analysis) -> None:
         )
 
 
+def decision_heading(analysis: Analysis) -> str:
+    """Stop or go on, in a line; a stop that fresh runs contradict is told as such."""
+    if not analysis.decision.held:
+        return "Decision: go on"
+    return "Decision: stop, but fresh runs contradict the model" if analysis.contradicted else "Decision: stop"
+
+
 def _show_decision(analysis: Analysis) -> None:
-    heading("Decision: stop" if analysis.decision.held else "Decision: go on")
+    heading(decision_heading(analysis))
     for check in analysis.decision.checks:
         mark = {True: "holds", False: "not yet", None: "unknown"}[check.holds]
         line(f"- {mark}: {check.text}", 2)

@@ -127,6 +127,8 @@ def _deciding(analysis: Analysis, width: float) -> str:
 
 
 def _decision_words(analysis: Analysis) -> tuple[str, str]:
+    if analysis.decision.held and analysis.contradicted:
+        return "Doubt", "the stop rule holds, but fresh runs contradict the model"
     if analysis.decision.held:
         return "Stop", "the stop rule holds"
     if analysis.decision.wants_confirmation:
@@ -176,7 +178,12 @@ def _settings_table(analysis: Analysis) -> Table:
 
 def _verdict(analysis: Analysis) -> str:
     posterior = analysis.posterior
-    if analysis.decision.held:
+    if analysis.decision.held and analysis.contradicted:
+        text = (
+            "The stop rule holds, but the fresh runs at the recommended settings contradict the model: the score there "
+            "is what they say, and more runs around them would show why."
+        )
+    elif analysis.decision.held:
         text = "The campaign can stop."
     elif analysis.decision.budget_spent:
         text = "The budget is spent and the stop rule does not hold."

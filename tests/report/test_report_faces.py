@@ -15,9 +15,10 @@ import pytest
 from pypdf import PdfReader
 from report_dossiers import load, make_analysis, runs_of, truth_score
 
-from seqrsm.campaign.analysis import Interval
+from seqrsm.campaign.analysis import Confirmation, Interval
 from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.cli.show_fit import decision_heading
 from seqrsm.report import write_report
 from seqrsm.report.blocks import (
     Bullets,
@@ -364,6 +365,17 @@ def test_a_compromise_opens_the_summary(flight):
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
         "first use", "61.0 percent", "63.0 percent", "2.0 percent"
     ]  # fmt: skip
+
+
+def test_fresh_runs_that_contradict_the_model_are_on_the_first_page(simulated):
+    first = simulated.analyses[0]
+    fresh = Confirmation((1, 2), (50.0, 52.0), 51.0, Interval(40.0, 62.0), False, "contradicts")
+    held = dataclasses.replace(first, decision=dataclasses.replace(first.decision, held=True), confirmation=fresh)
+    for analysis, word in ((held, "Doubt"), (dataclasses.replace(held, confirmation=None), "Stop")):
+        blocks = build_report(dataclasses.replace(simulated, analyses=(analysis,))).sections[0].blocks
+        figures = next(block for block in blocks if isinstance(block, KeyFigures))
+        assert figures.items[-1].value == word
+        assert decision_heading(analysis).endswith("contradict the model") == (word == "Doubt")
 
 
 def test_logit_scores_are_drawn_in_percent(simulated):
