@@ -55,6 +55,12 @@ from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 
+_MODEL_ALPHA = 0.05
+"""Probability above which all terms together are not seen to matter."""
+
+_MIN_DF = 4
+"""Residual degrees of freedom from which that test says something."""
+
 
 def stop_rule(spec: CampaignSpec) -> StopRule:
     """The rule of ``[stop]``."""
@@ -365,6 +371,11 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(f"The model must pass through run {ids} (leverage 1): its score cannot be checked.")
     if float(np.ptp(data.scores)) == 0.0:
         found.append("All scores are equal: there is no optimum to find, and every setting is as good.")
+    elif fit.df_residual >= _MIN_DF and fitted.model.p > 1:
+        p = fit.partial_f(np.arange(1, fitted.model.p)).p
+        if p > _MODEL_ALPHA:
+            test = f"F test of all terms: p = {p:.2g}"
+            found.append(f"No parameter is seen to matter ({test}): other settings may be as good.")
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)
         if np.max(values) > 95.0 or np.min(values) < 5.0:

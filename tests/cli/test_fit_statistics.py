@@ -366,6 +366,14 @@ def test_scores_that_do_not_vary(tmp_path: Path) -> None:
     json.dumps(found["posterior"]["optimum"])
 
 
+@pytest.mark.parametrize("slope", [0.0, 30.0])
+def test_a_surface_that_no_parameter_moves_is_told(tmp_path: Path, slope: float) -> None:
+    rng = np.random.default_rng(5)
+    rows = [{"x": x, "frequency": f, "score": 50.0 + slope * x + rng.normal()} for x, f in EXTREME_DESIGN]
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows))
+    assert ("No parameter is seen to matter" in " ".join(found["warnings"])) == (slope == 0.0)
+
+
 def test_scores_of_nothing_and_everything(tmp_path: Path) -> None:
     rows = [{"x": x, "frequency": f, "score": (0, 100, 100)[i % 3]} for i, (x, f) in enumerate(EXTREME_DESIGN)]
     for name, model in (("i", ""), ("l", '[model]\nresponse = "logit"\n')):
