@@ -426,7 +426,7 @@ def image(
 
         result["fidelity"] = explain_image(campaign, settings or [], run_id)
         if not as_json:
-            show_plan(result["fidelity"])
+            show_plan(campaign.spec.factors, result["fidelity"])
     if as_json:
         print_json(result)
 

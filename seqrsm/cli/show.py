@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.console import heading, line, number, say, show_table
-from seqrsm.design.factors import setting_text
+from seqrsm.design.factors import setting_with_unit
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
@@ -19,13 +19,9 @@ if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
 
 
-def _with_unit(factor: Factor, value: float | str) -> str:
-    return f"{setting_text(factor, value)} {getattr(factor, 'unit', '')}".rstrip()
-
-
 def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
     """Settings in one line, with units."""
-    return ", ".join(f"{factor.name} {_with_unit(factor, settings[factor.name])}" for factor in factors)
+    return ", ".join(f"{factor.name} {setting_with_unit(factor, settings[factor.name])}" for factor in factors)
 
 
 # -- run ----------------------------------------------------------------------------------------------------------
@@ -146,7 +142,7 @@ def _show_application(factors: Sequence[Factor], result: Mapping[str, Any], appl
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    rows = [[factor.name, _with_unit(factor, best["settings"][factor.name])] for factor in factors]
+    rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in factors]
     show_table(["", ""], rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", left=True)
     line(f"mean score {_known(best['mean'])} {unit}".rstrip())
     for kind in ("prediction", "prediction_mean", "confidence"):

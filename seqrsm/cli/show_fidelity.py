@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from seqrsm.cli.console import line, show_table
+from seqrsm.design.factors import Factor, setting_with_unit
 
 _VERDICTS = {"exact": "proven exact", "bounded": "within tolerance", "needed": "needed"}
 
 
-def show_plan(plan: Mapping[str, Any]) -> None:
+def show_plan(factors: Sequence[Factor], plan: Mapping[str, Any]) -> None:
     """Which model of a run is used, what every other would cost in accuracy, and the verdict on each effect."""
-    shown = [f"{name} = {x if isinstance(x, str) else format(x, '.4g')}" for name, x in plan["settings"].items()]
-    line(", ".join(shown))
+    line(", ".join(f"{factor.name} {setting_with_unit(factor, plan['settings'][factor.name])}" for factor in factors))
     line(plan["why"])
     rows = [
         [

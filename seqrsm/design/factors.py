@@ -319,3 +319,9 @@ def setting_text(factor: Factor, value: float | str) -> str:
     if isinstance(value, str) or isinstance(factor, CategoricalFactor):
         return str(value)
     return f"{plain_setting(factor, float(value)):.15g}"
+
+
+def setting_with_unit(factor: Factor, value: float | str) -> str:
+    """A level or setting as people write it, with its unit."""
+    unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
+    return f"{setting_text(factor, value)} {unit}".rstrip()

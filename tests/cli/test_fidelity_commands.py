@@ -37,8 +37,9 @@ def test_explain_gives_a_verdict_on_every_effect(tiny: Path) -> None:
     chosen = next(rung for rung in plan["rungs"] if rung["rung"] == plan["rung"])
     assert not chosen["refused"]
     assert chosen["bound"] <= plan["tolerance"] == 0.5
-    code, out, _ = call("image", tiny, "--explain")
+    code, out, _ = call("image", tiny, "--explain", "--set", "resolution=40")
     assert code == 0
+    assert "resolution 40 m" in out.splitlines()[0]
     assert {"cast shadow", "quantisation", "needed"} <= {part.strip() for part in re.split(r"\s{2,}|\n", out)}
 
 
