@@ -96,7 +96,12 @@ def test_a_cluster_does_the_same_as_one_process(address, tmp_path):
 
 
 def test_a_run_that_kills_every_worker_is_given_up(address):
-    found = dict(run_many(cluster_jobs.die_always, range(3), cluster=address))
+    for _ in range(3):
+        try:
+            found = dict(run_many(cluster_jobs.die_always, range(3), cluster=address))
+            break
+        except UserError:  # on a busy machine the client may take dying workers for a lost cluster: try again, as told
+            continue
     assert (found[0], found[2]) == (0, 20)
     assert isinstance(found[1], Lost)
 
