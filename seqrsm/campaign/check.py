@@ -156,9 +156,9 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
-    task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
+    centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     combinations = _check_sensors(spec)
-    first = carry_out(task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0]))
+    first = carry_out(centre)
     if first.failure:
         raise SpecError(
             Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))

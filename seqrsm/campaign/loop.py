@@ -216,9 +216,7 @@ class Campaign:
         runs = self.store.runs()
         active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
-        fitted = min(
-            len(scored_runs(self.spec.region, runs, application.name).scores) for application in self.spec.applications
-        )
+        fitted = self._n_fitted(runs)
         failed = [run for run in runs if run.state == "failed"]
         cheaper = "simulation" if self.spec.simulator is not None else "flight"
         start_source = cheaper if source == "best" else source
@@ -256,7 +254,7 @@ class Campaign:
         carried: set[int] = set()
         waiting |= self._repeat_doubtful()
         while waiting:
-            claimed = self.store.claim(waiting) if waiting else ()
+            claimed = self.store.claim(waiting)
             carried |= {run.run_id for run in claimed}
             waiting = {run.run_id: run for run in self._carry_out(claimed, workers, cluster, on_progress)}
             waiting |= self._repeat_doubtful()
@@ -386,6 +384,11 @@ class Campaign:
             self.propose(min(batch or self.spec.batch, left), analyses=analyses)
             clock.stop("propose")
 
+    def _n_fitted(self, runs: Sequence[RunRecord]) -> int:
+        """Scores that can be fitted, of the application that has the fewest."""
+        names = [application.name for application in self.spec.applications]
+        return min(len(scored_runs(self.spec.region, runs, name).scores) for name in names)
+
     def _too_few(self) -> bool:
         """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
 
@@ -395,8 +398,7 @@ class Campaign:
             They wait for flights that nobody has scored.
         """
         runs = self.store.runs()
-        names = [application.name for application in self.spec.applications]
-        fitted = min(len(scored_runs(self.spec.region, runs, name).scores) for name in names)
+        fitted = self._n_fitted(runs)
         terms = QuadraticModel(self.spec.factors, self.spec.model.order).p
         flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
         if fitted > terms or not flights:

@@ -8,7 +8,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -130,7 +130,7 @@ def _run(row: Mapping[str, Any]) -> RunRecord:
     if run.state not in STATES:
         raise ValueError(f"run {run.run_id} has the state {run.state!r}")
     scores = tuple(_record(ScoreRecord, {**score, "run_id": run.run_id}) for score in row["scores"])
-    return RunRecord(**{field.name: getattr(run, field.name) for field in fields(run)} | {"scores": scores})
+    return replace(run, scores=scores)
 
 
 def _record(kind: type[Record], row: Mapping[str, Any]) -> Record:

@@ -16,6 +16,7 @@ from scipy.optimize import linprog, minimize
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design import search
+from seqrsm.design.exchange import smallest_eigenvalue
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
@@ -59,13 +60,10 @@ class MinimaxSearch:
         """(Z'Z + R)^-1, or None where it is singular."""
         Z = self.model.matrix(points)
         M = self.precision + Z.T @ Z
+        if smallest_eigenvalue(M) < 1e-9:
+            return None
         scale = 1.0 / np.sqrt(np.diag(M))
-        if not np.all(np.isfinite(scale)):
-            return None
-        scaled = M * np.outer(scale, scale)
-        if float(np.linalg.eigvalsh(scaled)[0]) < 1e-9:
-            return None
-        return np.asarray(np.linalg.inv(scaled) * np.outer(scale, scale))
+        return np.asarray(np.linalg.inv(M * np.outer(scale, scale)) * np.outer(scale, scale))
 
     def _slopes(self, points: FloatArray) -> FloatArray:
         """Derivatives (n, c, p) of the model rows in the continuous coordinates."""

@@ -169,21 +169,33 @@ class _Plots:
         values = self.values(self.rows(points))
         for _ in range(_PASSES):
             before = values.copy()
-            for runs in self.runs_of:
-                for j in self.hard:
-                    values = self._move(points, runs, j, levels, radius, values)
-                for i in runs:
-                    for j in self.easy:
-                        values = self._move(points, np.array([i]), j, levels, radius, values)
+            for members in self.runs_of:
+                rest = self.rows(np.delete(points, members, axis=1))
+                outside = plot_information(rest, np.delete(self.plots, members), self.eta)
+                moves = [(members, j) for j in self.hard]
+                moves += [(members[i : i + 1], j) for i in range(len(members)) for j in self.easy]
+                for runs, j in moves:
+                    values = self._move(points, members, outside, runs, j, levels, radius, values)
             gained = np.where(np.isfinite(before), values - before, np.where(np.isfinite(values), np.inf, 0.0))
             if not np.any(gained > _GAIN):
                 break
         return values
 
     def _move(
-        self, points: FloatArray, runs: IntArray, j: int, levels: int, radius: float | None, values: FloatArray
+        self,
+        points: FloatArray,
+        members: IntArray,
+        outside: FloatArray,
+        runs: IntArray,
+        j: int,
+        levels: int,
+        radius: float | None,
+        values: FloatArray,
     ) -> FloatArray:
-        """Give coordinate j of ``runs`` its best value, in every design."""
+        """Give coordinate j of ``runs``, in the plot ``members``, its best value in every design.
+
+        ``outside`` (s, p, p): information of the other plots.
+        """
         axis = self.region.axes[j]
         if axis is None:
             steps = np.linspace(-1.0, 1.0, levels)
@@ -194,12 +206,7 @@ class _Plots:
         changed = np.repeat(points[:, None, runs, :], tried.shape[1], axis=1)
         changed[..., j] = tried[:, :, None]
         allowed = np.all(self.region.feasible(changed.reshape(-1, self.region.k)).reshape(*changed.shape[:-1]), axis=-1)
-        plot = int(np.searchsorted(np.unique(self.plots), self.plots[runs[0]]))
-        members = self.runs_of[plot]
-        rows = self.rows(points)
-        rest = np.delete(rows, members, axis=1)
-        outside = plot_information(rest, np.delete(self.plots, members), self.eta)
-        own = np.repeat(rows[:, None, members, :], tried.shape[1], axis=1)
+        own = np.repeat(self.rows(points[:, members])[:, None], tried.shape[1], axis=1)
         own[:, :, np.searchsorted(members, runs), :] = self.rows(changed)
         inside = plot_information(own, np.zeros(len(members), dtype=np.int64), self.eta)
         sign, log_det = np.linalg.slogdet(outside[:, None] + inside)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Literal
 
 from seqrsm.errors import ConfigurationError, Problem
@@ -253,11 +253,7 @@ def choose(
 
 
 def _widened(plan: RungPlan, factor: float) -> RungPlan:
-    if factor == 1.0:
-        return plan
-    changed = {**{name: getattr(plan, name) for name in plan.__dataclass_fields__}}
-    changed["bias"], changed["sampling"] = plan.bias * factor, plan.sampling * factor
-    return RungPlan(**changed)
+    return plan if factor == 1.0 else replace(plan, bias=plan.bias * factor, sampling=plan.sampling * factor)
 
 
 def _why(chosen: RungPlan, rungs: Sequence[RungPlan], tolerance: float) -> str:
