@@ -254,10 +254,13 @@ class Campaign:
         carried: set[int] = set()
         waiting |= self._repeat_doubtful()
         while waiting:
-            claimed = self.store.claim(waiting)
-            carried |= {run.run_id for run in claimed}
-            waiting = {run.run_id: run for run in self._carry_out(claimed, workers, cluster, on_progress)}
-            waiting |= self._repeat_doubtful()
+            try:
+                claimed = self.store.claim(waiting)
+                carried |= {run.run_id for run in claimed}
+                again = self._carry_out(claimed, workers, cluster, on_progress)
+            finally:
+                self.store.release(waiting)
+            waiting = {run.run_id: run for run in again} | self._repeat_doubtful()
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 
     def _repeat_doubtful(self) -> dict[int, RunRecord]:
@@ -279,23 +282,20 @@ class Campaign:
         widening = widening_of(self.store.events(kind=VIOLATED))
         tasks = [task_of(self.spec, run.run_id, run.proposed, widening) for run in claimed]
         files = files_of(tasks[0]) if cluster is not None else ()
-        try:
-            with heartbeat(self.store):
-                for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
-                    run = claimed[index]
-                    if isinstance(result, Lost):
-                        self.store.fail(run.run_id, result.reason)
-                    elif not result.failure:
-                        self.store.record_scores(run.run_id, result.scores)
-                        if result.check is not None and result.check.violated:
-                            self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
-                    else:
-                        self.store.fail(run.run_id, result.failure)
-                        if result.again and run.attempts < MAX_ATTEMPTS:
-                            self.store.issue([run.run_id])
-                            again.append(run)
-        finally:
-            self.store.release(run.run_id for run in claimed)
+        with heartbeat(self.store):
+            for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
+                run = claimed[index]
+                if isinstance(result, Lost):
+                    self.store.fail(run.run_id, result.reason)
+                elif not result.failure:
+                    self.store.record_scores(run.run_id, result.scores)
+                    if result.check is not None and result.check.violated:
+                        self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
+                else:
+                    self.store.fail(run.run_id, result.failure)
+                    if result.again and run.attempts < MAX_ATTEMPTS:
+                        self.store.issue([run.run_id])
+                        again.append(run)
         return again
 
     def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:

@@ -10,18 +10,9 @@ import os
 from collections.abc import Iterator
 
 import pytest
-import sqlalchemy as sa
-from postgres_server import find_server, running
+from postgres_server import find_server, running, wipe
 
 from seqrsm.campaign.store import Store
-
-
-def wipe(url: str) -> None:
-    engine = sa.create_engine(url)
-    with engine.begin() as connection:
-        connection.execute(sa.text("DROP SCHEMA public CASCADE"))
-        connection.execute(sa.text("CREATE SCHEMA public"))
-    engine.dispose()
 
 
 @pytest.fixture(scope="session")

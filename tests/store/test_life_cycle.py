@@ -133,3 +133,19 @@ def test_an_interrupt_gives_the_runs_back(campaign, monkeypatch):
         opened.simulate()
     with Store.open(opened.folder) as store:
         assert store.run(1).state == "issued"
+
+
+def test_an_interrupt_before_the_first_simulation_gives_them_back_too(campaign, monkeypatch):
+    """The claim is durable before this process knows of it: an interrupt in between leaves no run in its hands."""
+    opened = campaign()
+    claim = opened.store.claim
+
+    def interrupted(ids):
+        claim(ids)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(opened.store, "claim", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        opened.simulate()
+    with Store.open(opened.folder) as store:
+        assert store.run(1).state == "issued"

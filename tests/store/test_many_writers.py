@@ -6,6 +6,8 @@ import subprocess
 import sys
 from collections import Counter
 
+from postgres_server import wipe
+
 from seqrsm.campaign.store import NewRun, Store
 
 PROCESSES, RUNS_EACH, FILES_EACH, ROWS = 8, 4, 2, 3
@@ -80,7 +82,6 @@ def test_eight_writers(store, tmp_path, url):
 
 def test_a_campaign_lives_in_postgres(postgres, tmp_path):
     """Through the command line, by ``[store] url``; no data base is made in the folder."""
-    from conftest import wipe
     from typer.testing import CliRunner
 
     from seqrsm.cli.app import app
