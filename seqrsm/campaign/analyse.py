@@ -41,6 +41,7 @@ from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.study import study_fit
 from seqrsm.campaign.surface import block_labels
 from seqrsm.decide.allowance import departure_allowance
+from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval
 from seqrsm.decide.stopping import Decision, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
@@ -54,9 +55,6 @@ from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
-
-_MODEL_ALPHA = 0.05
-"""Probability above which all terms together are not seen to matter."""
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
@@ -250,7 +248,6 @@ def _decision(
     before = earlier[-1].summary if earlier else {}
     # Two looks at different regions are not two looks at the same thing.
     same = before.get("region", {}).get("ranges") in (None, _ranges(spec, fitted))
-    all_terms = np.arange(1, fitted.model.p)
     return decide(
         rule,
         n_runs=fit.n_runs,
@@ -264,7 +261,7 @@ def _decision(
         h=float(fitted.variance_unscaled(fitted.model.matrix(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
         held_at_previous_look=bool(before.get("conditions_hold")) and same,
-        model_p=fit.partial_f(all_terms).p if fit.df_residual and len(all_terms) else None,
+        model_p=_model_p(fitted),
         confirmation=agreement,
         unit=application.unit,
         n_spent=fitted.n_scored,
@@ -272,6 +269,12 @@ def _decision(
         departure=fitted.departure,
         widening=1.0 if estimate.with_departure is None else estimate.with_departure.widening,
     )
+
+
+def _model_p(fitted: Fitted) -> float | None:
+    """P of the F test of all terms; None where nothing is left to test with, or no term to test."""
+    all_terms = np.arange(1, fitted.model.p)
+    return fitted.fit.partial_f(all_terms).p if fitted.fit.df_residual and len(all_terms) else None
 
 
 def _ranges(spec: CampaignSpec, fitted: Fitted) -> dict[str, list[float]]:
@@ -371,11 +374,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(f"The model must pass through run {ids} (leverage 1): its score cannot be checked.")
     if float(np.ptp(data.scores)) == 0.0:
         found.append("All scores are equal: there is no optimum to find, and every setting is as good.")
-    elif fit.df_residual >= _MIN_DF and fitted.model.p > 1:
-        p = fit.partial_f(np.arange(1, fitted.model.p)).p
-        if p > _MODEL_ALPHA:
-            test = f"F test of all terms: p = {p:.2g}"
-            found.append(f"No parameter is seen to matter ({test}): other settings may be as good.")
+    elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
+        test = f"F test of all terms: p = {p:.2g}"
+        found.append(f"No parameter is seen to matter ({test}): other settings may be as good.")
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)
         if np.max(values) > 95.0 or np.min(values) < 5.0:

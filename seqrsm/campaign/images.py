@@ -19,7 +19,7 @@ from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones,
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.status import latest_look
-from seqrsm.design.factors import CategoricalFactor, setting_with_unit
+from seqrsm.design.factors import CategoricalFactor, settings_text
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError, UserError
 from seqrsm.progress import tell
@@ -80,7 +80,7 @@ def write_image(
         name: engine.score(utility, image, scene, seed=task.seed, run_id=run_id).value
         for name, utility in task.utilities
     }
-    shown = ", ".join(f"{factor.name} {setting_with_unit(factor, settings[factor.name])}" for factor in spec.factors)
+    shown = settings_text(spec.factors, settings)
     found = ", ".join(f"{name} {value:.2f} {spec.application(name).unit}".rstrip() for name, value in scores.items())
     return {
         "file": str(out),

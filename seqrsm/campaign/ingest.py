@@ -18,8 +18,6 @@ from seqrsm.campaign.ingest_messages import file_messages, outcome_messages, out
 from seqrsm.campaign.records import (
     FileRecord,
     IngestedFile,
-    IngestedImage,
-    IngestedRanking,
     IngestedRun,
     IngestOutcome,
     NewScore,
@@ -32,7 +30,7 @@ from seqrsm.design.factors import CategoricalFactor
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
-from seqrsm.score.ranking_file import RankedImage, is_rankings_file, read_rankings
+from seqrsm.score.ranking_file import is_rankings_file, read_rankings
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,16 +184,8 @@ def _read_rankings(spec: CampaignSpec, path: Path | str) -> _Read:
     file = read_rankings(path, _columns(spec), [Measure(application.name) for application in ranked])
     images = [image for ranking in file.rankings for image in ranking.images]
     outside = _outside(spec, file.name, {im.line: im.settings for im in images if im.settings is not None})
-    rankings = tuple(
-        IngestedRanking(one.application, one.interpreter, one.session, tuple(_image(image) for image in one.images))
-        for one in file.rankings
-    )
-    ingested = IngestedFile(file.name, file.sha256, len(images), rankings=rankings)
+    ingested = IngestedFile(file.name, file.sha256, len(images), rankings=file.rankings)
     return ingested, outside, (), outside_messages(outside)
-
-
-def _image(image: RankedImage) -> IngestedImage:
-    return IngestedImage(image.run_id, image.rank, image.settings, image.metadata, image.line)
 
 
 def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) -> tuple[int, ...]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    from seqrsm.score.ranking_file import MeasuredRanking
 
 Settings: TypeAlias = dict[str, float | str]
 
@@ -219,27 +222,6 @@ class IngestedRun:
 
 
 @dataclass(frozen=True, slots=True)
-class IngestedImage:
-    """An image in a ranking: its run, its rank, settings flown where they were given, other columns, line."""
-
-    run_id: int
-    rank: float
-    settings: Settings | None = None
-    metadata: Mapping[str, Any] = field(default_factory=dict)
-    line: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class IngestedRanking:
-    """One interpreter's ranking of two images or more on its way into the store; rank 1 is the best."""
-
-    application: str
-    interpreter: str
-    session: str
-    images: tuple[IngestedImage, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class IngestedFile:
     """A file on its way into the store: name, SHA-256 of its bytes, rows of scores or ranks, and what they say."""
 
@@ -247,7 +229,7 @@ class IngestedFile:
     sha256: str
     row_count: int
     runs: tuple[IngestedRun, ...] = ()
-    rankings: tuple[IngestedRanking, ...] = ()
+    rankings: tuple[MeasuredRanking, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,14 +7,13 @@ no measurements but results, the only rows of the store that are overwritten; ev
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sqlalchemy as sa
 
 from seqrsm.campaign.records import (
     IngestedFile,
-    IngestedRanking,
     InterpreterEffect,
     NewScore,
     RankingRecord,
@@ -26,6 +25,9 @@ from seqrsm.campaign.store_ledger import VOID_FIRST, Ledger
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
 from seqrsm.score.ranking import Ranking, connected, fit_rankings
+
+if TYPE_CHECKING:
+    from seqrsm.score.ranking_file import MeasuredRanking
 
 _FIELDS = tuple(column for column in RANKINGS.c if column.name != "id")
 DERIVED = "Plackett-Luce"
@@ -175,7 +177,7 @@ def _write_scores(ledger: Ledger, application: str, summary: RankingSummary, ran
     ledger.log("rankings scored", [(None, detail)])
 
 
-def _settings_flown(ledger: Ledger, ranking: IngestedRanking, name: str, problems: list[Problem]) -> dict[int, str]:
+def _settings_flown(ledger: Ledger, ranking: MeasuredRanking, name: str, problems: list[Problem]) -> dict[int, str]:
     """States of the ranked runs; notes the settings flown where the file tells them."""
     states: dict[int, str] = {}
     for image in ranking.images:
@@ -196,7 +198,7 @@ def _settings_flown(ledger: Ledger, ranking: IngestedRanking, name: str, problem
     return states
 
 
-def _refuse_measured(ledger: Ledger, ranking: IngestedRanking, name: str, problems: list[Problem]) -> None:
+def _refuse_measured(ledger: Ledger, ranking: MeasuredRanking, name: str, problems: list[Problem]) -> None:
     query = sa.select(SCORES.c.run_id, SCORES.c.metadata).join(RUNS, RUNS.c.id == SCORES.c.run_id)
     query = query.where(SCORES.c.application == ranking.application, RUNS.c.state != "void")
     measured = [row.run_id for row in ledger.connection.execute(query) if row.metadata.get("derived") != DERIVED]

@@ -8,6 +8,7 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import ScoredRuns
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
@@ -117,14 +118,7 @@ def _remedy(
         if n_aliased:
             return "Blocks and settings change together: repeat settings of one block in another, or leave blocks out."
         return f"{start}: at least {least} more (`seqrsm propose` names good ones), or set [model] order = 1."
-    units = {factor.name: getattr(factor, "unit", "") for factor in region.factors}
-    shown = "; ".join(
-        ", ".join(
-            f"{name} {value if isinstance(value, str) else f'{value:.4g} {units[name]}'.rstrip()}"
-            for name, value in settings.items()
-        )
-        for settings in missing.settings[:_LISTED_RUNS]
-    )
+    shown = "; ".join(settings_text(region.factors, settings) for settings in missing.settings[:_LISTED_RUNS])
     count = len(missing.settings)
     more = f" and {count - _LISTED_RUNS} more (`seqrsm propose` names them)" if count > _LISTED_RUNS else ""
     return f"{start}; {count} at these settings would do: {shown}{more}. Or set [model] order = 1."

@@ -229,10 +229,11 @@ def _against_top(
 
 def _rank_correlation(one: FloatArray, other: FloatArray) -> float | None:
     """Spearman's; None where it does not exist."""
+    from scipy.stats import spearmanr
+
     if len(one) < 3 or np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
         return None
-    ranks = [np.argsort(np.argsort(values)).astype(np.float64) for values in (one, other)]
-    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    return float(spearmanr(one, other).statistic)
 
 
 def _sampler(spec: CampaignSpec) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,7 +29,6 @@ from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.psm import Precision
 
 Quantity = Literal["future score", "utility at the optimum"]
-Progress = Callable[[int, int], None]
 
 SIZES = (250, 1000, 4000, 16_000)
 """Draws in a set; `fit` takes 4000, a look 1000."""
@@ -37,10 +36,6 @@ POOL = 80_000
 """Independent draws that are cut into sets: 5 sets of the largest size."""
 CHAINS = 8
 """Runs of emcee with seeds of their own."""
-
-
-def _silent(done: int, total: int) -> None:
-    del done, total
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +128,6 @@ def sampler_rows(
     sizes: Sequence[int] = SIZES,
     pool: int = POOL,
     chains: int = CHAINS,
-    progress: Progress = _silent,
 ) -> tuple[SamplerRow, ...]:
     """Draws against the Monte Carlo error of the ends of two intervals, by exact draws and by emcee.
 
@@ -145,8 +139,6 @@ def sampler_rows(
         Draws in a set.
     pool, chains : int
         Exact draws in all, and runs of emcee; sizes that give fewer than two sets are left out.
-    progress : callable, optional
-        Told of (done, all) pieces of work.
 
     Returns
     -------
@@ -161,7 +153,6 @@ def sampler_rows(
     best = optimum(fitted.model, fitted.region, fitted.beta, application.goal)
     row = fitted.model.matrix(best.point[None, :])[0]
     exact = spec.model.errors == "normal"
-    total, done = chains + int(exact), 0
     rows: list[SamplerRow] = []
     if exact:
         one = _quantities(spec, application, fitted, row, "exact", pool)
@@ -169,12 +160,11 @@ def sampler_rows(
             if pool // n >= 2:
                 sets = {name: values[: pool // n * n].reshape(-1, n) for name, values in one.values.items()}
                 rows += _sampler_rows(spec, "exact", n, sets, {name: s * n / pool for name, s in one.seconds.items()})
-        progress(done := done + 1, total)
     kept = [n for n in sizes if n <= max(sizes[0], 4000)]
-    drawn = []
-    for chain in range(chains):
-        drawn.append(_quantities(replace(spec, seed=spec.seed + chain), application, fitted, row, "emcee", max(kept)))
-        progress(done := done + 1, total)
+    drawn = [
+        _quantities(replace(spec, seed=spec.seed + chain), application, fitted, row, "emcee", max(kept))
+        for chain in range(chains)
+    ]
     for n in kept if chains > 1 else ():
         sets = {name: np.array([_thinned(one.values[name], n) for one in drawn]) for name in drawn[0].values}
         seconds = {name: min(one.seconds[name] for one in drawn) for name in drawn[0].values}
@@ -243,7 +233,6 @@ def precision_rows(
     configurations: Sequence[Mapping[str, float | str]],
     *,
     repeats: int = 3,
-    progress: Progress = _silent,
 ) -> tuple[PrecisionRow, ...]:
     """Engine in single against double precision, at some configurations of a campaign with a simulator.
 
@@ -254,14 +243,11 @@ def precision_rows(
         Levels of the factors; one whose sensor cannot be built or cannot image the scene is left out.
     repeats : int
         Images of each precision, of which the fastest counts.
-    progress : callable, optional
-        Told of (done, all) configurations.
     """
     rows = []
-    for done, settings in enumerate(configurations, start=1):
+    for settings in configurations:
         with contextlib.suppress(UserError):
             rows.append(_precision_row(spec, settings, repeats))
-        progress(done, len(configurations))
     return tuple(rows)
 
 
@@ -306,7 +292,6 @@ def search_rows(
     *,
     restarts: Sequence[int] | None = None,
     searches: int = 5,
-    progress: Progress = _silent,
 ) -> tuple[SearchRow, ...]:
     """Restarts of the search of the campaign's start design against the efficiency reached.
 
@@ -317,8 +302,6 @@ def search_rows(
         By default one, an eighth of, as many as, and eight times as many as the campaign itself makes.
     searches : int
         Searches of each, with seeds of their own.
-    progress : callable, optional
-        Told of (done, all) searches.
     """
     model = QuadraticModel(spec.factors, spec.model.order)
     n = start_size(model, spec) - CENTRE_REPEATS
@@ -326,7 +309,7 @@ def search_rows(
     usual = START_SEARCHES if spec.region.is_box else START_SEARCHES_CONSTRAINED
     wanted = sorted({1, max(usual // 8, 2), usual, 8 * usual}) if restarts is None else list(restarts)
     found: list[tuple[list[float], list[float | None], list[float]]] = []
-    for i, starts in enumerate(wanted):
+    for starts in wanted:
         values, against_bound, seconds = [], [], []
         for search in range(searches):
             begin = time.process_time()
@@ -337,7 +320,6 @@ def search_rows(
             except DesignError:
                 pass  # every local search ended in a singular design: counted as failed
             seconds.append(time.process_time() - begin)
-            progress(i * searches + search + 1, len(wanted) * searches)
         found.append((values, against_bound, seconds))
     best = max((max(values) for values, _, _ in found if values), default=np.nan)
     return tuple(

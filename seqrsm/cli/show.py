@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.console import heading, line, number, say, show_table
-from seqrsm.design.factors import setting_with_unit
+from seqrsm.design.factors import setting_with_unit, settings_text
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis
@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from seqrsm.campaign.spec import CampaignSpec
     from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
-
-
-def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
-    """Settings in one line, with units."""
-    return ", ".join(f"{factor.name} {setting_with_unit(factor, settings[factor.name])}" for factor in factors)
 
 
 # -- run ----------------------------------------------------------------------------------------------------------

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from seqrsm.cli.console import line, show_table
-from seqrsm.design.factors import Factor, setting_with_unit
+from seqrsm.design.factors import Factor, settings_text
 
 _VERDICTS = {"exact": "proven exact", "bounded": "within tolerance", "needed": "needed"}
 
 
 def show_plan(factors: Sequence[Factor], plan: Mapping[str, Any]) -> None:
     """Which model of a run is used, what every other would cost in accuracy, and the verdict on each effect."""
-    line(", ".join(f"{factor.name} {setting_with_unit(factor, plan['settings'][factor.name])}" for factor in factors))
+    line(settings_text(factors, plan["settings"]))
     line(plan["why"])
     rows = [
         [

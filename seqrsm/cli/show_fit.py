@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from seqrsm.cli.console import heading, line, number, show_table
 from seqrsm.cli.show_study import show_study
-from seqrsm.design.factors import setting_text
+from seqrsm.design.factors import setting_text, settings_text
 from seqrsm.report.phrases import (
     interval_text,
     level_phrase,
@@ -184,10 +184,7 @@ def show_optimum(analysis: Analysis) -> None:
                 2,
             )
     if best.ties and not best.ridge:
-        others = "; ".join(
-            ", ".join(f"{name} {v if isinstance(v, str) else f'{v:.4g}'}" for name, v in tie.items())
-            for tie in best.ties[:3]
-        )
+        others = "; ".join(settings_text(analysis.region.factors, tie) for tie in best.ties[:3])
         line(f"as good: {others}{' and more' if len(best.ties) > 3 else ''}", 2)
     if best.at_bound:
         line(f"at the border of the region: {', '.join(best.at_bound)}", 2)

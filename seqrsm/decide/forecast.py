@@ -11,7 +11,8 @@ from seqrsm.arrays import FloatArray
 from seqrsm.decide.intervals import IntervalKind, anytime_half_width, half_width, noise_floor
 from seqrsm.decide.rule import StopRule
 
-_MODEL_ALPHA = 0.05
+MODEL_ALPHA = 0.05
+"""Probability above which all terms together are not seen to matter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ def futility(
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
     # With fewer residual degrees of freedom a test of all terms says little about any of them.
-    if model_p is not None and model_p > _MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
+    if model_p is not None and model_p > MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
         found.append(f"No parameter matters as far as these runs can tell (F test of all terms: p = {model_p:.2g}).")
     return tuple(found)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import keyword
 import math
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -325,3 +326,8 @@ def setting_with_unit(factor: Factor, value: float | str) -> str:
     """A level or setting as people write it, with its unit."""
     unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
     return f"{setting_text(factor, value)} {unit}".rstrip()
+
+
+def settings_text(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
+    """Settings in one line, with units."""
+    return ", ".join(f"{factor.name} {setting_with_unit(factor, settings[factor.name])}" for factor in factors)
