@@ -19,7 +19,7 @@ from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones,
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.status import latest_look
-from seqrsm.design.factors import CategoricalFactor, settings_text
+from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError, UserError
 from seqrsm.progress import tell
@@ -150,8 +150,8 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
     for j in region.numeric:
         factor = region.factors[j]
         if abs(point[0, j]) > 1.0 + 1e-9 and not isinstance(factor, CategoricalFactor):
-            ends = [float(end) for end in factor.decode(np.array([-1.0, 1.0]))]
-            remedy = f"Give {ends[0]:g} to {ends[1]:g} {factor.unit}".rstrip()
+            low, high = span(factor)
+            remedy = f"Give {low:g} to {high:g} {factor.unit}".rstrip()
             field = f"--set {factor.name}"
             problems.append(Problem("outside the campaign's region", remedy, field=field, value=settings[factor.name]))
     shown = ", ".join(f"{name} = {value}" for name, value in region.decode(point)[0].items())

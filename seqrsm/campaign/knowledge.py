@@ -7,7 +7,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.spec_tables import ExpectedOptimum, KnowledgeSpec
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import NormalInverseGamma
@@ -57,9 +57,9 @@ def _elicited(
     optima = []
     for name, expected in known.optimum.items():
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
-        ends = numeric[name].decode(np.array([-1.0, 1.0]))
+        least, most = span(numeric[name])
         # What was expected outside the part of the region that is fitted has been refuted by the scores.
-        if float(ends[0]) <= stated.value <= float(ends[1]) and name in model.term_names:
+        if least <= stated.value <= most and name in model.term_names:
             optima.append(OptimumNear(name, stated.value, stated.doubt))
     return elicited_prior(
         model,

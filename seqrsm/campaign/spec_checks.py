@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 from seqrsm.campaign.spec_tables import ApplicationSpec
 from seqrsm.campaign.toml_lines import Path, line_of
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, span
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.units import PARAMETER_UNITS
@@ -352,14 +352,10 @@ def knowledge(
                 report.add(place, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.")
                 continue
             value = expected if isinstance(expected, (int, float)) else expected.value
-            low, high = (factor.low, factor.high) if isinstance(factor, ContinuousFactor) else _ends(factor)
+            low, high = span(factor)
             if not low <= value <= high:
                 remedy = f"Give a value from {low:g} to {high:g}."
                 report.add(place, "the optimum is expected outside the factor's range", remedy, value)
-
-
-def _ends(factor: DiscreteFactor) -> tuple[float, float]:
-    return min(factor.values), max(factor.values)
 
 
 def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:

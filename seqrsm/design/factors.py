@@ -306,6 +306,13 @@ _DIGITS = 4
 _CLOSE = 0.005  # coded: a quarter of a percent of the range
 
 
+def span(factor: NumericFactor) -> tuple[float, float]:
+    """Smallest and largest natural value of a numeric factor."""
+    if isinstance(factor, ContinuousFactor):
+        return factor.low, factor.high
+    return factor.values[0], factor.values[-1]
+
+
 def plain_setting(factor: NumericFactor, value: float) -> float:
     """``value`` to four significant digits, or to as many more as a narrow range needs to tell settings apart."""
     for digits in range(_DIGITS, 17):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -173,7 +173,7 @@ def _check(model: QuadraticModel, utility: UtilityRange, optima: Sequence[Optimu
             problems.append(Problem("no numeric factor of this name", remedy, field="optimum", value=statement.factor))
             continue
         assert not isinstance(factor, CategoricalFactor)
-        low, high = factor.decode(np.array([-1.0, 1.0]))
+        low, high = span(factor)
         if not low <= statement.value <= high:
             what, remedy = "an optimum is expected outside the factor's range", f"Give {low:g} to {high:g}."
             problems.append(Problem(what, remedy, field=statement.factor, value=statement.value))

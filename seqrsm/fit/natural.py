@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor, log_ratio
+from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Interval
 from seqrsm.fit.least_squares import LeastSquaresFit
@@ -53,7 +53,7 @@ def natural_transform(model: QuadraticModel) -> FloatArray:
     for j, index in enumerate(model.numeric, start=1):
         factor = model.factors[index]
         assert not isinstance(factor, CategoricalFactor)
-        low, high = (float(end) for end in factor.decode(np.array([-1.0, 1.0])))
+        low, high = span(factor)
         width = high - low
         if factor.scale == "log":
             width = float(log_ratio(high, low)) / np.log(10.0)

@@ -9,10 +9,10 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
 from seqrsm.report import drawing
 from seqrsm.report.surfaces import Line, Ridge, Surface, numeric_factor
-from seqrsm.report.wording import axis_label, level_labels, shortened, span, with_unit
+from seqrsm.report.wording import axis_label, level_labels, shortened, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

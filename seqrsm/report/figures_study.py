@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import Analysis
+from seqrsm.design.factors import span
 from seqrsm.fit.location import LocationRegion
 from seqrsm.report import drawing
 from seqrsm.report.figures import set_numeric_axis
@@ -59,8 +60,8 @@ def _paint(analysis: Analysis, regions: Sequence[LocationRegion], x: int, y: int
     )
     set_numeric_axis(axes, "x", across)
     set_numeric_axis(axes, "y", up)
-    axes.set_xlim(*across.decode(np.array([-1.0, 1.0])))
-    axes.set_ylim(*up.decode(np.array([-1.0, 1.0])))
+    axes.set_xlim(*span(across))
+    axes.set_ylim(*span(up))
     drawing.light_grid(axes)
 
 

@@ -10,11 +10,11 @@ from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges
 from seqrsm.catalog.search import words_of
-from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.design.factors import CategoricalFactor, Factor, span
 from seqrsm.errors import ConfigurationError
 from seqrsm.report.phrases import optimum_setting_text, setting_posterior, setting_range_text
 from seqrsm.report.rounding import NOTHING, format_plain
-from seqrsm.report.wording import describe_factor, span, with_unit
+from seqrsm.report.wording import describe_factor, with_unit
 from seqrsm.units import to_parameter_unit
 
 #: What campaigns and the tables of 1979 call differently.

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.rounding import decimals_for, format_number, format_plain
 from seqrsm.units import PARAMETER_UNITS
 
@@ -53,13 +53,6 @@ def listing(items: Sequence[str], last: str = "and") -> str:
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} {last} {items[-1]}"
-
-
-def span(factor: NumericFactor) -> tuple[float, float]:
-    """Smallest and largest natural value of a numeric factor."""
-    if isinstance(factor, ContinuousFactor):
-        return factor.low, factor.high
-    return factor.values[0], factor.values[-1]
 
 
 def setting_decimals(factor: NumericFactor, value: float, spread: float = math.nan) -> int:
