@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.records import EventRecord, RunRecord
-from seqrsm.campaign.simulation import FidelityCheck
 from seqrsm.campaign.spec import CampaignSpec
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.simulation import FidelityCheck
 
 VIOLATED = "fidelity bound violated"
 """Kind of the event."""

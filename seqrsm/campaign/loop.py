@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.check import check_simulator
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.fitted import confirmation_reason
@@ -24,12 +23,10 @@ from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.serialise import look_summary
-from seqrsm.campaign.simulation import carry_out, files_of, task_of
 from seqrsm.campaign.spec import CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
-from seqrsm.simulate.runner import Lost, run_many
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
@@ -276,6 +273,9 @@ class Campaign:
         self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
     ) -> list[RunRecord]:
         """Simulate runs that this process holds; those that failed through no fault of theirs are to be tried again."""
+        from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
+        from seqrsm.simulate.runner import Lost, run_many
+
         again: list[RunRecord] = []
         if not claimed:
             return again
@@ -343,6 +343,8 @@ class Campaign:
         UserError
             No run of the start design, or of several batches after it, gave a score, and with what reasons.
         """
+        from seqrsm.campaign.check import check_simulator
+
         if self.spec.simulator is None and not self.store.runs(source="simulation"):
             check_simulator(self.spec)
         budget = max_runs or self.spec.stop.max_runs

@@ -18,7 +18,6 @@ from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
-from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
@@ -65,6 +64,8 @@ def start_batch(
     failed: Sequence[RunRecord] = (),
 ) -> list[NewRun]:
     """Start design, or what is missing of it when ``made`` holds runs already; away from what ``failed``."""
+    from seqrsm.design.optimal import optimal_design, start_design  # numba: not loaded for fit or status
+
     n = start_size(model, spec)
     fixed = spec.region.code([run.settings for run in made]) if made else np.empty((0, spec.region.k))
     if failed:

@@ -5,6 +5,7 @@ Heavy libraries are imported inside the command that needs them, so that ``--hel
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import asdict
 from functools import partial
@@ -49,6 +50,10 @@ def _opened(folder: Path) -> Campaign:
 
 def main() -> None:
     """Entry point of the console script."""
+    # Matrices here are small: threads of BLAS cost two to three times what they save, take cores from simulations, and
+    # make last digits depend on the machine's cores. Set before anything imports numpy; the user's own setting stays.
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     app()
 
 

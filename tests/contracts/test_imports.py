@@ -46,6 +46,29 @@ except SystemExit:
     assert not loaded_by(code) & set(HEAVY)
 
 
+def test_fit_and_status_load_no_engine() -> None:
+    """numba and the engines take a quarter of a second that only runs and proposals need."""
+    found = loaded_by("import seqrsm.campaign.loop, seqrsm.campaign.serialise, seqrsm.cli.show_fit")
+    assert "sqlalchemy" in found
+    assert "numba" not in found
+
+
+def test_blas_of_the_command_line_keeps_to_one_thread_unless_told() -> None:
+    code = """
+import os
+os.environ.pop("OPENBLAS_NUM_THREADS", None)
+os.environ["MKL_NUM_THREADS"] = "3"
+from seqrsm.cli.app import main
+sys.argv = ["seqrsm", "--version"]
+try:
+    main()
+except SystemExit:
+    pass
+assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["MKL_NUM_THREADS"]) == ("1", "3")
+"""
+    assert "numpy" not in loaded_by(code)
+
+
 def test_the_probe_would_see_a_heavy_library() -> None:
     assert "numpy" in loaded_by("import seqrsm.design.factors")
 

@@ -7,7 +7,7 @@ import time
 import pytest
 import sqlalchemy as sa
 
-from seqrsm.campaign import loop
+from seqrsm.campaign import simulation
 from seqrsm.campaign import store as store_module
 from seqrsm.campaign.heartbeat import heartbeat
 from seqrsm.campaign.loop import MAX_ATTEMPTS, Campaign
@@ -15,6 +15,7 @@ from seqrsm.campaign.records import NewRun, NewScore
 from seqrsm.campaign.schema import RUNS
 from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.campaign.store import Store
+from seqrsm.simulate import runner
 from seqrsm.simulate.runner import Lost
 
 RUN = NewRun({"x": 1.0})
@@ -89,8 +90,8 @@ def campaign(tmp_path, monkeypatch):
         opened = Campaign.open(tmp_path)
         opened.store.add_batch([RUN], issue=True)
         left = iter(ends)
-        monkeypatch.setattr(loop, "run_many", lambda *_: iter([(0, next(left))]))
-        monkeypatch.setattr(loop, "task_of", lambda *_: None)
+        monkeypatch.setattr(runner, "run_many", lambda *_: iter([(0, next(left))]))
+        monkeypatch.setattr(simulation, "task_of", lambda *_: None)
         return opened
 
     return make
@@ -128,7 +129,7 @@ def test_an_interrupt_gives_the_runs_back(campaign, monkeypatch):
         raise KeyboardInterrupt
         yield
 
-    monkeypatch.setattr(loop, "run_many", interrupted)
+    monkeypatch.setattr(runner, "run_many", interrupted)
     with pytest.raises(KeyboardInterrupt):
         opened.simulate()
     with Store.open(opened.folder) as store:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seqrsm.campaign import loop
+from seqrsm.campaign import check, simulation
 from seqrsm.campaign.fitted import scored_runs
 from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.records import IngestedRun, NewRun, NewScore
@@ -18,6 +18,7 @@ from seqrsm.campaign.spec import load_spec
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
+from seqrsm.simulate import runner
 
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
 APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
@@ -51,10 +52,10 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                     SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False, check=None),
                 )
 
-        monkeypatch.setattr(loop, "run_many", carry)
-        monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
+        monkeypatch.setattr(runner, "run_many", carry)
+        monkeypatch.setattr(check, "check_simulator", lambda spec: None)
         monkeypatch.setattr(
-            loop, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
+            simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
         place = tmp_path / folder
         place.mkdir()
