@@ -134,8 +134,14 @@ class _Reader(CellReader):
     def missing(self, line: int) -> None:
         super().missing(line)
         if "score" not in self.columns and not {"n", "correct"} <= self.columns.keys():
-            near = [name for name in self.free_columns() if "score" in name.casefold() or "correct" in name.casefold()]
-            hint = f"Rename the column '{near[0]}' to 'score'." if near else "Add it, or n and correct."
+            free = self.free_columns()
+            near = [name for name in free if "score" in name.casefold() or "percent" in name.casefold()]
+            counts = [name for name in free if "correct" in name.casefold()]
+            hint = "Add it, or n and correct (counts: correct of n cases)."
+            if near:
+                hint = f"Rename the column '{near[0]}' to 'score'."
+            elif counts:
+                hint = f"Rename the column '{counts[0]}' to 'score' if it holds percent; counts are two columns, n and correct."
             self.add("there is no column of scores", hint, line, "score")
 
     # -- rows -----------------------------------------------------------------------------------------------------

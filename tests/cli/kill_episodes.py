@@ -35,6 +35,8 @@ CHILD = """
 import sys
 import seqrsm.campaign.ingest, seqrsm.campaign.loop
 from seqrsm.cli.app import app
+if sys.argv[1] == "run":
+    import seqrsm.campaign.check, seqrsm.design.optimal, seqrsm.fit.ensemble
 if sys.argv[1] == "report":
     import seqrsm.campaign.assemble, seqrsm.report
 print("ready", flush=True)
