@@ -141,7 +141,8 @@ class _Reader(CellReader):
             if near:
                 hint = f"Rename the column '{near[0]}' to 'score'."
             elif counts:
-                hint = f"Rename the column '{counts[0]}' to 'score' if it holds percent; counts are two columns, n and correct."
+                percent = f"Rename the column '{counts[0]}' to 'score' if it holds percent"
+                hint = f"{percent}; counts are two columns, n and correct."
             self.add("there is no column of scores", hint, line, "score")
 
     # -- rows -----------------------------------------------------------------------------------------------------

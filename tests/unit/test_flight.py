@@ -127,7 +127,12 @@ BAD = [
     ("freqency,looks,polarization,score\n1,4,HH,5\n", 1, "frequency", "Rename the column 'freqency'"),
     ("looks,polarization,score\n4,HH,5\n", 1, "frequency", "no column"),
     ("frequency,looks,polarization,score_percent\n1,4,HH,5\n", 1, "score", "Rename the column 'score_percent'"),
-    ("frequency,looks,polarization,n_correct,n_total\n1,4,HH,5,200\n", 1, "score", "counts are two columns, n and correct"),
+    (
+        "frequency,looks,polarization,n_correct,n_total\n1,4,HH,5,200\n",
+        1,
+        "score",
+        "counts are two columns, n and correct",
+    ),
     ("frequency,looks,polarization\n1,4,HH\n", 1, "score", "no column"),
     (HEADER + ",score\n1,4,HH,5,6\n", 1, "score", "two columns"),
     (HEADER + ",\n1,4,HH,5,6\n", 1, None, "has no name"),
