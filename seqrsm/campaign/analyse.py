@@ -14,6 +14,7 @@ from seqrsm.campaign.analysis import (
     FactorImportance,
     Interval,
     OptimumEstimate,
+    PosteriorSummary,
 )
 from seqrsm.campaign.fitted import (
     CONFIRMATION,
@@ -137,7 +138,7 @@ def analyse(
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        warnings=tuple(_warnings(spec, application, fitted, best)),
+        warnings=tuple(_warnings(spec, application, fitted, best) + _effect_warnings(application, posterior)),
         n_scored=fitted.n_scored,
         beta=fitted.beta,
         region_state=fitted.state,
@@ -323,6 +324,21 @@ def _confirmation(
         text=text,
     )
     return confirmation, agreement
+
+
+def _effect_warnings(application: ApplicationSpec, posterior: PosteriorSummary) -> list[str]:
+    """What is stated of effects and not used."""
+    stated = {} if application.prior is None else application.prior.effect
+    names = [name for name in stated if name not in [bound.factor for bound in posterior.effects]]
+    if not names:
+        return []
+    share = posterior.effects_probability
+    if np.isfinite(share) and not posterior.effects:
+        reason = f"the scores contradict it (probability {share:.1g})"
+    else:
+        reason = "it is about the whole range and the full model, which are not fitted here"
+    what = f"What [application.prior] says of the effect of {', '.join(names)}"
+    return [f"{what} is left out of the posterior: {reason}."]
 
 
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:

@@ -171,6 +171,18 @@ class SettingPosterior:
 
 
 @dataclass(frozen=True, slots=True)
+class EffectBound:
+    """A bound that the prior puts on the change of the mean score from the low to the high end of a factor.
+
+    ``low`` and ``high`` are on the scale of the fit, -inf and inf where there is none.
+    """
+
+    factor: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class PosteriorSummary:
     """Posterior of the coefficients and of the optimum.
 
@@ -198,6 +210,10 @@ class PosteriorSummary:
         Probability that the recommendation loses more than ``regret_epsilon``.
     regret_epsilon : float
         The loss that is tested, score units.
+    effects : tuple of EffectBound
+        Bounds of the prior that all draws hold.
+    effects_probability : float
+        Probability of these bounds from the scores and the rest of the prior; nan where it was not computed.
     """
 
     sampler: dict[str, float | str | int]
@@ -211,6 +227,8 @@ class PosteriorSummary:
     expected_regret: float
     p_regret_above: float
     regret_epsilon: float
+    effects: tuple[EffectBound, ...] = ()
+    effects_probability: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.spec_tables import ExpectedOptimum, KnowledgeSpec
 from seqrsm.design.factors import CategoricalFactor, span
@@ -36,18 +39,23 @@ def stated_prior(
         precision = np.where(free, 0.0, (stated.noise_sd / stated.coefficient_sd) ** 2)
         shape = 0.5 * stated.noise_runs
         return NormalInverseGamma(np.zeros(size), np.diag(precision), shape, shape * stated.noise_sd**2)
-    if application.prior is None:
+    if application.prior is None or application.prior.utility is None:
         return None
-    found = _elicited(spec, application, application.prior, model, region)
+    found = _elicited(spec, application, application.prior, application.prior.utility, model, region)
     mean, precision = np.zeros(size), np.zeros((size, size))
     mean[: model.p], precision[: model.p, : model.p] = found.m0, found.Lambda0
     return NormalInverseGamma(mean, precision, found.a0, found.b0)
 
 
 def _elicited(
-    spec: CampaignSpec, application: ApplicationSpec, known: KnowledgeSpec, model: QuadraticModel, region: Region
+    spec: CampaignSpec,
+    application: ApplicationSpec,
+    known: KnowledgeSpec,
+    utility: Sequence[float],
+    model: QuadraticModel,
+    region: Region,
 ) -> NormalInverseGamma:
-    low, high = known.utility
+    low, high = utility
     repeat_sd = 0.1 * (high - low) if known.repeat_sd is None else known.repeat_sd
     if spec.model.response == "logit":
         middle = min(max(0.5 * (low + high), 1.0), 99.0)
@@ -69,6 +77,47 @@ def _elicited(
         scatter=RepeatScatter(repeat_sd, known.repeat_runs),
         goal=application.goal,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class EffectBounds:
+    """``effect`` of ``[application.prior]`` as bounds of coded coefficients, on the scale of the fit.
+
+    Attributes
+    ----------
+    factors : tuple of str
+    terms : ndarray (c,)
+        Index of each factor's linear term among the model's: half of its effect, the squares of both ends being equal.
+    low, high : ndarray (c,)
+    """
+
+    factors: tuple[str, ...]
+    terms: IntArray
+    low: FloatArray
+    high: FloatArray
+
+
+def stated_bounds(
+    spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel, region: Region
+) -> EffectBounds | None:
+    """Bounds of effects that ``campaign.toml`` states; None where it states none that is about this region.
+
+    A statement on a whole range says nothing of the part of it that is left where the fitted region has shrunk, nor of
+    a factor whose term was left out.
+    """
+    known = application.prior
+    if known is None or not known.effect:
+        return None
+    whole = {factor.name: factor for factor in spec.factors}
+    found = [
+        (factor.name, model.term_names.index(factor.name), *known.effect[factor.name])
+        for factor in region.factors
+        if factor.name in known.effect and factor == whole[factor.name] and factor.name in model.term_names
+    ]
+    if not found:
+        return None
+    names, terms, low, high = zip(*found, strict=True)
+    return EffectBounds(names, np.array(terms), 0.5 * np.array(low), 0.5 * np.array(high))
 
 
 def precision_of(prior: NormalInverseGamma) -> FloatArray:

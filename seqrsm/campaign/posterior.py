@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.campaign.analysis import Interval, OptimumEstimate, PosteriorSummary, SettingPosterior
+from seqrsm.campaign.analysis import EffectBound, Interval, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.campaign.fitted import Fitted
-from seqrsm.campaign.knowledge import precision_of, stated_prior
+from seqrsm.campaign.knowledge import EffectBounds, precision_of, stated_bounds, stated_prior
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.surface import block_labels
 from seqrsm.decide.moving import Box
@@ -19,6 +21,7 @@ from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.bounds import LinearBounds, bounded_draws
 from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative
 from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
 from seqrsm.fit.robust import STUDENT_DF, student_draws
@@ -30,7 +33,10 @@ if TYPE_CHECKING:
 
 Sampler: TypeAlias = Literal["exact", "emcee"]
 
+Made: TypeAlias = dict[str, float | str | int]
+
 _AT_BOUND = 1.0 - 1e-6
+_LEAST_SHARE = 0.25  # of the draws wanted that must hold the bounds, else the ensemble sampler works inside them
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +63,19 @@ class Draws:
         Standard deviation of random blocks.
     counts : Counts, optional
         Of scores that are counts: they take the place of sigma.
+    effects : EffectBounds, optional
+        Bounds that all draws hold.
+    share : float, optional
+        Probability of these bounds without them; None where it is not known.
     """
 
     terms: FloatArray
     sigma: FloatArray
-    made: dict[str, float | str | int]
+    made: Made
     sigma_block: FloatArray | None = None
     counts: Counts | None = None
+    effects: EffectBounds | None = None
+    share: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,47 +152,88 @@ def _coefficient_prior(spec: CampaignSpec, fitted: Fitted) -> CoefficientPrior:
 
 
 def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n_draws: int) -> Draws:
-    """Draws of the coefficients and of sigma; keyed by the campaign's seed."""
+    """Draws of the coefficients and of sigma; keyed by the campaign's seed.
+
+    They hold the bounds that are stated of effects, but for those that the scores contradict and no sampler can hold.
+    """
+    stated = stated_bounds(spec, fitted.application, fitted.model, fitted.region)
+    if stated is None:
+        return _draws(spec, fitted, sampler, n_draws, None)
+    rows = np.eye(fitted.model.p)[stated.terms]
+    found = _draws(spec, fitted, sampler, n_draws, LinearBounds(rows, stated.low, stated.high))
+    if _enough(len(found.terms), n_draws):
+        return replace(found, effects=stated)
+    return replace(_draws(spec, fitted, sampler, n_draws, None), share=found.share)
+
+
+def _draws(spec: CampaignSpec, fitted: Fitted, sampler: Sampler, n_draws: int, bounds: LinearBounds | None) -> Draws:
     errors, p = spec.model.errors, fitted.model.p
     rng = generator(spec.seed, fitted.n_scored, "posterior")
     if errors == "beta_binomial":
-        return _binomial_draws(spec, fitted, rng, n_draws)
+        return _binomial_draws(spec, fitted, rng, n_draws, bounds)
+    made: Made
     if fitted.blocks is not None:
-        beta, sigma, of_blocks = fitted.blocks.draws(n_draws, rng)
-        return Draws(beta, sigma, {"method": "exact", "draws": n_draws, "blocks": "random"}, sigma_block=of_blocks)
+        made = {"method": "exact", "draws": n_draws, "blocks": "random"}
+        (beta, sigma, of_blocks), share = _within(partial(fitted.blocks.draws, rng=rng), bounds, n_draws)
+        return Draws(beta, sigma, made | {"draws": len(sigma)}, sigma_block=of_blocks, share=share)
     Z, weights, prior = _stacked(spec, fitted)
+    to_terms = np.eye(Z.shape[1])[:, :p] if fitted.sources is None else to_flight(fitted.model, np.eye(Z.shape[1]))
+    inner = None if bounds is None else LinearBounds(bounds.rows @ to_terms.T, bounds.low, bounds.high)
+    y, exact, share = fitted.fit.y, None, None
     # A surface through every score leaves nothing to sample: sigma is 0.
-    if fitted.fit.sse == 0.0 or (sampler == "exact" and errors == "normal"):
-        beta, sigma = posterior(Z, fitted.fit.y, weights, prior).draws(n_draws, rng)
-        made: dict[str, float | str | int] = {"method": "exact", "draws": n_draws}
+    through = fitted.fit.sse == 0.0
+    if through or (sampler == "exact" and errors == "normal"):
+        (beta, sigma), share = _within(partial(posterior(Z, y, weights, prior).draws, rng=rng), inner, n_draws)
+        made = {"method": "exact", "draws": len(sigma)}
+        exact = through or _enough(len(sigma), n_draws)
     elif sampler == "exact":
-        beta, sigma, made = _student_draws(Z, fitted.fit.y, weights, prior, n_draws, rng)
-    else:
+        beta, sigma, made, share = _student_draws(Z, y, weights, prior, n_draws, rng, inner)
+        exact = _enough(len(sigma), n_draws)
+    if not exact:
         from seqrsm.fit.ensemble import sample_posterior
 
         seed = int(rng.integers(2**31))
         try:
-            chain = sample_posterior(Z, fitted.fit.y, weights, errors=errors, prior=prior, nu=STUDENT_DF, seed=seed)
+            chain = sample_posterior(Z, y, weights, errors=errors, prior=prior, nu=STUDENT_DF, bounds=inner, seed=seed)
         except ConvergenceError:
             if errors != "student_t":
                 raise
             # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
-            beta, sigma, made = _student_draws(Z, fitted.fit.y, weights, prior, n_draws, rng)
+            beta, sigma, made, share = _student_draws(Z, y, weights, prior, n_draws, rng, inner)
         else:
             keep = _spread(len(chain.sigma), n_draws)
             made = _sampled(chain, errors, len(keep))
             beta, sigma = chain.beta[keep], chain.sigma[keep]
     if fitted.sources is None:
-        return Draws(beta[:, :p], sigma, made)
+        return Draws(beta[:, :p], sigma, made, share=share)
     ratio = 1.0 / np.sqrt(fitted.sources.flight_weight)
-    return Draws(to_flight(fitted.model, beta), sigma * ratio, made)
+    return Draws(to_flight(fitted.model, beta), sigma * ratio, made, share=share)
 
 
-def _binomial_draws(spec: CampaignSpec, fitted: Fitted, rng: np.random.Generator, n_draws: int) -> Draws:
+def _within(
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds | None, n_draws: int
+) -> tuple[tuple[FloatArray, ...], float | None]:
+    """Draws that hold the bounds, and the share of all draws that does."""
+    return (draw(n_draws), None) if bounds is None else bounded_draws(draw, bounds, n_draws)
+
+
+def _enough(found: int, wanted: int) -> bool:
+    return found >= _LEAST_SHARE * wanted
+
+
+def _binomial_draws(
+    spec: CampaignSpec, fitted: Fitted, rng: np.random.Generator, n_draws: int, bounds: LinearBounds | None
+) -> Draws:
     from seqrsm.fit.ensemble import sample_model
 
     correct, trials = _counts(fitted)
-    model = beta_binomial_model(fitted.fit.Z, correct, trials, _coefficient_prior(spec, fitted))
+    prior = _coefficient_prior(spec, fitted)
+    if bounds is not None:
+        low, high = (np.full(len(prior.mean), end) for end in (-np.inf, np.inf))
+        terms = np.argmax(bounds.rows, axis=1)
+        low[terms], high[terms] = bounds.low, bounds.high
+        prior = replace(prior, low=low, high=high)
+    model = beta_binomial_model(fitted.fit.Z, correct, trials, prior)
     chain = sample_model(model, seed=int(rng.integers(2**31)))
     keep = _spread(len(chain.draws), n_draws)
     correlation = chain.of("correlation")[keep]
@@ -192,10 +245,16 @@ def _binomial_draws(spec: CampaignSpec, fitted: Fitted, rng: np.random.Generator
 
 
 def _student_draws(
-    Z: FloatArray, y: FloatArray, weights: FloatArray, prior: Prior, n_draws: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, dict[str, float | str | int]]:
+    Z: FloatArray,
+    y: FloatArray,
+    weights: FloatArray,
+    prior: Prior,
+    n_draws: int,
+    rng: np.random.Generator,
+    bounds: LinearBounds | None,
+) -> tuple[FloatArray, FloatArray, Made, float | None]:
     found = student_draws(Z, y, weights, prior, n_draws, rng)
-    made: dict[str, float | str | int] = {
+    made: Made = {
         "method": "gibbs",
         "errors": "student_t",
         "draws": len(found.sigma),
@@ -203,14 +262,22 @@ def _student_draws(
         "ess": found.ess,
         "r_hat": found.r_hat,
     }
-    return found.beta, found.sigma, made
+    if bounds is None:
+        return found.beta, found.sigma, made, None
+
+    def more(n: int) -> tuple[FloatArray, ...]:
+        again = student_draws(Z, y, weights, prior, n, rng)
+        return again.beta, again.sigma
+
+    (beta, sigma), share = bounded_draws(more, bounds, n_draws)
+    return beta, sigma, made | {"draws": len(sigma)}, share
 
 
 def _spread(n: int, wanted: int) -> IntArray:
     return np.linspace(0, n - 1, min(wanted, n)).astype(np.int64)
 
 
-def _sampled(chain: EnsemblePosterior | GeneralPosterior, errors: str, draws: int) -> dict[str, float | str | int]:
+def _sampled(chain: EnsemblePosterior | GeneralPosterior, errors: str, draws: int) -> Made:
     return {
         "method": "emcee",
         "errors": errors,
@@ -285,7 +352,17 @@ def summarise_posterior(
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,
+        effects=_effects(draws),
+        effects_probability=float("nan") if draws.share is None else draws.share,
     )
+
+
+def _effects(draws: Draws) -> tuple[EffectBound, ...]:
+    stated = draws.effects
+    if stated is None:
+        return ()
+    ends = zip(stated.factors, 2.0 * stated.low, 2.0 * stated.high, strict=True)
+    return tuple(EffectBound(name, float(low), float(high)) for name, low, high in ends)
 
 
 def _setting(region: Region, j: int, coded: FloatArray, tail: float) -> SettingPosterior:

@@ -251,6 +251,8 @@ def _posterior(analysis: Analysis) -> dict[str, Any]:
             "p_regret_above": posterior.p_regret_above,
             "regret_epsilon": posterior.regret_epsilon,
         },
+        "effects": [{"factor": one.factor, "low": one.low, "high": one.high} for one in posterior.effects],
+        "effects_probability": posterior.effects_probability,
     }
 
 

@@ -24,7 +24,10 @@ The tables and keys of the file; keys without a default must be given, and keys 
     What is known before the first run: ``utility = [low, high]``: the mean score at a setting taken at random lies
     between these with ``probability`` (0.95); ``repeat_sd``: scatter of repeated runs (a tenth of that range), worth
     ``repeat_runs`` (3) runs; ``optimum``: a table of numeric factors and where the best value is expected, as a number
-    or ``{ value, doubt }``, the doubt a standard deviation as a share of half the (coded) range (0.5).
+    or ``{ value, doubt }``, the doubt a standard deviation as a share of half the (coded) range (0.5); ``effect``: a
+    table of numeric factors and ``[least, most]``: from the low to the high end of its range, the other factors in the
+    middle of theirs, a factor changes the mean score by no less and no more (``-inf``, ``inf``: no bound; with
+    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` must be given.
 ``[[consideration]]``
     What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
     in natural units, with the arithmetic of constraints; ``goal`` ("minimize"); ``weight`` (1); ``unacceptable`` and
@@ -72,7 +75,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from seqrsm.campaign import spec_checks
+from seqrsm.campaign import spec_checks, spec_prior
 from seqrsm.campaign.spec_checks import Reporter
 from seqrsm.campaign.spec_tables import (
     UTILITIES,
@@ -324,7 +327,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
     known = [factor for factor in factors if factor is not None]
     if len(known) == len(factors):
-        spec_checks.knowledge(applications, known, _has_prior(single.get("model")), report)
+        spec_prior.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
     region = spec_checks.region(factors, constraints, report) if factors else None
@@ -360,10 +363,6 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         store_url=single["store"].url,
         spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
     )
-
-
-def _has_prior(model: ModelSpec | None) -> bool:
-    return model is not None and model.prior is not None
 
 
 def _as_list(value: object) -> list[object]:

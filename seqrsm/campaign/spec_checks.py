@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 from seqrsm.campaign.spec_tables import ApplicationSpec
 from seqrsm.campaign.toml_lines import Path, line_of
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, span
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.units import PARAMETER_UNITS
@@ -271,7 +271,7 @@ class _Model(Protocol):
     block_effect: Literal["fixed", "random"]
 
 
-def model(table: _Model, applications: Sequence[_Application | None], *, simulated: bool, report: Reporter) -> None:
+def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
     """Keys of ``[model]`` that exclude each other, or what the scores will be."""
     if table.errors == "beta_binomial":
         place: Path = ("model", "errors")
@@ -312,50 +312,6 @@ def catalogued(applications: Sequence[_Catalogued | None], engine: str | None, r
             message = f"no {kind}entry of Tables A.1 to A.20 is about this"
             remedy = "`seqrsm catalog` lists them, `seqrsm catalog WORDS` tries words; or leave the key out."
             report.add(("application", index, "catalog"), message, remedy, application.catalog)
-
-
-class _Known(Protocol):
-    utility: list[float]
-    optimum: Mapping[str, Any]
-
-
-class _Application(Protocol):
-    @property
-    def prior(self) -> _Known | None:
-        """What is known."""
-
-    @property
-    def is_percent(self) -> bool:
-        """Whether scores are percentages."""
-
-
-def knowledge(
-    applications: Sequence[_Application | None], factors: Sequence[Factor], coefficients: bool, report: Reporter
-) -> None:
-    """What ``[application.prior]`` says is possible; ``coefficients``: there is a prior in ``[model]`` already."""
-    numeric = {factor.name: factor for factor in factors if not isinstance(factor, CategoricalFactor)}
-    for index, application in enumerate(applications):
-        if application is None or application.prior is None:
-            continue
-        path: Path = ("application", index, "prior")
-        if coefficients:
-            report.add(path, "there is a prior in [model], too", "Say it in one place.")
-        low, high = application.prior.utility
-        inside = not application.is_percent or (low >= 0.0 and high <= 100.0)
-        if not (low < high and inside):
-            limits = ", between 0 and 100" if application.is_percent else ""
-            report.add((*path, "utility"), "this is no range of scores", f"Give [low, high]{limits}.", [low, high])
-        for name, expected in application.prior.optimum.items():
-            place = (*path, "optimum", name)
-            factor = numeric.get(name)
-            if factor is None:
-                report.add(place, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.")
-                continue
-            value = expected if isinstance(expected, (int, float)) else expected.value
-            low, high = span(factor)
-            if not low <= value <= high:
-                remedy = f"Give a value from {low:g} to {high:g}."
-                report.add(place, "the optimum is expected outside the factor's range", remedy, value)
 
 
 def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
@@ -39,6 +48,7 @@ _UTILITIES = ", ".join(UTILITIES)
 Order = Annotated[Literal[1, 2], BeforeValidator(_is_no_bool)]
 Name = Annotated[str, AfterValidator(_is_name)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Bound = Annotated[float, Field(allow_inf_nan=True)]
 PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
@@ -92,7 +102,7 @@ class KnowledgeSpec(Table):
 
     Attributes
     ----------
-    utility : list of two floats
+    utility : list of two floats, or None
         The mean score at a setting taken at random lies between these with ``probability``.
     probability : float
         In [0.5, 1).
@@ -102,13 +112,22 @@ class KnowledgeSpec(Table):
         How many runs that is worth.
     optimum : dict
         Of numeric factors: where the best value is expected.
+    effect : dict
+        Of numeric factors: least and largest change of the mean score from the low to the high end of the range, the
+        other factors in the middle of theirs; -inf and inf where there is no bound.
     """
 
-    utility: Annotated[list[Number], Field(min_length=2, max_length=2)]
+    utility: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
     probability: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.95
     repeat_sd: PositiveNumber | None = None
     repeat_runs: PositiveNumber = 3.0
     optimum: dict[str, Number | ExpectedOptimum] = Field(default_factory=dict)
+    effect: dict[str, Annotated[list[Bound], Field(min_length=2, max_length=2)]] = Field(default_factory=dict)
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
+        """Without ``effect`` where none is stated, so that earlier specifications keep their hash."""
+        return {key: value for key, value in serialise(self).items() if key != "effect" or value}
 
 
 class ApplicationSpec(Table):

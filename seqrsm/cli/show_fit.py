@@ -10,6 +10,7 @@ from seqrsm.cli.console import heading, line, number, show_table
 from seqrsm.cli.show_study import show_study
 from seqrsm.design.factors import setting_text, settings_text
 from seqrsm.report.phrases import (
+    effects_text,
     interval_text,
     level_phrase,
     loss_text,
@@ -65,6 +66,8 @@ def show_fit(analysis: Analysis) -> None:
             f"Posterior by Gibbs sampling of Student-t errors: {sampler['steps']} sweeps, "
             f"least ESS {float(sampler['ess']):.0f}, R-hat {number(float(sampler['r_hat']), 5)}"
         )
+    if effects := effects_text(analysis):
+        line(effects)
     if analysis.study is not None:
         show_study(analysis, analysis.study)
     _show_decision(analysis)

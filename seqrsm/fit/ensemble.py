@@ -23,6 +23,7 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit import diagnostics
+from seqrsm.fit.bounds import LinearBounds
 from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.general_target import GeneralModel, general_target
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
@@ -143,6 +144,7 @@ def sample_posterior(
     errors: Literal["normal", "student_t"] = "normal",
     prior: SamplerPrior | None = None,
     nu: float | GammaPrior = 4.0,
+    bounds: LinearBounds | None = None,
     seed: int,
     walkers: int = 128,
     ensembles: int = 4,
@@ -169,6 +171,8 @@ def sample_posterior(
         Normal, or Student-t with ``nu`` degrees of freedom (> 0, or a :class:`GammaPrior` when unknown).
     prior : Flat, NormalInverseGamma or WeakPrior, optional
         Default flat: p(beta, sigma) proportional to 1 / sigma.
+    bounds : LinearBounds, optional
+        Of the coefficients: the prior is cut off there.
     seed : int
         The same seed gives the same draws; no global random state is read or changed.
     walkers : int
@@ -191,7 +195,7 @@ def sample_posterior(
         raise ValueError("errors must be 'normal' or 'student_t' and ensembles at least 2")
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
-    target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu)
+    target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
     walkers = max(walkers + walkers % 2, 2 * target.d)
     chain = _Chain(target, ensembles, walkers, seed)
     reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
@@ -272,7 +276,7 @@ class _Chain:
         self._target = target
         self._n = ensembles * walkers
         random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
-        start = target.proposal.draw(random, self._n)
+        start = target.start(random, self._n)
         log_prob = target.log_prob(start)
         if not np.all(np.isfinite(log_prob)):
             raise FitError(Problem("the posterior density is not finite where it is expected to lie"))

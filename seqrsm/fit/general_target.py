@@ -36,7 +36,7 @@ class Parameter:
     start : float
         A likely value, inside the bounds.
     low, high : float
-        -inf and inf where there is none; a lower bound alone, or both.
+        -inf and inf where there is none.
     """
 
     name: str
@@ -74,6 +74,9 @@ class GeneralModel:
             elif np.isfinite(parameter.low):
                 values[:, j] = parameter.low + np.exp(x[:, j])
                 log_jacobian += x[:, j]
+            elif np.isfinite(parameter.high):
+                values[:, j] = parameter.high - np.exp(x[:, j])
+                log_jacobian += x[:, j]
         return values, log_jacobian
 
     def unbounded(self, values: FloatArray) -> FloatArray:
@@ -84,6 +87,8 @@ class GeneralModel:
                 x[j] = np.log(values[j] - p.low) - np.log(p.high - values[j])
             elif np.isfinite(p.low):
                 x[j] = np.log(values[j] - p.low)
+            elif np.isfinite(p.high):
+                x[j] = np.log(p.high - values[j])
         return x
 
 

@@ -29,7 +29,7 @@ class CoefficientPrior:
     mean, sd : ndarray (p,)
         Of independent coefficients; ``sd`` inf: flat.
     low, high : ndarray (p,), optional
-        Bounds of each coefficient; -inf and inf where there is none. An upper bound needs a lower one.
+        Bounds of each coefficient; -inf and inf where there is none.
     precision : ndarray (p, p), optional
         Inverse covariance of coefficients that depend on each other, in place of ``sd``.
     """
@@ -50,11 +50,10 @@ class CoefficientPrior:
         p = start.size
         low = np.full(p, -np.inf) if self.low is None else np.asarray(self.low, dtype=np.float64)
         high = np.full(p, np.inf) if self.high is None else np.asarray(self.high, dtype=np.float64)
-        if np.any(low >= high) or np.any(np.isfinite(high) & ~np.isfinite(low)):
-            raise FitError(Problem("a coefficient's bounds are empty or lack the lower end", "Give low < high."))
-        inner = np.where(np.isfinite(high), 0.02 * (high - low), 0.02 * np.abs(start) + 1e-3)
-        inside = np.clip(start, low + inner, np.where(np.isfinite(high), high - inner, np.inf))
-        inside = np.where(np.isfinite(low), inside, start)
+        if np.any(low >= high):
+            raise FitError(Problem("a coefficient's bounds are empty", "Give low < high."))
+        inner = np.where(np.isfinite(high - low), 0.02 * (high - low), 0.02 * np.abs(start) + 1e-3)
+        inside = np.clip(start, low + inner, high - inner)
         return [Parameter(f"beta[{j}]", float(inside[j]), float(low[j]), float(high[j])) for j in range(p)]
 
     def log_density(self, beta: FloatArray) -> FloatArray:

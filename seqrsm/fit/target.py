@@ -16,6 +16,7 @@ from scipy.special import gammaln
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
+from seqrsm.fit.bounds import LinearBounds
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
 
 # Share of the base's degrees of freedom kept by the proposal for Student-t errors: heavier tails than the target.
@@ -145,6 +146,8 @@ class Target:
         Dimensions.
     unpack : callable
         (n, d) -> beta (n, p), sigma (n,), nu (n,) or None.
+    bounds : LinearBounds or None
+        Of the first coordinates.
     """
 
     log_prob: Callable[[FloatArray], FloatArray]
@@ -152,10 +155,25 @@ class Target:
     exact: bool
     d: int
     unpack: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray | None]]
+    bounds: LinearBounds | None = None
+
+    def start(self, random: Any, n: int) -> FloatArray:
+        """Where n walkers begin: drawn from the proposal, and inside the bounds."""
+        x = self.proposal.draw(random, n)
+        if self.bounds is not None:
+            p = self.bounds.rows.shape[1]
+            x[:, :p] = self.bounds.moved_inside(x[:, :p], random)
+        return x
 
 
 def build_target(
-    Z: FloatArray, y: FloatArray, w: FloatArray, errors: str, prior: SamplerPrior, nu: float | GammaPrior
+    Z: FloatArray,
+    y: FloatArray,
+    w: FloatArray,
+    errors: str,
+    prior: SamplerPrior,
+    nu: float | GammaPrior,
+    bounds: LinearBounds | None = None,
 ) -> Target:
     """Assemble the target; arguments as in ``sample_posterior``."""
     student = errors == "student_t"
@@ -177,6 +195,7 @@ def build_target(
     log_prior = _log_prior(prior, base)
     nu_prior = nu if isinstance(nu, GammaPrior) else None
     half_log_w = 0.5 * float(np.sum(np.log(w)))
+    inner = None if bounds is None else bounds.seen_from(base.mean, scale * base.factor)
 
     def log_prob(x: FloatArray) -> FloatArray:
         with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
@@ -193,6 +212,8 @@ def build_target(
                 value += n * (gammaln(0.5 * (degrees + 1.0)) - gammaln(0.5 * degrees) - 0.5 * np.log(degrees))
                 value += nu_prior.shape * x[:, p + 1] - nu_prior.rate * degrees  # with the Jacobian of log nu
             value += log_prior(x[:, :p], log_sigma)
+            if inner is not None:
+                value[~inner.hold(x[:, :p])] = -np.inf
         return np.where(np.isfinite(value), value, -np.inf)
 
     centre, width = (float(np.log(nu_start)) - 0.5, 1.2) if free_nu else (0.0, 0.0)
@@ -202,7 +223,8 @@ def build_target(
         beta = base.mean + scale * (x[:, :p] @ base.factor.T)
         return beta, np.exp(x[:, p]), np.exp(x[:, p + 1]) if free_nu else None
 
-    return Target(log_prob, proposal, tail == 1.0, p + 2 if free_nu else p + 1, unpack)
+    exact = tail == 1.0 and inner is None
+    return Target(log_prob, proposal, exact, p + 2 if free_nu else p + 1, unpack, inner)
 
 
 def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: SamplerPrior, nu: float) -> ConjugatePosterior:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from seqrsm.campaign.analysis import Analysis, Interval, SettingPosterior
+from seqrsm.campaign.analysis import Analysis, EffectBound, Interval, SettingPosterior
 from seqrsm.campaign.spec import StopSpec
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.report.blocks import Cell
@@ -16,12 +16,13 @@ from seqrsm.report.rounding import (
     decimals_of_significant,
     format_number,
     format_p,
+    format_plain,
     format_plus_minus,
     format_range,
     format_share,
     format_significant,
 )
-from seqrsm.report.wording import format_setting, level_labels, level_text, readable, with_unit
+from seqrsm.report.wording import format_setting, level_labels, level_text, listing, readable, with_unit
 
 
 def number_cell(text: str, value: float) -> Cell:
@@ -174,3 +175,28 @@ def loss_text(analysis: Analysis, loss: float) -> str:
     if loss < smallest:
         return f"less than {with_unit(format_significant(smallest, 1), analysis.score_unit)}"
     return with_unit(format_significant(loss, 2), analysis.score_unit)
+
+
+def effects_text(analysis: Analysis) -> str:
+    """What the prior says of effects, and how likely that is without it; "" where it says nothing."""
+    posterior = analysis.posterior
+    if not posterior.effects:
+        return ""
+    said = listing([_effect_text(analysis, bound) for bound in posterior.effects])
+    share = posterior.effects_probability
+    without = f" Without this prior the probability of that is {format_share(share)}." if math.isfinite(share) else ""
+    return f"By the prior, from the low to the high end of its range, {said}.{without}"
+
+
+def _effect_text(analysis: Analysis, bound: EffectBound) -> str:
+    name, low, high = readable(bound.factor), bound.low, bound.high
+    if low == 0.0 and high > 0.0 and math.isinf(high):
+        return f"{name} does not lower the mean score"
+    if high == 0.0 and math.isinf(low):
+        return f"{name} does not raise the mean score"
+    ends = [with_unit(format_plain(end), analysis.score_unit) for end in (low, high)]
+    if math.isinf(high):
+        return f"{name} changes the mean score by {ends[0]} or more"
+    if math.isinf(low):
+        return f"{name} changes the mean score by {ends[1]} or less"
+    return f"{name} changes the mean score by {format_plain(low)} to {ends[1]}"

@@ -33,6 +33,7 @@ from seqrsm.report.figures import (
     slice_panel,
 )
 from seqrsm.report.phrases import (
+    effects_text,
     half_width_text,
     interval_text,
     level_phrase,
@@ -300,6 +301,7 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
             f"({level}): {interval_text(analysis, posterior.credible)}; one future score at the recommended settings "
             f"({level}): {interval_text(analysis, posterior.predictive)}."
         ),
+        *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
         Table(columns, tuple(rows), "Posterior of the optimal settings"),
         _posterior_figure(analysis),
         Details("How the posterior was computed", (Definitions(_sampler(analysis)),)),

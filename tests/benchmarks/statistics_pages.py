@@ -112,7 +112,7 @@ def page(results: dict, rows: dict[str, list[Row]], lack: str, sbc: str) -> str:
 
 
 def _cost(result: dict) -> str:
-    return f"CPU {result['cpu_s']:.0f} s on one core; load of the machine at the end {result['load']:.1f}."
+    return f"CPU {result['cpu_s']:.0f} s on one core; load of the machine up to {result['load']:.1f}."
 
 
 def _calibration(result: dict) -> list[str]:

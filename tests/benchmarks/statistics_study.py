@@ -2,8 +2,9 @@
 
     python tests/benchmarks/statistics_study.py [--sets 10000] [--sbc 400] [--out reports/statistics] [--only STUDY ...]
 
-Finished studies are kept in OUT/results.json and not run again (delete it to start afresh), so an interrupted study
-goes on. The last step writes OUT/README.md and two pictures. Set OPENBLAS_NUM_THREADS=1.
+Finished parts of studies are kept in OUT/results.json and not run again with as many data sets or fewer (delete it to
+start afresh), so an interrupted study goes on. The last step writes OUT/README.md and two pictures. Set
+OPENBLAS_NUM_THREADS=1; all of it takes about half an hour of one core.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +33,12 @@ from seqrsm.errors import ConvergenceError
 
 LACK = "decision on lack of fit"
 SBC = "calibration of posteriors"
+STUDIES = (*statistics_cases.STUDIES, LACK, SBC)
 BINS = 20
 
 
-def lack_of_fit(sets: int) -> list[dict]:
-    """Rates of blocking and coverage, k = 2 and 3."""
+def lack_of_fit(sets: int, k: int) -> list[dict]:
+    """Rates of blocking and coverage."""
     cases: list[tuple[str, dict]] = [("equal noise", {})]
     cases += [(f"noise at the optimum {ratio} of that elsewhere", {"ratio": ratio}) for ratio in (0.4, 0.55, 0.7)]
     cases += [
@@ -42,40 +46,44 @@ def lack_of_fit(sets: int) -> list[dict]:
         for name in DEPARTURES
         for size in (0.5, 1.0, 2.0)
     ]
-    return [
-        {"k": k, "case": name, **dataclasses.asdict(rates(k, sets, **settings))}
-        for k in (2, 3)
-        for name, settings in cases
-    ]
+    return [{"k": k, "case": name, **dataclasses.asdict(rates(k, sets, **settings))} for name, settings in cases]
 
 
-def calibration(sets: int) -> list[dict]:
+def calibration(sets: int, name: str) -> list[dict]:
     """Ranks of truths drawn from the prior, of every parameter, and of a control half as wide."""
-    found = []
-    for name, study in sbc_samplers.STUDIES.items():
-        rng, ranks, narrow, refused = np.random.default_rng(1), [], [], 0
-        for i in range(10 * sets if "exact" in name else sets):  # those without a sampler cost next to nothing
-            try:
-                truth, draws = study(rng, i)
-            except ConvergenceError:
-                refused += 1
-                continue
-            middle = np.median(draws, axis=0)
-            ranks.append(np.mean(draws < truth, axis=0))
-            narrow.append(np.mean(middle + 0.5 * (draws - middle) < truth, axis=0))
-        columns, wrong = np.array(ranks).T, np.array(narrow).T
-        found.append(
-            {
-                "name": name,
-                "sets": len(ranks),
-                "refused": refused,
-                "p": [float(stats.kstest(column, "uniform").pvalue) for column in columns],
-                "control": min(float(stats.kstest(column, "uniform").pvalue) for column in wrong),
-                "histograms": [np.histogram(column, BINS, (0.0, 1.0))[0].tolist() for column in columns],
-            }
-        )
-        print(f"  {name}: p {', '.join(f'{p:.3f}' for p in found[-1]['p'])}", flush=True)
-    return found
+    rng, ranks, narrow, refused = np.random.default_rng(1), [], [], 0
+    for i in range(10 * sets if "exact" in name else sets):  # those without a sampler cost next to nothing
+        try:
+            truth, draws = sbc_samplers.STUDIES[name](rng, i)
+        except ConvergenceError:
+            refused += 1
+            continue
+        middle = np.median(draws, axis=0)
+        ranks.append(np.mean(draws < truth, axis=0))
+        narrow.append(np.mean(middle + 0.5 * (draws - middle) < truth, axis=0))
+    columns, wrong = np.array(ranks).T, np.array(narrow).T
+    found = {
+        "name": name,
+        "sets": len(ranks),
+        "refused": refused,
+        "p": [float(stats.kstest(column, "uniform").pvalue) for column in columns],
+        "control": min(float(stats.kstest(column, "uniform").pvalue) for column in wrong),
+        "histograms": [np.histogram(column, BINS, (0.0, 1.0))[0].tolist() for column in columns],
+    }
+    return [found]
+
+
+def parts(study: str, sets: int, sbc: int) -> dict[str, tuple[int, Callable[[], list[dict]]]]:
+    """Parts of a study by name: data sets asked for, and what makes the rows."""
+    if study == LACK:
+        few = min(sets, 600)
+        return {f"k = {k}": (few, partial(lack_of_fit, few, k)) for k in (2, 3)}
+    if study == SBC:
+        return {name: (sbc, partial(calibration, sbc, name)) for name in sbc_samplers.STUDIES}
+    return {
+        name: (sets, lambda make=make: [dataclasses.asdict(row) for row in make(sets)])
+        for name, make in statistics_cases.STUDIES[study].items()
+    }
 
 
 def main() -> None:
@@ -88,21 +96,33 @@ def main() -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     store = asked.out / "results.json"
     results = json.loads(store.read_text(encoding="utf-8")) if store.exists() else {}
-    for name in (*statistics_cases.STUDIES, LACK, SBC):
-        if name in results or (asked.only and name not in asked.only):
+    for study in STUDIES:
+        if asked.only and study not in asked.only:
             continue
-        print(name, flush=True)
-        begin = time.process_time()
-        if name == LACK:
-            rows = lack_of_fit(min(asked.sets, 2000))
-        elif name == SBC:
-            rows = calibration(asked.sbc)
-        else:
-            rows = [dataclasses.asdict(row) for row in statistics_cases.STUDIES[name](asked.sets)]
-        load = os.getloadavg()[0]
-        results[name] = {"rows": rows, "cpu_s": time.process_time() - begin, "load": load}
-        store.write_text(json.dumps(results, indent=1), encoding="utf-8")
-    write(asked.out, results)
+        done = results.setdefault(study, {})
+        for name, (sets, make) in parts(study, asked.sets, asked.sbc).items():
+            if name in done and done[name]["asked"] >= sets:
+                continue
+            print(f"{study}, {name}: {sets} data sets", flush=True)
+            begin = time.process_time()
+            rows = make()
+            cpu = time.process_time() - begin
+            done[name] = {"asked": sets, "rows": rows, "cpu_s": cpu, "load": os.getloadavg()[0]}
+            # Whole or not at all, and in one order however the parts were made.
+            ordered = {key: results[key] for key in STUDIES if results.get(key)}
+            unfinished = store.with_suffix(".part")
+            unfinished.write_text(json.dumps(ordered, indent=1), encoding="utf-8")
+            unfinished.replace(store)
+    write(asked.out, {key: joined(results[key]) for key in STUDIES if results.get(key)})
+
+
+def joined(found: dict) -> dict:
+    """The rows of all parts of a study, its CPU time and the largest load of the machine."""
+    return {
+        "rows": [row for part in found.values() for row in part["rows"]],
+        "cpu_s": sum(part["cpu_s"] for part in found.values()),
+        "load": max(part["load"] for part in found.values()),
+    }
 
 
 def write(out: Path, results: dict) -> None:

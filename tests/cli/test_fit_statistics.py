@@ -274,6 +274,13 @@ def test_prior_in_natural_terms(tmp_path: Path) -> None:
         ("utility = [50, 80]\noptimum = { x = 11.0 }", "outside the factor's range"),
         ("utility = [50, 80]\noptimum = { y = 1.0 }", "no numeric factor"),
         ("utility = [50, 80]\noptimum = { x = { value = 5.0, doubt = 0.0 } }", "doubt"),
+        ("optimum = { x = 5.0 }", "range of the utility is missing"),
+        ("repeat_sd = 1.0", "range of the utility is missing"),
+        ("effect = { y = [0.0, inf] }", "no numeric factor"),
+        ("effect = { x = [3.0, 3.0] }", "say nothing or cannot be"),
+        ("effect = { x = [-inf, inf] }", "say nothing or cannot be"),
+        ("effect = { x = [nan, 3.0] }", "say nothing or cannot be"),
+        ("effect = { x = [0.0] }", "effect"),
     ],
 )
 def test_impossible_priors_are_told(tmp_path: Path, prior: str, words: str) -> None:
@@ -282,6 +289,99 @@ def test_impossible_priors_are_told(tmp_path: Path, prior: str, words: str) -> N
     with pytest.raises(SpecError, match=words) as caught:
         Campaign.open(tmp_path)
     assert all(problem.line for problem in caught.value.problems)
+
+
+def weak_slope(n: int, slope: float, seed: int) -> list[dict]:
+    rng = np.random.default_rng(seed)
+    return [
+        {"x": round(x, 3), "frequency": 4.0, "score": round(60 + slope * (x - 5) + 3 * float(rng.normal()), 4)}
+        for x in rng.uniform(0, 10, n)
+    ]
+
+
+LINE = "[model]\norder = 1\n"
+EFFECT = "[application.prior]\neffect = {{ x = [{}] }}\n"
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, np.inf), (-np.inf, 0.0), (2.0, 3.0)])
+def test_bounded_effect(tmp_path: Path, low: float, high: float) -> None:
+    """The posterior of a slope is its t distribution cut off: exact draws and emcee against quadrature."""
+    from scipy import integrate, stats
+
+    rows = weak_slope(12, 0.25, 3)
+    folder = make(tmp_path / "c", X, [{k: v for k, v in row.items() if k != "frequency"} for row in rows], LINE)
+    spec = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(spec.replace(LINE, EFFECT.format(f"{low}, {high}") + LINE))
+    a = np.array([row["x"] for row in rows]) / 5 - 1
+    theirs = sm.OLS([row["score"] for row in rows], sm.add_constant(a)).fit()
+    t = stats.t(10, theirs.params[1], theirs.bse[1])
+    ends = [max(0.5 * low, t.ppf(1e-9)), min(0.5 * high, t.ppf(1 - 1e-9))]
+    mass = t.cdf(ends[1]) - t.cdf(ends[0])
+    mean = integrate.quad(lambda v: v * t.pdf(v) / mass, *ends)[0]
+    sd = np.sqrt(integrate.quad(lambda v: (v - mean) ** 2 * t.pdf(v) / mass, *ends)[0])
+    for sampler, error in (("exact", sd / 60), ("emcee", sd / 55)):
+        (analysis,) = Campaign.open(folder).analyse_all(sampler=sampler)
+        found = analysis_to_json(analysis)["posterior"]
+        slope = found["terms"][1]
+        assert abs(slope["mean"] - mean) < 5 * error
+        assert slope["sd"] == pytest.approx(sd, rel=0.08)
+        assert 0.5 * low <= slope["low"] < slope["high"] <= 0.5 * high
+        assert found["effects"] == [{"factor": "x", "low": low, "high": high}]
+        assert found["sampler"]["method"] == sampler
+        if sampler == "exact":
+            assert found["effects_probability"] == pytest.approx(mass, abs=0.03)
+    code, out, _ = command("fit", folder)
+    assert code == 0
+    assert "By the prior, from the low to the high end of its range, x " in " ".join(out.split())
+
+
+def test_bounds_of_effects_with_other_errors_sources_and_blocks(tmp_path: Path) -> None:
+    """Every sampler holds the bounds; without them a good share of its draws does not."""
+    rows = [{**row, "block": f"d{i % 5}"} for i, row in enumerate(weak_slope(20, 0.1, 1))]
+    for row in rows:
+        row.pop("frequency")
+    flown = [{**row, "source": ("simulation", "flight")[i % 3 == 0]} for i, row in enumerate(rows)]
+    counts = [{"x": row["x"], "n": 50, "correct": round(row["score"] / 2)} for row in rows]
+    cases = {
+        "student": (rows, LINE + 'errors = "student_t"\n', MEASURED),
+        "days": (rows, LINE + 'block = "block"\nblock_effect = "random"\n', MEASURED),
+        "flights": (flown, LINE, MEASURED),
+        "counts": (counts, LINE + 'response = "logit"\nerrors = "beta_binomial"\n', PERCENT),
+    }
+    for name, (scores, model, application) in cases.items():
+        folder = make(tmp_path / name, X, scores, model, application + EFFECT.format("0.0, inf"))
+        for sampler in ("exact", "emcee"):
+            (analysis,) = Campaign.open(folder).analyse_all(sampler=sampler)
+            slopes = analysis.posterior.term_draws[:, 1]
+            assert len(slopes) >= 1000, (name, sampler)
+            assert slopes.min() >= 0.0, (name, sampler)
+            assert np.quantile(slopes, 0.05) < 0.35 * np.median(slopes), (name, sampler)  # cut off, not only shifted
+            assert not any("effect" in warning for warning in analysis.warnings)
+
+
+def test_contradicted_bounds_of_effects(tmp_path: Path) -> None:
+    rows = [{"x": row["x"], "score": row["score"]} for row in weak_slope(14, 3.0, 2)]
+    folder = make(tmp_path / "c", X, rows, LINE, MEASURED + EFFECT.format("-inf, 0.0"))
+    (analysis,) = Campaign.open(folder).analyse_all()
+    assert analysis.posterior.sampler["method"] == "emcee"  # no exact draw holds it: the ensemble works inside
+    assert analysis.posterior.term_draws[:, 1].max() <= 0.0
+    blocked = [{**row, "block": f"d{i % 4}"} for i, row in enumerate(rows)]
+    model = LINE + 'block = "block"\nblock_effect = "random"\n'
+    folder = make(tmp_path / "b", X, blocked, model, MEASURED + EFFECT.format("-inf, 0.0"))
+    (analysis,) = Campaign.open(folder).analyse_all()
+    assert analysis.posterior.effects == ()
+    assert "the scores contradict it" in " ".join(analysis.warnings)
+    same = [{"x": row["x"], "score": 50.0} for row in rows]
+    folder = make(tmp_path / "s", X, same, LINE, MEASURED + EFFECT.format("1.0, inf"))
+    (analysis,) = Campaign.open(folder).analyse_all()
+    assert "the scores contradict it" in " ".join(analysis.warnings)
+
+
+def test_logit_bounds_are_signs(tmp_path: Path) -> None:
+    text = HEAD + X + PERCENT + EFFECT.format("5.0, inf") + '[model]\nresponse = "logit"\n' + STOP
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError, match="only the sign"):
+        Campaign.open(tmp_path)
 
 
 def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) -> None:

@@ -286,3 +286,22 @@ def test_prior_of_dependent_coefficients_is_that_of_rotated_independent_ones() -
     free = normal_model(Z, y, plain, sources=["a"] * 10)
     v = np.array([[0.7], [1.0], [1.6]])
     np.testing.assert_allclose(sampled.log_density(v), free.log_density(v), atol=1e-9)
+
+
+def test_upper_bound_alone() -> None:
+    """A coefficient below 0: the posterior is the conjugate one of the mirrored problem with a lower bound."""
+    rng = np.random.default_rng(4)
+    Z = np.column_stack([np.ones(10), np.linspace(-1, 1, 10)])
+    y = Z @ [1.0, 0.1] + 0.5 * rng.normal(size=10)
+    none = np.full(2, np.inf)
+    upper = CoefficientPrior(np.zeros(2), np.full(2, 3.0), -none, np.array([np.inf, 0.0]))
+    lower = CoefficientPrior(np.zeros(2), np.full(2, 3.0), np.array([-np.inf, 0.0]), none)
+    mirrored = Z * np.array([1.0, -1.0])
+    found = sample_model(normal_model(Z, y, upper), seed=1, min_ess=2000).of("beta")
+    other = sample_model(normal_model(mirrored, y, lower), seed=2, min_ess=2000).of("beta")
+    assert found[:, 1].max() <= 0.0
+    quantiles = [0.05, 0.25, 0.5, 0.75, 0.95]
+    sd = np.std(other, axis=0)
+    for j, sign in ((0, 1.0), (1, -1.0)):
+        wanted = np.sort(sign * np.quantile(other[:, j], quantiles))
+        np.testing.assert_allclose(np.quantile(found[:, j], quantiles), wanted, atol=0.1 * sd[j])
