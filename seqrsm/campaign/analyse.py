@@ -43,7 +43,7 @@ from seqrsm.campaign.study import study_fit
 from seqrsm.campaign.surface import block_labels
 from seqrsm.decide.allowance import departure_allowance
 from seqrsm.decide.forecast import MODEL_ALPHA
-from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval
+from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import Decision, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -124,7 +124,7 @@ def analyse(
     return Analysis(
         application=application.name,
         goal=goal,
-        response=spec.model.response,
+        scale=fitted.scale,
         score_unit=application.unit,
         region=region,
         model=model,
@@ -292,8 +292,14 @@ def _confirmation(
     if len(fresh) < 2:
         return None, None
     scale = fitted.scale
-    scores = np.array([score.score for run in fresh if (score := run.score_of(application.name)) is not None])
-    interval = confirmation_interval(scores, spec.stop.level)
+    found = [score for run in fresh if (score := run.score_of(application.name)) is not None]
+    scores = np.array([score.score for score in found])
+    counts = [(score.correct, score.n) for score in found if score.correct is not None and score.n]
+    if application.is_percent and len(counts) == len(found):
+        right, trials = zip(*counts, strict=True)
+        interval = counted_confirmation(right, trials, spec.stop.level)
+    else:
+        interval = confirmation_interval(scores, spec.stop.level)
     row = fitted.model.matrix(fitted.region.code([fresh[0].settings]))
     weight = float(scale.weight_at(fitted.predict(row).mean)[0])
     predicted = fitted.predict(row, spec.stop.level, weight, len(scores))
@@ -393,6 +399,9 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
         test = f"F test of all terms: p = {p:.2g}"
         found.append(f"No parameter is seen to matter ({test}): other settings may be as good.")
+    counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
+    if application.is_percent and counted and (spec.model.weights, spec.model.errors) == ("equal", "normal"):
+        found.append('Scores are counts: [model] weights = "counts" would let them count by their binomial variance.')
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)
         if np.max(values) > 95.0 or np.min(values) < 5.0:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.findings import Study
 from seqrsm.campaign.interval import Interval
+from seqrsm.campaign.response import ResponseScale
 from seqrsm.decide.moving import RegionState
 from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
@@ -307,7 +308,7 @@ class SourceComparison:
 class Analysis:
     """One application's response surface and what follows from it; see the attributes' own classes.
 
-    ``fit`` is on the scale named by ``response`` ("identity" or "logit"); everything else is in score units.
+    ``fit`` is on ``scale``; everything else is in score units.
     ``region``, ``model`` and ``data.points`` are those of the fitted region, which may be a part of the campaign's;
     ``data`` holds the runs in it. ``n_scored`` counts the scored runs inside and outside. ``beta`` are the coefficients
     that the optimum belongs to: those of ``fit``, of the flight's surface where there are two sources, or of the
@@ -317,7 +318,7 @@ class Analysis:
 
     application: str
     goal: Goal
-    response: str
+    scale: ResponseScale
     score_unit: str
     region: Region
     model: QuadraticModel
@@ -339,6 +340,11 @@ class Analysis:
     sources: SourceComparison | None = None
     dropped: tuple[str, ...] = ()
     study: Study | None = None
+
+    @property
+    def response(self) -> str:
+        """Name of the scale of the fit, "identity" or "logit"."""
+        return self.scale.kind
 
     @property
     def contradicted(self) -> bool:

@@ -59,9 +59,13 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
         "student_t": "Student-t with 4 degrees of freedom",
         "beta_binomial": "beta-binomial, with one correlation of the decisions within a run",
     }[spec.model.errors]
-    variance = "variance in proportion to the square of their standard errors" if spec.model.weights == "se" else ""
+    variance = {
+        "equal": "equal variance",
+        "se": "variance in proportion to the square of their standard errors",
+        "counts": "variance in proportion to that of independent decisions, as many as were counted",
+    }[spec.model.weights]
     found = [
-        f"errors of different runs are independent, {errors}, with {variance or 'equal variance'}"
+        f"errors of different runs are independent, {errors}, with {variance}"
         + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
         f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region",
     ]

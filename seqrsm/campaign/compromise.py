@@ -10,7 +10,6 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import Analysis, Interval
-from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import CampaignSpec, ConsiderationSpec
 from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
@@ -143,7 +142,7 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
-    scale = ResponseScale.of(spec.model.response, analysis.data.scores)
+    scale = analysis.scale
     beta = analysis.fit.estimate[: analysis.model.p] if analysis.beta is None else analysis.beta
     draws = analysis.posterior.term_draws
     some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]

@@ -13,7 +13,6 @@ from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.fitted import range_text
 from seqrsm.campaign.knowledge import stated_prior
 from seqrsm.campaign.records import NewRun, RunRecord
-from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
@@ -119,7 +118,7 @@ class _Chooser:
         self.box: Box = state.target if state is not None and state.target is not None else fitted
         self.region = sub_region(spec.region, self.box)
         self.model = QuadraticModel(self.region.factors, spec.model.order)
-        self.scale = ResponseScale.of(spec.model.response, analysis.data.scores)
+        self.scale = analysis.scale
 
     def batch(
         self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray
@@ -190,7 +189,7 @@ class _Chooser:
 
     def weights(self, local: FloatArray) -> FloatArray:
         """Relative weights of runs, by the response expected there."""
-        if self.filling or self.scale.kind == "identity" or not len(local):
+        if self.filling or not len(local):
             return np.ones(len(local))
         return self.scale.weight_at(self.model.matrix(local) @ self.beta())
 

@@ -14,12 +14,12 @@ from seqrsm.campaign.analysis import EffectBound, Interval, OptimumEstimate, Pos
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.knowledge import EffectBounds, precision_of, stated_bounds, stated_prior
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.campaign.surface import block_labels
+from seqrsm.campaign.surface import block_labels, counts_of
 from seqrsm.decide.moving import Box
 from seqrsm.decide.sources import source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
-from seqrsm.errors import ConvergenceError, FitError, Problem
+from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.bounds import LinearBounds, bounded_draws
 from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative
@@ -118,25 +118,6 @@ def _stacked(spec: CampaignSpec, fitted: Fitted) -> tuple[FloatArray, FloatArray
     return Z, weights, source_prior(fitted.model, columns.shape[1], found.prior_sd, found.s_simulation, base)
 
 
-def _counts(fitted: Fitted) -> tuple[FloatArray, FloatArray]:
-    """Correct decisions and trials (n,) of every run.
-
-    Raises
-    ------
-    FitError
-        Runs without counts.
-    """
-    data = fitted.data
-    known = np.zeros(len(data.scores), dtype=np.bool_)
-    if data.trials is not None and data.correct is not None:
-        known = np.isfinite(data.trials) & np.isfinite(data.correct)
-    if data.trials is None or data.correct is None or not np.all(known):
-        ids = ", ".join(str(run) for run in data.run_ids[~known][:8].tolist())
-        remedy = 'Give the columns n and correct for every score, or set [model] errors = "normal".'
-        raise FitError(Problem(f"runs {ids} have no counts, which beta_binomial errors need", remedy))
-    return data.correct, data.trials
-
-
 def _coefficient_prior(spec: CampaignSpec, fitted: Fitted) -> CoefficientPrior:
     """Of the logit: as stated, else N(0, 10^2) for the intercept and N(0, 2.5^2) for the others."""
     kinds = np.array(fitted.fit.kinds)
@@ -226,7 +207,7 @@ def _binomial_draws(
 ) -> Draws:
     from seqrsm.fit.ensemble import sample_model
 
-    correct, trials = _counts(fitted)
+    correct, trials = counts_of(fitted.data, 'errors = "beta_binomial"')
     prior = _coefficient_prior(spec, fitted)
     if bounds is not None:
         low, high = (np.full(len(prior.mean), end) for end in (-np.inf, np.inf))

@@ -266,27 +266,32 @@ def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporte
 class _Model(Protocol):
     response: Literal["identity", "logit"]
     errors: Literal["normal", "student_t", "beta_binomial"]
-    weights: Literal["equal", "se"]
+    weights: Literal["equal", "se", "counts"]
     block: str | None
     block_effect: Literal["fixed", "random"]
 
 
 def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
     """Keys of ``[model]`` that exclude each other, or what the scores will be."""
-    if table.errors == "beta_binomial":
-        place: Path = ("model", "errors")
-        if simulated:
-            remedy = 'Use errors = "normal": a simulated score is no count of independent decisions.'
-            report.add(place, "simulated scores come without counts", remedy, table.errors)
-        elif any(application is not None and not application.is_percent for application in applications):
-            remedy = 'Set utility = "percent_correct", or errors = "normal".'
-            report.add(place, "beta_binomial errors are for percentages of correct decisions", remedy, table.errors)
+    counted = (
+        ("errors", table.errors, "beta_binomial", "normal", "beta_binomial errors"),
+        ("weights", table.weights, "counts", "equal", "weights by counts"),
+    )
+    for key, value, by_counts, plain, what in counted:
+        place: Path = ("model", key)
+        if value == by_counts and simulated:
+            remedy = f'Use {key} = "{plain}": a simulated score is no count of independent decisions.'
+            report.add(place, "simulated scores come without counts", remedy, value)
+        elif value == by_counts and any(one is not None and not one.is_percent for one in applications):
+            remedy = f'Set utility = "percent_correct", or {key} = "{plain}".'
+            report.add(place, f"{what} are for percentages of correct decisions", remedy, value)
     if table.errors == "beta_binomial" and table.response != "logit":
         remedy = 'Add response = "logit".'
         report.add(("model", "errors"), "beta_binomial scores are modelled on the logit scale", remedy, table.errors)
-    if table.errors == "beta_binomial" and table.weights == "se":
+    if table.errors == "beta_binomial" and table.weights != "equal":
         remedy = "Leave weights out: the counts tell how much each score says."
-        report.add(("model", "weights"), "beta_binomial errors have their weights from the counts", remedy, "se")
+        message = "beta_binomial errors have their weights from the counts"
+        report.add(("model", "weights"), message, remedy, table.weights)
     if table.block_effect == "random" and table.block is None:
         report.add(("model", "block_effect"), "there is no block to have an effect", 'Add block = "block".', "random")
     if table.block_effect == "random" and table.errors != "normal":

@@ -225,7 +225,7 @@ class ModelSpec(Table):
     response: Literal["identity", "logit"] = "identity"
     errors: Literal["normal", "student_t", "beta_binomial"] = "normal"
     terms: Literal["full", "hierarchical"] = "full"
-    weights: Literal["equal", "se"] = "equal"
+    weights: Literal["equal", "se", "counts"] = "equal"
     block: str | None = None
     block_effect: Literal["fixed", "random"] = "fixed"
     prior: PriorSpec | None = None

@@ -188,7 +188,7 @@ def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice 
 
 def _profile(spec: CampaignSpec, fitted: Fitted) -> PowerProfile | str:
     scores, fit = fitted.data.scores, fitted.fit
-    weights = fit.weights if spec.model.weights == "se" and spec.model.response == "identity" else None
+    weights = fit.weights if spec.model.weights != "equal" and spec.model.response == "identity" else None
     try:
         if fitted.application.is_percent:
             return logit_profile(fit.Z, scores, weights=weights, level=spec.stop.level)

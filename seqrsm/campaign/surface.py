@@ -13,6 +13,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.counts import expected_shares
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.known_variance import own_weights
 from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
@@ -45,15 +46,39 @@ def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
     Raises
     ------
     FitError
-        Weights from standard errors that some scores do not have.
+        Weights from standard errors or counts that some scores do not have.
     """
     if spec.model.weights == "equal":
         return ResponseScale.of(spec.model.response, data.scores)
+    if spec.model.weights == "counts":
+        _, trials = counts_of(data, 'weights = "counts"')
+        columns, _ = block_columns(block_labels(spec, data))
+        Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
+        return ResponseScale.of_counts(
+            spec.model.response, data.scores, trials, expected_shares(Z, data.scores, trials)
+        )
     if not np.all(data.score_se > 0.0):
         named = _run_list(data.run_ids[~(data.score_se > 0.0)])
         remedy = 'Give every score its standard error (column se), or set [model] weights = "equal".'
         raise FitError(Problem(f"{named} have no standard error to be weighted by", remedy))
     return ResponseScale.of(spec.model.response, data.scores, data.score_se)
+
+
+def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:
+    """Correct decisions and trials (n,) of every run, which ``what`` needs.
+
+    Raises
+    ------
+    FitError
+        Runs without counts.
+    """
+    known = np.zeros(len(data.scores), dtype=np.bool_)
+    if data.trials is not None and data.correct is not None:
+        known = np.isfinite(data.trials) & np.isfinite(data.correct)
+    if data.trials is None or data.correct is None or not np.all(known):
+        remedy = "Give the columns n and correct for every score, or leave that out of [model]."
+        raise FitError(Problem(f"{_run_list(data.run_ids[~known])} have no counts, which {what} needs", remedy))
+    return data.correct, data.trials
 
 
 def _run_list(ids: IntArray) -> str:

@@ -7,6 +7,7 @@ All half-widths are ``t * s * sqrt(u + h)`` with ``h = z0' (Z'WZ)^-1 z0`` and ``
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -34,10 +35,22 @@ def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:
     -------
     ndarray, broadcast shape of ``df`` and ``level``
     """
-    degrees = np.asarray(df, dtype=np.float64)
+    degrees, probability = np.asarray(df, dtype=np.float64), np.asarray(level, dtype=np.float64)
+    if degrees.ndim == probability.ndim == 0:
+        return np.asarray(_one_quantile(float(degrees), float(probability)))
+    return _quantiles(degrees, probability)
+
+
+@lru_cache(maxsize=4096)
+def _one_quantile(df: float, level: float) -> float:
+    """Of one number: the same few are asked for again and again, and stdtrit is slow."""
+    return float(_quantiles(np.asarray(df), np.asarray(level)))
+
+
+def _quantiles(degrees: FloatArray, level: FloatArray) -> FloatArray:
     # stdtrit has no limit at infinity; at 1e12 the difference from the normal quantile is below 1e-12.
     safe = np.clip(np.where(degrees > 0.0, degrees, 1.0), None, 1e12)
-    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * np.asarray(level)), np.nan)
+    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * level), np.nan)
     return quantile
 
 
@@ -155,7 +168,7 @@ def noise_floor(interval: IntervalKind, s: float, level: float, replicates: int 
 
 @dataclass(frozen=True, slots=True)
 class ConfirmationInterval:
-    """Exact t interval of the mean of fresh runs at settings fixed before they were made.
+    """Interval of the mean of fresh runs at settings fixed before they were made.
 
     Attributes
     ----------
@@ -243,6 +256,57 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
     mean, s = float(values.mean()), float(values.std(ddof=1))
     half = float(t_quantile(len(values) - 1, level)) * s / np.sqrt(len(values))
     return ConfirmationInterval(mean, mean - half, mean + half, s, len(values), level)
+
+
+_FEW = 10
+"""Right or wrong decisions below which the scatter of some shares says next to nothing of their variance."""
+
+
+def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0.95) -> ConfirmationInterval:
+    """Interval of the mean of fresh runs whose scores are shares of correct decisions.
+
+    The score interval of the pooled share (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212): all p for which
+    (share - p)^2 <= t^2 phi p (1 - p) / N, with the dispersion phi that the runs show among each other (1: decisions
+    are independent) and Student's t for it. It does not leave 0 to 100 and is skewed as counts are. With fewer than ten
+    right or wrong decisions phi is next to unknown; then the interval holds that of independent decisions, too.
+
+    Parameters
+    ----------
+    correct, trials : array_like (m,)
+        Of every fresh run, 0 <= correct <= trials, m >= 2.
+    level : float
+        Two-sided probability, in (0, 1).
+
+    Returns
+    -------
+    ConfirmationInterval
+        In percent; ``s`` is the standard deviation among the runs' shares.
+
+    Raises
+    ------
+    FitError
+        Fewer than two runs, or counts that are none.
+    """
+    right, n = np.asarray(correct, dtype=np.float64).ravel(), np.asarray(trials, dtype=np.float64).ravel()
+    if len(right) < 2 or len(right) != len(n) or not np.all((n >= 1.0) & (right >= 0.0) & (right <= n)):
+        remedy = "Give correct and n of at least two fresh runs, 0 <= correct <= n."
+        raise FitError(Problem("these are no counts of fresh runs", remedy, field="correct", value=right.tolist()))
+    total, m = float(n.sum()), len(n)
+    share = float(right.sum()) / total
+    spread = float(np.sum(n * (right / n - share) ** 2)) / (m - 1)
+    own = share * (1.0 - share)
+
+    def ends(phi: float, quantile: float) -> tuple[float, float]:
+        a = quantile**2 * phi / total
+        middle, half = (share + 0.5 * a) / (1.0 + a), np.sqrt(a * own + 0.25 * a**2) / (1.0 + a)
+        return max(float(middle - half), 0.0), min(float(middle + half), 1.0)
+
+    low, high = ends(spread / own, float(t_quantile(m - 1, level))) if own > 0.0 else (share, share)
+    if min(share, 1.0 - share) * total < _FEW:
+        alone = ends(1.0, float(t_quantile(np.inf, level)))
+        low, high = min(low, alone[0]), max(high, alone[1])
+    s = float(np.std(100.0 * right / n, ddof=1))
+    return ConfirmationInterval(100.0 * share, 100.0 * low, 100.0 * high, s, m, level)
 
 
 def confirmation_agrees(

@@ -9,7 +9,6 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.response import ResponseScale
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.ridge import Goal, ridge_path
@@ -19,14 +18,9 @@ LINE_POINTS = 81
 MAX_PAIRS = 6
 
 
-def scale_of(analysis: Analysis) -> ResponseScale:
-    """Scale of the fit, with the way back to score units."""
-    return ResponseScale.of("logit" if analysis.response == "logit" else "identity", analysis.data.scores)
-
-
 def to_score(analysis: Analysis, values: FloatArray) -> FloatArray:
     """Turn values on the scale of the fit into score units (the logit of a percentage back into percent)."""
-    return scale_of(analysis).to_score(values)
+    return analysis.scale.to_score(values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +121,7 @@ def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     rows = analysis.model.matrix(points)
     mean = analysis.fit.predict(rows).mean
     # Where the runs do not determine the mean, neither is there a weight: any will do, the interval is nan anyway.
-    weight = np.nan_to_num(scale_of(analysis).weight_at(mean), nan=1.0)
+    weight = np.nan_to_num(analysis.scale.weight_at(mean), nan=1.0)
     return analysis.fit.predict(rows, level=analysis.optimum.level, weight=weight)
 
 

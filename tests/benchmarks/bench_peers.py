@@ -1,23 +1,27 @@
-"""The same surfaces and budgets for seqrsm and for Bayesian-optimisation packages; optional, never part of the tests.
+"""The same surfaces and budgets for seqrsm and for Bayesian-optimisation packages: ``reports/peers``.
 
-    OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 python tests/benchmarks/bench_peers.py [--repeats 40] [--runs 40]
+    OMP_NUM_THREADS=1 python tests/benchmarks/bench_peers.py [--repeats 20] [--runs 40] [--peers NAME...] [--out DIR]
 
-Packages that are not installed are left out with a word. Each starts with the same 12 Sobol runs and then makes batches
-of 4 with its defaults; its answer is what it recommends by its own model where it has one. Printed: median true regret,
-runs until the answer stays within one point of the optimum, half-width of the interval at the answer (seqrsm only: the
-others give none), seconds.
+Packages that are not installed are left out with a word. Each starts with the same 12 Sobol runs (seqrsm with its own
+start design of p + 6) and then makes batches of 4 with its defaults; its answer is what it recommends by its own model.
+A campaign that is done is kept in ``DIR/campaigns.csv``: the same command goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import importlib.metadata
 import importlib.util
+import logging
+import os
 import sys
 import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import qmc
 
@@ -32,8 +36,10 @@ CASES = {
     "saturating, k = 4": (surfaces.saturating, 4),
     "two humps, k = 2": (surfaces.two_humped, 2),
 }
-Answers = list[tuple[int, np.ndarray, float]]
-"""Runs made, recommended point, half-width of its interval (nan where there is none)."""
+Interval = tuple[float, float]
+Answers = list[tuple[int, np.ndarray, Interval]]
+"""Runs made, recommended point, 95 % interval of the mean score there (nan where the package gives none)."""
+NONE = (float("nan"), float("nan"))
 Score = Callable[[np.ndarray], np.ndarray]
 
 
@@ -46,7 +52,8 @@ def seqrsm(score: Score, k: int, n: int, seed: int) -> Answers:
     while True:
         state = surfaces.step(plan, state, X, y, batch)
         found = surfaces.fit_box(state, model, region, X, y)
-        answers.append((len(y), found.point, float(np.diff(found.ends("confidence"))[0]) / 2.0))
+        low, high = found.ends("confidence")
+        answers.append((len(y), found.point, (float(low), float(high))))
         if len(y) >= n:
             return answers
         new = surfaces.next_points(state, found, k, X, min(BATCH, n - len(y)), rng, seed * 131 + len(y))
@@ -59,11 +66,28 @@ def _start(k: int, seed: int) -> np.ndarray:
         return 2.0 * qmc.Sobol(k, seed=seed).random(START) - 1.0
 
 
+def _within(mean: float, sd: float) -> Interval:
+    """What a package whose model is a Gaussian process says of the mean score."""
+    return mean - 1.96 * sd, mean + 1.96 * sd
+
+
 def optuna_gp(score: Score, k: int, n: int, seed: int) -> Answers:
     import optuna
 
+    return _optuna(score, k, n, seed, optuna.samplers.GPSampler(seed=seed))
+
+
+def optuna_tpe(score: Score, k: int, n: int, seed: int) -> Answers:
+    import optuna
+
+    return _optuna(score, k, n, seed, optuna.samplers.TPESampler(seed=seed))
+
+
+def _optuna(score: Score, k: int, n: int, seed: int, sampler: object) -> Answers:
+    import optuna
+
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    study = optuna.create_study(direction="maximize", sampler=optuna.samplers.GPSampler(seed=seed))
+    study = optuna.create_study(direction="maximize", sampler=sampler)
     space = {f"x{j}": optuna.distributions.FloatDistribution(-1.0, 1.0) for j in range(k)}
     start, answers = _start(k, seed), []
     for point, value in zip(start, score(start), strict=True):
@@ -71,7 +95,7 @@ def optuna_gp(score: Score, k: int, n: int, seed: int) -> Answers:
         study.add_trial(optuna.trial.create_trial(params=params, distributions=space, value=float(value)))
     for made in range(START, n + 1):
         best = np.array([study.best_params[f"x{j}"] for j in range(k)])
-        answers.append((made, best, float("nan")))
+        answers.append((made, best, NONE))
         if made < n:
             trial = study.ask(space)
             point = np.array([[trial.params[f"x{j}"] for j in range(k)]])
@@ -97,8 +121,10 @@ def botorch(score: Score, k: int, n: int, seed: int) -> Answers:
         model = SingleTaskGP(inputs, targets, outcome_transform=Standardize(1))
         fit_gpytorch_mll(ExactMarginalLogLikelihood(model.likelihood, model))
         with torch.no_grad():
-            means = model.posterior(inputs).mean[:, 0].numpy()
-        answers.append((len(y), X[int(np.argmax(means))], float("nan")))
+            known = model.posterior(inputs)
+            means, sd = known.mean[:, 0].numpy(), known.variance[:, 0].sqrt().numpy()
+        best = int(np.argmax(means))
+        answers.append((len(y), X[best], _within(float(means[best]), float(sd[best]))))
         if len(y) >= n:
             return answers
         acquisition = qLogNoisyExpectedImprovement(model, inputs)
@@ -110,6 +136,7 @@ def ax(score: Score, k: int, n: int, seed: int) -> Answers:
     from ax.api.client import Client
     from ax.api.configs import RangeParameterConfig
 
+    logging.disable(logging.INFO)
     client = Client(random_seed=seed)
     client.configure_experiment(
         [RangeParameterConfig(name=f"x{j}", parameter_type="float", bounds=(-1.0, 1.0)) for j in range(k)]
@@ -121,8 +148,10 @@ def ax(score: Score, k: int, n: int, seed: int) -> Answers:
         client.complete_trial(index, raw_data={"score": float(value)})
     made = START
     while True:
-        best = client.get_best_parameterization()[0]
-        answers.append((made, np.array([float(best[f"x{j}"]) for j in range(k)]), float("nan")))
+        best, predicted, *_ = client.get_best_parameterization()
+        point = np.array([float(best[f"x{j}"]) for j in range(k)])
+        mean, error = predicted["score"]
+        answers.append((made, point, NONE if error is None else _within(float(mean), float(error))))
         if made >= n:
             return answers
         for index, params in client.get_next_trials(min(BATCH, n - made)).items():
@@ -148,8 +177,10 @@ def baybe(score: Score, k: int, n: int, seed: int) -> Answers:
     while True:
         campaign.add_measurements(frame)
         known = campaign.measurements[names]
-        means = campaign.posterior_stats(known)["score_mean"].to_numpy()
-        answers.append((len(known), known.to_numpy(dtype=float)[int(np.argmax(means))], float("nan")))
+        stats = campaign.posterior_stats(known)
+        means, sd = stats["score_mean"].to_numpy(dtype=float), stats["score_std"].to_numpy(dtype=float)
+        best = int(np.argmax(means))
+        answers.append((len(known), known.to_numpy(dtype=float)[best], _within(means[best], sd[best])))
         if len(known) >= n:
             return answers
         frame = campaign.recommend(min(BATCH, n - len(known)))[names]
@@ -175,8 +206,10 @@ def bofire(score: Score, k: int, n: int, seed: int) -> Answers:
     made = len(y)
     while True:
         strategy.tell(new)
-        best = int(strategy.predict(cover)["score_pred"].to_numpy().argmax())
-        answers.append((made, cover.to_numpy()[best], float("nan")))
+        found = strategy.predict(cover)
+        means, sd = found["score_pred"].to_numpy(dtype=float), found["score_sd"].to_numpy(dtype=float)
+        best = int(means.argmax())
+        answers.append((made, cover.to_numpy()[best], _within(means[best], sd[best])))
         if made >= n:
             return answers
         asked = strategy.ask(min(BATCH, n - made))[names]
@@ -186,6 +219,7 @@ def bofire(score: Score, k: int, n: int, seed: int) -> Answers:
 
 PEERS: dict[str, tuple[str, Callable[[Score, int, int, int], Answers]]] = {
     "seqrsm": ("seqrsm", seqrsm),
+    "Optuna TPE": ("optuna", optuna_tpe),
     "Optuna GP": ("optuna", optuna_gp),
     "BoTorch": ("botorch", botorch),
     "Ax": ("ax", ax),
@@ -194,47 +228,123 @@ PEERS: dict[str, tuple[str, Callable[[Score, int, int, int], Answers]]] = {
 }
 
 
+FIELDS = ("surface", "package", "seed", "regret", "runs_to_1", "runs_to_half", "half_width", "covered", "cpu_s")
+
+
 def runs_to(answers: Answers, regrets: list[float], limit: float) -> float:
     """Runs from which on the regret stays below ``limit``; inf where it does not."""
     last_bad = max((i for i, regret in enumerate(regrets) if regret > limit), default=-1)
     return answers[last_bad + 1][0] if last_bad + 1 < len(answers) else float("inf")
 
 
+def campaign(name: str, peer: str, seed: int, n_runs: int, sigma: float) -> dict[str, object]:
+    """One campaign of one package on one surface."""
+    make, k = CASES[name]
+    surface = make(np.random.default_rng(seed), k)
+    rng = np.random.default_rng(seed + 1000)
+
+    def score(points: np.ndarray) -> np.ndarray:
+        return surface(points) + sigma * rng.standard_normal(len(points))
+
+    began = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        answers = PEERS[peer][1](score, k, n_runs, seed)
+    seconds = time.process_time() - began
+    best = surfaces.true_optimum(surface, k)
+    truths = [float(surface(point[None, :])[0]) for _, point, _ in answers]
+    path = [best - truth for truth in truths]
+    low, high = answers[-1][2]
+    figures = (path[-1], runs_to(answers, path, 1.0), runs_to(answers, path, 0.5), 0.5 * (high - low))
+    covered = float(low <= truths[-1] <= high) if np.isfinite(low) else float("nan")
+    return dict(zip(FIELDS, (name, peer, seed, *figures, covered, seconds), strict=True))
+
+
+HEAD = """# seqrsm beside Bayesian-optimisation packages
+
+`OMP_NUM_THREADS=1 python tests/benchmarks/bench_peers.py --repeats {repeats} --runs {runs} --sigma {sigma:g}`
+makes this page (it needs the packages, which seqrsm does not: an optional extra, never part of the
+tests). Every package sees the same randomly drawn surfaces, noise of {sigma:g} points and {runs} runs: 12 Sobol runs
+first (seqrsm: its start design of p + 6), then batches of 4 (Optuna: one at a time). The answer is what its own model
+recommends (Optuna: its best trial; BoTorch, BayBE: the run of the largest posterior mean; Ax: its best
+parameterization; BoFire: the largest posterior mean of 4096 points).
+
+*Regret* is the true optimum less the true score at the answer: median, with the quartiles. *Runs to within 1* and *0.5*
+points: from how many runs on the answer stays that good, median (never: not within the budget). *Half-width*: median of
+the 95 % interval of the mean score at the answer, and in how many campaigns it *covers* the truth (Gaussian-process
+packages: 1.96 posterior standard deviations). *CPU s*: a whole campaign, one thread, on a machine with other load.
+Versions: {versions}.
+
+| surface | package | campaigns | regret (quartiles) | runs to within 1 | 0.5 | half-width | covers | CPU s |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def write(rows: list[dict[str, str]], folder: Path, given: argparse.Namespace) -> None:
+    """README.md of ``folder``."""
+    versions = []
+    for distribution in ("optuna", "botorch", "ax-platform", "baybe", "bofire"):
+        try:
+            versions.append(f"{distribution} {importlib.metadata.version(distribution)}")
+        except importlib.metadata.PackageNotFoundError:
+            versions.append(f"{distribution} not installed")
+    lines = []
+    for name in CASES:
+        for peer in PEERS:
+            some = [row for row in rows if (row["surface"], row["package"]) == (name, peer)]
+            if not some:
+                continue
+
+            def of(key: str, some: list[dict[str, str]] = some) -> np.ndarray:
+                return np.array([float(row[key]) for row in some])
+
+            def runs(key: str) -> str:
+                middle = float(np.quantile(of(key), 0.5, method="higher"))
+                return f"{middle:.0f}" if np.isfinite(middle) else "never"
+
+            quartiles = np.quantile(of("regret"), [0.25, 0.5, 0.75])
+            width = np.median(of("half_width"))
+            interval = f"{width:.2f} | {100 * np.mean(of('covered')):.0f} %" if np.isfinite(width) else "none | "
+            lines.append(
+                f"| {name} | {peer} | {len(some)} | {quartiles[1]:.2f} ({quartiles[0]:.2f}-{quartiles[2]:.2f}) | "
+                f"{runs('runs_to_1')} | {runs('runs_to_half')} | {interval} | {np.median(of('cpu_s')):.1f} |"
+            )
+    notes = folder / "notes.md"
+    tail = "\n" + notes.read_text(encoding="utf-8") if notes.exists() else ""
+    head = HEAD.format(repeats=given.repeats, runs=given.runs, sigma=given.sigma, versions=", ".join(versions))
+    (folder / "README.md").write_text(head + "\n".join(lines) + "\n" + tail, encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=40)
+    parser.add_argument("--repeats", type=int, default=20)
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--sigma", type=float, default=2.0)
     parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=list(PEERS))
+    parser.add_argument("--out", type=Path, default=Path("reports/peers"))
     given = parser.parse_args()
-    print("| surface | package | regret | runs to within 1 | half-width | seconds |\n|---|---|---|---|---|---|")
-    for name, (make, k) in CASES.items():
-        for peer in given.peers:
-            module, optimise = PEERS[peer]
-            if importlib.util.find_spec(module) is None:
-                print(f"| {name} | {peer} | not installed | | | |")
-                continue
-            regrets, needed, widths, seconds = [], [], [], []
-            for seed in range(given.repeats):
-                surface = make(np.random.default_rng(seed), k)
-                rng = np.random.default_rng(seed + 1000)
-
-                def score(points: np.ndarray, surface=surface, rng=rng) -> np.ndarray:
-                    return surface(points) + given.sigma * rng.standard_normal(len(points))
-
-                began = time.perf_counter()
-                answers = optimise(score, k, given.runs, seed)
-                seconds.append(time.perf_counter() - began)
-                best = surfaces.true_optimum(surface, k)
-                path = [best - float(surface(point[None, :])[0]) for _, point, _ in answers]
-                regrets.append(path[-1])
-                needed.append(runs_to(answers, path, 1.0))
-                widths.append(answers[-1][2])
-            print(
-                f"| {name} | {peer} | {np.median(regrets):.2f} | {np.median(needed):.0f} | {np.median(widths):.2f} | "
-                f"{np.median(seconds):.1f} |",
-                flush=True,
-            )
+    given.out.mkdir(parents=True, exist_ok=True)
+    path, rows = given.out / "campaigns.csv", []
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    done = {(row["surface"], row["package"], int(row["seed"])) for row in rows}
+    with path.open("a", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, FIELDS)
+        if not rows:
+            writer.writeheader()
+        for seed in range(given.repeats):
+            for name in CASES:
+                for peer in given.peers:
+                    if (name, peer, seed) in done or importlib.util.find_spec(PEERS[peer][0]) is None:
+                        continue
+                    found = campaign(name, peer, seed, given.runs, given.sigma)
+                    row = {key: str(value) for key, value in found.items()}
+                    rows.append(row)
+                    writer.writerow(row)
+                    stream.flush()
+                    print(*row.values(), flush=True)
+    write(rows, given.out, given)
 
 
 if __name__ == "__main__":

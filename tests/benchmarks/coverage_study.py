@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import os
 import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import sequential_surfaces as surfaces
 
-from seqrsm.decide.intervals import confirmation_interval
+from seqrsm.decide.intervals import confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import Decision, StopRule, decide
 from seqrsm.fit.anova import LackOfFit
 
@@ -40,7 +40,7 @@ CASES = {
 }
 PLAIN = " as normal"
 ERRORS = ("normal", "student_t", "binomial", "student_t" + PLAIN, "binomial" + PLAIN)
-"""How scores scatter; the fit is told of it (errors = "student_t"; response = "logit" with counts), or it is not."""
+"""How scores scatter; the fit is told of it (errors = "student_t"; weights = "counts"), or it is not."""
 SIGMAS = (1.0, 3.0)
 CHUNK = 50
 FIELDS = (
@@ -60,11 +60,12 @@ def noisy(truth: np.ndarray, sigma: float, errors: str, rng: np.random.Generator
 
 
 def scaled(surface: surfaces.Surface, k: int, errors: str) -> surfaces.Surface:
-    """For binomial scores the surface is put between 0 and 92 percent."""
+    """For binomial scores the surface is put between 40 (its lowest corner or random point) and 85 percent."""
     if not errors.startswith("binomial"):
         return surface
-    values = surface(np.random.default_rng(1).uniform(-1, 1, (4000, k)))
-    low, high = float(values.min()), float(values.max())
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=k)))
+    low = float(surface(np.vstack([corners, np.random.default_rng(1).uniform(-1, 1, (4000, k))])).min())
+    high = surfaces.true_optimum(surface, k)
     return lambda x: 40.0 + 45.0 * (surface(x) - low) / (high - low)
 
 
@@ -73,17 +74,15 @@ def trials(sigma: float) -> int:
     return round(80.0 * 20.0 / sigma**2)
 
 
-def decision_at(
-    rule: StopRule, found: surfaces.Fitted, n_spent: int, before: bool, target: float, pure: int
-) -> Decision:
-    """The rule at one look; on a logit scale the target is taken there, at the recommended settings."""
+def decision_at(rule: StopRule, found: surfaces.Fitted, n_spent: int, before: bool, pure: int) -> Decision:
+    """The rule at one look."""
     lack = found.fit.lack_of_fit()
     half = float("nan")
     # Draws of a posterior are made only where nothing else keeps the rule from holding.
     if not found.told.student or (found.fit.n_runs >= rule.min_runs(found.model.p) and pure >= rule.min_df_pure_error):
         half = found.half_width(rule.interval, rule.level, rule.replicates)
     return decide(
-        replace(rule, half_width=target),
+        rule,
         n_runs=found.fit.n_runs,
         n_terms=found.model.p,
         s=found.s,
@@ -112,22 +111,28 @@ def campaign(surface: surfaces.Surface, k: int, sigma: float, errors: str, seed:
     batch, before = 1, (False, state.box)
     while True:
         state = surfaces.step(plan, state, X, y, batch, told)
-        found = surfaces.fit_box(state, model, region, X, y, told)
-        target = rule.half_width
-        if told.trials:
-            ends = np.clip(told.back(found.mean) + np.array([-1.0, 1.0]) * target, 0.5, 99.5)
-            target = 0.5 * float(np.diff(np.log(ends / (100.0 - ends)))[0])
+        spent = len(y) >= max_runs
+        least = 0 if spent else rule.min_runs(model.p)
+        found = surfaces.fit_box(state, model, region, X, y, told, least)
         held = before[0] and before[1] == state.box
-        decision = decision_at(rule, found, len(y), held, target, surfaces.pure_error(found))
-        if decision.held or len(y) >= max_runs:
-            break
-        before = (decision.conditions_hold, state.box)
+        if found.fit.n_runs >= least:  # with fewer the rule cannot hold
+            decision = decision_at(rule, found, len(y), held, surfaces.pure_error(found))
+            if decision.held or spent:
+                break
+            before = (decision.conditions_hold, state.box)
+        else:
+            before = (False, state.box)
         new = surfaces.next_points(state, found, k, X, 4, rng, seed * 131 % 2**31 + len(X))
         X, y = np.vstack([X, new]), np.append(y, noisy(surface(new), sigma, kind, rng))
         batch += 1
     truth = float(surface(found.point[None, :])[0])
     fresh = noisy(np.full(500, truth), sigma, kind, eyes)
-    confirmed = confirmation_interval(noisy(np.full(5, truth), sigma, kind, eyes))
+    five = noisy(np.full(5, truth), sigma, kind, eyes)
+    if kind == "binomial":
+        n = trials(sigma)
+        confirmed = counted_confirmation(np.round(five * n / 100.0), np.full(5, n))
+    else:
+        confirmed = confirmation_interval(five)
 
     def covered(values: np.ndarray, kind: str, allow: bool) -> float:
         low, high = found.ends(kind, allow=allow)
@@ -168,15 +173,15 @@ def chunk(task: tuple[str, str, float, int, int]) -> dict[str, object]:
     }  # fmt: skip
 
 
-def todo(done: set[tuple[str, str, float, int]], campaigns: int, names: list[str]) -> Iterator[tuple]:
+def todo(done: set[tuple[str, str, float, int]], campaigns: int, names: list[str], kinds: list[str]) -> Iterator[tuple]:
     """Chunks that are missing, one round over all cells at a time, so that an early end leaves an even table.
 
-    Six factors take five times as long and have every fourth round; scores that the fit is not told of every second.
+    Six factors take five times as long and have every fourth round, and so have scores that the fit is not told of.
     """
     for number in range(-(-campaigns // CHUNK)):
         for name in names:
-            for errors in ERRORS:
-                every = (4 if name.endswith("6") else 1) * (2 if errors.endswith(PLAIN) else 1)
+            for errors in kinds:
+                every = (4 if name.endswith("6") else 1) * (4 if errors.endswith(PLAIN) else 1)
                 if number % every:
                     continue
                 for sigma in SIGMAS:
@@ -230,13 +235,13 @@ HEAD = """# Coverage after stopping
 makes batches of 4 by the default criterion, may shrink and move its region, and stops by the default rule on the
 prediction interval of the mean of five runs (target 1.3 sigma, budget max(80, 4p)). Then it makes five confirmation
 runs. Scores scatter normally, by a Student t with 4 degrees of freedom, or as counts, with about the standard deviation
-sigma at the optimum; the fit is told of it (`errors = "student_t"`; logit with the weights of the counts) or fits them
-*as normal*.
+sigma at the optimum; the fit is told of it (`errors = "student_t"`; `weights = "counts"`) or fits them *as normal*.
+Surfaces for counts are put between 40 and 85 percent.
 
 *New run* is the coverage of the 95 % interval of one new run at the recommended settings, with a departure from the
 quadratic allowed for, among the campaigns that stopped by the rule (500 fresh runs each, so that its error is that of
 the campaigns); *t* behind it that of the interval of the quadratic alone, in the same campaigns. *Mean* is the same for
-the interval of the mean; *confirmation* is the coverage of the t interval of the five fresh runs. ± is one Monte Carlo
+the interval of the mean; *confirmation* is the coverage of the interval of the five fresh runs (t; of counts a score interval). ± is one Monte Carlo
 standard error. Runs and regret (score units) are medians by chunk of 50, averaged.
 
 ![Coverage by surface and errors](coverage.png)
@@ -296,13 +301,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--minutes", type=float, default=1e9, help="begin no chunk after this time")
     parser.add_argument("--surfaces", nargs="+", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--errors", nargs="+", default=list(ERRORS), choices=list(ERRORS))
     parser.add_argument("--out", type=Path, default=Path("reports/coverage"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "chunks.csv"
     rows = read(path)
     done = {(r["surface"], r["errors"], float(r["sigma"]), int(r["chunk"])) for r in rows}
-    tasks = list(todo(done, given.campaigns, given.surfaces))
+    tasks = list(todo(done, given.campaigns, given.surfaces, given.errors))
     end = time.perf_counter() + 60 * given.minutes
     new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as stream:

@@ -12,10 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import expit
 
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.fitted import student_weights
+from seqrsm.campaign.response import ResponseScale
 from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, departure_allowance
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.intervals import IntervalKind, half_width
@@ -26,8 +25,10 @@ from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.counts import expected_shares
 from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
+from seqrsm.fit.robust import student_weights
 from seqrsm.propose.batch import propose_batch
 
 Surface = Callable[[FloatArray], FloatArray]
@@ -109,27 +110,26 @@ def true_optimum(surface: Surface, k: int) -> float:
 
 
 class Told:
-    """What the fit is told of the scores: plain errors, Student-t errors, or counts of ``trials`` (logit scale)."""
+    """What the fit is told of the scores: plain errors, Student-t errors, or counts of ``trials``."""
 
     def __init__(self, errors: str = "normal", trials: int = 0) -> None:
         self.student, self.trials = errors == "student_t", trials if errors == "binomial" else 0
 
-    def link(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scores on the scale of the fit, and weights: of counts those of the binomial."""
+    def weights(self, Z: FloatArray, y: FloatArray) -> FloatArray:
+        """Relative weights (n,) of runs."""
+        if self.student:
+            return tail_weights(Z, y)
         if not self.trials:
-            return y, np.ones(len(y))
-        right = y * self.trials / 100.0
-        return np.log((right + 0.5) / (self.trials - right + 0.5)), self.weight_at_percent(y)
+            return np.ones(len(y))
+        trials = np.full(len(y), float(self.trials))
+        return ResponseScale.of_counts("identity", y, trials, expected_shares(Z, y, trials)).weights
 
-    def weight_at_percent(self, y: FloatArray) -> FloatArray:
-        right = y * self.trials / 100.0
-        return 1.0 / (1.0 / (right + 0.5) + 1.0 / (self.trials - right + 0.5))
-
-    def back(self, values: FloatArray | float) -> FloatArray:
-        return 100.0 * expit(np.asarray(values)) if self.trials else np.asarray(values)
-
-    def weight_at(self, value: float) -> float:
-        return float(self.weight_at_percent(self.back(np.array([value])))[0]) if self.trials else 1.0
+    def weight_at(self, Z: FloatArray, y: FloatArray, value: float) -> float:
+        """Relative weight of a future run whose expected score is ``value``."""
+        if not self.trials:
+            return 1.0
+        trials = np.full(len(y), float(self.trials))
+        return float(ResponseScale.of_counts("identity", y, trials, expected_shares(Z, y, trials)).weight_at(value))
 
 
 NORMAL = Told()
@@ -137,7 +137,7 @@ NORMAL = Told()
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What one look knows, on the scale of the fit."""
+    """What one look knows."""
 
     told: Told
     point: FloatArray  # recommended, coded in the whole region
@@ -155,8 +155,8 @@ class Fitted:
 
     @property
     def s(self) -> float:
-        """Of a run at the recommended settings; counts scatter at least as the binomial does."""
-        return max(self.fit.s, 1.0 if self.told.trials else 0.0) / float(np.sqrt(self.weight))
+        """Of a run at the recommended settings."""
+        return self.fit.s / float(np.sqrt(self.weight))
 
     @property
     def h(self) -> float:
@@ -167,7 +167,7 @@ class Fitted:
         """Of the model alone."""
         if not self.told.student:
             return float(half_width(kind, self.s, self.fit.df_residual, self.h, level, replicates))
-        beta, sigma = student_draws(self.fit.Z, self.fit.y)
+        beta, sigma = _draws_of(self.fit.Z.tobytes(), self.fit.y.tobytes(), self.fit.n_terms)
         rng = np.random.default_rng(len(self.fit.y))
         m = {"confidence": 0, "prediction": 1, "prediction_mean": replicates}[kind]
         noise = rng.standard_t(4.0, (len(sigma), m)).mean(axis=1) if m else 0.0
@@ -175,16 +175,31 @@ class Fitted:
         return 0.5 * float(high - low)
 
     def ends(self, kind: IntervalKind, level: float = 0.95, *, allow: bool = True) -> FloatArray:
-        """In scores, with or without the allowance for a departure."""
+        """With or without the allowance for a departure."""
         allowance = self.allowance if allow else NO_ALLOWANCE
-        return self.told.back(
-            np.array(allowance.ends(self.mean, self.half_width(kind, level), self.fit.df_residual, level))
-        )
+        return np.array(allowance.ends(self.mean, self.half_width(kind, level), self.fit.df_residual, level))
 
     def widening(self, half: float, level: float = 0.95) -> float:
         """Factor by which the allowance widens an interval of half-width ``half``."""
         low, high = self.allowance.ends(self.mean, half, self.fit.df_residual, level)
         return (high - low) / (2.0 * half)
+
+
+@lru_cache(maxsize=2)
+def _draws_of(Z: bytes, y: bytes, p: int) -> tuple[FloatArray, FloatArray]:
+    """Posterior draws of a fit, made once for all its intervals."""
+    return student_draws(np.frombuffer(Z).reshape(-1, p), np.frombuffer(y))
+
+
+@lru_cache(maxsize=4)
+def _weights_of(Z: bytes, y: bytes, p: int) -> FloatArray:
+    scores = np.frombuffer(y)
+    return student_weights(np.frombuffer(Z).reshape(-1, p), scores, np.ones(len(scores)))
+
+
+def tail_weights(Z: FloatArray, y: FloatArray) -> FloatArray:
+    """Weights (n,) of Student-t errors, remembered for the same runs."""
+    return _weights_of(np.ascontiguousarray(Z).tobytes(), np.ascontiguousarray(y).tobytes(), Z.shape[1])
 
 
 def student_draws(Z: FloatArray, y: FloatArray, nu: float = 4.0, chains: int = 25) -> tuple[FloatArray, FloatArray]:
@@ -215,28 +230,29 @@ def student_draws(Z: FloatArray, y: FloatArray, nu: float = 4.0, chains: int = 2
 
 
 def fit_box(
-    state: RegionState, model: QuadraticModel, region: Region, X: FloatArray, y: FloatArray, told: Told = NORMAL
+    state: RegionState,
+    model: QuadraticModel,
+    region: Region,
+    X: FloatArray,
+    y: FloatArray,
+    told: Told = NORMAL,
+    least: int = 0,
 ) -> Fitted:
-    """The fit in the box of ``state``, as ``seqrsm`` makes it."""
+    """The fit in the box of ``state``, as ``seqrsm`` makes it; departures are looked for from ``least`` runs on."""
     inside = state.box.contains(X)
     local = state.box.local(X[inside])
-    values, weights = told.link(y[inside])
-    Z = model.matrix(local)
-    if told.student:
-        weights = student_weights(Z, values, weights)
-    for _ in range(2 if told.trials else 0):
-        # Weights by what is expected, not by what was scored: a lucky score would count for less.
-        root = np.sqrt(weights)
-        expected = Z @ np.linalg.lstsq(Z * root[:, None], values * root, rcond=None)[0]
-        weights = told.weight_at_percent(told.back(expected))
+    values, Z = y[inside], model.matrix(local)
+    weights = told.weights(Z, values)
     ids = [tuple(row) for row in np.round(local, 9) + 0.0]
     fit = fit_least_squares(Z, values, model.terms, weights=weights, setting_ids=ids)
     best = optimum(model, region, fit.estimate).point
     row = model.matrix(best[None, :])[0]
-    allowance = departure_allowance(model, region, local, Z, values, best, row, weights)
-    seen = find_discrepancy(model, local, Z, values, weights).evidence
+    allowance, seen = NO_ALLOWANCE, 0.0
+    if len(values) >= least:
+        allowance = departure_allowance(model, region, local, Z, values, best, row, weights)
+        seen = find_discrepancy(model, local, Z, values, weights).evidence
     departure = Departure(seen, evidence_limit(fit.df_residual))
-    weight = told.weight_at(float(row @ fit.estimate))
+    weight = told.weight_at(Z, values, float(row @ fit.estimate))
     return Fitted(told, state.box.outwards(best), best, row, fit, model, weight, allowance, departure)
 
 
@@ -287,7 +303,4 @@ def step(plan: Plan, state: RegionState, X: FloatArray, y: FloatArray, batch: in
     """One look."""
     if not plan.max_runs:
         return state
-    values, weights = told.link(y)
-    if told.student:
-        weights = student_weights(stage(X.shape[1])[0].matrix(X), values, weights)
-    return look(plan, state, X, values, batch, weights)
+    return look(plan, state, X, y, batch, told.weights(stage(X.shape[1])[0].matrix(X), y))

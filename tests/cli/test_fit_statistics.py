@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.campaign.loop import Campaign
@@ -205,6 +206,8 @@ def test_random_blocks(tmp_path: Path) -> None:
         ('block_effect = "random"', "no block to have an effect"),
         ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
         ('errors = "beta_binomial"', "logit scale"),
+        ('errors = "beta_binomial"\nresponse = "logit"\nweights = "counts"', "weights from the counts"),
+        ('weights = "counts"\n[simulator]\nengine = "psm"\nscene = "s.npz"', "without counts"),
         ('terms = "stepwise"', "terms"),
         (
             'response = "logit"\nerrors = "beta_binomial"\n[simulator]\nengine = "psm"\nscene = "s.npz"',
@@ -248,6 +251,43 @@ def test_counts_with_beta_binomial_errors(tmp_path: Path) -> None:
     rows = [{"x": row["x"], "score": 50 + i} for i, row in enumerate(counted())]
     with pytest.raises(FitError, match="no counts"):
         fit(make(tmp_path / "d", X, rows, model, PERCENT))
+
+
+@pytest.mark.filterwarnings("ignore:The Identity link")
+def test_counts_weigh_by_their_binomial_variance(tmp_path: Path) -> None:
+    """Poor shares scatter most: the interval at the optimum is narrower than with one scatter for all."""
+    rng = np.random.default_rng(4)
+    rows = []
+    for i in range(30):
+        a = -1 + 2 * (i % 5) / 4
+        share = 0.97 - 0.45 * (a - 0.2) ** 2
+        rows.append({"x": 5 + 5 * a, "n": 150, "correct": int(rng.binomial(150, share))})
+    equal = fit(make(tmp_path / "e", X, rows, "", PERCENT))
+    found = fit(make(tmp_path / "c", X, rows, '[model]\nweights = "counts"\n', PERCENT))
+    theirs = sm.GLM(
+        [[row["correct"], 150 - row["correct"]] for row in rows],
+        [[1, row["x"] / 5 - 1, (row["x"] / 5 - 1) ** 2] for row in rows],
+        family=sm.families.Binomial(sm.families.links.Identity()),
+    ).fit()
+    share = np.array([row["correct"] / 150 for row in rows])
+    dispersion = float(np.sum(150 * (share - theirs.mu) ** 2 / (theirs.mu * (1 - theirs.mu)))) / 27
+    coded = [term["coded"]["estimate"] for term in found["terms"]]
+    np.testing.assert_allclose(coded, 100.0 * theirs.params, rtol=2e-2, atol=0.1)
+    half = found["optimum"]["prediction"]["half_width"]
+    best = found["optimum"]["mean"] / 100
+    at = found["optimum"]["coded"]["x"]
+    row = np.array([1, at, at**2])
+    se = 100 * np.sqrt(dispersion * (best * (1 - best) / 150 + row @ theirs.cov_params() @ row))
+    assert half == pytest.approx(student.ppf(0.975, 27) * se, rel=0.02)
+    assert half < 0.8 * equal["optimum"]["prediction"]["half_width"]
+    assert any('weights = "counts"' in text for text in equal["warnings"])
+    assert not any('weights = "counts"' in text for text in found["warnings"])
+
+
+def test_counts_that_are_missing(tmp_path: Path) -> None:
+    rows = [{"x": row["x"], "score": 50 + i} for i, row in enumerate(counted())]
+    with pytest.raises(FitError, match="no counts"):
+        fit(make(tmp_path / "d", X, rows, '[model]\nweights = "counts"\n', PERCENT))
 
 
 def test_prior_in_natural_terms(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from seqrsm.campaign.analysis import (
 )
 from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
 from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord, ScoreRecord
+from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import CampaignSpec, SimulatorSpec, load_spec
 from seqrsm.decide.stopping import StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
@@ -196,7 +197,7 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
     return Analysis(
         application=application.name,
         goal=application.goal,
-        response="identity",
+        scale=ResponseScale.of("identity", y),
         score_unit=unit,
         region=region,
         model=model,

@@ -385,7 +385,7 @@ def test_logit_scores_are_drawn_in_percent(simulated):
     analysis = simulated.analyses[0]
     logits = np.log(analysis.data.scores / (100.0 - analysis.data.scores))
     fit = fit_least_squares(analysis.fit.Z, logits, list(analysis.model.terms))
-    drawn = line(dataclasses.replace(analysis, fit=fit, response="logit"), 0)
+    drawn = line(dataclasses.replace(analysis, fit=fit, scale=dataclasses.replace(analysis.scale, kind="logit")), 0)
     assert np.all((drawn.prediction_low > 0.0) & (drawn.prediction_high < 100.0))
     row = analysis.model.matrix(analysis.optimum.point[None, :])
     here = np.argmin(np.abs(drawn.x - analysis.optimum.settings["frequency"]))

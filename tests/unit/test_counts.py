@@ -1,0 +1,100 @@
+"""Scores that are shares of correct decisions: weights, fit and the interval of fresh runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from scipy.optimize import brentq
+from scipy.stats import t as student
+from statsmodels.stats.proportion import proportion_confint
+
+from seqrsm.campaign.response import ResponseScale
+from seqrsm.decide.intervals import counted_confirmation
+from seqrsm.errors import FitError
+from seqrsm.fit.counts import expected_shares, share_variance
+from seqrsm.fit.least_squares import fit_least_squares
+
+
+def cases(seed: int, n: int = 30):
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-1.0, 1.0, n)
+    Z = np.column_stack([np.ones(n), x, x**2])
+    trials = rng.integers(40, 400, n).astype(float)
+    return Z, trials, rng.binomial(trials.astype(int), (Z @ [85.0, 6.0, -40.0]) / 100.0).astype(float)
+
+
+def test_variance_is_the_binomials_and_never_nothing():
+    assert share_variance(np.array([80.0]), 100.0)[0] == pytest.approx(16.0)
+    assert np.all(share_variance(np.array([-5.0, 0.0, 100.0, 130.0]), 50.0) > 0.0)
+    assert share_variance(np.array(100.0), 50.0) == share_variance(np.array(140.0), 50.0)
+
+
+@pytest.mark.filterwarnings("ignore:The Identity link")
+@pytest.mark.parametrize("seed", range(4))
+def test_fit_is_the_binomial_model_with_identity_link(seed):
+    """statsmodels' binomial regression: coefficients, and standard errors times the root of Pearson's dispersion."""
+    Z, trials, correct = cases(seed)
+    percent = 100.0 * correct / trials
+    scale = ResponseScale.of_counts("identity", percent, trials, expected_shares(Z, percent, trials))
+    found = fit_least_squares(Z, scale.values, ["1", "x", "x^2"], weights=scale.weights)
+    link = sm.families.Binomial(sm.families.links.Identity())
+    theirs = sm.GLM(np.column_stack([correct, trials - correct]), Z, family=link).fit()
+    pearson = np.sum(trials * (correct / trials - theirs.mu) ** 2 / (theirs.mu * (1.0 - theirs.mu))) / 27.0
+    np.testing.assert_allclose(found.estimate, 100.0 * theirs.params, rtol=1e-3, atol=1e-2)
+    np.testing.assert_allclose(found.se, 100.0 * np.sqrt(pearson) * theirs.bse, rtol=5e-3)
+    assert found.s**2 / scale.variance_unit == pytest.approx(pearson, rel=5e-3)
+
+
+def test_a_future_run_scatters_as_its_expected_share_says():
+    trials = np.full(6, 100.0)
+    scale = ResponseScale.of_counts("identity", np.full(6, 50.0), trials, np.full(6, 50.0))
+    variance = scale.variance_unit / scale.weight_at(np.array([50.0, 90.0]))
+    np.testing.assert_allclose(variance, [25.0, 9.0])
+
+
+def test_too_few_runs_to_expect_anything_are_shrunk():
+    expected = expected_shares(np.ones((1, 1)), np.array([100.0]), np.array([8.0]))
+    assert expected[0] == pytest.approx(90.0)
+
+
+def test_fresh_runs_solve_the_score_equation():
+    correct, trials = np.array([160.0, 171, 150, 166, 158]), np.full(5, 200.0)
+    found = counted_confirmation(correct, trials, 0.9)
+    share = correct.sum() / trials.sum()
+    phi = np.sum(trials * (correct / trials - share) ** 2) / 4.0 / (share * (1.0 - share))
+    limit = student.ppf(0.95, 4) ** 2 * phi / trials.sum()
+
+    def off(p: float) -> float:
+        return (share - p) ** 2 - limit * p * (1.0 - p)
+
+    assert found.low == pytest.approx(100.0 * brentq(off, 1e-6, share))
+    assert found.high == pytest.approx(100.0 * brentq(off, share, 1.0 - 1e-6))
+    assert found.mean == pytest.approx(100.0 * share)
+
+
+@pytest.mark.parametrize("wrong", [0, 1, 3])
+def test_few_wrong_decisions_leave_at_least_wilsons_interval(wrong):
+    correct = np.array([50.0 - wrong, 50, 50, 50, 50])
+    found = counted_confirmation(correct, np.full(5, 50.0))
+    low, high = proportion_confint(250 - wrong, 250, 0.05, "wilson")
+    assert found.low <= 100.0 * low + 1e-9
+    assert found.high >= 100.0 * high - 1e-9
+    assert found.high <= 100.0
+
+
+@pytest.mark.parametrize(("p", "n"), [(0.6, 200), (0.85, 178), (0.97, 200), (0.995, 100)])
+def test_interval_of_fresh_runs_covers(p, n):
+    """4,000 sets of five: 95 % or more, and not much more where counts are many."""
+    rng = np.random.default_rng(7)
+    sets = rng.binomial(n, p, (4000, 5))
+    found = [counted_confirmation(row, np.full(5, n)) for row in sets]
+    covered = np.mean([one.low <= 100.0 * p <= one.high for one in found])
+    assert covered >= 0.94
+    assert covered <= (0.96 if n * (1.0 - p) > 6 else 0.99)
+
+
+def test_what_are_no_counts_is_refused():
+    for correct, trials in (([5], [5]), ([6, 1], [5, 5]), ([-1, 1], [5, 5]), ([0, 0], [0, 0])):
+        with pytest.raises(FitError, match="no counts"):
+            counted_confirmation(correct, trials)
