@@ -1,0 +1,146 @@
+"""Small rules of a campaign, each with an example worked by hand: which runs to repeat, two looks, intervals, ranks."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from seqrsm.campaign.analyse import analyse
+from seqrsm.campaign.fidelity_watch import to_repeat
+from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.records import LookRecord
+from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.store import Store
+from seqrsm.campaign.store_connection import _cut_off
+from seqrsm.campaign.tradeoff import _rank_correlation
+
+
+def scored(run_id: int, rung: str, bound: float, *, source: str = "simulation", state: str = "scored", **more: float):
+    fidelity = {"rung": rung, "bound": bound, **more}
+    return SimpleNamespace(
+        run_id=run_id, source=source, state=state, scores=(SimpleNamespace(metadata={"fidelity": fidelity}),)
+    )
+
+
+def test_runs_to_repeat() -> None:
+    """Tolerance 2, bounds of F2 found 1.5 times too small: repeated is what passes 2 for that reason alone."""
+    spec = SimpleNamespace(simulator=SimpleNamespace(fidelity="auto", tolerance=2.0))
+    runs = [
+        scored(1, "F2", 1.4),  # 2.1
+        scored(2, "F2", 1.3),  # 1.95
+        scored(3, "F4", 9.0),  # the full simulation, past the tolerance before and after
+        scored(4, "F2", 1.9, widening=1.5),  # planned when this was known
+        scored(5, "F2", 1.9, widening=1.2),  # when only some of it was: 2.375
+        scored(6, "F2", 1.9, source="flight"),
+        scored(7, "F2", 1.9, state="void"),
+    ]
+    assert to_repeat(spec, runs, {"F2": 1.5}) == (1, 5)
+    assert to_repeat(spec, runs, {}) == ()
+    spec.simulator.fidelity = "F2"
+    assert to_repeat(spec, runs, {"F2": 1.5}) == ()
+
+
+@pytest.mark.parametrize("page_size", [512, 4096, 65536])
+def test_bytes_that_a_truncated_file_lacks(tmp_path: Path, page_size: int) -> None:
+    path = tmp_path / "a.db"
+    connection = sqlite3.connect(path)
+    connection.execute(f"PRAGMA page_size = {page_size}")
+    connection.execute("CREATE TABLE t (x)")
+    connection.executemany("INSERT INTO t VALUES (?)", [("y" * 400,)] * 500)
+    connection.commit()
+    connection.close()
+    whole = path.read_bytes()
+    assert _cut_off(path) == 0
+    for lacking in (1, 1000, len(whole) - 200):
+        path.write_bytes(whole[: len(whole) - lacking])
+        assert _cut_off(path) == lacking
+    path.write_bytes(whole[:60])  # within the header of 100 bytes, which alone tells how long the file was
+    assert _cut_off(path) == 40
+
+
+def test_rank_correlation_sees_order_alone() -> None:
+    one = np.array([1.0, 2.0, 3.0, 4.0])
+    assert _rank_correlation(one, np.array([1.0, 10.0, 100.0, 1000.0])) == pytest.approx(1.0)
+    assert _rank_correlation(one, -np.exp(one)) == pytest.approx(-1.0)
+    # Spearman's formula, 1 - 6 sum d^2 / (n (n^2 - 1)), one swap of neighbours: 1 - 12 / 60
+    assert _rank_correlation(one, np.array([2.0, 1.0, 50.0, 60.0])) == pytest.approx(0.8)
+    assert _rank_correlation(one, np.ones(4)) is None
+
+
+SPEC = """\
+[campaign]
+name = "rules"
+seed = 1
+[[factor]]
+name = "x"
+low = -1.0
+high = 1.0
+[[factor]]
+name = "y"
+low = -1.0
+high = 1.0
+[[application]]
+name = "crops"
+utility = "percent_correct"
+[stop]
+half_width = 30.0
+max_runs = 60
+interval = "{interval}"
+"""
+
+
+def saturating(x: float, y: float) -> float:
+    return 60.0 + 25.0 * float(np.tanh(2.5 * (x + y)))
+
+
+def bowl(x: float, y: float) -> float:
+    return 70.0 - 10.0 * ((x - 0.3) ** 2 + (y - 0.4) ** 2)
+
+
+def measured(folder: Path, interval: str, surface: Callable[[float, float], float]):
+    """A campaign of thirty scores of a surface, six of them repeats."""
+    (folder / "campaign.toml").write_text(SPEC.format(interval=interval), encoding="utf-8")
+    rng = np.random.default_rng(4)
+    rows = []
+    for k, (x, y) in enumerate([*rng.uniform(-1.0, 1.0, (24, 2)), *[(0.5, 0.5)] * 6]):
+        score = surface(x, y) + rng.normal()
+        rows.append(f"{x},{y},{score},{k}")
+    path = folder / "scores.csv"
+    path.write_text("x,y,score,note\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    spec = load_spec(folder)
+    with Store.open(folder, create=True, campaign="rules", seed=1) as store:
+        ingest_file(store, spec, path)
+        return spec, store.runs()
+
+
+@pytest.mark.parametrize("interval", ["confidence", "prediction", "prediction_mean"])
+def test_the_rule_watches_the_widening_of_its_own_interval(tmp_path: Path, interval: str) -> None:
+    spec, runs = measured(tmp_path, interval, saturating)
+    found = analyse(spec, spec.applications[0], runs, [])
+    allowed = found.optimum.with_departure
+    assert allowed is not None
+    widening = {
+        name: getattr(allowed, name).half_width / getattr(found.optimum, name).half_width
+        for name in ("confidence", "prediction", "prediction_mean")
+    }
+    assert widening["confidence"] > 1.1 * widening["prediction"]  # or the test could not tell them apart
+    assert allowed.widening == pytest.approx(widening[interval])
+    assert found.decision.half_width == pytest.approx(getattr(allowed, interval).half_width)
+
+
+def test_two_looks_count_for_the_same_region_alone(tmp_path: Path) -> None:
+    spec, runs = measured(tmp_path, "prediction", bowl)
+    here = {"x": [-1.0, 1.0], "y": [-1.0, 1.0]}
+
+    def stops(**summary: object) -> bool:
+        look = LookRecord(1, len(runs) - 4, "crops", summary, "")
+        return analyse(spec, spec.applications[0], runs, [look]).decision.held
+
+    assert stops(conditions_hold=True, region={"ranges": here})
+    assert not stops(conditions_hold=False, region={"ranges": here})
+    assert not stops(conditions_hold=True, region={"ranges": here | {"x": [0.0, 1.0]}})
