@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior
+from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
 
 STUDENT_DF = 4.0
 """Degrees of freedom of Student-t errors, where they are not estimated."""
@@ -93,26 +93,31 @@ def student_draws(
         Degrees of freedom of the errors.
     """
     n, p = Z.shape
+    start = posterior(Z, y, weights, prior)
+    # As seen from the least-squares fit and in its own units: normal equations in u then lose no digits.
+    X, y = Z @ start.factor, y - Z @ start.mean
     given = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0) if isinstance(prior, Flat) else prior
     rank = int(np.linalg.matrix_rank(given.Lambda0, hermitian=True))
-    pull = given.Lambda0 @ given.m0
+    off, Lambda0 = given.m0 - start.mean, start.factor.T @ given.Lambda0 @ start.factor
+    pull, apart = start.factor.T @ (given.Lambda0 @ off), float(off @ given.Lambda0 @ off)
     shape = given.a0 + 0.5 * (n + rank - p)
-    outer = (Z[:, :, None] * Z[:, None, :]).reshape(n, p * p)
-    share = np.repeat((student_weights(Z, y, weights, nu) / weights)[None, :], _CHAINS, axis=0)
+    outer = (X[:, :, None] * X[:, None, :]).reshape(n, p * p)
+    first = student_weights(X, y, weights, nu) / weights
+    share = np.repeat(first[None, :], _CHAINS, axis=0)
     sweeps = max(-(-n_draws // _CHAINS), 25)
     betas, sigmas = np.empty((sweeps, _CHAINS, p)), np.empty((sweeps, _CHAINS))
     for sweep in range(-_WARM_UP, sweeps):
         w = share * weights
-        L = np.linalg.cholesky((w @ outer).reshape(_CHAINS, p, p) + given.Lambda0)
-        half = np.linalg.solve(L, ((w * y) @ Z + pull)[:, :, None])
-        rss = w @ y**2 + float(given.m0 @ pull) - np.sum(half[..., 0] ** 2, axis=1)
+        L = np.linalg.cholesky((w @ outer).reshape(_CHAINS, p, p) + Lambda0)
+        half = np.linalg.solve(L, ((w * y) @ X + pull)[:, :, None])
+        rss = w @ y**2 + apart - np.sum(half[..., 0] ** 2, axis=1)
         sigma = np.sqrt((given.b0 + 0.5 * np.maximum(rss, 1e-300)) / rng.gamma(shape, size=_CHAINS))
         noise = sigma[:, None, None] * rng.standard_normal((_CHAINS, p, 1))
-        beta = np.linalg.solve(np.swapaxes(L, 1, 2), half + noise)[..., 0]
-        square = weights * (y - beta @ Z.T) ** 2 / sigma[:, None] ** 2
+        u = np.linalg.solve(np.swapaxes(L, 1, 2), half + noise)[..., 0]
+        square = weights * (y - u @ X.T) ** 2 / sigma[:, None] ** 2
         share = rng.gamma(0.5 * (nu + 1.0), 2.0 / (nu + square))
         if sweep >= 0:
-            betas[sweep], sigmas[sweep] = beta, sigma
+            betas[sweep], sigmas[sweep] = start.mean + u @ start.factor.T, sigma
     within = np.mean(np.var(betas, axis=0, ddof=1), axis=0)
     between = np.var(np.mean(betas, axis=0), axis=0, ddof=1)
     r_hat = float(np.sqrt(np.max((sweeps - 1.0) / sweeps + between / np.maximum(within, 1e-300))))

@@ -209,3 +209,13 @@ def test_gibbs_draws_leave_a_wild_score_alone() -> None:
     y[4] = 500.0
     found = student_draws(Z, y, np.ones(20), Flat(), 4000, np.random.default_rng(1))
     assert found.beta.mean(axis=0) == pytest.approx([80.0, 3.0], abs=1.0)
+
+
+def test_student_t_draws_do_not_mind_where_the_scores_lie() -> None:
+    """Scores far from zero beside their scatter: the same draws, moved (normal equations would lose all digits)."""
+    rng = np.random.default_rng(7)
+    Z = np.column_stack([np.ones(15), np.linspace(-1, 1, 15), np.linspace(-1, 1, 15) ** 2])
+    y = np.round(Z @ [60.0, 2.0, -3.0] + rng.standard_t(4, size=15), 3)
+    near, far = (student_draws(Z, y + by, np.ones(15), Flat(), 400, np.random.default_rng(1)) for by in (0.0, 1e12))
+    np.testing.assert_allclose(far.beta - [1e12, 0.0, 0.0], near.beta, atol=2e-3)
+    np.testing.assert_allclose(far.sigma, near.sigma, rtol=1e-3)
