@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -13,9 +13,9 @@ from typing import Any
 
 from seqrsm import __version__
 from seqrsm.campaign.records import LookRecord, RunRecord
-from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec, load_spec
+from seqrsm.campaign.spec import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
-from seqrsm.errors import FitError
+from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
 
 
@@ -58,6 +58,31 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     if history:
         result["history"] = [asdict(event) for event in events]
     return result
+
+
+def campaigns_in(folder: Path) -> tuple[Path, ...]:
+    """Campaigns directly in a folder that is none itself, by name; empty otherwise."""
+    if not folder.is_dir() or (folder / SPEC_NAME).exists():
+        return ()
+    return tuple(sorted(path.parent for path in folder.glob(f"*/{SPEC_NAME}")))
+
+
+def overview(folders: Sequence[Path], on_campaign: Callable[[int, int], None]) -> list[dict[str, Any]]:
+    """Where each of several campaigns stands; one that cannot be read does not hide the others.
+
+    Returns
+    -------
+    list of dict
+        As of `campaign_status`, with the ``folder``; ``error`` instead where there is one.
+    """
+    found: list[dict[str, Any]] = []
+    for index, folder in enumerate(folders):
+        on_campaign(index, len(folders))
+        try:
+            found.append({"folder": folder.name, **campaign_status(folder)})
+        except SeqrsmError as error:
+            found.append({"folder": folder.name, "error": str(error)})
+    return found
 
 
 def _remembered_looks(

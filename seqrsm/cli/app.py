@@ -315,11 +315,18 @@ def status(
     history: Annotated[bool, typer.Option("--history", help="Every event, with time, version and seed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Runs by state, optimum and intervals so far, stop or go on and why."""
+    """Runs by state, optimum and intervals so far, stop or go on and why; of a folder of campaigns, a line for each."""
     from seqrsm.campaign.spec import load_spec
-    from seqrsm.campaign.status import campaign_status
-    from seqrsm.cli.show import show_status
+    from seqrsm.campaign.status import campaign_status, campaigns_in, overview
+    from seqrsm.cli.show import show_overview, show_status
 
+    if folders := campaigns_in(folder):
+        if history:
+            raise UserError(Problem("a history is that of one campaign", f"Name one: {folders[0]}", field="--history"))
+        with display("reading", inner=False) as shown:
+            found = overview(folders, partial(shown.count, "reading"))
+        print_json({"campaigns": found}) if as_json else show_overview(found)
+        return
     with display("reading"):
         result = campaign_status(folder, history=history)
     print_json(result) if as_json else show_status(load_spec(folder).factors, result)

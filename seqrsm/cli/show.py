@@ -149,6 +149,30 @@ def _show_application(factors: Sequence[Factor], result: Mapping[str, Any], appl
         line(f"- {reason}", 2)
 
 
+def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
+    """A line for every application of several campaigns."""
+    rows = []
+    for one in found:
+        if "error" in one:
+            continue
+        states, target = one["runs"], f"\u00b1 {one['target_half_width']:g}"
+        waiting = sum(states.get(state, 0) for state in ("proposed", "issued", "running"))
+        counts = [str(states.get("scored", 0)), str(waiting), str(states.get("failed", 0))]
+        for application in one["applications"]:
+            look = application["last_look"]
+            unit = application["unit"]
+            mean = "-" if look is None else f"{_known(look['optimum']['mean'])} {unit}".rstrip()
+            width = "-" if look is None else f"\u00b1 {_known(look['half_width'])}"
+            decision = "-" if look is None else "stop" if look["held"] else "go on"
+            rows.append([one["folder"], *counts, application["name"], mean, width, target, decision])
+    heads = ["campaign", "scored", "waiting", "failed", "application", "optimum", "half-width", "target", "decision"]
+    if rows:
+        show_table(heads, rows, right=1)
+    for one in found:
+        if "error" in one:
+            line(f"{one['folder']}: {one['error']}")
+
+
 def _known(value: float | None) -> str:
     return "-" if value is None else number(value, 3)
 
