@@ -28,7 +28,7 @@ from seqrsm.scattering.emissivity_curves import (
     between_nodes,
     read_curves,
 )
-from seqrsm.scattering.models import reflectivity_fresnel
+from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, read_rows
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
@@ -77,20 +77,27 @@ class GroundModel:
     heating: float
     note: str
 
-    def reflectivity(self, frequency_ghz: float, polarization: str, moisture: float) -> FloatArray:
-        """1 - emissivity on `THETA_DEG`, (91,)."""
+    def reflectivity(self, frequency_ghz: float, polarization: str, moisture: FloatArray) -> FloatArray:
+        """1 - emissivity for each of n moistures on `THETA_DEG`, (n, 91)."""
         if self.ground == "soil":
-            permittivity = complex(permittivity_soil_dobson85(frequency_ghz, moisture))
-        elif self.ground == "water":
-            permittivity = complex(permittivity_water_ulaby14(frequency_ghz, WATER_TEMPERATURE_C))
+            permittivity = permittivity_soil_dobson85(frequency_ghz, moisture[:, None])
         else:
-            permittivity = complex(self.permittivity, 0.15 * self.permittivity)
-        if self.ground == "wet":
-            water = permittivity_water_ulaby14([frequency_ghz, TABLE_FREQUENCY_GHZ], WATER_TEMPERATURE_C)
-            permittivity *= abs(complex(water[0] / water[1]))
+            only = complex(self.permittivity, 0.15 * self.permittivity)
+            if self.ground == "water":
+                only = complex(permittivity_water_ulaby14(frequency_ghz, WATER_TEMPERATURE_C))
+            if self.ground == "wet":
+                water = permittivity_water_ulaby14([frequency_ghz, TABLE_FREQUENCY_GHZ], WATER_TEMPERATURE_C)
+                only *= abs(complex(water[0] / water[1]))
+            permittivity = np.full((len(moisture), 1), only)
         tau = self.tau_20ghz * (frequency_ghz / TABLE_FREQUENCY_GHZ) ** self.tau_exponent
         theta = np.deg2rad(THETA_DEG)
         return 1.0 - emissivity_mo82(permittivity, self.roughness, tau, self.omega, theta, polarization)
+
+
+@lru_cache(maxsize=64)
+def _reference(model: GroundModel) -> FloatArray:
+    """Reflectivity (91,) that a model gives where Table 3 was measured."""
+    return np.asarray(model.reflectivity(TABLE_FREQUENCY_GHZ, "H", np.array([REFERENCE_MOISTURE]))[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,8 +235,8 @@ class EmissivityTable:
         model = self.models[name]
         moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
         at_table = (f, polarization) == (TABLE_FREQUENCY_GHZ, "H")
-        reference = model.reflectivity(TABLE_FREQUENCY_GHZ, "H", REFERENCE_MOISTURE)
-        own = np.array([model.reflectivity(f, polarization, m) for m in moistures])
+        reference = _reference(model)
+        own = model.reflectivity(f, polarization, moistures)
         ratio = own[:, _HELD] / reference[_HELD]
         value = np.clip(1.0 - (1.0 - table) * ratio, 0.0, 1.0)
         if at_table and model.ground != "soil":
@@ -241,7 +248,12 @@ class EmissivityTable:
 
 
 def emissivity_mo82(
-    permittivity: complex, roughness: ArrayLike, tau: ArrayLike, omega: ArrayLike, theta: ArrayLike, polarization: str
+    permittivity: ComplexLike,
+    roughness: ArrayLike,
+    tau: ArrayLike,
+    omega: ArrayLike,
+    theta: ArrayLike,
+    polarization: str,
 ) -> FloatArray:
     """Emissivity of vegetation over rough ground, both at one temperature (tau-omega).
 

@@ -257,6 +257,11 @@ def retrieve(
     return _crossed_fit(_polynomial(brightness, angle), target, cells, tile, keys)
 
 
+def polynomial_terms(n_channels: int) -> int:
+    """Coefficients of the polynomial of `retrieve`."""
+    return 2 + 3 * n_channels
+
+
 def _polynomial(brightness: FloatArray, angle: FloatArray) -> FloatArray:
     """Columns 1, T, T**2, phi**2, T phi**2 of each channel, scaled to the order of one."""
     scaled = (brightness - brightness.mean(axis=0)) / np.maximum(brightness.std(axis=0), 1e-6)

@@ -5,8 +5,8 @@ differ in how much of the image they make and in what of the ground they heed.
 
 ========  ==========================================================================================
 ``F0``    no image: single pixels of ground taken as flat, fading or noise drawn several times
-``F1``    strips of the image, on a data base of wider cells
-``F2``    strips of the image at full resolution; nothing of the ground is left out
+``F1``    strips of a radar's image, on a data base of wider cells
+``F2``    strips of a radar's image at full resolution; single footprints of a radiometer on the ground as it lies
 ``F3``    the whole image, fading or noise drawn several times, so that it is integrated out of the score
 ``F4``    the whole image with one draw of fading, receiver, and everything else
 ========  ==========================================================================================
@@ -35,7 +35,7 @@ RUNGS: Final[tuple[Rung, ...]] = ("F0", "F1", "F2", "F3", "F4")
 MEANINGS: Final[Mapping[str, str]] = {
     "F0": "single pixels of flat ground, no image",
     "F1": "strips of the image on a coarser data base",
-    "F2": "strips of the image at full resolution",
+    "F2": "strips or single footprints of the image at full resolution",
     "F3": "the whole image, fading or noise integrated out",
     "F4": "the whole image with everything drawn once",
 }
@@ -45,10 +45,6 @@ DRAWS: Final = (1, 2, 4)
 
 FULL_DRAWS: Final = 8
 """Most draws where fading is integrated out over the whole image."""
-
-TEACHING: Final = 2.0
-"""A sample also teaches the classifier: its error is larger than that of the pixels it tests by this factor at most
-(Monte Carlo over flat, rolling and steep ground, `tests/statistical/test_fidelity.py`)."""
 
 WORTHWHILE: Final = 0.7
 """A cheaper rung is taken where it is expected to need no more of the full simulation's time than this part."""
@@ -106,6 +102,8 @@ class RungPlan:
         Of fading or noise.
     coarse : int
         Cells of the data base along a side of one cell of the coarser one.
+    points : int
+        That stand for the beam of a radiometer's footprint; 0 where the beam is whole.
     left_out : tuple of str
         Names of the effects it leaves out.
     scatter : float
@@ -122,6 +120,7 @@ class RungPlan:
     rows: int = 0
     draws: int = 1
     coarse: int = 1
+    points: int = 0
     left_out: tuple[str, ...] = ()
     scatter: float = 0.0
     refused: str = ""
@@ -309,6 +308,10 @@ class Ground:
         Part of that variance at most that is due to the draw of fading or noise, 0 to 1.
     scored : float
         Share of the ground that is scored, above 0: the other pixels tell nothing.
+    teaching : float
+        Factor by which the error grows because the sample also teaches, `bounds.teaching_factor`.
+    taught : int
+        Parameters that the sample teaches: few pixels teach worse, a bias of `spread` x this / pixels.
     """
 
     correlation_m: float
@@ -320,12 +323,15 @@ class Ground:
     spread: float
     drawn: float = 1.0
     scored: float = 1.0
+    teaching: float = 1.0
+    taught: int = 0
 
     def sampling_error(self, rows: int, columns: int, draws: int) -> float:
         """Standard error of a score from so many rows and columns of pixels against that of all [score units].
 
         Three parts, of which a pixel's variance is divided between the first and the last: fields that the sample
         gives too much or too little room; pixels on borders, which vary among themselves; and the draws of fading.
+        Few pixels also teach worse: with q parameters by q / n of the error, q half of those of a classifier's classes.
         """
         pixels = rows * columns
         part = pixels / (self.n_rows * self.n_columns)
@@ -338,11 +344,12 @@ class Ground:
         places = max(points - whole, 0.0)
         fading = 1.0 / (pixels * draws)
         own = places + self.drawn * max(fading - places, 0.0)
-        return TEACHING * self.spread * math.sqrt((own + self.mixed * (1.0 - part) / pixels) / self.scored)
+        scatter = math.sqrt((own + self.mixed * (1.0 - part) / pixels) / self.scored)
+        return self.spread * (self.teaching * scatter + self.taught * (1.0 - part) / (pixels * self.scored))
 
     def draw_error(self, pixels: int, draws: int) -> float:
         """Standard error that so many draws of fading on so many pixels leave [score units]."""
-        return TEACHING * self.spread * math.sqrt(self.drawn / (pixels * draws * self.scored))
+        return self.teaching * self.spread * math.sqrt(self.drawn / (pixels * draws * self.scored))
 
 
 def smallest(

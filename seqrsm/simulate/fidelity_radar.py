@@ -321,6 +321,8 @@ class _View:
             spread=50.0,
             drawn=self.drawn(),
             scored=max(self.statistics.scored_fraction, 1e-9),
+            teaching=bounds.teaching_factor(self.kept.tolist()),
+            taught=bounds.taught_by_pixels(int((self.kept > 0.0).sum()), len(self.lookups)),
         )
 
     def drawn(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -13,12 +14,20 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import PYRAMID, SceneStatistics
 from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH
 from seqrsm.simulate import bounds
-from seqrsm.simulate.fidelity import Effect, Ground, Plan, RungPlan, choose, effect, full_draws, smallest
+from seqrsm.simulate.fidelity import Effect, Ground, Plan, Rung, RungPlan, choose, effect, full_draws, smallest
 from seqrsm.simulate.prm import Meeting
 from seqrsm.simulate.prm_sample import BEAM_POINTS
 
-_NS_A_CELL, _NS_A_FOOTPRINT, _NS_A_POINT, _NS_A_RUN = 90.0, 300.0, 40.0, 6e6
+_NS_A_CELL, _NS_A_SWEEP, _NS_A_FOOTPRINT, _NS_A_RUN = 35.0, 9.0, 300.0, 5e6
+_NS_A_POINT, _NS_A_FLAT_POINT, _NS_A_CHANNEL, _NS_A_LABEL, _NS_A_SAMPLE = 30.0, 20.0, 5.0, 1200.0, 6e6
+
+_BEAM_REACH: Final = 2.4
+"""Widths about a footprint in which a border counts: twice those of `bounds.quadrature_error`."""
+
+_SPREAD_ON_BORDERS: Final = 0.25
+"""Standard deviation of the share of a beam beyond a border that passes anywhere within its reach: 0.38 if straight."""
 
 _NO_STRIPS: Final = "beams reach over several lines, so that a strip needs more ground than it scores"
 
@@ -57,25 +66,17 @@ def plan_radiometer(
     view = _View(scene, statistics, radiometer, met, utilities)
     relief = view.relief_effects(tolerance)
     ground = view.ground()
+    rungs: list[RungPlan] = []
     common = "" if pixelwise else "the utility needs the whole image"
     common = common or ("the report's own simulation has no noise" if radiometer.mode == "report" else "")
-    bias = sum(e.bound for e in relief)
-    rows, columns, draws = smallest(ground, tolerance - bias, view.flat_effort, square=True)
-    rungs = [
-        RungPlan(
-            "F0",
-            bias,
-            ground.sampling_error(rows, columns, draws),
-            view.flat_effort(rows, columns, draws),
-            columns,
-            rows,
-            draws,
-            left_out=tuple(e.name for e in relief),
-            refused=common,
-        ),
-        RungPlan("F1", refused=_NO_STRIPS),
-        RungPlan("F2", refused=_NO_STRIPS),
-    ]
+    hidden = view.blocked_effect(tolerance)
+    choices: tuple[tuple[Rung, tuple[Effect, ...]], ...] = (("F0", (hidden, *relief)), ("F2", (hidden,)))
+    for rung, left in choices:
+        found = [view.points_plan(rung, left, ground, tolerance, n) for n in BEAM_POINTS]
+        good = [plan for plan in found if plan.bound <= tolerance]
+        best = min(good, key=lambda plan: plan.effort) if good else min(found, key=lambda plan: plan.bound)
+        rungs.append(replace(best, refused=common))
+    rungs.insert(1, RungPlan("F1", refused=_NO_STRIPS))
     draws = full_draws(ground, tolerance)
     n_all = ground.n_rows * ground.n_columns
     quiet = ground.draw_error(n_all, draws)
@@ -83,7 +84,9 @@ def plan_radiometer(
     rungs.append(
         RungPlan("F4", 0.0, 0.0, view.effort(1), ground.n_columns, ground.n_rows, scatter=ground.draw_error(n_all, 1))
     )
-    return choose(rungs, (*relief, *view.other_effects(tolerance)), tolerance, fidelity, widening)
+    beam = view.points_effect(rungs[2].points, tolerance)
+    effects = (hidden, *relief, beam, *view.other_effects(tolerance))
+    return choose(rungs, effects, tolerance, fidelity, widening)
 
 
 class _View:
@@ -131,20 +134,26 @@ class _View:
 
     def shifted(self, shift_k: FloatArray | float) -> float:
         """Largest change of any score that a shift of each category's brightness makes."""
-        shifts = np.broadcast_to(shift_k, self.kept.shape)
         found = [0.0]
         if PERCENT_CORRECT in self.utilities:
-            pairs = zip(shifts, self.spread_k(), self.kept, strict=True)
-            found.append(100.0 * sum(k * bounds.shift_bound(float(e), float(s)) for e, s, k in pairs if k > 0.0))
+            found.append(self.percent(shift_k))
         if any(name != PERCENT_CORRECT for name in self.utilities):
-            least = self.sensitivity_k()
-            mean = float(shifts @ self.kept)
-            found.append(mean / least if least > 0.0 else math.inf)
+            found.append(self.moisture(shift_k))
         return max(found)
 
-    def relief_effects(self, tolerance: float) -> tuple[Effect, ...]:
-        """What F0 leaves out."""
-        slope, top = self.slope_of_curves(), self.statistics.high_m - self.statistics.low_m
+    def percent(self, shift_k: FloatArray | float) -> float:
+        """Percent of footprints at most that a shift of each category's brightness moves into another class."""
+        pairs = zip(np.broadcast_to(shift_k, self.kept.shape), self.spread_k(), self.kept, strict=True)
+        return 100.0 * math.fsum(float(k) * bounds.shift_bound(float(e), float(s)) for e, s, k in pairs if k > 0.0)
+
+    def moisture(self, shift_k: FloatArray | float) -> float:
+        """Percent of moisture that a shift of each category's brightness looks like."""
+        least = self.sensitivity_k()
+        return float(np.broadcast_to(shift_k, self.kept.shape) @ self.kept) / least if least > 0.0 else math.inf
+
+    def blocked_effect(self, tolerance: float) -> Effect:
+        """What F0 and F2 leave out: ground that hides other ground."""
+        top = self.statistics.high_m - self.statistics.low_m
         grazing = (self.met.frame.height_m - top) / max(float(np.abs(self.met.frame.across_m).max()), 1.0)
         seen = self.step <= grazing
         share = 0.0
@@ -152,21 +161,63 @@ class _View:
             rare = min(2.0 * (self.across[0] / grazing) ** 2, 1.0) if grazing > 0.0 else 1.0
             share = 100.0 * max(bounds.smith_shadow(self.across[0], self.edge), rare)
         text = f"steps up to {self.step:.3g}, rays descend by {grazing:.3g}"
-        found = [effect("blocked ground", share, tolerance, text, proven=seen)]
-        width = self.radiometer.resolution_m
-        level = max(i for i, size in enumerate(PYRAMID) if i == 0 or size * self.scene.cell_m <= width)
-        tilt = math.degrees(math.hypot(self.across[level], self.along[level])) * slope
-        text = f"rms slope {self.across[level]:.3g} over a footprint: {float(tilt @ self.kept):.2g} K"
-        found.append(effect("local incidence", self.shifted(tilt), tolerance, text))
+        return effect("blocked ground", share, tolerance, text, proven=seen)
+
+    def relief_effects(self, tolerance: float) -> tuple[Effect, ...]:
+        """What F0 leaves out besides."""
+        slope, top = self.slope_of_curves(), self.statistics.high_m - self.statistics.low_m
+        tilt = self.tilt_k(self.radiometer.resolution_m)
+        text = f"rms slope over a footprint: {float(tilt @ self.kept):.2g} K"
+        found = [effect("local incidence", self.shifted(tilt), tolerance, text)]
         lift = math.degrees(0.5 * top / self.met.frame.height_m * math.sin(self.edge) * math.cos(self.edge)) * slope
         text = f"{top:.0f} m of relief: {float(lift @ self.kept):.2g} K"
         found.append(effect("angle of raised ground", self.shifted(lift), tolerance, text))
-        contrast = self.contrast_k()
-        points = contrast / (BEAM_POINTS * math.sqrt(12.0))
-        mixed = bounds.mixed_share(self.statistics.boundary_density_1_m, width, width)
-        text = f"{BEAM_POINTS} points a side, {contrast:.2g} K between covers, {100 * mixed:.0f} % mixed footprints"
-        found.append(effect("beam by points", mixed * self.shifted(points), tolerance, text))
         return tuple(found)
+
+    def tilt_k(self, width_m: float) -> FloatArray:
+        """What the slopes of ground averaged over a width change of each category's brightness [K]."""
+        level = max(i for i, size in enumerate(PYRAMID) if i == 0 or size * self.scene.cell_m <= width_m)
+        return math.degrees(math.hypot(self.across[level], self.along[level])) * self.slope_of_curves()
+
+    def points_effect(self, points: int, tolerance: float) -> Effect:
+        """What few points for a beam cost.
+
+        A footprint on a border of two covers is spread over the difference of the two by the borders' places, at least
+        `_SPREAD_ON_BORDERS` of it, while its points err by `bounds.quadrature_error` of it: of the difference itself
+        the bound does not know. Fields of one cover and slopes err as pure ground does.
+        """
+        width = self.radiometer.resolution_m
+        mixed = bounds.mixed_share(self.statistics.boundary_density_1_m, width, width)
+        part = bounds.quadrature_error(points)
+        lines = _BEAM_REACH * width * self.statistics.field_boundary_density_1_m
+        fields = (
+            part * np.sqrt(2.0 * lines) * self.warm_k * np.min([look.field_sd for look in self.met.lookups], axis=0)
+        )
+        # Only what the slopes vary by within a footprint is seen by few points.
+        tilt = np.sqrt(np.maximum(self.tilt_k(0.0) ** 2 - self.tilt_k(width) ** 2, 0.0) / points)
+        pure = np.hypot(fields, tilt)
+        found = [0.0]
+        if PERCENT_CORRECT in self.utilities:
+            found.append(100.0 * mixed * bounds.shift_bound(part, _SPREAD_ON_BORDERS) + self.percent(pure))
+        if any(name != PERCENT_CORRECT for name in self.utilities):
+            found.append(self.moisture(np.hypot(pure, math.sqrt(2.0 * mixed) * part * self.contrast_k())))
+        text = f"{points} points stand for the beam, {100 * mixed:.0f} % mixed footprints"
+        return effect("beam by points", max(found), tolerance, text)
+
+    def points_plan(
+        self, rung: Rung, left: Sequence[Effect], ground: Ground, tolerance: float, points: int
+    ) -> RungPlan:
+        """F0 or F2 with so many points for a beam."""
+        left = (*left, self.points_effect(points, tolerance))
+        bias = sum(e.bound for e in left)
+
+        def effort(rows: int, columns: int, draws: int) -> float:
+            return self.points_effort(rows * columns, draws, points, relief=rung != "F0")
+
+        rows, columns, draws = smallest(ground, tolerance - bias, effort, square=True)
+        sampling, time = ground.sampling_error(rows, columns, draws), effort(rows, columns, draws)
+        names = tuple(e.name for e in left if e.verdict != "exact")
+        return RungPlan(rung, bias, sampling, time, columns, rows, draws, points=points, left_out=names)
 
     def contrast_k(self) -> float:
         """Standard deviation of brightness among the covers [K]."""
@@ -195,6 +246,15 @@ class _View:
         found.append(effect("double precision", 0.0, tolerance, text, proven=True))
         return tuple(found)
 
+    def taught(self) -> int:
+        """Parameters that a sample teaches: of the retrieval's polynomial, or half of those of the classes."""
+        d, found = len(self.met.lookups), 0
+        if PERCENT_CORRECT in self.utilities:
+            found = bounds.taught_by_pixels(int((self.kept > 0.0).sum()), d, covariates=1)
+        if any(name != PERCENT_CORRECT for name in self.utilities):
+            found = max(found, 2 + 3 * d)
+        return found
+
     def ground(self) -> Ground:
         """Extent and correlation, for the sampling error."""
         scan, frame = self.met.scan, self.met.frame
@@ -214,16 +274,20 @@ class _View:
             spread=spread,
             drawn=1.0 if self.radiometer.nedt_k(self.warm_k) > 0.0 else 0.0,
             scored=max(self.statistics.scored_fraction, 1e-9),
+            teaching=bounds.teaching_factor(self.kept.tolist()),
+            taught=self.taught(),
         )
 
     def effort(self, draws: int) -> float:
         """Estimated time of the whole image [s]."""
-        ground = self.met.scan
-        footprints = len(ground.look_rad) * ground.n_lines * draws
+        scan = self.met.scan
+        footprints = len(scan.look_rad) * scan.n_lines * draws
+        reach_m = (len(scan.along) - 1) / BEAM_STEPS_A_WIDTH * self.radiometer.resolution_m
+        sweeps = min(reach_m / scan.sweep_advance_m, scan.n_sweeps)
         cells = self.met.frame.elevation_m.size
-        return 1e-9 * (_NS_A_RUN + cells * _NS_A_CELL + footprints * _NS_A_FOOTPRINT)
+        return 1e-9 * (_NS_A_RUN + cells * (_NS_A_CELL + sweeps * _NS_A_SWEEP) + footprints * _NS_A_FOOTPRINT)
 
-    def flat_effort(self, rows: int, columns: int, draws: int) -> float:
-        """Estimated time of flat footprints [s]."""
-        each = BEAM_POINTS**2 * _NS_A_POINT * len(self.met.lookups) + draws * _NS_A_FOOTPRINT
-        return 1e-9 * (_NS_A_RUN + rows * columns * each)
+    def points_effort(self, footprints: int, draws: int, points: int, *, relief: bool) -> float:
+        """Estimated time of single footprints [s]."""
+        point = (_NS_A_POINT if relief else _NS_A_FLAT_POINT) + _NS_A_CHANNEL * len(self.met.lookups)
+        return 1e-9 * (_NS_A_SAMPLE + footprints * (points * point + _NS_A_LABEL + draws * _NS_A_FOOTPRINT))

@@ -170,6 +170,154 @@ def emit_cells(
 
 
 @kernel
+def see_points(
+    z: AnyArray,
+    cover: AnyArray,
+    none: int,
+    height: float,
+    cell: float,
+    relief: bool,
+    place: AnyArray,
+    along: AnyArray,
+    rows: AnyArray,
+    columns: AnyArray,
+    seen: AnyArray,
+) -> None:
+    """Cell that is seen in each direction; ground at the height z of the flat place is seen there from y (1 - z / h).
+
+    Parameters
+    ----------
+    z : float array (n, m)
+        Elevation above the datum [m].
+    cover : uint8 array (n, m)
+    none : int
+        Number of categories: `cover` from there on is none.
+    height, cell : float
+        Antenna above the datum; side of a cell [m].
+    relief : bool
+        False takes the ground as flat.
+    place : float64 array (a,)
+        Distance from nadir at which flat ground would be seen [m].
+    along : float64 array (a, b)
+        Distance from the beginning [m].
+    rows, columns : int64 array (a, b)
+        Written: held at the edges.
+    seen : bool array (a, b)
+        Written: whether the direction meets the data base, on a known category.
+    """
+    n, m = z.shape
+    middle = 0.5 * n
+    for i in range(along.shape[0]):
+        flat = math.floor(place[i] / cell + middle)
+        inside = 0 <= flat < n
+        flat = min(max(flat, 0), n - 1)
+        for j in range(along.shape[1]):
+            c = math.floor(along[i, j] / cell)
+            known = inside and 0 <= c < m
+            c = min(max(c, 0), m - 1)
+            r = flat
+            if relief:
+                r = math.floor(place[i] * (1.0 - z[flat, c] / height) / cell + middle)
+                r = min(max(r, 0), n - 1)
+            rows[i, j], columns[i, j] = r, c
+            seen[i, j] = known and cover[r, c] < none
+
+
+@kernel
+def emit_points(
+    z: AnyArray,
+    rows: AnyArray,
+    columns: AnyArray,
+    seen: AnyArray,
+    cover: AnyArray,
+    field: AnyArray,
+    surface: AnyArray,
+    geometry: AnyArray,
+    height: float,
+    cell: float,
+    relief: bool,
+    lut: AnyArray,
+    sky: AnyArray,
+    place: AnyArray,
+    field_offset: AnyArray,
+    out: AnyArray,
+) -> None:
+    """`emit_cells` for single cells, each seen at the angle of flat ground of its row; nothing blocks another.
+
+    Parameters
+    ----------
+    z : float array (n, m)
+        Elevation of the whole frame [m].
+    rows, columns, seen
+        Of `see_points`, (a, b).
+    cover : uint8 array (a, b)
+    field : int32 array (a, b)
+    surface : float array (a, b)
+        Of those cells.
+    geometry : float64 array (a, 5)
+        As in `emit_cells`, for each row of points.
+    relief : bool
+        False takes the ground as flat.
+    height, cell, lut, sky, place, field_offset
+        As in `emit_cells`.
+    out : float array (n_channels, a, b)
+        Written [K]; 0 where nothing is seen.
+    """
+    n, m = z.shape
+    b = rows.shape[1]
+    n_channels, n_categories, n_moistures, width = lut.shape
+    none = np.uint8(n_categories)
+    number = z.dtype.type
+    tables = lut.reshape(n_channels, n_categories * n_moistures * width)
+    level = np.zeros(b, dtype=z.dtype)
+    above = np.zeros(b, dtype=z.dtype)
+    below = np.zeros(b, dtype=z.dtype)
+    slope_x = np.zeros(b, dtype=z.dtype)
+    lit = np.empty(b, dtype=z.dtype)
+    where = np.empty(b, dtype=z.dtype)
+    part = np.empty(b, dtype=z.dtype)
+    wetter = np.empty(b, dtype=z.dtype)
+    index = np.empty(b, dtype=np.uint32)
+    e = np.empty(b, dtype=z.dtype)
+    fetched = np.empty(b, dtype=lut.dtype)
+    pairs = fetched.view(z.dtype)
+    reflected = np.empty(b, dtype=z.dtype)
+    state = np.empty(b, dtype=np.uint8)
+    per_two = number(0.5 / cell)
+    two = number(2.0)
+    for i in range(rows.shape[0]):
+        for j in range(b):
+            lit[j] = number(1.0) if seen[i, j] else number(0.0)
+        for j in range(b if relief else 0):
+            r, c = rows[i, j], columns[i, j]
+            up, down = max(r - 1, 0), min(r + 1, n - 1)
+            left, right = max(c - 1, 0), min(c + 1, m - 1)
+            # At an edge the difference spans one cell.
+            above[j] = z[up, c]
+            below[j] = z[down, c] if down - up == 2 else z[up, c] + two * (z[down, c] - z[up, c])
+            step = z[r, right] - z[r, left]
+            slope_x[j] = step * (per_two if right - left == 2 else two * per_two)
+        _look_row(above, level, below, slope_x, geometry[i, 0], geometry[i, 2] * 0.5 / cell, height, width - 2,
+                  where, lit)  # fmt: skip
+        _state_row(lit, cover[i], none, state)
+        for j in range(b):
+            seen[i, j] = state[j] == 0
+        _index_row(where, cover[i], none, width * n_moistures, index, part)
+        if n_moistures > 1:
+            _moisture_row(field[i], place, width, index, wetter)
+        for c in range(n_channels):
+            if n_moistures > 1:
+                _moist_row(tables[c], index, part, wetter, width, fetched, pairs, e)
+            else:
+                _dry_row(tables[c], index, part, fetched, pairs, e)
+            if field_offset.shape[1] > 0:
+                _field_row(field[i], field_offset[c], e)
+            if c == 0:
+                _sky_row(where, sky, 0.5 / (width - 2) ** 2, reflected)
+            _radiate_row(e, reflected, surface[i], geometry[i, 3], geometry[i, 4], state, out[c, i])
+
+
+@kernel
 def _block_row(here: AnyArray, descent: float, height: float, ray: AnyArray, lit: AnyArray) -> None:
     """Advance the height of the highest line of sight by one row; `lit` is 1 where the ground rises to it, else 0."""
     number = here.dtype.type

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,6 +37,11 @@ from seqrsm.simulate.prm_occasion import (
 from seqrsm.simulate.receiver import film_density, greytone
 
 Precision = Literal["float32", "float64"]
+
+_CHEBYSHEV_NODES = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
+_CHEBYSHEV = np.linalg.pinv(np.polynomial.chebyshev.chebvander(_CHEBYSHEV_NODES, 9))
+
+_LOOKS = 129
 
 LUT_STEPS = 1024
 """Steps of the tables of emissivity and sky in sin(theta/2): 0.06 to 0.11 deg each."""
@@ -235,24 +240,9 @@ def radiation_map(
     """
     dtype = frame.elevation_m.dtype
     n, m = frame.elevation_m.shape
-    look = np.arctan2(np.abs(frame.across_m), frame.height_m)
-    towards_nadir = np.abs(frame.across_m) - frame.cell_m
-    geometry = np.empty((n, 5))
-    geometry[:, 0] = np.abs(frame.across_m)
-    # Ground within a cell of nadir blocks nothing behind it.
-    geometry[:, 1] = np.where(
-        towards_nadir > 0.25 * frame.cell_m, frame.cell_m / np.maximum(towards_nadir, 0.25 * frame.cell_m), 0.0
-    )
-    geometry[:, 2] = np.where(frame.across_m >= 0.0, 1.0, -1.0)
-    geometry[:, 3] = air.upwelling_k(look, frame.height_m)
-    geometry[:, 4] = air.transmission(look, frame.height_m)
-    theta = _lut_angles()
-    lut = _emissivity_lut(lookups, occasion, theta)
-    place = (occasion.field_moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
-    place = np.clip(place, 0.0, len(MOISTURE_NODES) - 1.0 - 1e-6)
+    geometry = row_geometry(frame.across_m, frame, air)
     antenna = np.empty((len(lookups), n, m), dtype=dtype)
     state = np.empty((n, m), dtype=np.uint8)
-    departure = occasion.field_offset if occasion.field_offset.any() else occasion.field_offset[:, :0]
     kernels_prm.emit_cells(
         frame.elevation_m,
         frame.cover,
@@ -261,10 +251,7 @@ def radiation_map(
         geometry,
         frame.height_m,
         frame.cell_m,
-        _pairs(lut.astype(dtype)),
-        _sky_polynomial(air),
-        place.astype(dtype),
-        departure.astype(dtype),
+        *emission_tables(lookups, air, occasion, dtype),
         antenna,
         state,
     )
@@ -274,6 +261,42 @@ def radiation_map(
         offset = np.empty((n, m), dtype=dtype)
         kernels_prm.displace_cells(frame.elevation_m, frame.across_m, frame.height_m, frame.cell_m, offset)
     return RadiationMap(antenna, offset, state, planck_offset_k)
+
+
+def row_geometry(
+    across_m: FloatArray, frame: RadiometerFrame, air: Atmosphere, *, scattered: bool = False
+) -> FloatArray:
+    """Geometry (n, 5) of rows at distances from nadir, as `kernels_prm.emit_cells` takes it.
+
+    ``scattered``: many directions; the air's radiation is taken between some of them, to 0.1 mK.
+    """
+    look = np.arctan2(np.abs(across_m), frame.height_m)
+    towards_nadir = np.abs(across_m) - frame.cell_m
+    geometry = np.empty((len(across_m), 5))
+    geometry[:, 0] = np.abs(across_m)
+    # Ground within a cell of nadir blocks nothing behind it.
+    geometry[:, 1] = np.where(
+        towards_nadir > 0.25 * frame.cell_m, frame.cell_m / np.maximum(towards_nadir, 0.25 * frame.cell_m), 0.0
+    )
+    geometry[:, 2] = np.where(across_m >= 0.0, 1.0, -1.0)
+    if scattered:
+        known = np.linspace(0.0, float(look.max()), _LOOKS)
+        geometry[:, 3] = np.interp(look, known, air.upwelling_k(known, frame.height_m))
+    else:
+        geometry[:, 3] = air.upwelling_k(look, frame.height_m)
+    geometry[:, 4] = air.transmission(look, frame.height_m)
+    return geometry
+
+
+def emission_tables(
+    lookups: Sequence[EmissivityLookup], air: Atmosphere, occasion: RadiometerOccasion, dtype: Any
+) -> tuple[AnyArray, FloatArray, AnyArray, AnyArray]:
+    """Tables of emissivity and sky, moisture and departure of each field, as `kernels_prm.emit_cells` takes them."""
+    lut = _emissivity_lut(lookups, occasion, _lut_angles())
+    place = (occasion.field_moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
+    place = np.clip(place, 0.0, len(MOISTURE_NODES) - 1.0 - 1e-6)
+    departure = occasion.field_offset if occasion.field_offset.any() else occasion.field_offset[:, :0]
+    return _pairs(lut.astype(dtype)), _sky_polynomial(air), place.astype(dtype), departure.astype(dtype)
 
 
 def _lut_angles() -> FloatArray:
@@ -288,10 +311,10 @@ def _sky_polynomial(air: Atmosphere) -> FloatArray:
     It follows the layers to 1 mK in clear air.
     """
     most = math.sin(0.5 * math.radians(75.0)) ** 2
-    t = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
+    t = _CHEBYSHEV_NODES
     value = air.sky_k(2.0 * np.arcsin(np.sqrt(0.5 * most * (t + 1.0))))
     # About its own mean, so that a sky of one temperature keeps it to the last digit.
-    fitted = np.polynomial.chebyshev.chebfit(t, value - value[0], 9)
+    fitted = _CHEBYSHEV @ (value - value[0])
     power = np.polynomial.chebyshev.cheb2poly(fitted)
     return np.concatenate([[most], power + np.eye(10)[0] * value[0]])
 

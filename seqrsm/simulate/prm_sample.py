@@ -1,35 +1,39 @@
 """Some footprints of a radiometer's image without the image: the cheaper rungs of the fidelity ladder.
 
-Rung F0 takes single footprints of flat ground, the beam as equally weighted points; F3 the whole image. Both draw the
-same occasion as the full image of that run; the receiver's noise is drawn as often as asked for. There are no strips:
-beams reach over several lines to either side, so that a strip would need more ground than it scores.
+Rungs F0 and F2 take single footprints, the beam of each as equally weighted points: F0 of flat ground, F2 of the ground
+as it lies, each cell where the antenna sees it. F3 is the whole image. All draw the same occasion as the full image of
+that run; the receiver's noise is drawn as often as asked for. There are no strips: beams reach over several lines to
+either side, so that a strip would need more ground than it scores.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from itertools import pairwise
+from typing import Any, Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.rng import generator
+from seqrsm.scattering.atmosphere import radiation_equivalent_k
 from seqrsm.scattering.emissivity import EmissivityTable
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH
 from seqrsm.simulate import kernels_prm
 from seqrsm.simulate.fidelity import RungPlan
-from seqrsm.simulate.prm import Meeting, radiation_map, simulate_radiometer
+from seqrsm.simulate.prm import Meeting, emission_tables, row_geometry, simulate_radiometer
 from seqrsm.simulate.prm_frame import RadiometerFrame, surface_temperature_k
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.sample import Sample, places
 
-BEAM_POINTS = 8
-"""Points of equal weight along each axis of the beam."""
+BEAM_POINTS: Final = (21, 34, 55, 89, 144, 233, 377)
+"""Points of equal weight that may stand for a beam: Fibonacci's numbers."""
 
-_MOST_CELLS = 8
+_LEAST_CELLS = 4
+"""Along the shortest side of the ground that a footprint stands for."""
 
 
 def radiometer_sample(
@@ -43,8 +47,8 @@ def radiometer_sample(
     run_id: int,
 ) -> Sample:
     """The footprints that a rung below the top looks at."""
-    if rung.rung == "F0":
-        return _flat_sample(scene, radiometer, met, rung, seed, run_id)
+    if rung.rung != "F3":
+        return _point_sample(scene, radiometer, met, rung, seed, run_id)
     image = simulate_radiometer(scene, radiometer, table, seed=seed, run_id=run_id)
     return _whole(scene, image, met, rung.draws, seed, run_id)
 
@@ -91,53 +95,46 @@ def _grid(met: Meeting, sample: IntArray, line: FloatArray | IntArray) -> dict[s
     }
 
 
-def _gathered(frame: RadiometerFrame, at: tuple[AnyArray, AnyArray], across_m: FloatArray) -> RadiometerFrame:
-    """Cells of a frame as a frame of their own."""
-    return RadiometerFrame(
-        np.ascontiguousarray(frame.elevation_m[at]),
-        np.ascontiguousarray(frame.cover[at]),
-        np.ascontiguousarray(frame.field[at]),
-        across_m,
-        frame.height_m,
-        frame.cell_m,
-        frame.quarter_turns,
-    )
-
-
-def _flat_sample(
+def _point_sample(
     scene: Scene, radiometer: RadiometerConfiguration, met: Meeting, rung: RungPlan, seed: int, run_id: int
 ) -> Sample:
-    """Single footprints of flat ground."""
+    """Footprints where some lines cross some directions of the sweep, the beam of each as points of equal weight."""
     frame, scan = met.frame, met.scan
-    start = generator(seed, run_id, "strips").random(2)
+    relief = rung.rung != "F0"
+    draw = generator(seed, run_id, "strips")
+    start = draw.random(2)
     line = places(scan.n_lines, rung.columns, float(start[0]))
     sample = places(len(scan.look_rad), rung.rows, float(start[1]))
     look = scan.look_rad[sample]
-    n_s, n_l, n_p = len(sample), len(line), BEAM_POINTS
-    row = _cells(scan.height_m * np.tan(look[:, None] + scan.beamwidth_rad * _quantiles(scan.across)), frame, 0)
-    widths = radiometer.resolution_m / np.cos(look)
-    centre = (line + 0.5) * scan.advance_m
-    column = _cells(centre[None, :, None] + widths[:, None, None] * _quantiles(scan.along), frame, 1)
-    at = (
-        np.broadcast_to(row[:, :, None, None], (n_s, n_p, n_l, n_p)).reshape(n_s * n_p, n_l * n_p),
-        np.broadcast_to(column[:, None], (n_s, n_p, n_l, n_p)).reshape(n_s * n_p, n_l * n_p),
-    )
-    gathered = _gathered(frame, at, frame.across_m[row.ravel()])
-    ground_k = surface_temperature_k(scene, gathered, radiometer, met.lookups[0], met.occasion, at=at)
-    flat = replace(gathered, elevation_m=np.zeros_like(gathered.elevation_m))
-    mapped = radiation_map(flat, radiometer, met.lookups, met.air, ground_k, met.occasion, met.planck_k)
-    seen = ((mapped.state & kernels_prm.NO_DATA) == 0).reshape(n_s, n_p, n_l, n_p)
-    sums = (mapped.antenna_k.reshape(-1, n_s, n_p, n_l, n_p) * seen).sum(axis=(2, 4), dtype=np.float64)
-    points = seen.sum(axis=(1, 3))
+    n_s, n_l, n_p = len(sample), len(line), rung.points
+    u, v = (lattice(n_p)[:, None] + draw.random((2, n_s))[:, :, None]) % 1.0
+    angle = look[:, None] + scan.beamwidth_rad * _quantiles(scan.across, u)
+    point_m = np.asarray(frame.height_m * np.tan(np.clip(angle, -1.5, 1.5)).ravel(), dtype=np.float64)
+    # A line is the mean of its sweeps: each takes its part of the points.
+    sweep = np.minimum(line * scan.sweeps_a_line + np.arange(n_p)[:, None] % scan.sweeps_a_line, scan.n_sweeps - 1)
+    part = np.clip(0.5 + 0.5 * angle / scan.half_angle_rad, 0.0, 1.0)[:, :, None]
+    along = scan.sweep_advance_m * (sweep + np.where(sweep % 2 == 0, part, 1.0 - part))
+    along += (radiometer.resolution_m / np.cos(angle) * _quantiles(scan.along, v))[:, :, None]
+    at, seen = _seen(frame, met, point_m, along.reshape(n_s * n_p, n_l), relief=relief)
+    antenna = _radiation(scene, radiometer, met, point_m, at, seen, relief=relief)
+    sums = antenna.reshape(-1, n_s, n_p, n_l).sum(axis=2, dtype=np.float64)
+    points = seen.reshape(n_s, n_p, n_l).sum(axis=1)
     mean = np.where(points > 0, sums / np.maximum(points, 1), np.nan)
     if met.planck_k > 0.0:
         mean = met.planck_k / np.log1p(met.planck_k / mean)
-    rows, inside_rows = _boxed(
-        scan.height_m * np.tan(look), scan.height_m * scan.step_rad / np.cos(look) ** 2, frame, 0
-    )
-    columns, inside_columns = _boxed(centre, np.full(n_l, scan.advance_m), frame, 1)
-    inside = inside_rows.ravel()[:, None] & inside_columns.ravel()[None, :]
-    own = np.ix_(rows.ravel(), columns.ravel())
+    # An element's nearest line is the one of which it lies within the way flown, wherever the sweep is.
+    # The outermost footprints stand for what the sweep sees beyond them, too.
+    half, past = 0.5 * scan.step_rad, scan.half_angle_rad + 0.5 * scan.beamwidth_rad
+    left = np.where(sample == 0, np.minimum(look - half, -past), look - half)
+    right = np.where(sample == len(scan.look_rad) - 1, np.maximum(look + half, past), look + half)
+    low, high = (frame.height_m * np.tan(np.clip(edge, -1.5, 1.5)) for edge in (left, right))
+    phase = draw.random(2)
+    rows, inside_rows = _boxed(low, high, frame, 0, float(phase[0]))
+    columns, inside_columns = _boxed(line * scan.advance_m, (line + 1) * scan.advance_m, frame, 1, float(phase[1]))
+    row_m = np.asarray((rows.ravel() + 0.5 - 0.5 * len(frame.elevation_m)) * frame.cell_m, dtype=np.float64)
+    column_m = np.broadcast_to((columns.ravel() + 0.5) * frame.cell_m, (rows.size, columns.size))
+    own, known = _seen(frame, met, row_m, column_m, relief=relief)
+    inside = inside_rows.ravel()[:, None] & inside_columns.ravel()[None, :] & known
     number = np.repeat(np.arange(n_s), rows.shape[1])[:, None] * n_l + np.repeat(np.arange(n_l), columns.shape[1])
     return Sample(
         values=_noisy(mean, radiometer, rung.draws, seed, run_id),
@@ -154,30 +151,88 @@ def _flat_sample(
     )
 
 
-def _quantiles(integral: FloatArray) -> FloatArray:
-    """Middles of equal parts of a beam's weight [beamwidths]."""
+def _seen(
+    frame: RadiometerFrame, met: Meeting, place_m: AnyArray, along_m: AnyArray, *, relief: bool
+) -> tuple[tuple[AnyArray, AnyArray], BoolArray]:
+    """Cell that is seen in each direction (a, b), and whether there is any."""
+    rows, columns = np.empty(along_m.shape, dtype=np.intp), np.empty(along_m.shape, dtype=np.intp)
+    seen = np.empty(along_m.shape, dtype=np.bool_)
+    kernels_prm.see_points(
+        frame.elevation_m,
+        frame.cover,
+        len(met.lookups[0].categories),
+        frame.height_m,
+        frame.cell_m,
+        relief,
+        place_m,
+        np.ascontiguousarray(along_m),
+        rows,
+        columns,
+        seen,
+    )
+    return (rows, columns), seen
+
+
+def _radiation(
+    scene: Scene,
+    radiometer: RadiometerConfiguration,
+    met: Meeting,
+    place_m: FloatArray,
+    at: tuple[AnyArray, AnyArray],
+    seen: BoolArray,
+    *,
+    relief: bool,
+) -> AnyArray:
+    """Antenna temperature (n_channels, a, b) that single cells give [K]; `seen` loses those that face away."""
+    frame = met.frame
+    gathered = replace(frame, elevation_m=frame.elevation_m[at], cover=frame.cover[at], field=frame.field[at])
+    ground_k = surface_temperature_k(scene, gathered, radiometer, met.lookups[0], met.occasion, at=at)
+    if met.planck_k > 0.0:
+        ground_k = radiation_equivalent_k(ground_k, met.planck_k).astype(ground_k.dtype)
+    out = np.empty((len(met.lookups), *seen.shape), dtype=ground_k.dtype)
+    kernels_prm.emit_points(
+        frame.elevation_m,
+        *at,
+        seen,
+        gathered.cover,
+        gathered.field,
+        ground_k,
+        row_geometry(place_m, frame, met.air, scattered=True),
+        frame.height_m,
+        frame.cell_m,
+        relief,
+        *emission_tables(met.lookups, met.air, met.occasion, ground_k.dtype),
+        out,
+    )
+    return out
+
+
+def lattice(n: int) -> FloatArray:
+    """Fibonacci's lattice (2, n) of the unit square, n one of `BEAM_POINTS`; shifted at random it is unbiased."""
+    before = {b: a for a, b in pairwise((13, *BEAM_POINTS))}
+    k = np.arange(n)
+    return np.stack([k / n, k * before[n] % n / n])
+
+
+def _quantiles(integral: FloatArray, share: FloatArray) -> FloatArray:
+    """Where a beam's running integral reaches a share [beamwidths]."""
     reach = 0.5 * (len(integral) - 1) / BEAM_STEPS_A_WIDTH
-    u = np.linspace(-reach, reach, len(integral))
-    return np.interp((np.arange(BEAM_POINTS) + 0.5) / BEAM_POINTS, integral, u)
+    return np.interp(share, integral, np.linspace(-reach, reach, len(integral)))
 
 
-def _cells(place_m: FloatArray, frame: RadiometerFrame, axis: int) -> IntArray:
-    """Number of the cell at a distance from nadir (axis 0) or from the beginning (axis 1), held at the edges."""
+def _boxed(
+    low_m: AnyArray, high_m: AnyArray, frame: RadiometerFrame, axis: int, phase: float
+) -> tuple[IntArray, BoolArray]:
+    """Cells whose middle lies nearest to each footprint: of all or of every so many-th, so that each counts alike."""
     size = frame.elevation_m.shape[axis]
     middle = 0.5 * size if axis == 0 else 0.0
-    return np.clip(np.floor(place_m / frame.cell_m + middle).astype(np.int64), 0, size - 1)
-
-
-def _boxed(centre_m: AnyArray, size_m: AnyArray, frame: RadiometerFrame, axis: int) -> tuple[IntArray, BoolArray]:
-    """Cells whose middle lies nearest to each footprint, thinned out where they are many."""
-    size = frame.elevation_m.shape[axis]
-    middle = 0.5 * size if axis == 0 else 0.0
-    low = (centre_m - 0.5 * size_m) / frame.cell_m + middle
-    long = size_m / frame.cell_m
-    step = max(math.ceil(float(long.max()) / _MOST_CELLS), 1)
-    count = math.ceil(float(long.max()) / step) + 1
-    cell = np.ceil(low - 0.5).astype(np.int64)[:, None] + step * np.arange(count)
-    inside = (cell >= 0) & (cell < size) & (cell + 0.5 < (low + long)[:, None])
+    low, high = low_m / frame.cell_m + middle, high_m / frame.cell_m + middle
+    step = max(math.floor(float((high - low).min()) / _LEAST_CELLS), 1)
+    start = math.floor(phase * step)
+    count = math.ceil(float((high - low).max()) / step) + 1
+    first = start + step * np.ceil((low - 0.5 - start) / step).astype(np.int64)
+    cell = first[:, None] + step * np.arange(count)
+    inside = (cell >= 0) & (cell < size) & (cell + 0.5 < high[:, None])
     return np.clip(cell, 0, size - 1), inside
 
 

@@ -11,6 +11,7 @@ import pytest
 from seqrsm.campaign.engines import ENGINES, Demand
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.simulate.bounds import teaching_factor
 from seqrsm.simulate.fidelity import RUNGS
 from seqrsm.simulate.psm_sample import meet, radar_strips
 
@@ -169,9 +170,12 @@ def radiometer() -> object:
     return ENGINES["prm"].configure({"frequency": 18.0, "polarization": "H+V", "resolution": 150.0}, fixed)
 
 
-@pytest.mark.parametrize("rung", ["F0", "F3"])
-def test_radiometer_rungs_err_by_no_more_than_their_bound(rung: str) -> None:
-    scene = ground("flat", ("Water", "Trees", "Grass", "Bareground"), 30.0)
+LAND = ("Water", "Trees", "Grass", "Bareground")
+
+
+@pytest.mark.parametrize(("kind", "rung"), [("flat", "F0"), ("flat", "F3"), ("rolling", "F2")])
+def test_radiometer_rungs_err_by_no_more_than_their_bound(kind: str, rung: str) -> None:
+    scene = ground(kind, LAND, 30.0)
     true, _ = scores(scene, radiometer(), "F4", 3.0, "prm")
     cheap, made = scores(scene, radiometer(), rung, 3.0, "prm")
     difference = cheap - true
@@ -179,6 +183,49 @@ def test_radiometer_rungs_err_by_no_more_than_their_bound(rung: str) -> None:
     assert abs(difference.mean()) <= made.bias + 0.5 * made.sampling + 3.0 * error
     assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, 1.0)
     assert cheap.std(ddof=1) > 0.5 * true.std(ddof=1)
+
+
+@pytest.mark.parametrize("rung", ["F0", "F2"])
+def test_a_retrieval_taught_by_few_footprints_keeps_to_its_bound(rung: str) -> None:
+    """Few footprints teach a worse polynomial: without its part in score and bound the bias was half a tolerance."""
+    scene = ground("flat", ("Bareground", "Grass"), 30.0)
+    fixed = {"bandwidth": 100.0, "noise_temperature": 500.0, "scan_period": 2.5, "altitude_m": 6000.0}
+    fixed |= {"speed_m_s": 80.0, "integration_time": 8.0}
+    own = ENGINES["prm"]
+    sensor = own.configure({"frequency": 4.0, "polarization": "H+V", "resolution": 400.0}, fixed)
+    difference, pixels = [], 0
+    for run in RUNS:
+        chosen, make = own.plan(scene, sensor, own.table(""), SEED, run, ("retrieval_error",), Demand(0.7, rung))
+        image = own.simulate(scene, sensor, own.table(""), SEED, run)
+        true = own.utilities["retrieval_error"](image, scene, seed=SEED, run_id=run).value
+        sample = make(chosen.chosen)
+        pixels = sample.values.shape[2]
+        difference.append(own.sampled["retrieval_error"](sample, scene, seed=SEED, run_id=run).value - true)
+    made, error = chosen.chosen, np.std(difference, ddof=1) / np.sqrt(len(difference))
+    assert pixels < 0.5 * chosen.of("F4").rows * chosen.of("F4").columns
+    assert made.bound <= 0.7
+    assert abs(np.mean(difference)) <= 0.25 * made.bound + 3.0 * error
+    assert np.sqrt(np.mean(np.square(difference))) <= made.bound
+
+
+@pytest.mark.parametrize(
+    ("shares", "low", "high"), [((1 / 6,) * 6, 1.1, 1.2), ((0.25,) * 4, 1.0, 1.1), ((0.005, 0.3, 0.695), 1.5, 1.7)]
+)
+def test_rare_classes_teach_worst(shares: tuple[float, ...], low: float, high: float) -> None:
+    assert low < teaching_factor(shares) < high
+
+
+def test_a_rare_class_makes_a_sample_err_more_and_stays_within_the_bound() -> None:
+    """One class on a hundredth of the ground: the same number of pixels errs more than with equal shares."""
+    scene = ground("flat")
+    cover = scene.cover.copy()
+    # Four in five of the fields of one class become another.
+    cover[(cover == 1) & (scene.field_id % 20 != 0)] = 0
+    rare = replace(scene, cover=cover)
+    assert 0.0 < (cover == 1).mean() < 0.03
+    true = scores(rare, radar(), "F4", 1.0)[0]
+    cheap, made = scores(rare, radar(), "F2", 4.0)
+    assert np.sqrt(np.mean((cheap - true) ** 2)) <= 1.3 * made.bound
 
 
 def test_a_scene_with_little_to_score_is_seen_whole() -> None:
