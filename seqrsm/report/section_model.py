@@ -36,7 +36,7 @@ from seqrsm.report.rounding import (
 from seqrsm.report.section_study import largest_vif, term_blocks
 from seqrsm.report.study_text import profile_text
 from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import listing, readable, readable_term, readable_text, slug, with_unit
+from seqrsm.report.wording import capital, listing, readable, readable_term, readable_text, slug, with_unit
 
 MODEL_EQUATION = Equation(
     "y = beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2 + epsilon,"
@@ -113,7 +113,7 @@ def _is_part(analysis: Analysis) -> bool:
 
 
 def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].rstrip(".")
+    return capital(text.rstrip("."))
 
 
 def _model_text(analysis: Analysis) -> str:
@@ -368,7 +368,7 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
         if np.isfinite(study.normal.correlation):
             found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
         text = profile_text(study)
-        found.append(text[:1].upper() + text[1:])
+        found.append(capital(text))
         far = "an extrapolation: further from the runs than any run" if study.extrapolated else "no extrapolation"
         found.append(f"The recommended settings are {far}.")
         known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}

@@ -39,7 +39,7 @@ from seqrsm.report.images import (
 from seqrsm.report.literature import system_of
 from seqrsm.report.phrases import whole_cell
 from seqrsm.report.rounding import format_plain, format_plus_minus
-from seqrsm.report.wording import format_settings, format_value, listing, readable, slug, with_unit
+from seqrsm.report.wording import capital, format_settings, format_value, listing, readable, slug, with_unit
 
 LIMITS = (
     "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
@@ -177,7 +177,7 @@ def _metres(metres: float) -> str:
 
 def _sentence(text: str) -> str:
     text = text.strip()
-    return _ended(text[:1].upper() + text[1:])
+    return _ended(capital(text))
 
 
 def _ended(text: str) -> str:

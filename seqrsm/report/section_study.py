@@ -38,7 +38,7 @@ from seqrsm.report.study_text import (
     searched_text,
 )
 from seqrsm.report.surfaces import MAX_PAIRS, chosen_pairs
-from seqrsm.report.wording import axis_label, readable, readable_term, slug
+from seqrsm.report.wording import axis_label, capital, readable, readable_term, slug
 
 
 def searched_blocks(analysis: Analysis) -> list[Block]:
@@ -51,7 +51,7 @@ def searched_blocks(analysis: Analysis) -> list[Block]:
     if not rows:
         return [Paragraph(f"Intervals that allow for the search: {text[:1].lower()}{text[1:]}", "note")]
     columns = (Column("Interval"), Column("From, to"), Column("Half-width", analysis.score_unit, "right"))
-    cells = tuple((Cell(name[:1].upper() + name[1:]), Cell(ends), Cell(half)) for name, ends, half in rows)
+    cells = tuple((Cell(capital(name)), Cell(ends), Cell(half)) for name, ends, half in rows)
     return [Paragraph(text), Table(columns, cells, f"Intervals after the search, {level_phrase(analysis)}")]
 
 
@@ -67,16 +67,12 @@ def location_section(analysis: Analysis, key: str) -> Section | None:
         (Cell(axis_label(factor)), *(Cell(location_text(region, j)) for region in study.locations))
         for j, factor in enumerate(analysis.region.factors)
     )
-    columns = (Column("Factor"), *(Column(_capital(LOCATION_METHODS[region.method])) for region in study.locations))
+    columns = (Column("Factor"), *(Column(capital(LOCATION_METHODS[region.method])) for region in study.locations))
     caption = location_caption(analysis, study.locations)
     found: list[Block] = [Table(columns, rows, f"Where the optimum may lie, {level_phrase(analysis)}. {caption}")]
     found += _location_figure(analysis, study.locations)
     found += _paths(analysis, study)
     return Section(f"{key}-location", "Place of the optimum", tuple(found))
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _location_figure(analysis: Analysis, regions: Sequence[LocationRegion]) -> list[Block]:
@@ -170,7 +166,7 @@ def _choice_blocks(analysis: Analysis, found: TermChoice) -> tuple[Block, ...]:
     columns = (Column("Term"), Column("Probability", align="right"), Column("Before the scores", align="right"))
     text = (
         f"Probability that each term belongs to the model, over hierarchical models with Zellner's g prior. "
-        f"{_capital(averaged_text(found, readable_term))} Averaged over models, the score at the recommended settings "
+        f"{capital(averaged_text(found, readable_term))} Averaged over models, the score at the recommended settings "
         f"is {score_text(analysis, found.mean)}, {level_phrase(analysis)} credible interval "
         f"{interval_text(analysis, found.confidence)}, of one future run {interval_text(analysis, found.prediction)}: "
         "these intervals hold the doubt about the terms, which those of one model leave out."

@@ -10,6 +10,7 @@ from seqrsm.campaign.findings import BlockResponse, BlockStudy, PathPoint, Searc
 from seqrsm.fit.location import LocationRegion
 from seqrsm.report.phrases import half_width_text, interval_text, level_phrase, score_text
 from seqrsm.report.rounding import format_percent, format_significant
+from seqrsm.report.wording import capital
 
 LOCATION_METHODS = {
     "scheffe": "confidence region",
@@ -110,7 +111,7 @@ def block_text(found: BlockStudy) -> str:
         f"maximum likelihood, on the scale of the fit); credible interval of their ratio {ratio}. A run in a new block "
         "brings that block's effect."
     )
-    return f"{text} {found.note[:1].upper()}{found.note[1:]}." if found.note else text
+    return f"{text} {capital(found.note)}." if found.note else text
 
 
 def path_rows(analysis: Analysis, path: Sequence[PathPoint]) -> list[list[str]]:

@@ -11,6 +11,11 @@ from seqrsm.report.rounding import decimals_for, format_number, format_plain
 from seqrsm.units import PARAMETER_UNITS
 
 
+def capital(text: str) -> str:
+    """Begin a text with a capital letter, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
 def readable(name: str) -> str:
     """Return a factor's name without underscores."""
     return name.replace("_", " ")

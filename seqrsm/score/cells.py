@@ -151,6 +151,10 @@ class CellReader:
         for factor in self.factors:
             if factor.name not in self.columns:
                 self.add("there is no column for this factor", _rename_hint(factor, free), line, factor.name)
+        self.missing_application(line)
+
+    def missing_application(self, line: int) -> None:
+        """The column that tells one application from another."""
         if len(self.measures) > 1 and "application" not in self.columns:
             names = ", ".join(self.measures)
             self.add("the campaign has several applications", f"Add a column with: {names}.", line, "application")

@@ -99,9 +99,7 @@ class _Reader(CellReader):
         for factor in self.factors:
             if given and factor.name not in given:
                 self.add("there is no column for this factor", "Give the settings of all factors or none.", line)
-        if len(self.measures) > 1 and "application" not in self.columns:
-            names = ", ".join(self.measures)
-            self.add("the campaign has several applications", f"Add a column with: {names}.", line, "application")
+        self.missing_application(line)
 
     def rankings(self) -> tuple[MeasuredRanking, ...]:
         self.header()
