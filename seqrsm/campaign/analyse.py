@@ -145,7 +145,7 @@ def analyse(
         region_history=region_history(spec, fitted.state),
         sources=compare_sources(fitted, best.point, spec.stop.level),
         dropped=fitted.dropped,
-        study=study_fit(spec, fitted, best.point, stationary, draws) if thorough else None,
+        study=study_fit(spec, fitted, estimate, stationary, draws) if thorough else None,
     )
 
 

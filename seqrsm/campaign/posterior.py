@@ -291,13 +291,30 @@ def future_scores(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatAr
         trials = max(round(draws.counts.trials), 1)
         counted: FloatArray = np.mean(100.0 * rng.binomial(trials, success) / trials, axis=1)
         return counted
-    if draws.sigma_block is not None:
-        here = here + draws.sigma_block * rng.standard_normal(len(here))
-    noise = rng.standard_normal(size) if spec.model.errors == "normal" else rng.standard_t(STUDENT_DF, size)
-    scale = fitted.scale
-    spread = (draws.sigma / np.sqrt(scale.weight_at(here)))[:, None]
-    future: FloatArray = np.mean(scale.to_score(here[:, None] + spread * noise), axis=1)
+    future: FloatArray = np.mean(fitted.scale.to_score(here[:, None] + _noise(spec, fitted, draws, here, size, rng)), 1)
     return future
+
+
+def future_noise(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArray, replicates: int) -> FloatArray:
+    """Draws (m,) of what the mean of future runs adds to the mean response, on the scale of the fit; not of counts."""
+    here = draws.terms @ row
+    rng = generator(spec.seed, fitted.n_scored, "future noise")
+    return np.asarray(np.mean(_noise(spec, fitted, draws, here, (len(here), replicates), rng), axis=1))
+
+
+def _noise(
+    spec: CampaignSpec,
+    fitted: Fitted,
+    draws: Draws,
+    here: FloatArray,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+) -> FloatArray:
+    """What blocks and single runs (m, replicates) add to the mean response ``here`` (m,)."""
+    block = 0.0 if draws.sigma_block is None else draws.sigma_block * rng.standard_normal(len(here))
+    noise = rng.standard_normal(size) if spec.model.errors == "normal" else rng.standard_t(STUDENT_DF, size)
+    spread = draws.sigma / np.sqrt(fitted.scale.weight_at(here + block))
+    return np.asarray(np.broadcast_to(block, here.shape)[:, None] + spread[:, None] * noise)
 
 
 def summarise_posterior(

@@ -5,9 +5,12 @@ Each part is made for the model it is right for; a sentence stands for what cann
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.campaign.analysis import OptimumEstimate
 from seqrsm.campaign.findings import (
     BlockResponse,
     BlockStudy,
@@ -18,7 +21,7 @@ from seqrsm.campaign.findings import (
 )
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.interval import Interval
-from seqrsm.campaign.posterior import Draws
+from seqrsm.campaign.posterior import Draws, future_noise
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.surface import block_labels, random_blocks
 from seqrsm.design.quadratic import QuadraticModel
@@ -28,7 +31,7 @@ from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal
-from seqrsm.fit.optimum_interval import searched_interval
+from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
 from seqrsm.fit.profile import PowerProfile, box_cox_profile, logit_profile
 from seqrsm.fit.residuals import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.ridge import steepest_path
@@ -42,7 +45,7 @@ _SETS = 2000  # posterior draws in the simulation set
 
 
 def study_fit(
-    spec: CampaignSpec, fitted: Fitted, point: FloatArray, stationary: StationaryPoint | None, draws: Draws
+    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, stationary: StationaryPoint | None, draws: Draws
 ) -> Study:
     """Everything beyond the fit.
 
@@ -50,16 +53,17 @@ def study_fit(
     ----------
     spec : CampaignSpec
     fitted : Fitted
-    point : ndarray (k,)
-        Recommended settings, coded in the fitted region.
+    estimate : OptimumEstimate
+        Recommended settings and the intervals there.
     stationary : StationaryPoint or None
     draws : Draws
         Of the posterior.
     """
-    fit, row = fitted.fit, fitted.model.matrix(point[None, :])
+    fit, point = fitted.fit, estimate.point
+    row = fitted.model.matrix(point[None, :])
     locations, no_location = _locations(spec, fitted, point, stationary, draws)
     return Study(
-        searched=_searched(spec, fitted),
+        searched=_searched(spec, fitted, estimate, draws),
         locations=locations,
         no_location=no_location,
         terms=_terms(spec, fitted, point),
@@ -89,10 +93,11 @@ def _in_scores(fitted: Fitted, ends: tuple[float, float]) -> Interval:
     return Interval(float(low), float(high))
 
 
-def _searched(spec: CampaignSpec, fitted: Fitted) -> SearchedOptimum | str:
-    reason = _plain(spec, fitted, "the bootstrap of the search")
-    if reason:
-        return reason
+def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws) -> SearchedOptimum | str:
+    if draws.counts is not None:
+        return "the bootstrap of the search is not for counts with beta_binomial errors"
+    if _plain(spec, fitted, ""):
+        return _searched_from_draws(spec, fitted, estimate, draws)
     goal: Goal = fitted.application.goal
     weight = float(fitted.scale.weight_at(np.array([_best_value(fitted, goal)]))[0])
     try:
@@ -118,6 +123,38 @@ def _searched(spec: CampaignSpec, fitted: Fitted) -> SearchedOptimum | str:
         prediction=_in_scores(fitted, one.prediction),
         prediction_mean=_in_scores(fitted, several.prediction),
     )
+
+
+def _searched_from_draws(
+    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws
+) -> SearchedOptimum | str:
+    goal, row = fitted.application.goal, fitted.model.matrix(estimate.point[None, :])[0]
+    some = replace(
+        draws,
+        terms=draws.terms[:_SETS],
+        sigma=draws.sigma[:_SETS],
+        sigma_block=None if draws.sigma_block is None else draws.sigma_block[:_SETS],
+    )
+    if not float(np.max(np.std(some.terms, axis=0))) > 0.0:
+        return "no interval at the optimum: there is no estimate of error"
+    noise = [future_noise(spec, fitted, some, row, m) for m in (1, spec.stop.replicates)]
+    optimism, found = searched_from_draws(
+        fitted.model,
+        fitted.region,
+        fitted.beta,
+        some.terms,
+        [np.zeros(len(some.terms)), *noise],
+        goal,
+        level=spec.stop.level,
+    )
+    plain = (estimate.confidence, estimate.prediction, estimate.prediction_mean)
+    both = [
+        Interval(min(one.low, searched.low), max(one.high, searched.high))
+        for one, searched in zip(plain, (_in_scores(fitted, ends) for ends in found), strict=True)
+    ]
+    best = _best_value(fitted, goal)
+    ends = fitted.scale.to_score(np.array([best, best - optimism]))
+    return SearchedOptimum(float(ends[0] - ends[1]), *both)
 
 
 def _best_value(fitted: Fitted, goal: Goal) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -31,7 +30,7 @@ from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.fit.selection import average_models
 
 LEVEL = 0.95
-COMPARED = "the t interval, to compare"
+COMPARED = "without the search, to compare"
 DRAWS = 2000
 """Of a posterior: the quantiles of fewer are too near to the middle (of 400, 95 % becomes 94.5 %)."""
 
@@ -430,14 +429,3 @@ def f_tests(sets: int) -> Iterator[Row]:
             "residual degrees of freedom" if last else "",
             np.mean(wrong < 0.05) if last else float("nan"),
         )
-
-
-STUDIES: dict[str, dict[str, Study]] = {
-    "settings fixed beforehand": {"all": fixed_settings},
-    "random blocks": {"all": random_day},
-    "at the fitted optimum": {f"k = {k}": partial(at_the_optimum, k=k) for k in (2, 3, 4)},
-    "place of the optimum": {f"k = {k}": partial(location, k=k) for k in (2, 3)},
-    "models and scales": {"averages": averages, "powers": scales},
-    "F tests": {"all": f_tests},
-}
-"""Studies and their parts; an interrupted study goes on with the part it was in."""

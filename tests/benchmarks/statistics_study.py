@@ -25,15 +25,28 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parents[1] / "statistical"))
 sys.path.insert(0, str(Path(__file__).parent))
 import sbc_samplers
-import statistics_cases
+import statistics_cases as cases
+import statistics_models
 from lack_of_fit_cases import DEPARTURES, rates
-from statistics_cases import Row
+from statistics_cases import Row, Study
 
 from seqrsm.errors import ConvergenceError
 
 LACK = "decision on lack of fit"
 SBC = "calibration of posteriors"
-STUDIES = (*statistics_cases.STUDIES, LACK, SBC)
+COVERAGE: dict[str, dict[str, Study]] = {
+    "settings fixed beforehand": {"all": cases.fixed_settings},
+    "random blocks": {"all": cases.random_day},
+    "at the fitted optimum": {f"k = {k}": partial(cases.at_the_optimum, k=k) for k in (2, 3, 4)},
+    "at the fitted optimum, other errors, days and sources": {
+        name: partial(statistics_models.at_the_optimum, name=name) for name in statistics_models.CASES
+    },
+    "place of the optimum": {f"k = {k}": partial(cases.location, k=k) for k in (2, 3)},
+    "models and scales": {"averages": cases.averages, "powers": cases.scales},
+    "F tests": {"all": cases.f_tests},
+}
+"""Studies and their parts; an interrupted study goes on with the part it was in."""
+STUDIES = (*COVERAGE, LACK, SBC)
 BINS = 20
 
 
@@ -82,7 +95,7 @@ def parts(study: str, sets: int, sbc: int) -> dict[str, tuple[int, Callable[[], 
         return {name: (sbc, partial(calibration, sbc, name)) for name in sbc_samplers.STUDIES}
     return {
         name: (sets, lambda make=make: [dataclasses.asdict(row) for row in make(sets)])
-        for name, make in statistics_cases.STUDIES[study].items()
+        for name, make in COVERAGE[study].items()
     }
 
 
@@ -128,7 +141,7 @@ def joined(found: dict) -> dict:
 def write(out: Path, results: dict) -> None:
     from statistics_pages import coverage_picture, page, rank_picture
 
-    rows = {name: [Row(**row) for row in results[name]["rows"]] for name in statistics_cases.STUDIES if name in results}
+    rows = {name: [Row(**row) for row in results[name]["rows"]] for name in COVERAGE if name in results}
     if rows:
         coverage_picture(out / "coverage.png", rows)
     if SBC in results:

@@ -399,6 +399,27 @@ def test_bounds_of_effects_with_other_errors_sources_and_blocks(tmp_path: Path) 
             assert not any("effect" in warning for warning in analysis.warnings)
 
 
+def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Path) -> None:
+    flat = [{**row, "score": round(60 + (row["score"] - 60) / 8, 5)} for row in quadratic(30)]
+    cases = {
+        "student": ({}, '[model]\nerrors = "student_t"\n'),
+        "logit": ({}, '[model]\nerrors = "student_t"\nresponse = "logit"\n'),
+        "days": ({"block": [f"d{i % 5}" for i in range(30)]}, '[model]\nblock = "block"\nblock_effect = "random"\n'),
+        "flights": ({"source": ["simulation", "flight", "simulation"] * 10}, '[model]\nregion = "fixed"\n'),
+    }
+    for name, (more, model) in cases.items():
+        rows = [{**row, **{key: values[i] for key, values in more.items()}} for i, row in enumerate(flat)]
+        found = fit(make(tmp_path / name, X + FREQUENCY, rows, model, PERCENT))
+        best, searched = found["optimum"], found["searched"]
+        assert searched["optimism"] > 0.0, name
+        for kind in ("confidence", "prediction", "prediction_mean"):
+            assert searched[kind]["low"] <= best[kind]["low"], (name, kind)
+            assert searched[kind]["high"] >= best[kind]["high"], (name, kind)
+        assert searched["confidence"]["half_width"] < searched["prediction_mean"]["half_width"]
+        assert searched["prediction_mean"]["half_width"] < searched["prediction"]["half_width"]
+        assert [region["method"] for region in found["location"]] == ["simulation set"]
+
+
 def test_contradicted_bounds_of_effects(tmp_path: Path) -> None:
     rows = [{"x": row["x"], "score": row["score"]} for row in weak_slope(14, 3.0, 2)]
     folder = make(tmp_path / "c", X, rows, LINE, MEASURED + EFFECT.format("-inf, 0.0"))
