@@ -50,7 +50,7 @@ def shift_bound(rms_shift: float, spread: float) -> float:
     return min(1.0, _STEEPEST * math.log(math.hypot(spread, rms_shift) / spread))
 
 
-def quadrature_error(points: int) -> float:
+def quadrature_error(points: float) -> float:
     """Root-mean-square error of the share of a beam beyond a straight border, from so many points of equal weight.
 
     Fibonacci's lattice, shifted at random, in the quantiles of the beam: 0.3 n**-0.75 for borders in all directions

@@ -15,14 +15,14 @@ from seqrsm.scene.statistics import PYRAMID, SceneStatistics
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import bounds
-from seqrsm.simulate.fidelity import RUNGS, Effect, Ground, Plan, RungPlan, choose, effect, full_draws, smallest
+from seqrsm.simulate.fidelity import RUNGS, Effect, Ground, Plan, Rung, RungPlan, choose, effect, full_draws, smallest
 from seqrsm.simulate.frame import make_frame
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
 
-COARSE: Final = 2
-"""Cells of the data base along a side of a cell of the coarser one."""
+_SPREAD_ON_BORDERS: Final = 0.25
+"""Least standard deviation of a border's share of a pixel over the places where it may lie; 0.29 if straight."""
 
 _NS_A_CELL, _NS_A_PIXEL, _NS_A_CLASS, _NS_A_RUN = 4.5, 40.0, 45.0, 3e6
 _LEAST_SHARE: Final = 0.001
@@ -86,29 +86,15 @@ def plan_radar(
             refused=flat,
         )
     )
-    coarse = view.coarse_effect(tolerance)
-    for rung, left, factor in (("F1", (coarse,), COARSE), ("F2", (), 1)):
-        bias = min(sum(e.bound for e in left), 100.0)
-
-        def effort(r: int, c: int, d: int, factor: int = factor) -> float:
-            return view.effort(c / ground.n_columns, r * c, d, factor)
-
-        rows, columns, draws = smallest(ground, tolerance - bias, effort, square=False)
-        whole = columns >= ground.n_columns
-        rungs.append(
-            RungPlan(
-                "F1" if rung == "F1" else "F2",
-                bias,
-                ground.sampling_error(rows, columns, draws),
-                effort(rows, columns, draws),
-                columns,
-                rows,
-                draws,
-                factor,
-                left_out=tuple(e.name for e in left) + (() if whole else ("ground between the strips",)),
-                refused=common or (view.coarse_refusal() if rung == "F1" else ""),
-            )
-        )
+    coarser = [view.strips_plan("F1", ground, tolerance, factor, common) for factor in PYRAMID[1:]]
+    usable = [plan for plan in coarser if not plan.refused]
+    within = [plan for plan in usable if plan.bound <= tolerance]
+    if within:
+        rungs.append(min(within, key=lambda plan: plan.effort))
+    else:
+        rungs.append(min(usable or coarser[:1], key=lambda plan: plan.bound))
+    rungs.append(view.strips_plan("F2", ground, tolerance, 1, common))
+    coarse = view.coarse_effect(rungs[1].coarse, tolerance)
     draws = full_draws(ground, tolerance)
     integrated = ground.draw_error(n_all, draws)
     whole_effort = view.effort(1.0, n_all, draws, 1)
@@ -237,26 +223,55 @@ class _View:
         effects.append(effect("own range and angle of raised ground", self.shifted(own), tolerance, text))
         return tuple(effects)
 
-    def coarse_effect(self, tolerance: float) -> Effect:
-        """What F1 leaves out."""
-        level = PYRAMID.index(COARSE)
+    def strips_plan(self, rung: Rung, ground: Ground, tolerance: float, factor: int, refused: str) -> RungPlan:
+        """F1 or F2: strips of the image, on cells so many times wider."""
+        left = () if factor == 1 else (self.coarse_effect(factor, tolerance),)
+        bias = min(sum(e.bound for e in left), 100.0)
+
+        def effort(r: int, c: int, d: int) -> float:
+            return self.effort(c / ground.n_columns, r * c, d, factor)
+
+        rows, columns, draws = smallest(ground, tolerance - bias, effort, square=False)
+        names = tuple(e.name for e in left) + (("ground between the strips",) if columns < ground.n_columns else ())
+        return RungPlan(
+            rung,
+            bias,
+            ground.sampling_error(rows, columns, draws),
+            effort(rows, columns, draws),
+            columns,
+            rows,
+            draws,
+            factor,
+            left_out=names,
+            refused=refused or (self.coarse_refusal(factor) if factor > 1 else ""),
+        )
+
+    def coarse_effect(self, factor: int, tolerance: float) -> Effect:
+        """What F1 leaves out.
+
+        Of the borders in a pixel only every so many-th cell tells: an error of their place, beside the spread of the
+        places themselves, so that the difference of the categories does not matter.
+        """
+        level = PYRAMID.index(factor)
         lost = [max(rms[0] ** 2 - rms[level] ** 2, 0.0) for rms in (self.across, self.along)]
         cot = 1.0 / math.tan(float(self.theta[0]))
         shift = np.array([bounds.aggregation_shift_db(float(g), cot, *lost) for g in self.slope_of_curves()])
         shadows = [bounds.smith_shadow(self.across[k], float(self.theta[1])) for k in (0, level)]
-        mixed = 100.0 * self.mixed() * min(0.5 * COARSE * self.cell_m / self.radar.pixel_spacing_m, 1.0)
+        cells = max((self.radar.pixel_spacing_m / (factor * self.cell_m)) ** 2, 1.0)
+        place = bounds.quadrature_error(cells)
+        mixed = 100.0 * self.mixed() * bounds.shift_bound(place, _SPREAD_ON_BORDERS)
         bound = self.shifted(shift) + 100.0 * abs(shadows[0] - shadows[1]) + mixed
         text = (
-            f"{COARSE} x {COARSE} cells: {float(shift @ self.kept):.2g} dB of slope, {mixed:.2g} % for the borders of "
-            "fields in a pixel"
+            f"{factor} x {factor} cells as one: {float(shift @ self.kept):.2g} dB of slope, {mixed:.2g} % for the "
+            f"borders in a pixel of {cells:.3g} such cells"
         )
-        return effect("detail below two cells", bound, tolerance, text)
+        return effect("detail below some cells", bound, tolerance, text)
 
-    def coarse_refusal(self) -> str:
+    def coarse_refusal(self, factor: int) -> str:
         """Why the coarser data base cannot be used."""
-        if COARSE * self.cell_m > 0.5 * self.radar.pixel_spacing_m:
-            return "a pixel would hold fewer than 2 x 2 cells of the coarser data base"
-        if min(self.scene.shape) < 8 * COARSE:
+        if factor * self.cell_m > 0.5 * self.radar.pixel_spacing_m:
+            return f"a pixel would hold fewer than 2 x 2 cells of a data base {factor} times coarser"
+        if min(self.scene.shape) < 8 * factor:
             return "the data base is too small"
         if self.radar.texture_db > 0.0:
             return "texture within fields is drawn on the data base's own cells"

@@ -70,6 +70,27 @@ def test_a_rung_errs_by_no_more_than_its_bound(kind: str, rung: str) -> None:
     assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, 0.6)
 
 
+@pytest.mark.parametrize("kind", ["flat", "rolling"])
+def test_wider_cells_err_by_no_more_than_their_bound(kind: str) -> None:
+    sensor = radar(40.0)
+    true = scores(ground(kind), sensor, "F4", 1.0)[0]
+    cheap, made = scores(ground(kind), sensor, "F1", 4.0)
+    difference = cheap - true
+    error = difference.std(ddof=1) / np.sqrt(len(difference))
+    assert made.coarse > 1
+    assert made.bound <= 4.0
+    assert abs(difference.mean()) <= made.bias + 0.5 * made.sampling + 3.0 * error
+    assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bound, 0.6)
+
+
+def test_wider_cells_are_chosen_where_a_pixel_holds_many() -> None:
+    scene = synthetic_scene(900, 900, 2.0, categories=COVERS, field_m=150.0, relief_m=40.0, exponent=3.6, seed=11)
+    chosen, _ = plan(scene, radar(48.0), 1, "auto", 4.0)
+    assert chosen.chosen.rung == "F1"
+    assert chosen.chosen.coarse >= 2
+    assert "detail below some cells" in chosen.chosen.left_out
+
+
 def test_the_occasion_keeps_its_spread_on_every_rung() -> None:
     """A cheaper rung that drew no fields or dates would make runs repeat each other."""
     true = full("flat").std(ddof=1)
