@@ -67,8 +67,8 @@ def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) ->
     arc = np.asarray(ground_range_m, dtype=np.float64)
     if not curved:
         angle = np.arctan2(arc, height_m)
-        up = np.full_like(arc, height_m)
-        return RangeGeometry(arc, np.hypot(arc, height_m), arc, np.ones_like(arc), arc, up, angle, angle)
+        slant, up = np.sqrt(arc * arc + height_m * height_m), np.full_like(arc, height_m)
+        return RangeGeometry(arc, slant, arc, np.ones_like(arc), arc, up, angle, angle)
     radius = EARTH_RADIUS_M
     half = 0.5 * arc / radius
     scale = math.sqrt(radius * (radius + height_m))
@@ -78,7 +78,7 @@ def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) ->
     incidence = np.arctan2(along, up)
     return RangeGeometry(
         ground_range_m=arc,
-        slant_range_m=np.hypot(chord, height_m),
+        slant_range_m=np.sqrt(chord * chord + height_m * height_m),
         chord_m=chord,
         chord_per_m=scale / radius * np.cos(half),
         along_m=along,

@@ -301,6 +301,8 @@ def swath_rows(radar: RadarConfiguration, y: FloatArray, height_m: float) -> sli
     ConfigurationError
         No row lies between them.
     """
+    if radar.near_incidence_deg == 0.0 and radar.far_incidence_deg == 90.0:
+        return slice(0, len(y))
     incidence = np.rad2deg(range_geometry(y, height_m, radar.curved).incidence_rad)
     inside = np.ones(len(y), dtype=bool)
     if radar.near_incidence_deg > 0.0:

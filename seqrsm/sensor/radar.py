@@ -348,7 +348,8 @@ class RadarConfiguration:
         area = self.ground_resolution_m(incidence_rad) * self.azimuth_resolution_m(slant_range_m)
         two_way = self.elevation_gain(incidence_rad if look_rad is None else look_rad) ** 2
         factor = two_way * self.atmosphere(incidence_rad)
-        return np.asarray(self.radar_constant_w_m2() * sigma0 * area * factor / np.asarray(slant_range_m) ** 4)
+        fourth = np.square(np.square(slant_range_m))
+        return np.asarray(self.radar_constant_w_m2() * sigma0 * area * factor / fourth)
 
     def radar_constant_w_m2(self) -> float:
         """P_T G**2 lambda**2 L_T L_R / (4 pi)**3 [W m2]: eq. (3-20) without sigma0 A / R**4."""

@@ -10,16 +10,18 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
 from seqrsm.simulate.frame import RadarFrame
 from seqrsm.simulate.occasion import Occasion
+from seqrsm.units import LN10_OVER_10, db_to_linear
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
@@ -104,21 +106,32 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
     -------
     float64 array (n_channels, n_categories, LUT_STEPS + 2)
     """
-    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
-    theta_deg = np.rad2deg(2.0 * np.arcsin(q))
     out = np.empty((len(lookups), lookups[0].sigma0.shape[0], LUT_STEPS + 2))
     for c, lookup in enumerate(lookups):
         nodes = np.asarray(lookup.theta_deg, dtype=np.float64)
-        k = np.clip(np.searchsorted(nodes, theta_deg, side="right") - 1, 0, len(nodes) - 2)
-        f = np.clip((theta_deg - nodes[k]) / (nodes[k + 1] - nodes[k]), 0.0, 1.0)
+        k, part = _steps_between(nodes.tobytes())
+        sigma0, offset_db = lookup.sigma0, occasion.class_offset_db[c][:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            level = np.log(lookup.sigma0)
-            out[c] = np.exp(level[:, k] + f * (level[:, k + 1] - level[:, k]))
-        low, high = lookup.sigma0[:, k], lookup.sigma0[:, k + 1]
-        if not (lookup.sigma0 > 0.0).all():
-            out[c] = np.where((low > 0.0) & (high > 0.0), out[c], low + f * (high - low))
-    out *= 10.0 ** (0.1 * occasion.class_offset_db[:, :, None])
+            level = np.log(sigma0) + LN10_OVER_10 * offset_db
+            rise = np.diff(level, axis=1).take(k, axis=1)
+            rise *= part
+            rise += level.take(k, axis=1)
+            np.exp(rise, out=out[c])
+        if not (sigma0 > 0.0).all():
+            low, high = sigma0[:, k], sigma0[:, k + 1]
+            straight = (low + part * (high - low)) * db_to_linear(offset_db)
+            out[c] = np.where((low > 0.0) & (high > 0.0), out[c], straight)
     return out
+
+
+@lru_cache(maxsize=8)
+def _steps_between(nodes: bytes) -> tuple[IntArray, FloatArray]:
+    """For each step of the table of sigma0: the node [deg] at or before it, and the part of the way to the next."""
+    theta_deg = np.frombuffer(nodes)
+    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
+    at_deg = np.rad2deg(2.0 * np.arcsin(q))
+    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2)
+    return k, np.clip((at_deg - theta_deg[k]) / (theta_deg[k + 1] - theta_deg[k]), 0.0, 1.0)
 
 
 def field_factors(occasion: Occasion) -> FloatArray:
@@ -157,7 +170,8 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
     geometry[:, 0] = around.along_m[own]
     geometry[:, 1] = around.slant_range_m[own]
     geometry[:, 2] = np.concatenate(([0.0], cell / around.along_m[1:-2]))
-    geometry[:, 3] = (reference / around.slant_range_m[own]) ** 4 * radar.atmosphere(around.incidence_rad[own])
+    geometry[:, 3] = np.square(np.square(reference / around.slant_range_m[own]))
+    geometry[:, 3] *= radar.atmosphere(around.incidence_rad[own])
     geometry[:, 9] = cell if frame.column_m is None else frame.column_m
     # The area of an element over that of a square cell.
     geometry[:, 3] *= geometry[:, 9] / cell
@@ -185,9 +199,10 @@ def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_for
 
 def _table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
     """Table of sigma0 as `kernels.power_cells` wants it, the category of no data appended."""
-    pairs = np.zeros((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
+    pairs = np.empty((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
     pairs[:, :-1, :, 0] = lut[:, :, :-1]
-    pairs[:, :-1, :, 1] = lut[:, :, 1:] - lut[:, :, :-1]
+    np.subtract(lut[:, :, 1:], lut[:, :, :-1], out=pairs[:, :-1, :, 1], casting="same_kind")
+    pairs[:, -1] = 0.0
     return pairs.view(np.result_type(dtype, np.complex64)).reshape(lut.shape[0], -1)
 
 

@@ -10,8 +10,13 @@ row constants; the arrays of cells hold only small differences from them, so sin
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numba.core.cgutils
 import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
 
 from seqrsm.arrays import AnyArray
 from seqrsm.jit import kernel
@@ -26,15 +31,45 @@ STRIP = 1024
 
 _FEW_BINS = 12
 
+# Columns and places in lines are unsigned here: a signed index that may be negative would need a test at each access,
+# and the loops would not vectorise. Slices would do as well, but each costs two locked counts of references.
+_ZERO, _ONE = np.uint64(0), np.uint64(1)
+
 # Begin of each line in the work array of a strip. One array with fixed distances lets the compiler see that its lines
 # do not overlap, and vectorise without tests for it; the distance is no power of two, which caches would fold together.
 _LINE = STRIP + 80
-_ABOVE, _HERE, _BELOW = 0 * _LINE, 1 * _LINE, 2 * _LINE
-_SLOPE, _SLOPE_BELOW, _RAY = 3 * _LINE, 4 * _LINE, 5 * _LINE
-_DARK, _WHERE, _GAIN = 6 * _LINE, 7 * _LINE, 8 * _LINE
-_BEFORE, _NOW, _LOW = 9 * _LINE, 10 * _LINE, 11 * _LINE
-_HIGH, _POWER, _FACTOR = 12 * _LINE, 13 * _LINE, 14 * _LINE
-_LINES = 15
+_RAY, _SLOPE, _OFFSET = np.uint64(0), np.uint64(_LINE), np.uint64(2 * _LINE)
+_EDGE, _DARK, _WHERE = np.uint64(3 * _LINE), np.uint64(4 * _LINE), np.uint64(5 * _LINE)
+_GAIN, _LOW, _HIGH = np.uint64(6 * _LINE), np.uint64(7 * _LINE), np.uint64(8 * _LINE)
+_POWER, _FACTOR = np.uint64(9 * _LINE), np.uint64(10 * _LINE)
+_LINES = 11
+
+_AHEAD = 8
+"""Rows between the one at work and the one whose cells are called for: memory answers in that time."""
+
+_CACHE_LINE = 64
+
+cgutils: Any = numba.core.cgutils
+
+
+def _type_call_for(_: Any, array: Any, i: Any, j: Any) -> Any:
+    """Have ``array[i, j]`` fetched into the cache; the processor's own foresight ends with a row of a strip."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        place = cgutils.get_item_pointer(context, builder, signature.args[0], view, arguments[1:], wraparound=False)
+        place = builder.bitcast(place, ir.IntType(8).as_pointer())
+        word = ir.IntType(32)
+        shape = ir.FunctionType(ir.VoidType(), [place.type, word, word, word])
+        fetch = cgutils.get_or_insert_function(builder.module, shape, "llvm.prefetch.p0")
+        # To read, into every cache, as data.
+        builder.call(fetch, [place, word(0), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, i, j), generate
+
+
+_call_for: Any = intrinsic(_type_call_for)
 
 
 @kernel
@@ -186,29 +221,28 @@ def power_cells(
     """
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
-    w = np.empty(_LINES * _LINE, dtype=z.dtype)
+    rows = _row_numbers(geometry, cell, ground_format).astype(z.dtype)
+    w = _work_lines(z)
     pairs = np.empty(STRIP, dtype=table.dtype)
     index = np.empty(STRIP, dtype=np.uint32)
-    for left in range(0, z.shape[1], STRIP):
-        m = min(STRIP, z.shape[1] - left)
-        own = slice(left, left + m)
-        _first_row(z, source[0], left, m, geometry[0], ground_format, w)
+    for begin in range(0, z.shape[1], STRIP):
+        left, m = np.uint64(begin), np.uint64(min(STRIP, z.shape[1] - begin))
+        _first_row(z, source[0], left, m, geometry, ground_format, w)
         for i in range(n):
-            kind = cover[source[i], own]
-            line = offset[i, own]
+            row = source[i]
+            _slope_row(z, row, left, m, geometry[i, 9], w)
+            _facing_row(z, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
             for j in range(m):
-                line[j] = w[_NOW + j]
-            _next_row(z, source, i, left, m, geometry, w)
-            _arithmetic_row(geometry, i, cell, ground_format, 0.0, 1.0, steps, m, w)
-            _state_row(kind, n_categories, m, w, state[i, own])
+                offset[i, left + j] = w[_OFFSET + j]
+            _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, 0.0, 1.0, w)
+            _state_row(cover, row, n_categories, left, m, w, state, i)
             if pattern.shape[0] > 0:
-                _pattern_row(geometry[i], pattern, m, w)
-            _index_row(kind, n_categories, steps + 1, index, m, w)
+                _pattern_row(z, row, geometry, i, pattern, left, m, w)
+            _index_row(cover, row, n_categories, steps, left, m, index, w)
             for c in range(power.shape[0]):
-                _echo_row(table[c], index, field[source[i], own], field_factor[c], pairs, m, w)
-                line = power[c, i, own]
+                _echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
                 for j in range(m):
-                    line[j] = w[_POWER + j] * (w[_HIGH + j] - w[_LOW + j])
+                    power[c, i, left + j] = w[_POWER + j] * (w[_HIGH + j] - w[_LOW + j])
 
 
 @kernel
@@ -254,172 +288,218 @@ def sum_echoes(
     """
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
-    w = np.empty(_LINES * _LINE, dtype=z.dtype)
+    rows = _row_numbers(geometry, cell, ground_format).astype(z.dtype)
+    w = _work_lines(z)
     pairs = np.empty(STRIP, dtype=table.dtype)
     index = np.empty(STRIP, dtype=np.uint32)
-    for left in range(low, high, STRIP):
-        m = min(STRIP, high - left)
-        own = slice(left, left + m)
-        _first_row(z, source[0], left, m, geometry[0], ground_format, w)
+    for begin in range(low, high, STRIP):
+        left, m = np.uint64(begin), np.uint64(min(STRIP, high - begin))
+        _first_row(z, source[0], left, m, geometry, ground_format, w)
         for i in range(n):
+            if i + _AHEAD < n:
+                _fetch_row(z, cover, field, field_factor.shape[1] > 0, source[i + _AHEAD], left, m)
+            row = source[i]
             # Bins are counted from one near the row, so that single precision holds their fractions.
             origin = math.floor(base[i + 1])
             near = 0.5 * (base[i] + base[i + 1]) - origin
             beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
+            _slope_row(z, row, left, m, geometry[i, 9], w)
+            _facing_row(z, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
             if nearest:
                 _keep_centres(base[i + 1] - origin, m, w)
-            _next_row(z, source, i, left, m, geometry, w)
-            _arithmetic_row(geometry, i, cell, ground_format, near, beyond, steps, m, w)
+            least, most = _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
             if nearest:
-                _fill_centres(m, w)
+                least, most = _fill_centres(m, w)
             if pattern.shape[0] > 0:
-                _pattern_row(geometry[i], pattern, m, w)
-            least, most = _reach_row(m, w)
-            _index_row(cover[source[i], own], n_categories, steps + 1, index, m, w)
+                _pattern_row(z, row, geometry, i, pattern, left, m, w)
+            _index_row(cover, row, n_categories, steps, left, m, index, w)
             for c in range(out.shape[0]):
-                _echo_row(table[c], index, field[source[i], own], field_factor[c], pairs, m, w)
-                _add_row(origin - first, least, most, left, m, w, out[c])
+                _echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
+                _add_row(origin - first, least, most, left, m, w, out, c)
 
 
 @kernel
-def _first_row(z: AnyArray, row: int, left: int, m: int, geometry: AnyArray, ground_format: bool, w: AnyArray) -> None:
-    """Fill the work lines so that `_next_row` and `_arithmetic_row` can begin at row 0."""
-    _load_row(z, row, left, m, geometry[9], w)
-    _offset_row(w[_BELOW : _BELOW + m], geometry, ground_format, w[_NOW : _NOW + m])
+def _work_lines(z: AnyArray) -> AnyArray:
+    """Space for the work lines of a strip, beginning with a line of the cache."""
+    whole = np.empty(_LINES * _LINE + _CACHE_LINE, dtype=z.dtype)
+    return whole[(-whole.ctypes.data % _CACHE_LINE) // whole.itemsize :]
+
+
+@kernel
+def _fetch_row(
+    z: AnyArray, cover: AnyArray, field: AnyArray, with_field: bool, row: int, left: np.uint64, m: np.uint64
+) -> None:
+    """Call for the cells of a row that comes later."""
+    for j in range(_ZERO, m, np.uint64(_CACHE_LINE // z.itemsize)):
+        _call_for(z, row, left + j)
+    for j in range(_ZERO, m, np.uint64(_CACHE_LINE)):
+        _call_for(cover, row, left + j)
+    if with_field:
+        for j in range(_ZERO, m, np.uint64(_CACHE_LINE // 4)):
+            _call_for(field, row, left + j)
+
+
+@kernel
+def _row_numbers(geometry: AnyArray, cell: float, ground_format: bool) -> AnyArray:
+    """Numbers of each row as `_facing_row` (0 to 8) and `_range_row` (9 to 13, of the row behind) take them.
+
+    Distances are in slant ranges of the datum, so that powers of them stay within single precision.
+    """
+    n = geometry.shape[0]
+    out = np.empty((n, 14))
+    for i in range(n):
+        after = min(i + 1, n - 1)
+        span = after - max(i - 1, 0)
+        slant = geometry[i, 1]
+        place, per_metre = geometry[after, 6], geometry[after, 7]
+        out[i, 0] = 1.0 / (cell * span) if span > 0 else 0.0
+        out[i, 1] = geometry[i, 0] / slant
+        out[i, 2] = geometry[i, 4] / slant
+        out[i, 3] = 1.0 / slant
+        out[i, 4] = 2.0 * geometry[i, 4]
+        out[i, 5] = 1.0 / slant**2
+        out[i, 6] = geometry[i, 2]
+        out[i, 7] = geometry[i, 5]
+        out[i, 8] = geometry[i, 3]
+        out[i, 9] = 2.0 * geometry[after, 4]
+        out[i, 10] = 1.0 / place**2
+        out[i, 11] = per_metre / place
+        out[i, 12] = -place * per_metre if ground_format else -math.inf
+        out[i, 13] = 1.0 if after > i else 0.0
+    return out
+
+
+@kernel
+def _first_row(
+    z: AnyArray, row: int, left: np.uint64, m: np.uint64, geometry: AnyArray, ground_format: bool, w: AnyArray
+) -> None:
+    """Fill the lines that hand on from row to row, so that row 0 can begin: before it lies the same ground."""
     for j in range(m):
-        w[_ABOVE + j] = w[_BELOW + j]
-        w[_HERE + j] = w[_BELOW + j]
-        w[_RAY + j] = w[_BELOW + j]
-        w[_SLOPE + j] = w[_SLOPE_BELOW + j]
-        w[_BEFORE + j] = w[_NOW + j]
-
-
-@kernel
-def _next_row(z: AnyArray, source: AnyArray, i: int, left: int, m: int, geometry: AnyArray, w: AnyArray) -> None:
-    """Fetch the heights behind row `i`; behind the last one stand its own."""
-    if i + 1 < source.shape[0]:
-        _load_row(z, source[i + 1], left, m, geometry[i + 1, 9], w)
-    else:
-        for j in range(m):
-            w[_BELOW + j] = w[_HERE + j]
-
-
-@kernel
-def _load_row(z: AnyArray, row: int, left: int, m: int, cell: float, w: AnyArray) -> None:
-    """Heights of a row, and its slope along the track: central differences, one-sided at the ends, 0 for one cell."""
-    line = z[row]
-    here = line[left : left + m]
+        w[_RAY + j] = z[row, left + j]
+        w[_OFFSET + j] = z[row, left + j]
+    _offset_row(geometry, 0, ground_format, _OFFSET, m, w)
     for j in range(m):
-        w[_BELOW + j] = here[j]
+        w[_EDGE + j] = w[_OFFSET + j]
+
+
+@kernel
+def _slope_row(z: AnyArray, row: int, left: np.uint64, m: np.uint64, cell: float, w: AnyArray) -> None:
+    """Slope along the track: central differences, one-sided at the ends, 0 for one cell."""
     number = z.dtype.type
     per_two = number(0.5 / cell)
-    for j in range(1, m - 1):
-        w[_SLOPE_BELOW + j] = (w[_BELOW + 1 + j] - w[_BELOW - 1 + j]) * per_two
-    for j in (0, m - 1):
-        k = left + j
-        first, last = max(k - 1, 0), min(k + 1, line.shape[0] - 1)
+    for j in range(_ONE, m - _ONE):
+        w[_SLOPE + j] = (z[row, left + j + _ONE] - z[row, left + j - _ONE]) * per_two
+    for end in (_ZERO, m - _ONE):
+        k: Any = np.int64(left + end)
+        first, last = max(k - 1, 0), min(k + 1, z.shape[1] - 1)
         per_metre = number(1.0 / (cell * (last - first))) if last > first else number(0.0)
-        w[_SLOPE_BELOW + j] = (line[last] - line[first]) * per_metre
+        w[_SLOPE + end] = (z[row, last] - z[row, first]) * per_metre
 
 
 @kernel
-def _arithmetic_row(
-    geometry: AnyArray,
-    i: int,
-    cell: float,
-    ground_format: bool,
-    near: float,
-    beyond: float,
-    steps: int,
-    m: int,
-    w: AnyArray,
+def _facing_row(
+    z: AnyArray, before: int, row: int, after: int, left: np.uint64, m: np.uint64, rows: AnyArray, i: int, w: AnyArray
 ) -> None:
-    """Everything of row `i` that is arithmetic: shadow, local incidence, area, power by range, edges in range.
+    """Shadow, local incidence and area of row `i`, and its power by range.
 
-    Afterwards `_WHERE` is the position in the table of sigma0; `_GAIN` is tilt x (reference range / range)**4 / width
-    in bins, 0 where nothing returns; `_LOW` and `_HIGH` are the element's edges in range [bins], `near` and `beyond`
-    being those of flat ground; `_DARK` has the bits CAST_SHADOW and SELF_SHADOW; the lines of the row before are those
-    of this row, and those of this row are the next one's. An element seen edge on keeps a least width.
+    Afterwards `_WHERE` is sin(theta/2)**2; `_GAIN` is tilt x (reference range / range)**4, 0 where nothing returns;
+    `_DARK` has the bits CAST_SHADOW and SELF_SHADOW.
     """
     number = w.dtype.type
     one, half, zero = number(1.0), number(0.5), number(0.0)
-    n = geometry.shape[0]
-    after = min(i + 1, n - 1)
-    span = after - max(i - 1, 0)
-    per_slope = number(1.0 / (cell * span) if span > 0 else 0.0)
-    y, h = number(geometry[i, 0]), number(geometry[i, 4])
-    inverse_r, inverse_r2 = number(1.0 / geometry[i, 1]), number(1.0 / geometry[i, 1] ** 2)
-    descent, height = number(geometry[i, 2]), number(geometry[i, 5])
-    row_gain = number(geometry[i, 3])
-    per_q, last = number(steps / math.sqrt(0.5)), number(steps)
-    # Of the row behind: its range position (see `_offset_row`).
-    h_after, inverse_p2 = number(geometry[after, 4]), number(1.0 / geometry[after, 6] ** 2)
-    to_bins = number(geometry[after, 7] / geometry[after, 6])
-    nadir = number(-geometry[after, 6] * geometry[after, 7]) if ground_format else number(-math.inf)
-    here, there = number(near), number(beyond)
-    thin = number(1e-3 if w.itemsize == 4 else 1e-9)
     cast, turned = number(CAST_SHADOW), number(SELF_SHADOW)
+    per_slope, y, h, per_range, twice_h = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
+    per_range2, descent, height, row_gain = rows[i, 5], rows[i, 6], rows[i, 7], rows[i, 8]
     for j in range(m):
-        z, z_after = w[_HERE + j], w[_BELOW + j]
+        here = z[row, left + j]
         # The ray of shadow one step down the line from the antenna through the highest point so far.
         ray = w[_RAY + j] - (height - w[_RAY + j]) * descent
-        w[_RAY + j] = max(ray, z)
-        slope_y = (z_after - w[_ABOVE + j]) * per_slope
+        w[_RAY + j] = max(ray, here)
+        slope_y = (z[after, left + j] - z[before, left + j]) * per_slope
         slope_x = w[_SLOPE + j]
-        # u = (R**2 - R_datum**2) / R_datum**2 from the height alone: no difference of two large numbers.
-        u = -z * (h + h - z) * inverse_r2
-        closer = one / math.sqrt(one + u)
-        inverse = inverse_r * closer
-        toward = (h - z) * inverse
-        along = y * inverse
+        # (R / R_datum)**2 from the height alone: no difference of two large numbers.
+        range2 = one + here * (here - twice_h) * per_range2
+        distance = math.sqrt(range2)
+        toward = h - here * per_range
         tilt2 = one + slope_x * slope_x + slope_y * slope_y
         tilt = math.sqrt(tilt2)
-        facing = along * slope_y + toward
-        across = toward * slope_y - along
-        # sin(theta/2)**2 from the vector product: exact near theta = 0, where 1 - cos would lose its digits.
-        sine2 = across * across + slope_x * slope_x
-        half_sine2 = half * sine2 / (tilt2 + tilt * max(facing, zero))
-        w[_WHERE + j] = min(math.sqrt(half_sine2) * per_q, last)
-        rise = -z_after * (h_after + h_after - z_after)
-        behind = max(rise * to_bins / (one + math.sqrt(max(one + rise * inverse_p2, zero))), nadir)
-        if i == after:
-            behind = w[_NOW + j]
-        a = here + half * (w[_BEFORE + j] + w[_NOW + j])
-        b = there + half * (w[_NOW + j] + behind)
+        facing = y * slope_y + toward
+        across = toward * slope_y - y
+        # From the vector product of normal and ray: exact near theta = 0, where 1 - cos would lose its digits.
+        sine2 = across * across + slope_x * slope_x * range2
+        w[_WHERE + j] = half * sine2 / (distance * (tilt2 * distance + tilt * max(facing, zero)))
+        dark = (cast if here < ray else zero) + (zero if facing > zero else turned)
+        w[_DARK + j] = dark
+        gain = row_gain * tilt / (range2 * range2)
+        w[_GAIN + j] = gain if dark == zero else zero
+
+
+@kernel
+def _range_row(
+    z: AnyArray,
+    after: int,
+    left: np.uint64,
+    m: np.uint64,
+    rows: AnyArray,
+    i: int,
+    near: float,
+    beyond: float,
+    w: AnyArray,
+) -> tuple[int, int]:
+    """Edges of row `i` in range, `_LOW` and `_HIGH` [bins], `near` and `beyond` being those of flat ground.
+
+    `_GAIN` is divided by the width, of which an element seen edge on keeps a least one. The lines `_OFFSET` (of
+    `_offset_row`) and `_EDGE` (half way to the row behind) come from the row before and go to the next. Returned are
+    the bins that hold all elements; a cast rounds towards 0, so there may be one too many at either end.
+    """
+    number = w.dtype.type
+    one, half, zero = number(1.0), number(0.5), number(0.0)
+    twice_h, per_place2, to_bins, nadir = rows[i, 9], rows[i, 10], rows[i, 11], rows[i, 12]
+    is_last = rows[i, 13] == zero
+    this, there = number(near), number(beyond)
+    thin = number(1e-3 if w.itemsize == 4 else 1e-9)
+    least, most = np.int32(2147483647), np.int32(-2147483648)
+    for j in range(m):
+        height = z[after, left + j]
+        rise = height * (height - twice_h)
+        behind = max(rise * to_bins / (one + math.sqrt(max(one + rise * per_place2, zero))), nadir)
+        if is_last:
+            behind = w[_OFFSET + j]
+        edge = half * (w[_OFFSET + j] + behind)
+        a, b = this + w[_EDGE + j], there + edge
         low = min(a, b)
         high = max(max(a, b), low + thin)
+        w[_OFFSET + j] = behind
+        w[_EDGE + j] = edge
         w[_LOW + j] = low
         w[_HIGH + j] = high
-        dark = (cast if z < ray else zero) + (zero if facing > zero else turned)
-        w[_DARK + j] = dark
-        closer2 = closer * closer
-        gain = row_gain * (closer2 * closer2) * tilt / (high - low)
-        w[_GAIN + j] = gain if dark == zero else zero
-        w[_ABOVE + j] = z
-        w[_HERE + j] = z_after
-        w[_SLOPE + j] = w[_SLOPE_BELOW + j]
-        w[_BEFORE + j] = w[_NOW + j]
-        w[_NOW + j] = behind
+        w[_GAIN + j] /= high - low
+        least = min(least, np.int32(low))
+        most = max(most, np.int32(high))
+    return int(least) - 1 if least <= 0 else int(least), int(most)
 
 
 @kernel
-def _state_row(cover: AnyArray, none: int, m: int, w: AnyArray, state: AnyArray) -> None:
+def _state_row(
+    cover: AnyArray, row: int, none: int, left: np.uint64, m: np.uint64, w: AnyArray, state: AnyArray, i: int
+) -> None:
     """Bits CAST_SHADOW, SELF_SHADOW and NO_DATA."""
     for j in range(m):
-        state[j] = np.uint8(w[_DARK + j]) | np.uint8(NO_DATA if cover[j] >= none else 0)
+        state[i, left + j] = np.uint8(w[_DARK + j]) | np.uint8(NO_DATA if cover[row, left + j] >= none else 0)
 
 
 @kernel
-def _pattern_row(geometry: AnyArray, pattern: AnyArray, m: int, w: AnyArray) -> None:
+def _pattern_row(
+    z: AnyArray, row: int, geometry: AnyArray, i: int, pattern: AnyArray, left: np.uint64, m: np.uint64, w: AnyArray
+) -> None:
     """Multiply by the antenna's two-way factor at each element's own look angle, from the tangent of half of it."""
     number = w.dtype.type
     one, zero = number(1.0), number(0.0)
     steps = number(pattern.shape[0] - 1)
     last = np.int32(pattern.shape[0] - 2)
-    y, h, vertical = number(geometry[0]), number(geometry[4]), number(geometry[8])
+    y, h, vertical = number(geometry[i, 0]), number(geometry[i, 4]), number(geometry[i, 8])
     for j in range(m):
-        # The lines have moved on: ABOVE is this row.
-        up = h - w[_ABOVE + j]
+        up = h - z[row, left + j]
         half_angle = y / (up + math.sqrt(y * y + up * up))
         # tan((a - b) / 2) of the angle from the local vertical and that of the local vertical from nadir's.
         x = (half_angle - vertical) / (one + half_angle * vertical) * steps
@@ -431,64 +511,67 @@ def _pattern_row(geometry: AnyArray, pattern: AnyArray, m: int, w: AnyArray) -> 
 
 
 @kernel
-def _index_row(cover: AnyArray, none: int, width: int, index: AnyArray, m: int, w: AnyArray) -> None:
+def _index_row(
+    cover: AnyArray, row: int, none: int, steps: int, left: np.uint64, m: np.uint64, index: AnyArray, w: AnyArray
+) -> None:
     """Place of each element in the flat table of sigma0, and in `_WHERE` the part of a step beyond it."""
     number = w.dtype.type
-    last = np.int32(none)
-    stride = np.int32(width)
+    per_q, end = number(steps / math.sqrt(0.5)), number(steps)
+    last, stride = np.int32(none), np.int32(steps + 1)
     for j in range(m):
-        k = np.int32(w[_WHERE + j])
-        w[_WHERE + j] -= number(k)
-        index[j] = np.uint32(min(np.int32(cover[j]), last) * stride + k)
+        where = min(math.sqrt(w[_WHERE + j]) * per_q, end)
+        k = np.int32(where)
+        w[_WHERE + j] = where - number(k)
+        index[j] = np.uint32(min(np.int32(cover[row, left + j]), last) * stride + k)
 
 
 @kernel
 def _echo_row(
-    table: AnyArray, index: AnyArray, field: AnyArray, factor: AnyArray, pairs: AnyArray, m: int, w: AnyArray
+    table: AnyArray,
+    index: AnyArray,
+    field: AnyArray,
+    row: int,
+    factor: AnyArray,
+    c: int,
+    pairs: AnyArray,
+    left: np.uint64,
+    m: np.uint64,
+    w: AnyArray,
 ) -> None:
-    """Power: sigma0 of each element's category at its angle, and of its field, times `_GAIN`.
+    """Power in channel `c`: sigma0 of each element's category at its angle, and of its field, times `_GAIN`.
 
     The accesses that cannot be vectorised stand in loops of their own; they would keep the arithmetic from it.
     """
     for j in range(m):
-        # Unsigned indices: spares the test for indices counted from the end.
-        pairs[j] = table[np.uint64(index[j])]
+        pairs[j] = table[c, index[j]]
     for j in range(m):
         w[_POWER + j] = (pairs[j].real + w[_WHERE + j] * pairs[j].imag) * w[_GAIN + j]
-    if factor.shape[0] > 0:
+    if factor.shape[1] > 0:
         for j in range(m):
-            w[_FACTOR + j] = factor[np.uint32(field[j])]
+            w[_FACTOR + j] = factor[c, np.uint32(field[row, left + j])]
         for j in range(m):
             w[_POWER + j] *= w[_FACTOR + j]
 
 
 @kernel
-def _reach_row(m: int, w: AnyArray) -> tuple[int, int]:
-    """Bins that hold all elements of a row; a cast rounds towards 0, so there may be one too many at either end."""
-    least = np.int32(2147483647)
-    most = np.int32(-2147483648)
-    for j in range(m):
-        least = min(least, np.int32(w[_LOW + j]))
-        most = max(most, np.int32(w[_HIGH + j]))
-    return int(least) - 1 if least <= 0 else int(least), int(most)
-
-
-@kernel
-def _keep_centres(middle: float, m: int, w: AnyArray) -> None:
+def _keep_centres(middle: float, m: np.uint64, w: AnyArray) -> None:
     """Keep the bin of each element's centre in `_POWER`, before the lines move on."""
     number = w.dtype.type
     centre = number(middle)
     for j in range(m):
-        w[_POWER + j] = number(_floor(centre + w[_NOW + j]))
+        w[_POWER + j] = number(_floor(centre + w[_OFFSET + j]))
 
 
 @kernel
-def _fill_centres(m: int, w: AnyArray) -> None:
-    """Make every element fill the bin that `_keep_centres` found, in place of its own edges."""
+def _fill_centres(m: np.uint64, w: AnyArray) -> tuple[int, int]:
+    """Make every element fill the bin that `_keep_centres` found, in place of its own edges; first and last of them."""
+    least, most = math.inf, -math.inf
     for j in range(m):
         w[_GAIN + j] *= w[_HIGH + j] - w[_LOW + j]
         w[_LOW + j] = w[_POWER + j]
         w[_HIGH + j] = w[_POWER + j] + w.dtype.type(1.0)
+        least, most = min(least, w[_POWER + j]), max(most, w[_POWER + j])
+    return int(least), int(most)
 
 
 @kernel
@@ -499,24 +582,28 @@ def _floor(x: float) -> np.int32:
 
 
 @kernel
-def _add_row(shift: int, least: int, most: int, left: int, m: int, w: AnyArray, out: AnyArray) -> None:
+def _add_row(
+    shift: int, least: int, most: int, left: np.uint64, m: np.uint64, w: AnyArray, out: AnyArray, c: int
+) -> None:
     """Add a row of elements, of density `_POWER`, to the bins they overlap, leaving out what falls beyond `out`."""
     number = w.dtype.type
     zero = number(0.0)
-    n_bins = out.shape[0]
+    n_bins = out.shape[1]
     if most - least < _FEW_BINS:
         # Bin by bin over the whole row: more arithmetic, but no scatter, so it vectorises.
         for k in range(max(least, -shift), min(most, n_bins - 1 - shift) + 1):
-            line = out[k + shift, left : left + m]
             begin, end = number(k), number(k + 1)
+            line = np.uint64(k + shift)
             for j in range(m):
-                line[j] += w[_POWER + j] * max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
+                part = max(min(w[_HIGH + j], end) - max(w[_LOW + j], begin), zero)
+                out[c, line, left + j] += w[_POWER + j] * part
     else:
         for j in range(m):
             low, high = w[_LOW + j], w[_HIGH + j]
             k0, k1 = int(_floor(low)), int(_floor(high))
             for k in range(max(k0, -shift), min(k1, n_bins - 1 - shift) + 1):
-                out[k + shift, left + j] += w[_POWER + j] * max(min(high, number(k + 1)) - max(low, number(k)), zero)
+                part = max(min(high, number(k + 1)) - max(low, number(k)), zero)
+                out[c, np.uint64(k + shift), left + j] += w[_POWER + j] * part
 
 
 @kernel
@@ -533,26 +620,30 @@ def offset_rows(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyAr
         Written.
     """
     for i in range(z.shape[0]):
-        _offset_row(z[i], geometry[i], ground_format, out[i])
+        for j in range(z.shape[1]):
+            out[i, j] = z[i, j]
+        _offset_row(geometry, i, ground_format, np.uint64(i * z.shape[1]), np.uint64(z.shape[1]), out.reshape(-1))
 
 
 @kernel
-def _offset_row(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyArray) -> None:
-    """Range position of a row of elements minus that of flat ground [bins].
+def _offset_row(
+    geometry: AnyArray, i: int, ground_format: bool, first: np.uint64, m: np.uint64, line: AnyArray
+) -> None:
+    """Turn heights in row `i` into their range position minus that of flat ground [bins], in place.
 
     sqrt(p**2 + d) - p = d / (p (1 + sqrt(1 + d / p**2))) with d = -z (2 h - z): the same in both formats, where p is
     the ground or the slant range of the datum.
     """
-    number = z.dtype.type
+    number = line.dtype.type
     one, zero = number(1.0), number(0.0)
-    h = number(geometry[4])
-    inverse_p2 = number(1.0 / geometry[6] ** 2)
-    to_bins = number(geometry[7] / geometry[6])
+    twice_h = number(2.0 * geometry[i, 4])
+    per_place2 = number(1.0 / geometry[i, 6] ** 2)
+    to_bins = number(geometry[i, 7] / geometry[i, 6])
     # A point closer than the nadir return has no place on the ground: it is put at nadir.
-    least = number(-geometry[6] * geometry[7]) if ground_format else number(-math.inf)
-    for j in range(z.shape[0]):
-        rise = -z[j] * (h + h - z[j])
-        out[j] = max(rise * to_bins / (one + math.sqrt(max(one + rise * inverse_p2, zero))), least)
+    least = number(-geometry[i, 6] * geometry[i, 7]) if ground_format else number(-math.inf)
+    for j in range(first, first + m):
+        rise = line[j] * (line[j] - twice_h)
+        line[j] = max(rise * to_bins / (one + math.sqrt(max(one + rise * per_place2, zero))), least)
 
 
 @kernel
@@ -618,13 +709,26 @@ def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor
         for i in range(n_bins):
             line = sums[c, i]
             if beam[i] <= 1.0 and whole == cells_a_pixel:
-                # Nothing runs over the edges of pixels: their own cells are all that is added.
-                for k in range(n_pixels):
+                # Nothing runs over the edges of pixels: their own cells are all that is added, four pixels at a time.
+                fours = m // whole // 4 * 4
+                for k in range(0, fours, 4):
+                    own = line[k * whole : (k + 4) * whole]
+                    mean0 = mean1 = mean2 = mean3 = 0.0
+                    for j in range(whole):
+                        mean0 += own[j]
+                        mean1 += own[whole + j]
+                        mean2 += own[2 * whole + j]
+                        mean3 += own[3 * whole + j]
+                    out[c, i, k] = mean0 / whole * factor[i]
+                    out[c, i, k + 1] = mean1 / whole * factor[i]
+                    out[c, i, k + 2] = mean2 / whole * factor[i]
+                    out[c, i, k + 3] = mean3 / whole * factor[i]
+                for k in range(fours, n_pixels):
                     end = min((k + 1) * whole, m)
-                    mean = 0.0
+                    mean0 = 0.0
                     for j in range(k * whole, end):
-                        mean += line[j]
-                    out[c, i, k] = mean / (end - k * whole) * factor[i]
+                        mean0 += line[j]
+                    out[c, i, k] = mean0 / (end - k * whole) * factor[i]
                 continue
             total[0] = 0.0
             for j in range(m):

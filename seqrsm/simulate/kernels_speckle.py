@@ -73,39 +73,42 @@ def fill_normal(channel: int, table: AnyArray, k0: np.uint32, k1: np.uint32, out
     out : float64 array (n_range, n_azimuth)
         Written.
     """
+    blocks = (out.shape[1] + 3) // 4
+    words, places = np.empty(4 * blocks, dtype=np.uint32), np.empty(4 * blocks, dtype=np.int32)
+    pairs = np.empty(4 * blocks, dtype=table.dtype)
     for i in range(out.shape[0]):
-        _normal_row(i, channel, table, k0, k1, out[i])
+        _words_row(i, channel, blocks, k0, k1, words)
+        _normal_row(words, table, places, pairs, out[i])
 
 
 @kernel
-def _normal_row(row: int, channel: int, table: AnyArray, k0: np.uint32, k1: np.uint32, out: AnyArray) -> None:
-    """Normal variates of a row of pixels; the four words of a counter go to four neighbours."""
-    m = out.shape[0]
-    for block in range((m + 3) // 4):
-        words = philox4x32(np.uint32(row), np.uint32(block), np.uint32(channel), np.uint32(0), k0, k1)
-        j = 4 * block
-        out[j] = _normal_of_word(words[0], table)
-        if j + 1 < m:
-            out[j + 1] = _normal_of_word(words[1], table)
-        if j + 2 < m:
-            out[j + 2] = _normal_of_word(words[2], table)
-        if j + 3 < m:
-            out[j + 3] = _normal_of_word(words[3], table)
+def _words_row(row: int, channel: int, blocks: int, k0: np.uint32, k1: np.uint32, words: AnyArray) -> None:
+    """Random words of a row of pixels; the four words of a counter go to four neighbours."""
+    for block in range(blocks):
+        four = philox4x32(np.uint32(row), np.uint32(block), np.uint32(channel), np.uint32(0), k0, k1)
+        words[4 * block] = four[0]
+        words[4 * block + 1] = four[1]
+        words[4 * block + 2] = four[2]
+        words[4 * block + 3] = four[3]
 
 
 @kernel
-def _normal_of_word(word: np.uint32, table: AnyArray) -> float:
-    """Normal quantile: the top bit is the sign, the rest the probability beyond it.
+def _normal_row(words: AnyArray, table: AnyArray, places: AnyArray, pairs: AnyArray, out: AnyArray) -> None:
+    """Normal quantiles of a row of words: the top bit is the sign, the rest the probability beyond it.
 
     Exponent and leading bits of the probability as a floating number are the place in the table, so that its steps are
-    fine in the tail.
+    fine in the tail. The access to the table stands in a loop of its own, so that the others vectorise.
     """
-    beyond = np.float32(word & np.uint32(0x7FFFFFFF)) + np.float32(0.5)
-    bits = np.float32(beyond).view(np.int32)
-    # 23 bits of mantissa: 7 for the step, 16 for the part of it.
-    k = np.uint64((bits >> np.int32(16)) - np.int32(126 * NORMAL_STEPS))
-    z = table[k].real + (bits & np.int32(0xFFFF)) * (1.0 / 65536.0) * table[k].imag
-    return float(z if word >> np.uint32(31) else -z)
+    for j in range(out.shape[0]):
+        bits = np.float32(np.float32(words[j] & np.uint32(0x7FFFFFFF)) + np.float32(0.5)).view(np.int32)
+        # 23 bits of mantissa: 7 for the step, 16 for the part of it.
+        places[j] = (bits >> np.int32(16)) - np.int32(126 * NORMAL_STEPS)
+        out[j] = (bits & np.int32(0xFFFF)) * (1.0 / 65536.0)
+    for j in range(out.shape[0]):
+        pairs[j] = table[np.uint32(places[j])]
+    for j in range(out.shape[0]):
+        z = pairs[j].real + out[j] * pairs[j].imag
+        out[j] = z if words[j] >> np.uint32(31) else -z
 
 
 @kernel
@@ -126,23 +129,37 @@ def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, 
     out : float array (n_range, n_azimuth)
         Written: the factor X.
     """
+    places, cubic = np.empty(normal.shape[1], dtype=np.int32), np.empty(4 * normal.shape[1])
+    factor = np.empty(normal.shape[1])
     for i in range(normal.shape[0]):
+        _fading_row(normal[i], tables[which[i]], spread[i], gaussian, places, cubic, factor)
         for j in range(normal.shape[1]):
-            out[i, j] = _fading(normal[i, j], tables[which[i]], spread[i], gaussian)
+            out[i, j] = factor[j]
 
 
 @kernel
-def _fading(z: float, row: AnyArray, spread: float, gaussian: bool) -> float:
-    """Fading at a normal variate: the cube of 1 + spread y / 3, y being near z (Wilson and Hilferty 1931)."""
+def _fading_row(
+    z: AnyArray, row: AnyArray, spread: float, gaussian: bool, places: AnyArray, cubic: AnyArray, out: AnyArray
+) -> None:
+    """Fading at normal variates: the cube of 1 + spread y / 3, y being near z (Wilson and Hilferty 1931)."""
+    m = z.shape[0]
     if gaussian:
-        return max(1.0 + spread * z, 0.0)
-    place = (min(max(z, -CUBE_ROOT_REACH), CUBE_ROOT_REACH) + CUBE_ROOT_REACH) * CUBE_ROOT_STEPS
-    whole = np.int32(place)
-    f = place - whole
-    k = np.uint64(whole) * np.uint64(4)
-    y = row[k] + f * (row[k + np.uint64(1)] + f * (row[k + np.uint64(2)] + f * row[k + np.uint64(3)]))
-    root = max(1.0 + spread * y * (1.0 / 3.0), 0.0)
-    return float(root * root * root)
+        for j in range(m):
+            out[j] = max(1.0 + spread * z[j], 0.0)
+        return
+    for j in range(m):
+        place = (min(max(z[j], -CUBE_ROOT_REACH), CUBE_ROOT_REACH) + CUBE_ROOT_REACH) * CUBE_ROOT_STEPS
+        places[j] = np.int32(place)
+        out[j] = place - places[j]
+    for j in range(m):
+        k = np.uint64(np.uint32(places[j])) * np.uint64(4)
+        for q in range(4):
+            cubic[4 * j + q] = row[k + np.uint64(q)]
+    for j in range(m):
+        f = out[j]
+        y = cubic[4 * j] + f * (cubic[4 * j + 1] + f * (cubic[4 * j + 2] + f * cubic[4 * j + 3]))
+        root = max(1.0 + spread * y * (1.0 / 3.0), 0.0)
+        out[j] = root * root * root
 
 
 @kernel
@@ -181,9 +198,16 @@ def add_speckle(
     out : float array, shape of `mean`
         Written: power with noise and speckle [W].
     """
-    normal = np.empty(mean.shape[2], dtype=np.float64)
+    m = mean.shape[2]
+    blocks = (m + 3) // 4
+    words, places = np.empty(4 * blocks, dtype=np.uint32), np.empty(4 * blocks, dtype=np.int32)
+    pairs = np.empty(4 * blocks, dtype=table.dtype)
+    normal, cubic, factor = np.empty(m), np.empty(4 * m), np.empty(m)
     for c in range(mean.shape[0]):
         for i in range(mean.shape[1]):
-            _normal_row(first_row + i, numbers[c], table, k0, k1, normal)
-            for j in range(mean.shape[2]):
-                out[c, i, j] = (mean[c, i, j] + noise[i]) * _fading(normal[j], tables[which[i]], spread[i], gaussian)
+            _words_row(first_row + i, numbers[c], blocks, k0, k1, words)
+            _normal_row(words, table, places, pairs, normal)
+            _fading_row(normal, tables[which[i]], spread[i], gaussian, places, cubic, factor)
+            add = noise[i]
+            for j in range(m):
+                out[c, i, j] = (mean[c, i, j] + add) * factor[j]

@@ -362,7 +362,8 @@ def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:
     uint8, uint16 or uint32 array
     """
     dtype = np.uint8 if n_bits <= 8 else np.uint16 if n_bits <= 16 else np.uint32
-    return np.asarray(np.rint(np.clip(np.nan_to_num(tone, nan=0.0), 0.0, 2.0**n_bits - 1.0)), dtype=dtype)
+    # Of nan and a number, fmax takes the number.
+    return np.asarray(np.rint(np.fmin(np.fmax(tone, 0.0), 2.0**n_bits - 1.0)), dtype=dtype)
 
 
 def _refuse_nonpositive(**values: float) -> None:
