@@ -70,6 +70,8 @@ class Scene:
         Physical temperature of the ground [K], 150 to 500, known in every valid cell; None: not in this data base.
     soil_moisture : float32 array (rows, cols) or None
         Volumetric moisture of the soil [m3/m3], 0 to 0.6, known in every valid cell; None: the same everywhere.
+    kept_statistics : str
+        What `seqrsm.scene.statistics.scene_statistics` found when the file was written, and of which layers.
 
     Raises
     ------
@@ -91,6 +93,7 @@ class Scene:
     category_notes: Mapping[str, str] = field(default_factory=dict)
     temperature_k: Float32Array | None = None
     soil_moisture: Float32Array | None = None
+    kept_statistics: str = ""
 
     def __post_init__(self) -> None:
         problems = [*_layer_problems(self), *_grid_problems(self)]
@@ -243,6 +246,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     SceneError
         The file cannot be written.
     """
+    from seqrsm.scene.statistics import statistics_text
+
     notes = dict(scene.category_notes)
     members: dict[str, AnyArray] = {
         "schema": np.array(SCHEMA),
@@ -258,6 +263,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "name": np.array(scene.name),
         "licence": np.array(scene.licence),
         "provenance": np.array(scene.provenance),
+        "statistics": np.array(statistics_text(scene)),
     }
     if scene.temperature_k is not None:
         members["temperature_k"] = scene.temperature_k
@@ -362,6 +368,7 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
             category_notes={name: note for name, note in zip(names, notes, strict=True) if note},
             temperature_k=members.get("temperature_k"),
             soil_moisture=members.get("soil_moisture"),
+            kept_statistics=str(members.get("statistics", "")),
         )
     except SceneError as error:
         raise SceneError(*(replace(problem, file=file) for problem in error.problems)) from None

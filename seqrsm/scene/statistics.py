@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import rms_slope, slopes
+
+_VERSION: Final = 1
+"""Of the statistics' definitions: those kept by another version are computed anew."""
 
 PYRAMID: Final = (1, 2, 4, 8)
 """Cells along a side of the blocks over which slopes are taken."""
@@ -61,7 +66,36 @@ class SceneStatistics:
 
 
 def scene_statistics(scene: Scene) -> SceneStatistics:
-    """Statistics of ``scene``; cells without elevation or category are left out."""
+    """Statistics of ``scene``; cells without elevation or category are left out.
+
+    Those kept with the scene's file if they are of these very layers, else computed.
+    """
+    if not scene.kept_statistics:
+        return _computed(scene)
+    try:
+        kept = json.loads(scene.kept_statistics)
+        if kept["of"] != _fingerprint(scene):
+            return _computed(scene)
+        own: dict[str, Any] = {name: tuple(x) if isinstance(x, list) else x for name, x in kept["statistics"].items()}
+        return SceneStatistics(**own)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return _computed(scene)
+
+
+def statistics_text(scene: Scene) -> str:
+    """Statistics of ``scene`` as they are kept with its file, and what they are of."""
+    return json.dumps({"of": _fingerprint(scene), "statistics": asdict(_computed(scene))}, sort_keys=True)
+
+
+def _fingerprint(scene: Scene) -> str:
+    """Of all that the statistics depend on, this version of them among it."""
+    crc = zlib.crc32(repr((_VERSION, scene.cell_m, scene.categories, scene.shape)).encode())
+    for layer in (scene.elevation_m, scene.cover, scene.field_id, scene.scored):
+        crc = zlib.crc32(np.ascontiguousarray(layer).data, crc)
+    return f"{crc:08x}"
+
+
+def _computed(scene: Scene) -> SceneStatistics:
     count = np.bincount(scene.cover.ravel(), minlength=NO_COVER + 1)[: len(scene.categories)]
     known = max(int(count.sum()), 1)
     size = np.bincount(scene.field_id.ravel())
