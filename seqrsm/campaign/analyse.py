@@ -45,6 +45,7 @@ from seqrsm.decide.allowance import departure_allowance
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import Decision, StopRule, decide
+from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
@@ -256,9 +257,10 @@ def _decision(
         n_terms=fit.n_terms + len(fitted.dropped),
         s=fitted.s,
         df_residual=fitted.df_residual,
-        df_pure_error=lack.df_pe if isinstance(lack, LackOfFit) else 0,
+        df_pure_error=fit.df_pure_error,
         lack_of_fit_p=lack.p if isinstance(lack, LackOfFit) else None,
         lack_of_fit_reason=lack if isinstance(lack, str) else "",
+        saturated=is_saturated(fitted.model, fitted.region),
         h=float(fitted.variance_unscaled(fitted.model.matrix(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
         held_at_previous_look=bool(before.get("conditions_hold")) and same,

@@ -155,6 +155,10 @@ class Campaign:
     def look(self) -> tuple[Analysis, ...]:
         """Analyse what is there and record it once: a second look at the same runs is not a look."""
         analyses = self.analyse_all(n_draws=1000)
+        self._record_looks(analyses)
+        return analyses
+
+    def _record_looks(self, analyses: Sequence[Analysis]) -> None:
         for analysis in analyses:
             last = self.store.looks(analysis.application)
             if not last or last[-1].after_run != analysis.n_scored:
@@ -162,7 +166,6 @@ class Campaign:
                 for change in analysis.region_history[len(known) :]:
                     self.store.add_event("region", {"application": analysis.application, "text": change.text})
                 self.store.record_look(analysis.n_scored, analysis.application, look_summary(analysis))
-        return analyses
 
     # -- proposing ------------------------------------------------------------------------------------------------
 
@@ -229,7 +232,10 @@ class Campaign:
                     "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
                 )
             )
-        return next_batch(self.spec, analyses or self.analyse_all(), active, n, source, failed)
+        if not analyses:
+            analyses = self.analyse_all()
+            self._record_looks(analyses)  # whoever proposes and ingests only has looked, too
+        return next_batch(self.spec, analyses, active, n, source, failed)
 
     # -- carrying out ---------------------------------------------------------------------------------------------
 

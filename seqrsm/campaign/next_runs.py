@@ -20,7 +20,6 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_set
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
-from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.blocks import block_columns
 from seqrsm.propose.batch import Proposal, propose_batch
 
@@ -293,8 +292,7 @@ def _shares(spec: CampaignSpec, n: int) -> list[tuple[int, int]]:
 
 def _pure_error_df(analysis: Analysis, active: Sequence[RunRecord]) -> int:
     """Degrees of freedom of pure error that scored runs have and pending repeats will bring."""
-    scored = analysis.lack_of_fit.df_pe if isinstance(analysis.lack_of_fit, LackOfFit) else 0
-    return scored + sum(run.state != "scored" and run.purpose == "repeat" for run in active)
+    return analysis.fit.df_pure_error + sum(run.state != "scored" and run.purpose == "repeat" for run in active)
 
 
 def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float | str]]:

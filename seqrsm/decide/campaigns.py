@@ -14,6 +14,7 @@ from scipy.special import fdtrc
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.decide.intervals import half_width, t_quantile
 from seqrsm.decide.rule import StopRule, conditions, rule_half_width
+from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import Goal, optimum_draws
@@ -41,6 +42,7 @@ class Stage:
         _, first, inverse = np.unique(np.round(settings, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
         self.Z = model.matrix(settings[first])
         self.start = inverse.ravel()[: len(start)]
+        self.saturated = is_saturated(model, region)
         # z'Hz of every setting for many symmetric H at once: products of columns, off-diagonal ones twice.
         self.upper = np.triu_indices(model.p)
         self.products = self.Z[:, self.upper[0]] * self.Z[:, self.upper[1]]
@@ -134,6 +136,8 @@ class Campaigns:
         testable = (df_pure > 0) & (df_lof > 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             f = np.maximum(sse - ss_pure, 0.0) / df_lof / (ss_pure / df_pure)
+        if self.stage.saturated:
+            return df_pure, np.ones(len(rows))
         p = fdtrc(np.maximum(df_lof, 1), np.maximum(df_pure, 1), np.where(testable, f, 0.0))
         return df_pure, np.where(testable, p, np.nan)
 

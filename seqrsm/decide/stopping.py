@@ -142,6 +142,7 @@ def decide(
     half_width: float | None = None,
     held_at_previous_look: bool = False,
     lack_of_fit_reason: str = "",
+    saturated: bool = False,
     model_p: float | None = None,
     confirmation: Agreement | None = None,
     unit: str = "",
@@ -163,6 +164,8 @@ def decide(
         Degrees of freedom of pure error.
     lack_of_fit_p : float or None
         p of the lack-of-fit test; None where it cannot be made, for ``lack_of_fit_reason``.
+    saturated : bool
+        The model has a term for every setting of the region: there is no lack of fit to test.
     h : float
         ``z0' (Z'WZ)^-1 z0`` at the optimum.
     half_width : float, optional
@@ -192,6 +195,8 @@ def decide(
     Decision
     """
     spent = n_runs if n_spent is None else n_spent
+    if saturated:
+        lack_of_fit_p, departure = 1.0, None
     # What is left of the budget goes to the runs that are fitted.
     budget = replace(rule, max_runs=max(rule.max_runs - (spent - n_runs), 1))
     student = float(interval_half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
@@ -214,7 +219,7 @@ def decide(
     checks = [
         _interval_check(rule, bool(found["interval"]), width, unit, widening),
         *_count_checks(rule, found, n_runs, n_terms, df_pure_error),
-        _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason, departure),
+        _SATURATED if saturated else _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason, departure),
     ]
     if rule.looks == 2:
         checks.append(_two_looks_check(now, held_at_previous_look))
@@ -329,6 +334,11 @@ def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str, departure: 
     holds = p >= rule.alpha_lack_of_fit
     verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
+
+
+_SATURATED = Check(
+    "lack_of_fit", True, "The model has a term for every setting of the region: there is no lack of fit to test."
+)
 
 
 def _two_looks_check(now: bool, before: bool) -> Check:

@@ -21,6 +21,7 @@ from seqrsm.errors import DesignError, Problem
 _D_BOUND = (0.5291336839893998, 0.4745937662, 0.4744782067, 0.4885696454, 0.5068587164, 0.5259919962, 0.5446948684)
 _I_BOUND = (2.1333333333333333, 3.586215760, 5.275409587, 7.163453067, 9.232581693, 11.473244551, 13.879544375)
 
+_MOST_CELLS = 20_000
 _ALIAS_TOLERANCE = 1e-8
 _SAMPLE = 10_000
 _SEED = 71_993
@@ -100,7 +101,21 @@ def inestimable_terms(model: QuadraticModel, points: FloatArray) -> tuple[str, .
     return tuple(name for name, _ in _dependences(model, points))
 
 
-def _dependences(model: QuadraticModel, points: FloatArray) -> list[tuple[str, FloatArray]]:
+def is_saturated(model: QuadraticModel, region: Region) -> bool:
+    """Whether the region has no more settings than the model terms: then it describes every one, whatever the truth."""
+    if region.continuous or float(np.prod([0.0 if axis is None else axis.size for axis in region.axes])) > _MOST_CELLS:
+        return False
+    return len(region.candidates()) <= model.p
+
+
+def nearly_inestimable_terms(model: QuadraticModel, points: FloatArray) -> tuple[str, ...]:
+    """Names of terms of which these points (n, k) leave less than a thousandth beside the terms before them."""
+    return tuple(name for name, _ in _dependences(model, points, 1e-3))
+
+
+def _dependences(
+    model: QuadraticModel, points: FloatArray, tolerance: float = _ALIAS_TOLERANCE
+) -> list[tuple[str, FloatArray]]:
     """Terms in model order that add nothing to those before them, each with its coefficients (p,) on these."""
     Z = model.matrix(points)
     kept: list[int] = []
@@ -113,7 +128,7 @@ def _dependences(model: QuadraticModel, points: FloatArray) -> list[tuple[str, F
             solution = np.linalg.lstsq(Z[:, kept], z, rcond=None)[0]
             coefficients[kept] = solution
             rest = z - Z[:, kept] @ solution
-        if np.linalg.norm(rest) <= _ALIAS_TOLERANCE * max(float(np.linalg.norm(z)), 1e-300):
+        if np.linalg.norm(rest) <= tolerance * max(float(np.linalg.norm(z)), 1e-300):
             found.append((model.terms[column].name, coefficients))
         else:
             kept.append(column)

@@ -23,6 +23,8 @@ _THRESHOLD = 0.002
 _CANDIDATES = 3000
 _POLISHED = 2
 _MAX_PASSES = 60
+# In all for one design: in an oblique sliver coordinate moves creep along it, thousands of passes for a per mille.
+_POLISH_PASSES = 120
 _COARSE, _PASS_GAIN = 1e-3, 1e-9
 _SEARCHING, _TOLD_EVERY_S = "searching the design", 0.2
 # Smallest eigenvalue of M with unit diagonal: below the first M is singular but for rounding, below the second too
@@ -171,9 +173,10 @@ def search_constrained(
     found.sort(key=lambda pair: -pair[0])
     polished = []
     for value, points in found[:_POLISHED]:
-        current = value
-        for _ in range(_MAX_PASSES):
-            after = _polish(model, region, task, points)
+        current, left = value, _POLISH_PASSES
+        while left > 0:
+            after, used = _polish(model, region, task, points, min(left, _MAX_PASSES))
+            left -= used
             after = max(after, _candidate_exchange(points, model.matrix(points), candidates, rows, task, _COARSE))
             if not after > current + _PASS_GAIN:
                 break
@@ -185,13 +188,17 @@ def search_constrained(
     return winner, hits
 
 
-def _polish(model: QuadraticModel, region: Region, task: Task, points: FloatArray) -> float:
-    """Coordinate exchange along feasible intervals, in place; all rows' intervals of a coordinate are found at once."""
+def _polish(model: QuadraticModel, region: Region, task: Task, points: FloatArray, passes: int) -> tuple[float, int]:
+    """Coordinate exchange along feasible intervals, in place; all rows' intervals of a coordinate are found at once.
+
+    Returns the value reached and the passes made, at most ``passes``.
+    """
     plan = layout(model, region)
     n_base = 1 + sum(len(columns) for columns in model.columns)
     linear = task.weight is not None
-    value = -np.inf
-    for _ in range(_MAX_PASSES):
+    value, made = -np.inf, 0
+    while made < passes:
+        made += 1
         total = 0.0
         for j in range(model.k):
             spans, counts = region.line_intervals_of(points, j)
@@ -201,7 +208,7 @@ def _polish(model: QuadraticModel, region: Region, task: Task, points: FloatArra
             total += gain
         if total < _PASS_GAIN:
             break
-    return value
+    return value, made
 
 
 def _candidate_exchange(

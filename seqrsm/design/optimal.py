@@ -8,7 +8,13 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.evaluate import condition, continuous_bound, inestimable_terms, largest_variance
+from seqrsm.design.evaluate import (
+    condition,
+    continuous_bound,
+    inestimable_terms,
+    largest_variance,
+    nearly_inestimable_terms,
+)
 from seqrsm.design.exchange import Task, search_box, search_constrained
 from seqrsm.design.minimax import MinimaxSearch
 from seqrsm.design.moments import region_moments
@@ -286,6 +292,10 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
     lost = inestimable_terms(model, region.candidates(limit=5000))
     if lost:
         return _coinciding(lost)
+    near = nearly_inestimable_terms(model, region.candidates(limit=5000))
+    if near:
+        message = f"the region is so thin that these terms can hardly be told from the others: {', '.join(near)}"
+        return DesignError(Problem(message, "Loosen the constraints, or replace the factors that go together by one."))
     return DesignError(Problem("every design tried was singular", "Ask for more runs or more starts."))
 
 

@@ -234,6 +234,13 @@ class LeastSquaresFit:
             self.y, self.weights, self.sse, self.rank, self.setting_ids, self.block_ids, self.df_residual
         )
 
+    @property
+    def df_pure_error(self) -> int:
+        """Degrees of freedom of pure error: runs that repeat a setting (within a block)."""
+        if self.setting_ids is None:
+            return 0
+        return _anova.pure_error(self.y, self.weights, self.setting_ids, self.block_ids)[0]
+
     def anova(self) -> tuple[AnovaRow, ...]:
         """Sequential analysis of variance: blocks, first order, categories, interactions, squares, residual, total."""
         return _anova.table(self.Z, self.y, self.weights, self.kinds, self.sse, self.df_residual, self.lack_of_fit())
@@ -297,6 +304,8 @@ def fit_least_squares(
     # Residuals below the rounding of the scores as stored carry no information: the fit is exact.
     if np.linalg.norm(r) <= max(n, p) * linear_system.EPSILON * np.linalg.norm(y * root) or n == factors.rank:
         r = np.zeros(n)
+    if "intercept" in kinds and float(np.ptp(y)) == 0.0:  # no rounding dust, whose sign would place an optimum
+        basic = np.where(np.array(kinds) == "intercept", y[0], 0.0)
     rank, df = factors.rank, n - factors.rank
     L = linear_system.covariance_factor(factors)
     C = linear_system.covariance(factors, L)

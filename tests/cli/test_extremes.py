@@ -138,3 +138,28 @@ def test_one_wild_score(tmp_path) -> None:
     assert found["optimum"]["settings"]["x0"] == pytest.approx(0.2, abs=0.3)
     assert found["optimum"]["prediction"]["half_width"] < 6.0
     assert found["optimum"]["mean"] == pytest.approx(80.0, abs=2.0)
+
+
+def test_categories_only_end_by_the_rule(tmp_path) -> None:
+    """As many settings as terms: repeats are pure error all the same, and there is no lack of fit to test."""
+    factors = '[[factor]]\nname = "q"\nlevels = ["A", "B", "C"]\n[[factor]]\nname = "p"\nlevels = ["HH", "VV"]\n'
+    folder = make(tmp_path / "c", factors, "half_width = 4.0\nmax_runs = 60")
+
+    def score(row: dict, number: int) -> float:
+        return 50.0 + 5.0 * (row["q"] == "B") + 3.0 * (row["p"] == "VV") + noise(number)
+
+    fly(folder, score, 7)
+    found = fitted(folder)
+    assert found["optimum"]["settings"] == {"q": "B", "p": "VV"}
+    assert found["stop"]["held"], found["stop"]["reasons"]
+    assert found["df_residual"] == found["n_runs"] - 6
+    rehearsed = json.loads(call("rehearse", folder, "--campaigns", 10, "--json").stdout)
+    assert rehearsed["numbers"]["stopped"] == 1.0
+
+
+def test_equal_scores_leave_no_dust(tmp_path) -> None:
+    """Rounding would give the terms signs, and a place to an optimum that is nowhere."""
+    folder = make(tmp_path / "c", numeric(2), "half_width = 1.0")
+    fly(folder, lambda row, number: 0.1, 2)
+    found = fitted(folder)
+    assert [term["coded"]["estimate"] for term in found["terms"]] == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
