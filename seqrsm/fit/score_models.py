@@ -140,7 +140,9 @@ def normal_model(
     if discrepancy is not None and discrepancy.scale_sd > 0.0:
         hyper.append(Parameter("scale", 1.0))
     known = None if sigma_known is None else np.asarray(sigma_known, dtype=np.float64)
-    scores = _NormalScores(Z, y, w, prior, source, day, len(names), sigma_scale, known, day_scale, discrepancy, hyper)
+    scores = _NormalScores(
+        Z, y, w, prior, b, source, day, len(names), sigma_scale, known, day_scale, discrepancy, hyper
+    )
     if hyper and prior.low is None and prior.high is None:
         return GeneralModel(tuple(hyper), scores.marginal, scores.complete)
     linear = prior.parameters(b) + [Parameter(f"gamma[{j}]", 0.0) for j in range(scores.r)]
@@ -149,12 +151,16 @@ def normal_model(
 
 @dataclass(frozen=True, slots=True)
 class _NormalScores:
-    """Densities of the normal model: of everything, and with the coefficients integrated out."""
+    """Densities of the normal model: of everything, and with the coefficients integrated out.
+
+    Inside, coefficients count from ``centre`` (p,), the least-squares fit: scores far from zero lose no digits.
+    """
 
     Z: FloatArray
     y: FloatArray
     w: FloatArray
     prior: CoefficientPrior
+    centre: FloatArray
     source: IntArray
     day: IntArray
     n_sources: int
@@ -203,9 +209,15 @@ class _NormalScores:
         """Log density (n,) of the hyperparameters."""
         value = self.hyperparameters(v)[3]
         precision, c, constant, log_det = self._information(v)
-        L = np.linalg.cholesky(precision)
-        fitted = np.sum(np.square(np.linalg.solve(L, c[:, :, None])[:, :, 0]), axis=1)
-        log_det_l = np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)), axis=1)
+        # Bordered by c, the triangle's last row is L^-1 c: one factorisation in place of one and a solve.
+        size = c.shape[1]
+        bordered = np.empty((len(v), size + 1, size + 1))
+        bordered[:, :size, :size], bordered[:, size, :size], bordered[:, :size, size] = precision, c, c
+        bordered[:, size, size] = 2.0 * constant
+        L, ok = _cholesky(bordered)
+        value = np.where(ok, value, -np.inf)
+        fitted = np.sum(np.square(L[:, size, :size]), axis=1)
+        log_det_l = np.sum(np.log(np.diagonal(L, axis1=1, axis2=2)[:, :size]), axis=1)
         return np.asarray(value - 0.5 * (constant - fitted + log_det) - log_det_l)
 
     def complete(self, v: FloatArray, rng: np.random.Generator) -> tuple[tuple[str, ...], FloatArray]:
@@ -217,22 +229,60 @@ class _NormalScores:
             L = np.linalg.cholesky(precision)
             half = np.linalg.solve(L, c[:, :, None]) + rng.standard_normal((*c.shape, 1))
             parts.append(np.linalg.solve(np.swapaxes(L, 1, 2), half)[:, :, 0])
+            parts[-1][:, : self.centre.size] += self.centre
         names = [f"beta[{j}]" for j in range(self.Z.shape[1])] + [f"gamma[{j}]" for j in range(self.r)]
         return (*names, *(parameter.name for parameter in self.hyper)), np.hstack([np.concatenate(parts), v])
 
     def _information(self, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Posterior precision (n, c, c) of (beta, gamma), its product with their mean, the constant, log |V|."""
         run_precision, tau, scale, _ = self.hyperparameters(v)
-        root, p = np.sqrt(run_precision), self.Z.shape[1]
-        X = np.zeros((len(v), self.y.size, p + self.r + 1))  # last column: the scores
-        X[:, :, :p], X[:, :, -1] = self.Z, self.y
-        D, m = np.zeros((p + self.r, p + self.r)), np.zeros(p + self.r)
-        D[:p, :p], m[:p] = self.prior.inverse, self.prior.mean
+        c, p = self.centre.size + self.r, self.centre.size
+        log_det = -np.sum(np.log(run_precision), axis=1)
+        if np.any(tau > 0.0):
+            moment, more = self._moment_with_days(run_precision, tau, scale)
+            log_det += more
+        else:
+            moment = self._moment(run_precision, scale)
+        D, m = np.zeros((c, c)), np.zeros(c)
+        D[:p, :p], m[:p] = self.prior.inverse, self.prior.mean - self.centre
+        if self.discrepancy is not None:
+            D[p:, p:] = np.diag(1.0 / np.square(self.discrepancy.sd))
+        return moment[:, :c, :c] + D, moment[:, :c, c] + D @ m, moment[:, c, c] + m @ D @ m, log_det
+
+    def _moment(self, run_precision: FloatArray, scale: FloatArray) -> FloatArray:
+        """X' V^-1 X (n, c + 1, c + 1) of runs that know nothing of each other; the last column is that of the scores.
+
+        Runs of a source count alike but for their weights, so that their sums of products are made once.
+        """
+        base = self.Z @ self.centre
+        X0 = np.hstack([self.Z, np.zeros((self.y.size, self.r)), (self.y - base)[:, None]])
+        X1 = np.zeros_like(X0)  # X = X0 + (scale - 1) X1
+        if self.discrepancy is not None:
+            inside = self.discrepancy.inside
+            X0[inside, self.centre.size : -1] = self.discrepancy.columns[inside]
+            X1[inside, : self.centre.size], X1[inside, -1] = self.Z[inside], -base[inside]
+        factors, products = [], []
+        for source in range(self.n_sources):
+            rows = self.source == source
+            A, B, w = X0[rows], X1[rows], self.w[rows, None]
+            unit = run_precision[:, rows][:, 0] / w[0, 0]
+            factors += [unit, unit * (scale - 1.0), unit * np.square(scale - 1.0)]
+            cross = (A * w).T @ B
+            products += [(A * w).T @ A, cross + cross.T, (B * w).T @ B]
+        return np.asarray(np.tensordot(np.array(factors).T, np.array(products), axes=1))
+
+    def _moment_with_days(
+        self, run_precision: FloatArray, tau: FloatArray, scale: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same with day effects integrated out, and what they add to log |V|."""
+        root, p, base = np.sqrt(run_precision), self.Z.shape[1], self.Z @ self.centre
+        X = np.zeros((len(tau), self.y.size, p + self.r + 1))
+        X[:, :, :p], X[:, :, -1] = self.Z, self.y - base
         if self.discrepancy is not None:
             inside = self.discrepancy.inside
             X[:, inside, :p] *= scale[:, None, None]
+            X[:, inside, -1] = self.y[inside] - scale[:, None] * base[inside]
             X[:, inside, p:-1] = self.discrepancy.columns[inside]
-            D[p:, p:] = np.diag(1.0 / np.square(self.discrepancy.sd))
         X *= root[:, :, None]
         J = (self.day[:, None] == np.arange(self.day.max() + 1)).astype(np.float64)
         total = run_precision @ J
@@ -240,9 +290,27 @@ class _NormalScores:
         shrink = (1.0 - 1.0 / np.sqrt(stretch)) / total
         along = J.T @ (root[:, :, None] * X)
         X -= root[:, :, None] * (shrink[:, :, None] * along)[:, self.day]
-        moment = np.swapaxes(X, 1, 2) @ X
-        log_det = np.sum(np.log(stretch), axis=1) - np.sum(np.log(run_precision), axis=1)
-        return moment[:, :-1, :-1] + D, moment[:, :-1, -1] + D @ m, moment[:, -1, -1] + m @ D @ m, log_det
+        return np.swapaxes(X, 1, 2) @ X, np.sum(np.log(stretch), axis=1)
+
+
+def _cholesky(precision: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Lower triangles (n, c, c), and which matrices have one to the digits at hand.
+
+    Where one source is a million times more certain than another and cannot tell all terms apart, the sum of both has
+    lost the other; such variances are beyond what scores can say, and count as impossible.
+    """
+    ok = np.ones(len(precision), dtype=np.bool_)
+    try:
+        return np.asarray(np.linalg.cholesky(precision), dtype=np.float64), ok
+    except np.linalg.LinAlgError:
+        pass
+    L = np.broadcast_to(np.eye(precision.shape[1]), precision.shape).copy()
+    for i, one in enumerate(precision):
+        try:
+            L[i] = np.linalg.cholesky(one)
+        except np.linalg.LinAlgError:
+            ok[i] = False
+    return L, ok
 
 
 def _log_likelihood(residual: FloatArray, precision: FloatArray, tau: FloatArray, J: FloatArray) -> FloatArray:

@@ -305,3 +305,19 @@ def test_upper_bound_alone() -> None:
     for j, sign in ((0, 1.0), (1, -1.0)):
         wanted = np.sort(sign * np.quantile(other[:, j], quantiles))
         np.testing.assert_allclose(np.quantile(found[:, j], quantiles), wanted, atol=0.1 * sd[j])
+
+
+def test_sources_that_cannot_tell_the_terms_apart_alone() -> None:
+    """Many terms, one source with fewer runs than terms, scores far from zero: sampled, and the same when moved."""
+    rng = np.random.default_rng(0)
+    Z = np.column_stack([np.ones(24), rng.uniform(-1, 1, (24, 9))])
+    sources = [int(i % 3 == 0) for i in range(24)]
+    y = np.round(Z @ np.concatenate([[70.0], np.full(9, 2.0)]) + rng.normal(size=24), 3)
+    found = []
+    for shift in (0.0, 1e9):
+        prior = CoefficientPrior(np.where(np.arange(10) == 0, 70.0 + shift, 0.0), np.full(10, 20.0))
+        sample = sample_model(normal_model(Z, y + shift, prior, sources=sources), seed=1, min_ess=1000)
+        found.append(sample.of("beta") - np.where(np.arange(10) == 0, 70.0 + shift, 0.0))
+    sd = np.std(found[0], axis=0)
+    np.testing.assert_allclose(np.mean(found[1], axis=0), np.mean(found[0], axis=0), atol=0.1 * sd.min())
+    np.testing.assert_allclose(np.std(found[1], axis=0), sd, rtol=0.05)
