@@ -40,8 +40,8 @@ from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.study import study_fit
-from seqrsm.campaign.surface import block_labels
-from seqrsm.decide.allowance import departure_allowance
+from seqrsm.campaign.surface import block_labels, shared_loadings
+from seqrsm.decide.allowance import Allowance, departure_allowance
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import Decision, StopRule, decide
@@ -54,6 +54,7 @@ from seqrsm.fit.importance import variance_shares
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
+from seqrsm.fit.shared_error import shared_error
 from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
@@ -193,9 +194,19 @@ def _with_departure(
     if fitted.sources is not None or not fit.s > 0.0:
         return None
     row = fit.rows_with_mean_block(fitted.model.matrix(best.point[None, :]))[0]
+    loadings, _ = shared_loadings(fitted.data, scale)
+    shared = shared_error(fit.Z, fit.y, fit.weights, loadings, row)
     allowance = departure_allowance(
-        fitted.model, fitted.region, fitted.data.points, fit.Z, fit.y, best.point, row, fit.weights
+        fitted.model,
+        fitted.region,
+        fitted.data.points,
+        fit.Z,
+        fit.y - loadings @ shared.errors,
+        best.point,
+        row,
+        fit.weights,
     )
+    allowance = Allowance(allowance.shift + shared.shift, allowance.variance + shared.variance)
     mean = float(row @ fit.estimate)
     found, widening = [], 1.0
     for kind, interval in zip(("confidence", "prediction", "prediction_mean"), intervals, strict=True):
@@ -381,6 +392,12 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(
             f"With {fitted.sources.n_flights} flights the difference between flight and simulation is mostly what the "
             "prior says ([model] discrepancy_sd)."
+        )
+    _, rungs = shared_loadings(data, fitted.scale)
+    if rungs and data.model_bias is not None:
+        found.append(
+            f"Simulated scores of {' and '.join(rungs)} may be off together, by {2.0 * np.max(data.model_bias):.2g} at "
+            "most: the posterior and the intervals with a departure allowed for count that."
         )
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: it lies further from the runs than any run does.")

@@ -52,7 +52,11 @@ class ScoredRuns:
     trials, correct : ndarray (n,), optional
         Binomial counts; nan where none were given.
     model_sd : ndarray (n,), optional
-        Standard deviation of the error that a cheaper simulation adds to its score, in score units; 0 for others.
+        Standard deviation of what looking at a part of the ground adds to a score, in score units; 0 for others.
+    model_bias : ndarray (n,), optional
+        Standard deviation of the error that a score shares with the others of its rung, in score units.
+    rungs : tuple of str
+        Rung of the ladder of models that made each score, "" for others.
     """
 
     run_ids: IntArray
@@ -66,6 +70,8 @@ class ScoredRuns:
     trials: FloatArray | None = None
     correct: FloatArray | None = None
     model_sd: FloatArray | None = None
+    model_bias: FloatArray | None = None
+    rungs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,6 +125,7 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         for run in runs
         if run.state == "scored" and run.purpose != CONFIRMATION and (score := run.score_of(application)) is not None
     ]
+    errors = [_model_error(score.metadata) for _, score in used]
     return ScoredRuns(
         run_ids=np.array([run.run_id for run, _ in used], dtype=np.int64),
         batches=np.array([run.batch for run, _ in used], dtype=np.int64),
@@ -136,21 +137,23 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         blocks=tuple(run.block for run, _ in used),
         trials=_counts([score.n for _, score in used]),
         correct=_counts([score.correct for _, score in used]),
-        model_sd=np.array([model_error_sd(score.metadata) for _, score in used], dtype=np.float64),
+        model_sd=np.array([part for part, _, _ in errors], dtype=np.float64),
+        model_bias=np.array([bias for _, bias, _ in errors], dtype=np.float64),
+        rungs=tuple(rung for _, _, rung in errors),
     )
 
 
-def model_error_sd(metadata: Mapping[str, Any]) -> float:
-    """Standard deviation of the error of a score's simulation [score units].
+def _model_error(metadata: Mapping[str, Any]) -> tuple[float, float, str]:
+    """Errors of a score's simulation [score units]: of looking at a part of the ground, shared in its rung; the rung.
 
-    That of looking at a part of the ground, and of what it leaves out, whose bound counts as two standard deviations.
+    The bound of what a rung leaves out counts as two standard deviations.
     """
     fidelity = metadata.get("fidelity")
     if not isinstance(fidelity, Mapping):
-        return 0.0
+        return 0.0, 0.0, ""
     sampling = metadata.get("sampling_se")
     part = float(sampling) if isinstance(sampling, float) and np.isfinite(sampling) else 0.0
-    return float(np.hypot(part, 0.5 * float(fidelity.get("bias_bound", 0.0))))
+    return part, 0.5 * float(fidelity.get("bias_bound", 0.0)), str(fidelity.get("rung", ""))
 
 
 def _counts(values: Sequence[int | None]) -> FloatArray:
@@ -163,7 +166,8 @@ def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
         return data
     keep: BoolArray = box.contains(data.points)
     names = [np.array(getattr(data, name), dtype=object)[keep] for name in ("sources", "purposes", "blocks")]
-    counts = [None if column is None else column[keep] for column in (data.trials, data.correct, data.model_sd)]
+    columns = (data.trials, data.correct, data.model_sd, data.model_bias)
+    counts = [None if column is None else column[keep] for column in columns]
     return ScoredRuns(
         run_ids=data.run_ids[keep],
         batches=data.batches[keep],
@@ -176,6 +180,8 @@ def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
         trials=counts[0],
         correct=counts[1],
         model_sd=counts[2],
+        model_bias=counts[3],
+        rungs=tuple(rung for rung, kept in zip(data.rungs, keep.tolist(), strict=True) if kept) if data.rungs else (),
     )
 
 

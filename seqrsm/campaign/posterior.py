@@ -14,7 +14,7 @@ from seqrsm.campaign.analysis import EffectBound, Interval, OptimumEstimate, Pos
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.knowledge import EffectBounds, precision_of, stated_bounds, stated_prior
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.campaign.surface import block_labels, counts_of
+from seqrsm.campaign.surface import block_labels, counts_of, shared_loadings
 from seqrsm.decide.moving import Box
 from seqrsm.decide.sources import source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor
@@ -22,7 +22,8 @@ from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.bounds import LinearBounds, bounded_draws
-from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative
+from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior, weakly_informative
+from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
 from seqrsm.fit.robust import STUDENT_DF, student_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
@@ -109,13 +110,30 @@ def _stacked(spec: CampaignSpec, fitted: Fitted) -> tuple[FloatArray, FloatArray
     fit, found = fitted.fit, fitted.sources
     if found is None:
         robust = spec.model.errors == "student_t"
-        return fit.Z, fitted.scale.weights if robust else fit.weights, prior_of(spec, fitted)
+        # Without scatter there is no unit for the prior of shared errors.
+        loadings = shared_loadings(fitted.data, fitted.scale)[0][:, : None if fit.s > 0.0 else 0]
+        weights = fitted.scale.weights if robust else fit.weights
+        return np.hstack([fit.Z, loadings]), weights, _with_shared(prior_of(spec, fitted), fit, loadings.shape[1])
     flights = np.array([source == "flight" for source in fitted.data.sources])
     columns, _ = block_columns(block_labels(spec, fitted.data, with_source=False))
     Z = np.hstack([stacked_rows(fitted.model, fitted.data.points, flights), columns])
     weights = np.where(flights, found.flight_weight, 1.0) * fitted.scale.weights
     base = stated_prior(spec, fitted.application, fitted.model, fitted.region)
     return Z, weights, source_prior(fitted.model, columns.shape[1], found.prior_sd, found.s_simulation, base)
+
+
+def _with_shared(prior: Prior, fit: LeastSquaresFit, shared: int) -> Prior:
+    """The prior with an error that the scores of each rung share, of standard deviation 1 for its own column."""
+    if not shared:
+        return prior
+    base = NormalInverseGamma(np.zeros(fit.n_terms), np.zeros((fit.n_terms, fit.n_terms)), 0.0, 0.0)
+    base = base if isinstance(prior, Flat) else prior
+    size = fit.n_terms + shared
+    mean, precision = np.zeros(size), np.zeros((size, size))
+    mean[: fit.n_terms], precision[: fit.n_terms, : fit.n_terms] = base.m0, base.Lambda0
+    index = np.arange(fit.n_terms, size)
+    precision[index, index] = fit.s**2
+    return NormalInverseGamma(mean, precision, base.a0, base.b0)
 
 
 def _coefficient_prior(spec: CampaignSpec, fitted: Fitted) -> CoefficientPrior:

@@ -92,9 +92,25 @@ def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale, data: Scor
         return student_weights(Z, scale.values, scale.weights)
     if data.model_sd is None:
         return scale.weights
+    return own_weights(Z, scale.values, np.square(data.model_sd * _stretch(scale, data)), scale.weights)
+
+
+def _stretch(scale: ResponseScale, data: ScoredRuns) -> FloatArray:
+    """Unit of the scale of the fit for one of each score (n,)."""
+    if scale.kind == "identity":
+        return np.ones(len(data.scores))
     inner = np.clip(data.scores, 0.5, 99.5)
-    stretch = 1.0 if scale.kind == "identity" else 100.0 / (inner * (100.0 - inner))
-    return own_weights(Z, scale.values, np.square(data.model_sd * stretch), scale.weights)
+    return np.asarray(100.0 / (inner * (100.0 - inner)))
+
+
+def shared_loadings(data: ScoredRuns, scale: ResponseScale) -> tuple[FloatArray, tuple[str, ...]]:
+    """Error that the scores of each rung share, and the rungs: prior standard deviations (n, r) on the fit's scale."""
+    if data.model_bias is None or not np.any(data.model_bias > 0.0):
+        return np.zeros((len(data.scores), 0)), ()
+    own = data.model_bias * _stretch(scale, data)
+    made = np.array(data.rungs)
+    rungs = tuple(sorted(set(made[own > 0.0].tolist())))
+    return np.column_stack([np.where(made == rung, own, 0.0) for rung in rungs]), rungs
 
 
 def fit_surface(

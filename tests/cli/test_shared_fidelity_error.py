@@ -1,0 +1,57 @@
+"""Scores of a cheaper rung share an error: it widens what a campaign tells of its optimum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import t
+from tiny_campaign import make_tiny
+
+from seqrsm.campaign.analyse import analyse
+from seqrsm.campaign.fitted import fit_application
+from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.posterior import draw_coefficients
+from seqrsm.campaign.records import RunRecord
+
+BOUND = 4.0
+
+
+def made_by(runs: Sequence[RunRecord], bound: float) -> list[RunRecord]:
+    """The same runs, as if a rung that leaves so much out had made them all."""
+    out = []
+    for run in runs:
+        kept = {"rung": "F0", "bias_bound": bound, "bound": bound}
+        scores = tuple(replace(s, metadata={**s.metadata, "fidelity": kept, "sampling_se": 0.0}) for s in run.scores)
+        out.append(replace(run, scores=scores))
+    return out
+
+
+def test_a_shared_bound_widens_intervals_and_posterior(tmp_path: Path, tiny_scene: Path) -> None:
+    campaign = Campaign.open(make_tiny(tmp_path / "shared", tiny_scene))
+    while len(campaign.store.runs()) < 15:
+        campaign.propose()
+        campaign.simulate()
+    spec, runs = campaign.spec, campaign.store.runs()
+    one = spec.applications[0]
+    plain, shared = (analyse(spec, one, made_by(runs, bound), ()) for bound in (0.0, BOUND))
+    narrow, wide = plain.optimum.with_departure, shared.optimum.with_departure
+    assert plain.optimum.mean == pytest.approx(shared.optimum.mean)
+    # All runs by one rung: nothing is learnt of what they share, half the bound is its standard deviation.
+    fitted = fit_application(spec, one, made_by(runs, 0.0))
+    quantile = t.ppf(0.5 + 0.5 * shared.optimum.level, fitted.df_residual)
+    wanted = np.hypot(narrow.confidence.half_width, quantile * 0.5 * BOUND)
+    assert wide.confidence.half_width == pytest.approx(wanted, rel=1e-6)
+    assert any("may be off together, by 4 at most" in text for text in shared.warnings)
+    assert not any("off together" in text for text in plain.warnings)
+    draws = [
+        draw_coefficients(spec, fit_application(spec, one, made_by(runs, bound)), sampler="exact", n_draws=20_000)
+        for bound in (0.0, BOUND)
+    ]
+    rows = fitted.model.matrix(np.zeros((1, spec.region.k)))
+    spread = [float((found.terms @ rows[0]).std()) for found in draws]
+    # The prior of what is shared is N(0, 1) at the fitted sigma, and scales with the sigma that is drawn.
+    assert np.hypot(spread[0], 0.5 * BOUND) * 0.97 < spread[1] < np.hypot(spread[0], 0.5 * BOUND) * 1.35
