@@ -12,12 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaln, expit
+from scipy.special import expit, gammaln
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.checks import check_runs
 from seqrsm.fit.general_target import GeneralModel, Parameter
+
+_STIRLING = 60.0  # from here on the series is exact to the last digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,11 +368,25 @@ def beta_binomial_model(
     def log_density(v: FloatArray) -> FloatArray:
         share = np.clip(expit(v[:, :p] @ Z.T), 1e-12, 1.0 - 1e-12)
         phi = (1.0 / v[:, p] - 1.0)[:, None]
-        a, b = share * phi, (1.0 - share) * phi
-        likelihood = np.sum(betaln(c + a, m - c + b) - betaln(a, b), axis=1)
+        # B(c + a, m - c + b) / B(a, b), with the binomial part apart: beyond it little is left of large counts.
+        binomial = c * np.log(share) + (m - c) * np.log1p(-share)
+        more = _log_rising(share * phi, c) + _log_rising((1.0 - share) * phi, m - c) - _log_rising(phi, m)
+        likelihood = np.sum(binomial + more, axis=1)
         return np.asarray(likelihood + prior.log_density(v[:, :p]) + (overdispersion - 1.0) * np.log1p(-v[:, p]))
 
     return GeneralModel(tuple(parameters), log_density)
+
+
+def _log_rising(a: FloatArray, c: FloatArray) -> FloatArray:
+    """Log of Gamma(a + c) / (Gamma(a) a^c), without the cancellation that a large ``a`` (Stirling's series) brings."""
+    large = np.maximum(a, _STIRLING)
+
+    def correction(x: FloatArray) -> FloatArray:
+        return np.asarray((1.0 / 12.0 - (1.0 / 360.0 - 1.0 / 1260.0 / x**2) / x**2) / x)
+
+    series = (large + c - 0.5) * np.log1p(c / large) - c + correction(large + c) - correction(large)
+    small = np.minimum(a, _STIRLING)
+    return np.where(a >= _STIRLING, series, gammaln(small + c) - gammaln(small) - c * np.log(small))
 
 
 def _index(labels: Sequence[object]) -> tuple[tuple[object, ...], IntArray]:

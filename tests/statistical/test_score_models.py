@@ -321,3 +321,39 @@ def test_sources_that_cannot_tell_the_terms_apart_alone() -> None:
     sd = np.std(found[0], axis=0)
     np.testing.assert_allclose(np.mean(found[1], axis=0), np.mean(found[0], axis=0), atol=0.1 * sd.min())
     np.testing.assert_allclose(np.std(found[1], axis=0), sd, rtol=0.05)
+
+
+@pytest.mark.parametrize("trials", [1.0, 7.0, 300.0, 40_000.0])
+def test_beta_binomial_density_is_that_of_scipy(trials: float) -> None:
+    rng = np.random.default_rng(3)
+    share = np.array([0.02, 0.3, 0.5, 0.97])
+    correct = np.round(trials * share)
+    prior = CoefficientPrior(np.zeros(4), np.full(4, np.inf))
+    model = beta_binomial_model(np.eye(4), correct, np.full(4, trials), prior, overdispersion=1.0)
+    logit = np.log(share / (1 - share)) + 0.3 * rng.normal(size=4)
+    correlations = np.array([0.6, 0.1, 1e-3, 1e-5])
+    found = model.log_density(np.column_stack([np.tile(logit, (4, 1)), correlations]))
+    phi = 1.0 / correlations - 1.0
+    p = expit(logit)
+    counted = stats.binom(trials, 0.5).logpmf(correct) + trials * np.log(2.0)  # the binomial coefficient
+    want = [np.sum(stats.betabinom(trials, p * f, (1 - p) * f).logpmf(correct) - counted) for f in phi]
+    np.testing.assert_allclose(found, want, rtol=1e-9, atol=1e-6)
+    # Without correlation it is binomial: no digits are lost on the way there.
+    limit = model.log_density(np.append(logit, 1e-18)[None, :])[0]
+    assert limit == pytest.approx(np.sum(stats.binom(trials, p).logpmf(correct) - counted), rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 500.0, 3000.0])
+def test_counts_of_a_million_pixels(scatter: float) -> None:
+    """The posterior mean of the coefficients is the least-squares fit of the logits, as good as counts this large."""
+    rng = np.random.default_rng(1)
+    x = np.linspace(-1, 1, 15)
+    Z, n = np.column_stack([np.ones(15), x, x**2]), 1e6
+    correct = np.round(n * expit(Z @ [0.4, 0.1, -0.5]) + scatter * rng.normal(size=15))
+    prior = CoefficientPrior(np.zeros(3), np.array([10.0, 2.5, 2.5]))
+    found = sample_model(beta_binomial_model(Z, correct, np.full(15, n), prior), seed=1, min_ess=2000)
+    want = np.linalg.lstsq(Z, np.log(correct / (n - correct)), rcond=None)[0]
+    sd = np.std(found.of("beta"), axis=0)
+    np.testing.assert_allclose(np.mean(found.of("beta"), axis=0), want, atol=0.5 * sd.max())
+    size = max(scatter, np.sqrt(n / 4)) / (n / 4)  # scatter of a logit
+    assert sd[1] == pytest.approx(size / np.sqrt(np.sum(x**2)), rel=0.6)
