@@ -285,11 +285,11 @@ def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float,
     if not (cell > 0.0 and math.isfinite(cell)):
         raise SceneError(Problem("the cell size must be a positive number of metres", field="cell_m", value=cell))
     rows, cols = int((top - bottom) / cell + 1e-6), int((right - left) / cell + 1e-6)
-    if min(right - left, top - bottom) > 0.0 and (rows < 2 or cols < 2):
+    if min(right - left, top - bottom) > 0.0 and (rows < 1 or cols < 1):
         shared = f"{right - left:g} m x {top - bottom:g} m"
-        text = f"the ground that the rasters share, {shared}, holds no 2 x 2 cells of {cell:g} m"
+        text = f"the ground that the rasters share, {shared}, holds no cell of {cell:g} m"
         raise SceneError(Problem(text, "Give smaller cells, or larger rasters", file, field="cell_m"))
-    if rows < 2 or cols < 2:
+    if rows < 1 or cols < 1:
         text = f"the rasters share no ground: one spans {one}, the other {two}"
         raise SceneError(Problem(text, "Check their coordinate systems", file))
     if rows * cols > MAX_CELLS:

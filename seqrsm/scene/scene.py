@@ -132,9 +132,9 @@ def _layer_problems(scene: Scene) -> list[Problem]:
         wanted.append(("soil_moisture", scene.soil_moisture, np.float32))
     problems = []
     shape = np.shape(scene.elevation_m)
-    if len(shape) != 2 or min(shape) < 2:
+    if len(shape) != 2 or min(shape) < 1:
         problems.append(
-            Problem("the layer must have at least 2 rows and 2 columns", field="elevation_m", value=tuple(shape))
+            Problem("the layer must have rows and columns, at least one of each", field="elevation_m", value=tuple(shape))
         )
     elif shape[0] * shape[1] > MAX_CELLS:
         problems.append(Problem(f"more than {MAX_CELLS} cells", "Cut or coarsen the scene", value=tuple(shape)))

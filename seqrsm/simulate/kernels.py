@@ -387,7 +387,8 @@ def _slope_row(z: AnyArray, row: int, left: np.uint64, m: np.uint64, cell: float
     """Slope along the track: central differences, one-sided at the ends, 0 for one cell."""
     number = z.dtype.type
     per_two = number(0.5 / cell)
-    for j in range(_ONE, m - _ONE):
+    # Unsigned: with a single column the range would have no end.
+    for j in range(_ONE, max(m, np.uint64(2)) - _ONE):
         w[_SLOPE + j] = (z[row, left + j + _ONE] - z[row, left + j - _ONE]) * per_two
     for end in (_ZERO, m - _ONE):
         k: Any = np.int64(left + end)

@@ -340,7 +340,8 @@ def test_nearest_binning_shows_the_reports_ripple_and_keeps_the_power():
 
 def test_strips_and_threads_give_the_same_bits_and_bins_hold_the_parts_of_elements():
     rng = np.random.default_rng(3)
-    z = rng.normal(0, 2.0, (200, 1100)).cumsum(axis=0)
+    # One column more than a strip: the last strip is a single column.
+    z = rng.normal(0, 2.0, (200, kernels.STRIP + 1)).cumsum(axis=0)
     z -= z.mean()
     f = frame(z, 4000.0, 6000.0, 5.0, np.float32)
     r = radar(resolution_m=12.0, elevation_pattern="sinc_squared")
