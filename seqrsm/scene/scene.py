@@ -134,7 +134,7 @@ def _layer_problems(scene: Scene) -> list[Problem]:
     shape = np.shape(scene.elevation_m)
     if len(shape) != 2 or min(shape) < 1:
         problems.append(
-            Problem("the layer must have rows and columns, at least one of each", field="elevation_m", value=tuple(shape))
+            Problem("the layer must have a row and a column at least", field="elevation_m", value=tuple(shape))
         )
     elif shape[0] * shape[1] > MAX_CELLS:
         problems.append(Problem(f"more than {MAX_CELLS} cells", "Cut or coarsen the scene", value=tuple(shape)))

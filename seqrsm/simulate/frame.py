@@ -215,6 +215,10 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
     elevation -= elevation.dtype.type(mean)
     if known < scene.elevation_m.size or place is not None:
         cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
+        if np.isnan(elevation).all():
+            text = "turned to the heading, no cell has an elevation"
+            remedy = "Fly along the grid: a heading of 0, 90, 180 or 270 deg"
+            raise SceneError(Problem(text, remedy, field="heading_deg", value=heading_deg))
         kernels.fill_no_data(elevation)
     lowest, top = elevation.min(axis=1), elevation.max(axis=1)
     return _Turned(elevation, cover, field, mean, highest, lowest, top, turns, place)
@@ -226,6 +230,9 @@ def _rotated(scene: Scene, heading_rad: float) -> tuple[AnyArray, AnyArray, AnyA
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     m = math.ceil(cols * abs(sine) + rows * abs(cosine))
     n = math.ceil(cols * abs(cosine) + rows * abs(sine))
+    if max(m, n) == 2:
+        # One cell: the middle of the grid must be the middle of a cell, or all of them miss it.
+        m, n = 3, 3
     # Range (to the right of the heading) and azimuth of each frame cell from the centre, then east and south of it.
     away = (np.arange(n) - 0.5 * (n - 1))[:, None]
     along = (np.arange(m) - 0.5 * (m - 1))[None, :]

@@ -132,7 +132,7 @@ def pixels_around(beamwidth_rad: float) -> int:
 
 
 def bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
-    """Values of a layer between its cells by straight lines; held at the edges, nan beside nan."""
+    """Values of a layer between its cells by straight lines; held at the edges, beside nan those of the nearest cell."""
     rows, cols = layer.shape
     r, c = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
@@ -140,7 +140,13 @@ def bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
     down, right = np.minimum(i + 1, rows - 1), np.minimum(j + 1, cols - 1)
     upper = (1.0 - fc) * layer[i, j] + fc * layer[i, right]
     lower = (1.0 - fc) * layer[down, j] + fc * layer[down, right]
-    return np.asarray((1.0 - fr) * upper + fr * lower)
+    out = (1.0 - fr) * upper + fr * lower
+    beside = np.isnan(out)
+    if beside.any():
+        # A cell beside a hole keeps what is known of it.
+        nearest = layer[np.rint(r).astype(np.int64), np.rint(c).astype(np.int64)]
+        out = np.where(beside, nearest, out)
+    return np.asarray(out)
 
 
 def rectangular_pixels(image: RadarImage) -> IntArray:

@@ -118,6 +118,41 @@ def test_ground_without_echo_is_noise_and_its_picture_has_every_level_defined():
     assert np.abs(tones.astype(float) - 127.5).max() < 5.0
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
+def test_one_cell_one_row_and_one_column(shape, heading_deg):
+    image = quiet(scene(np.full(shape, 12.0), 10.0), radar(fading="none", heading_deg=heading_deg))
+    # Flat ground of -10 dB in every pixel of 2 x 2 cells; what a pixel lacks of cells is as those that it has.
+    np.testing.assert_allclose(apparent(image), 0.1, rtol=2e-3)
+    along_rows = heading_deg % 180.0 == 0.0
+    rows, cols = shape if not along_rows else shape[::-1]
+    assert image.intensity.shape[1:] == (max(rows // 2, 1), max(cols // 2, 1))
+    assert (image.pixel_of_cell >= 0).all()
+    assert not image.shadow.any()
+    assert picture(image).shape == image.intensity.shape
+
+
+@pytest.mark.parametrize("heading_deg", [30.0, 45.0, 359.0])
+def test_one_cell_seen_across_the_grid_keeps_its_power(heading_deg):
+    s = scene(np.full((1, 1), 12.0), 10.0)
+    across = quiet(s, radar(fading="none", heading_deg=heading_deg))
+    along = quiet(s, radar(fading="none"))
+    assert np.isfinite(across.intensity).all()
+    # A cell of 10 m in pixels of 20 m.
+    total = apparent(across).sum() * 20.0**2
+    assert total == pytest.approx(0.1 * 10.0**2, rel=0.01)
+    assert apparent(along) == pytest.approx(0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize("heading_deg", [90.0, 33.0])
+def test_one_known_cell_among_holes_is_imaged(heading_deg):
+    z, cover = np.full((9, 9), np.nan), np.full((9, 9), 255)
+    z[4, 4], cover[4, 4] = 50.0, 0
+    image = quiet(scene(z, 10.0, cover), radar(fading="none", heading_deg=heading_deg))
+    assert image.pixel_of_cell[4, 4] >= 0
+    assert apparent(image).sum() * 20.0**2 == pytest.approx(0.1 * 10.0**2, rel=0.05)
+
+
 def test_two_by_two_cells_are_one_pixel():
     image = quiet(scene(np.zeros((2, 2)), 10.0), radar(fading="none"))
     assert image.intensity.shape == (1, 1, 1)

@@ -114,7 +114,7 @@ BROKEN: list[tuple[dict[str, Any], str]] = [
     ({"elevation_m": np.full((3, 4), 1e5, np.float32)}, "12 cells lie outside -500 to 9000 m"),
     ({"elevation_m": np.full((3, 4), np.inf, np.float32)}, "outside"),
     ({"elevation_m": np.full((3, 4), np.nan, np.float32)}, "12 scored cells have no elevation"),
-    ({"elevation_m": np.zeros((1, 4), np.float32)}, "at least 2 rows"),
+    ({"elevation_m": np.zeros((0, 4), np.float32)}, "a row and a column at least"),
 ]
 
 
