@@ -132,7 +132,7 @@ def pixels_around(beamwidth_rad: float) -> int:
 
 
 def bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
-    """Values of a layer between its cells by straight lines; held at the edges, beside nan those of the nearest cell."""
+    """Values of a layer between its cells by straight lines; held at the edges, beside nan the nearest cell's."""
     rows, cols = layer.shape
     r, c = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
