@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
+from typing import Any
 
 from seqrsm import __version__
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.campaign.images import Pictures, report_pictures, truth_panel
+from seqrsm.campaign.images import Pictures, explain_image, report_pictures, truth_panel
 from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.simulation import NO_RUN
 from seqrsm.campaign.tradeoff import read_tradeoff
+from seqrsm.errors import UserError
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
@@ -49,7 +52,18 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         reproduce=_reproduce(campaign),
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
+        plan=_plan(campaign),
     )
+
+
+def _plan(campaign: Campaign) -> Mapping[str, Any] | None:
+    """The planner's verdicts at the recommended settings; None without a simulator, or where it cannot work there."""
+    if campaign.spec.simulator is None:
+        return None
+    try:
+        return explain_image(campaign, (), NO_RUN)
+    except UserError:
+        return None
 
 
 def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:

@@ -100,6 +100,8 @@ class Dossier:
         Of several applications, or of one with other considerations.
     tradeoff : Mapping or None
         What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
+    plan : Mapping or None
+        What the fidelity planner says of the recommended settings, see `seqrsm.campaign.images.explain_image`.
     """
 
     spec: CampaignSpec
@@ -114,3 +116,4 @@ class Dossier:
     reproduce: tuple[str, ...]
     compromise: CompromiseEstimate | None = None
     tradeoff: Mapping[str, Any] | None = None
+    plan: Mapping[str, Any] | None = None

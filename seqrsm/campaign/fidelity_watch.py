@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.records import EventRecord, RunRecord
@@ -62,3 +63,27 @@ def to_repeat(spec: CampaignSpec, runs: Sequence[RunRecord], widening: Mapping[s
             if now > 1.0 and now * float(kept["bound"]) > spec.simulator.tolerance:
                 found.append(run.run_id)
     return tuple(found)
+
+
+def simulated_by(runs: Iterable[RunRecord], violations: Sequence[EventRecord]) -> dict[str, Any] | None:
+    """By which rungs the scored runs were simulated, and what the checks found; None where none was simulated.
+
+    Returns
+    -------
+    dict or None
+        ``rungs``: for each in use the ``runs``, the largest ``bound`` [score units], what is ``left_out``, and the
+        median ``seconds`` of a run; ``checks`` and ``violations``: how many.
+    """
+    kept = [found for run in runs if run.state == "scored" and (found := fidelity_of(run))]
+    if not kept:
+        return None
+    rungs = {}
+    for rung in sorted({str(found["rung"]) for found in kept}):
+        own = [found for found in kept if found["rung"] == rung]
+        rungs[rung] = {
+            "runs": len(own),
+            "bound": max(float(found["bound"]) for found in own),
+            "left_out": sorted({str(name) for found in own for name in found["left_out"]}),
+            "seconds": median(float(found.get("seconds", 0.0)) for found in own),
+        }
+    return {"rungs": rungs, "checks": sum("check" in found for found in kept), "violations": len(violations)}

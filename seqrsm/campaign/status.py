@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from seqrsm import __version__
+from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
 from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.spec import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
@@ -39,6 +40,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
         runs, looks = store.runs(), store.looks()
         events = store.events() if history else ()
+        violations = store.events(kind=VIOLATED)
         applications = _remembered_looks(spec, runs, looks, store.last_event())
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
@@ -51,6 +53,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "level": spec.stop.level,
         "units": {factor.name: getattr(factor, "unit", "") for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
+        "simulated_by": simulated_by(runs, violations),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
         "failed": [{"run_id": run.run_id, "reason": run.reason} for run in runs if run.state == "failed"],

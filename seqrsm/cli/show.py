@@ -116,6 +116,8 @@ def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
             f"{_INTERVALS[result['interval']]}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
         ],
     ]
+    if result["simulated_by"] is not None:
+        rows.append(["simulated by", _simulated_by(result["simulated_by"])])
     show_table(["", ""], rows, title=f"campaign {result['campaign']}", left=True)
     for application in result["applications"]:
         _show_application(factors, result, application)
@@ -128,6 +130,16 @@ def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
         stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
         detail = ", ".join(f"{name} {value}" for name, value in (event["detail"] or {}).items())
         line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
+
+
+def _simulated_by(found: Mapping[str, Any]) -> str:
+    """Runs of each rung with the largest bound, and the checks."""
+    parts = [
+        f"{rung} {own['runs']}" + (f" (error at most {own['bound']:.2g})" if own["bound"] > 0.0 else "")
+        for rung, own in found["rungs"].items()
+    ]
+    checks = f"{found['checks']} checked, {found['violations'] or 'no'} bound violated"
+    return f"{', '.join(parts)}; {checks}"
 
 
 def _show_application(factors: Sequence[Factor], result: Mapping[str, Any], application: Mapping[str, Any]) -> None:

@@ -53,6 +53,8 @@ def speed_section(dossier: Dossier) -> Section | None:
     table = _run_table(dossier, unit)
     if table is not None:
         blocks += [table, *_checks(dossier, unit)]
+    if dossier.plan is not None and dossier.plan["effects"]:
+        blocks.append(_effects_table(dossier.plan, unit))
     measured = dossier.tradeoff
     if measured is None:
         blocks.append(Paragraph("seqrsm tradeoff measures speed against accuracy on this scene; it was not run."))
@@ -82,6 +84,31 @@ def _run_table(dossier: Dossier, unit: str) -> Table | None:
         Column("Left out"),
     )
     return Table(columns, tuple(rows), "Models by which the runs were simulated") if rows else None
+
+
+_VERDICTS = {"exact": "proven to change nothing", "bounded": "within the tolerance", "needed": "needed"}
+
+
+def _effects_table(plan: Mapping[str, Any], unit: str) -> Table:
+    """What the planner says of every effect, in words."""
+    rows = tuple(
+        (
+            Cell(effect["name"]),
+            Cell(_VERDICTS[effect["verdict"]]),
+            Cell("no bound")
+            if effect["bound"] is None
+            else number_cell(format_significant(effect["bound"], 2) if effect["bound"] > 0.0 else "0", effect["bound"]),
+            Cell(effect["text"]),
+        )
+        for effect in plan["effects"]
+    )
+    columns = (
+        Column("Effect"),
+        Column("Leaving it out"),
+        Column("Changes the score by at most", unit, "right"),
+        Column("Test"),
+    )
+    return Table(columns, rows, f"What each effect does at the recommended settings. Chosen there: {plan['why']}")
 
 
 def _checks(dossier: Dossier, unit: str) -> list[Block]:

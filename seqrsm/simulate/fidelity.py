@@ -205,6 +205,12 @@ def effect(name: str, bound: float, tolerance: float, text: str, *, proven: bool
     return Effect(name, verdict, bound, text)
 
 
+def sampled_effect(plan: RungPlan, ground: Ground, tolerance: float, name: str, what: str) -> Effect:
+    """What a sample of the ground does not see, for the record."""
+    text = f"{plan.columns} of {ground.n_columns} {what} are looked at: standard error"
+    return effect(name, plan.sampling, tolerance, text, proven=plan.sampling == 0.0)
+
+
 def choose(
     rungs: Sequence[RungPlan],
     effects: Sequence[Effect],

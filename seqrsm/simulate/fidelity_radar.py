@@ -15,11 +15,29 @@ from seqrsm.scene.statistics import PYRAMID, SceneStatistics
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import bounds
-from seqrsm.simulate.fidelity import RUNGS, Effect, Ground, Plan, Rung, RungPlan, choose, effect, full_draws, smallest
+from seqrsm.simulate.fidelity import (
+    RUNGS,
+    Effect,
+    Ground,
+    Plan,
+    Rung,
+    RungPlan,
+    choose,
+    effect,
+    full_draws,
+    sampled_effect,
+    smallest,
+)
 from seqrsm.simulate.frame import make_frame
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
+
+_SKEW: Final = 0.133
+"""Distance of the chi-square law of N looks from a normal one x sqrt(N): skewness / (6 sqrt(2 pi))."""
+
+_BOX_FOR_BEAM: Final = 0.24
+"""Half of the area between a beam's pattern and a box of its width."""
 
 _SPREAD_ON_BORDERS: Final = 0.25
 """Least standard deviation of a border's share of a pixel over the places where it may lie; 0.29 if straight."""
@@ -64,7 +82,9 @@ def plan_radar(
     common = _why_not(radar, pixelwise)
     if radar.scan != "slar":
         refused = [RungPlan(rung, refused=common) for rung in RUNGS[:-1]]
-        return choose([*refused, RungPlan("F4")], (), tolerance, fidelity, widening)
+        text = "ranges and bearings of the whole scene turn about one point: every effect is simulated"
+        turning = (effect("turning antenna", math.inf, tolerance, text),)
+        return choose([*refused, RungPlan("F4")], turning, tolerance, fidelity, widening)
     view = _View(scene, statistics, radar, lookups)
     relief = view.relief_effects(tolerance)
     ground = view.ground()
@@ -101,7 +121,9 @@ def plan_radar(
     rungs.append(RungPlan("F3", 0.0, integrated, whole_effort, ground.n_columns, ground.n_rows, draws, refused=common))
     whole_effort, once = view.effort(1.0, n_all, 1, 1), ground.draw_error(n_all, 1)
     rungs.append(RungPlan("F4", 0.0, 0.0, whole_effort, ground.n_columns, ground.n_rows, scatter=once))
-    effects = (*relief, coarse, *view.other_effects(tolerance))
+    seen = sampled_effect(rungs[2], ground, tolerance, "ground between the strips", "columns of pixels")
+    drawn = effect("one draw of fading", once, tolerance, "scatter of the whole image's score; F3 integrates it out")
+    effects = (*relief, coarse, seen, drawn, *view.other_effects(tolerance))
     return choose(rungs, effects, tolerance, fidelity, widening)
 
 
@@ -299,6 +321,18 @@ class _View:
         curved = "" if radar.curved else "a flat Earth was asked for; "
         changes = (
             ("fading", fading, f"{looks:.3g} looks: {bounds.DB_OF_FADING / math.sqrt(looks):.2g} dB; drawn"),
+            (
+                "a normal law for fading",
+                min(200.0 * _SKEW / math.sqrt(looks), 100.0),
+                f"its distribution is off by {_SKEW / math.sqrt(looks):.2g} at most; chi-square in all rungs",
+            ),
+            (
+                "shape of the azimuth beam",
+                100.0 * _BOX_FOR_BEAM * self.mixed() if beam > 0.0 else 0.0,
+                f"{beam:.3g} m wide, counts on borders; in all rungs"
+                if beam > 0.0
+                else "a synthetic aperture has none",
+            ),
             ("several categories in a pixel", 100.0 * self.mixed(), "by the density of borders; in all rungs"),
             ("range and gain over the swath", self.shifted(swath), f"{swath:.2g} dB from near to far; in all rungs"),
             ("receiver noise", self.shifted(noise_db), f"{noise_db:.2g} dB on the weakest category; in all rungs"),

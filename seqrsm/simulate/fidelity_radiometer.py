@@ -16,7 +16,18 @@ from seqrsm.scene.statistics import PYRAMID, SceneStatistics
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH
 from seqrsm.simulate import bounds
-from seqrsm.simulate.fidelity import Effect, Ground, Plan, Rung, RungPlan, choose, effect, full_draws, smallest
+from seqrsm.simulate.fidelity import (
+    Effect,
+    Ground,
+    Plan,
+    Rung,
+    RungPlan,
+    choose,
+    effect,
+    full_draws,
+    sampled_effect,
+    smallest,
+)
 from seqrsm.simulate.prm import Meeting
 from seqrsm.simulate.prm_sample import BEAM_POINTS
 
@@ -85,7 +96,10 @@ def plan_radiometer(
         RungPlan("F4", 0.0, 0.0, view.effort(1), ground.n_columns, ground.n_rows, scatter=ground.draw_error(n_all, 1))
     )
     beam = view.points_effect(rungs[2].points, tolerance)
-    effects = (hidden, *relief, beam, *view.other_effects(tolerance))
+    seen = sampled_effect(rungs[2], ground, tolerance, "ground between the footprints", "lines")
+    once = ground.draw_error(n_all, 1)
+    drawn = effect("one draw of noise", once, tolerance, "scatter of the whole image's score; F3 integrates it out")
+    effects = (hidden, *relief, beam, seen, drawn, *view.other_effects(tolerance))
     return choose(rungs, effects, tolerance, fidelity, widening)
 
 

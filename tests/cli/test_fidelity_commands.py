@@ -33,7 +33,14 @@ def test_explain_gives_a_verdict_on_every_effect(tiny: Path) -> None:
     assert plan["settings"]["resolution"] == 40.0
     assert [rung["rung"] for rung in plan["rungs"]] == ["F0", "F1", "F2", "F3", "F4"]
     assert {effect["verdict"] for effect in plan["effects"]} <= {"exact", "bounded", "needed"}
-    assert {"cast shadow", "layover", "local incidence", "receiver noise"} <= {e["name"] for e in plan["effects"]}
+    # One verdict for every row of table 4.1 that a side-looking radar has.
+    assert {e["name"] for e in plan["effects"]} == {
+        "cast shadow", "layover", "local incidence", "own range and angle of raised ground", "detail below some cells",
+        "ground between the strips", "one draw of fading", "fading", "a normal law for fading",
+        "shape of the azimuth beam", "several categories in a pixel", "range and gain over the swath", "receiver noise",
+        "atmosphere over the swath", "curvature of the Earth", "azimuth beam wider than a cell", "quantisation",
+        "cultural targets", "double precision",
+    }  # fmt: skip
     chosen = next(rung for rung in plan["rungs"] if rung["rung"] == plan["rung"])
     assert not chosen["refused"]
     assert chosen["bound"] <= plan["tolerance"] == 0.5
@@ -65,6 +72,20 @@ def test_every_score_keeps_rung_bound_and_seconds(tmp_path: Path, tiny_scene: Pa
     runs = campaign.simulate()
     rungs = {fidelity_of(run)["rung"] for run in runs}
     assert rungs <= {"F0", "F1", "F2", "F3", "F4"}
+    code, out, _ = call("status", campaign.folder, "--json")
+    assert code == 0
+    found = json.loads(out)["simulated_by"]
+    assert sum(row["runs"] for row in found["rungs"].values()) == len(runs)
+    for rung, row in found["rungs"].items():
+        own = [fidelity_of(run) for run in runs if fidelity_of(run)["rung"] == rung]
+        assert row["bound"] == max(kept["bound"] for kept in own)
+        assert row["seconds"] > 0.0
+        assert set(row["left_out"]) == {name for kept in own for name in kept["left_out"]}
+    code, out, _ = call("status", campaign.folder)
+    assert code == 0
+    assert "simulated by" in out
+    assert call("export", campaign.folder, tmp_path / "all.csv")[0] == 0
+    assert '""rung"": ' in (tmp_path / "all.csv").read_text(encoding="utf-8")
     for run in runs:
         kept = fidelity_of(run)
         assert 0.0 <= kept["bound"] <= 12.0
@@ -135,3 +156,13 @@ def test_tradeoff_without_a_simulator_says_so(tmp_path: Path) -> None:
     code, out, _ = call("tradeoff", folder, "--no-numerics")
     assert code == 0
     assert "no simulator" in out
+
+
+def test_explain_of_a_turning_antenna_says_why_all_is_simulated(tmp_path: Path, tiny_scene: Path) -> None:
+    text = TINY.replace("altitude_m = 4000.0", 'altitude_m = 4000.0\nscan = "ppi"\naperture = "real"')
+    code, out, _ = call("image", make_tiny(tmp_path / "ppi", tiny_scene, text), "--explain", "--json")
+    assert code == 0
+    plan = json.loads(out)["fidelity"]
+    assert plan["rung"] == "F4"
+    assert [effect["name"] for effect in plan["effects"]] == ["turning antenna"]
+    assert "antenna turns" in plan["why"]
