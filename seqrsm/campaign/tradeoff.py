@@ -118,7 +118,10 @@ def read_tradeoff(folder: Path) -> dict[str, Any] | None:
         found = json.loads((folder / FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) and found.get("simulation") else None
+    if not isinstance(found, dict):
+        return None
+    # Without a simulator there are only numbers to compare.
+    return found if found.get("simulation") or (found.get("why") and found.get("numerics")) else None
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:

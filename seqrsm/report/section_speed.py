@@ -21,6 +21,7 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
+from seqrsm.report.numerics_tables import numerics_blocks
 from seqrsm.report.phrases import number_cell, whole_cell
 from seqrsm.report.rounding import format_number, format_plain, format_significant
 from seqrsm.report.wording import listing, slug, with_unit
@@ -36,7 +37,8 @@ def speed_section(dossier: Dossier) -> Section | None:
     """Return which model each run was simulated by, and the measured trade-off; None without a simulator."""
     simulator = dossier.spec.simulator
     if simulator is None:
-        return None
+        tables = [] if dossier.tradeoff is None else numerics_blocks(dossier.tradeoff["numerics"])
+        return Section("speed", "Speed and accuracy of the numbers", tuple(tables)) if tables else None
     unit = dossier.spec.applications[0].unit
     accepted = with_unit(format_plain(simulator.tolerance), unit)
     how = (
@@ -63,6 +65,7 @@ def speed_section(dossier: Dossier) -> Section | None:
             blocks += _tradeoff_blocks(name, rows, simulator.tolerance, unit)
         refused = [f"{rung} cannot be used: {reason}" for rung, reason in measured["simulation"]["refused"].items()]
         blocks += [Bullets(tuple(refused))] if refused else []
+        blocks += numerics_blocks(measured["numerics"])
     return Section("speed", "Speed and accuracy of the simulations", tuple(blocks))
 
 
@@ -162,8 +165,8 @@ def _tradeoff_blocks(name: str, rows: Sequence[Mapping[str, Any]], tolerance: fl
     )
     caption = (
         "Time of a run against the error of its score, each over that of the full simulation. Dotted: the tolerance; "
-        "orange: what the planner chooses. A model up and to the right of another is worse in both. F4 has no error "
-        "and is drawn at the bottom."
+        "orange: what the planner chooses; dashed: models that no other beats in both. F4 has no error and "
+        "is drawn at the bottom."
     )
     return [FigureBlock((panel,), caption), table]
 
@@ -181,6 +184,21 @@ def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
     )
 
 
+def pareto(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Models that no other beats in both time and error; the planner's own choice is a mixture of them."""
+
+    def beaten(row: Mapping[str, Any]) -> bool:
+        return any(
+            other["time_ratio"] <= row["time_ratio"]
+            and other["rms_error"] <= row["rms_error"]
+            and (other["time_ratio"], other["rms_error"]) != (row["time_ratio"], row["rms_error"])
+            for other in models
+        )
+
+    models = [row for row in rows if row["rung"] != AUTO]
+    return [row for row in models if not beaten(row)]
+
+
 def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
     names = ("rung", "time_ratio", "bias", "bias_se", "rms_error", "largest_error")
     return PanelData(names, tuple(tuple(row[name] for name in names) for row in rows))
@@ -192,6 +210,8 @@ def _paint(rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str, figur
     axes = figure.add_subplot()
     least = 0.5 * min([row["rms_error"] for row in rows if row["rms_error"] > 0.0], default=tolerance)
     axes.axhline(tolerance, color=drawing.MUTED, linestyle=":", linewidth=1.0)
+    front = sorted((100.0 * row["time_ratio"], max(row["rms_error"], least)) for row in pareto(rows))
+    axes.plot(*zip(*front, strict=True), color=drawing.MUTED, linestyle="--", linewidth=0.8, zorder=1)
     for row in rows:
         x, y = 100.0 * row["time_ratio"], max(row["rms_error"], least)
         planner = row["rung"] == AUTO
