@@ -381,6 +381,8 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
             found.append(f"{outside} runs were made outside the region; they are part of the fit.")
     if fitted.blocks is None and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
+    if fitted.blocks is None and spec.model.block_effect == "random":
+        found.append("One block so far: how blocks differ is not known yet, and the intervals are for this block only.")
     if fitted.dropped:
         found.append(
             f"{len(fitted.dropped)} terms were left out by the same scores that are fitted: intervals hold given the "

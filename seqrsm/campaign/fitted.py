@@ -234,7 +234,7 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
             extra=columns,
             prior_sd=spec.model.discrepancy_sd,
         )
-    if spec.model.block_effect == "random":
+    if spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1:
         blocks = random_blocks(spec, model, data, scale)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
     found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights, application.goal)

@@ -21,13 +21,14 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.blocks import block_columns
-from seqrsm.propose.batch import Proposal, propose_batch
+from seqrsm.propose.batch import Proposal, Rows, propose_batch
 
 START = "start"
 CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
 """Runs of the start design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
 
+_DAY_PRECISION, _DAY_KNOWN = 0.01, 1e6  # of a new day's effect: within 10 standard deviations of a run, or none
 _WEAK = 0.05  # prior precision while a box is being filled: it cannot be estimated yet
 _TARGETS = 256
 
@@ -104,6 +105,7 @@ class _Made:
     settings: dict[str, float | str]
     source: str
     block: str
+    pending: bool = True
 
 
 class _Chooser:
@@ -120,9 +122,12 @@ class _Chooser:
         self.scale = analysis.scale
 
     def batch(
-        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray
+        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray, ties: int | None = 0
     ) -> tuple[Proposal, ...]:
-        """``n`` runs of one source, after those that are ``done``."""
+        """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
+
+        With ``ties`` None a new day counts as tied already.
+        """
         points = self.spec.region.code([run.settings for run in done])
         inside = self.box.contains(points)
         local = self.box.local(points[inside])
@@ -130,7 +135,17 @@ class _Chooser:
         flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
         two = self.two_sources(done, source)
         Z = stacked_rows(self.model, local, flights) if two else self.model.matrix(local)
-        columns, _ = block_columns([run.block for run in used] if self.spec.model.block else [""] * len(used))
+        new_day = self.spec.model.block is not None and source == "flight"
+        columns = _day_columns(used) if new_day else self.block_columns(used)
+        plain_rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
+        rows: Rows | None = plain_rows
+        precision = self.precision(two)
+        if new_day:
+            matrix = self.model.matrix if plain_rows is None else plain_rows
+            effects = np.append(np.zeros(columns.shape[1] - 1), 1.0)
+            rows = lambda at: np.hstack([matrix(at), np.tile(effects, (len(at), 1))])  # noqa: E731
+            doubt = _DAY_PRECISION if ties is not None else _DAY_KNOWN
+            precision = _with_day(precision, Z.shape[1] + columns.shape[1], doubt)
         weights = self.weights(local)
         if two:
             weights = np.where(flights, self.flight_weight() * weights, weights)
@@ -145,7 +160,7 @@ class _Chooser:
             points_done=local,
             weights_done=weights,
             weight=weight,
-            prior_precision=self.precision(two),
+            prior_precision=precision,
             x_hat=self.target(),
             target_points=self.targets(),
             n=n,
@@ -154,11 +169,17 @@ class _Chooser:
             cost=lambda at: np.full(len(at), cost),
             seed=(self.spec.seed + 7919 * len(done)) % 2**32,
             barred=self.box.local(barred) if len(barred) else None,
-            rows=(lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None,
+            rows=rows,
             target_rows=(lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None,
             beta=None if self.filling else self.beta(),
             goal=self.analysis.goal,
+            ties=(ties or 0) if new_day else 0,
         )
+
+    def block_columns(self, used: Sequence[_Made]) -> FloatArray:
+        """Contrasts of the blocks of ``used``; without columns where there are none."""
+        columns, _ = block_columns([run.block for run in used] if self.spec.model.block else [""] * len(used))
+        return columns
 
     def two_sources(self, done: Sequence[_Made], source: str) -> bool:
         return not self.filling and len({run.source for run in done} | {source}) > 1
@@ -215,6 +236,28 @@ class _Chooser:
         )
 
 
+def _day_columns(used: Sequence[_Made]) -> FloatArray:
+    """Contrasts of the blocks flown (n, b - 1), and a column for the day that pending and new runs will be flown on.
+
+    Zeros are the mean of the blocks flown: what the surface is known for now, and the new day is to be compared with.
+    """
+    pending = np.array([run.pending and run.source == "flight" for run in used], dtype=np.bool_)
+    flown, _ = block_columns([run.block for run, waits in zip(used, pending, strict=True) if not waits])
+    columns = np.zeros((len(used), flown.shape[1] + 1))
+    columns[~pending, :-1] = flown
+    columns[pending, -1] = 1.0
+    return columns
+
+
+def _with_day(precision: FloatArray | None, size: int, of_day: float) -> FloatArray:
+    """Prior precision (size, size) with that of a new day's effect in the last place."""
+    found = np.zeros((size, size))
+    if precision is not None:
+        found[: len(precision), : len(precision)] = precision
+    found[-1, -1] = of_day
+    return found
+
+
 def next_batch(
     spec: CampaignSpec,
     analyses: Sequence[Analysis],
@@ -241,7 +284,8 @@ def next_batch(
     """
     region = spec.region
     barred = region.code([run.proposed for run in failed]) if failed else np.empty((0, region.k))
-    done = [_Made(run.settings, run.source, run.block) for run in active]
+    done = [_Made(run.settings, run.source, run.block, run.state != "scored") for run in active]
+    ties = _ties_wanted(spec, active, n)
     made: list[NewRun] = []
     for index, share in _shares(spec, n):
         chooser = _Chooser(spec, analyses[index])
@@ -249,18 +293,21 @@ def next_batch(
         proposals: list[tuple[Proposal, str]] = []
         if source == "best":
             for _ in range(share):
-                proposal, chosen = _best_source(chooser, done, pure, barred)
+                proposal, chosen = _best_source(chooser, done, pure, barred, ties)
                 pure += proposal.repeats
+                ties -= proposal.purpose == "tie"
                 proposals.append((proposal, chosen))
                 point = chooser.box.outwards(proposal.point)[None, :]
                 done.append(_Made(rounded_settings(region, point)[0], chosen, ""))
         else:
-            proposals = [(proposal, source) for proposal in chooser.batch(done, share, source, pure, barred)]
+            batch = chooser.batch(done, share, source, pure, barred, ties)
+            proposals = [(proposal, source) for proposal in batch]
+            ties -= sum(proposal.purpose == "tie" for proposal in batch)
         for proposal, chosen in proposals:
             (setting,) = rounded_settings(region, chooser.box.outwards(proposal.point)[None, :])
-            why = chooser.why(proposal.why)
+            why = proposal.why if proposal.purpose == "tie" else chooser.why(proposal.why)
             why = why if len(analyses) == 1 else f"{chooser.analysis.application}: {why}"
-            purpose = "fill" if chooser.filling else proposal.purpose
+            purpose = "fill" if chooser.filling and proposal.purpose != "tie" else proposal.purpose
             made.append(NewRun(setting, purpose, why, chosen, _cost(spec, chosen)))
             if source != "best":
                 done.append(_Made(setting, chosen, ""))
@@ -268,16 +315,31 @@ def next_batch(
 
 
 def _best_source(
-    chooser: _Chooser, done: Sequence[_Made], df_pure_error: int, barred: FloatArray
+    chooser: _Chooser, done: Sequence[_Made], df_pure_error: int, barred: FloatArray, ties: int
 ) -> tuple[Proposal, str]:
-    """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper."""
-    found = {source: chooser.batch(done, 1, source, df_pure_error, barred)[0] for source in ("simulation", "flight")}
+    """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper.
+
+    A flight is judged by what it tells once its day is tied; the first one that is worth its cost ties it.
+    """
+    known = None if ties else 0
+    sources = ("simulation", "flight")
+    found = {source: chooser.batch(done, 1, source, df_pure_error, barred, known)[0] for source in sources}
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):
         source = min(found, key=lambda name: _cost(chooser.spec, name))
     else:
         source = max(found, key=lambda name: found[name].gain)
+    if source == "flight" and ties > 0:
+        return chooser.batch(done, 1, source, df_pure_error, barred, ties)[0], source
     return found[source], source
+
+
+def _ties_wanted(spec: CampaignSpec, active: Sequence[RunRecord], n: int) -> int:
+    """Runs of a batch that tie its day to the earlier ones: one in four, less those that wait already."""
+    if spec.model.block is None or n < 2:
+        return 0
+    waiting = sum(run.state != "scored" and run.purpose == "tie" for run in active)
+    return max(max(1, n // 4) - waiting, 0)
 
 
 def _shares(spec: CampaignSpec, n: int) -> list[tuple[int, int]]:

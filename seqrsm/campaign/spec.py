@@ -38,13 +38,14 @@ The tables and keys of the file; keys without a default must be given, and keys 
     "hierarchical": those that are more likely than not, with all that they need); ``weights`` ("equal"; "se": runs
     count by the inverse square of their ``se``; "counts": scores are shares of correct decisions, ``correct`` of ``n``,
     and count by the variance p (1 - p) / n of what is expected of them, times a factor that the residuals tell);
-    ``block``: the column of measured scores that tells the block, no blocks by default; ``block_effect`` ("fixed": a
-    constant for each block; "random": blocks are a sample, and predictions are for a new one); ``prior``: ``{
-    coefficient_sd, noise_sd, noise_runs }``, flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of
-    fit the fitted region shrinks towards the optimum and moves, inside the factors' bounds; "fixed"), by default
-    adaptive with one application and fixed with several, whose surfaces must be known over one region to be weighed;
-    ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
-    coefficient, in score units, by default the standard deviation of the scores over 5.
+    ``block``: the column of measured scores that tells the block, no blocks by default; one run in four of a batch of
+    flights then ties the new block to the earlier ones; ``block_effect`` ("fixed": a constant for each block; "random":
+    blocks are a sample, and predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``,
+    flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region shrinks towards the
+    optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one application and fixed with
+    several, whose surfaces must be known over one region to be weighed; ``discrepancy_sd``: prior standard deviation of
+    the difference between flight and simulation in every coded coefficient, in score units, by default the standard
+    deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
     sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted

@@ -19,7 +19,7 @@ from seqrsm.propose.candidates import candidate_points, jitter
 from seqrsm.propose.criteria import CRITERIA, average_matrix, relative_drop, unscaled_covariance
 from seqrsm.propose.steepest import steepest_points
 
-Purpose = Literal["optimum", "regret", "repeat", "spread", "average", "thompson", "steepest"]
+Purpose = Literal["optimum", "regret", "repeat", "spread", "average", "thompson", "steepest", "tie"]
 Rows = Callable[[FloatArray], FloatArray]
 """Model rows (n, p) of coded points (n, k)."""
 
@@ -40,7 +40,7 @@ class Proposal:
         Coded settings, feasible.
     purpose : str
         "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
-        "average" (I criterion), "thompson" or "steepest".
+        "average" (I criterion), "thompson", "steepest", or "tie" (settings of earlier blocks in the new one).
     gain : float
         Drop of the criterion per unit of cost; only comparable within a purpose.
     why : str
@@ -88,6 +88,7 @@ def propose_batch(
     target_rows: Rows | None = None,
     beta: FloatArray | None = None,
     goal: Goal = "maximize",
+    ties: int = 0,
 ) -> tuple[Proposal, ...]:
     """Choose the next ``n`` runs.
 
@@ -140,6 +141,9 @@ def propose_batch(
         Coefficients, for "steepest".
     goal : "maximize" or "minimize"
         For the same.
+    ties : int
+        How many runs, the first ones, repeat executed settings to tell the effect of a new block from the surface: the
+        last column of ``Z_done`` and of ``rows`` is then that of the new block, 1 in its runs.
 
     Returns
     -------
@@ -187,7 +191,9 @@ def propose_batch(
     for i in range(n):
         tell("choosing the next runs", i, n)
         reserved = is_reserved_run(n_before + i, spread_share)
-        if path and not reserved:
+        if i < ties and engine.candidates.executed.any():
+            proposal = engine.tie()
+        elif path and not reserved:
             proposal = engine.along(path.pop(0))
         elif reserved and df_pure_error < min_df_pure_error and engine.candidates.executed.any():
             proposal = engine.repeat(df_pure_error)
@@ -307,6 +313,18 @@ class _Engine:
             f"{df_pure_error}; {self.narrowing(z)}"
         )
         return Proposal(point, "repeat", gain, why, True)
+
+    def tie(self) -> Proposal:
+        """The executed settings that tell most of the new block's effect, the last coefficient."""
+        CZ = self.candidates.rows @ self.C
+        drop = CZ[:, -1] ** 2 / (1.0 / self.weight + np.sum(CZ * self.candidates.rows, axis=1)) / self.candidates.cost
+        index = int(np.argmax(np.where(self.candidates.executed, drop, -np.inf)))
+        left = max(float(self.C[-1, -1] - drop[index] * self.candidates.cost[index]), 0.0)
+        why = (
+            "ties the new block to the earlier ones: repeats settings already run, so that its effect is known to "
+            f"{np.sqrt(left):.2g} s"
+        )
+        return Proposal(self.candidates.points[index].copy(), "tie", float(drop[index]), why, True)
 
     def spread(self, among_executed: bool = False) -> Proposal:
         allowed = ~self.candidates.executed

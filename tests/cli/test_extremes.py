@@ -163,3 +163,38 @@ def test_equal_scores_leave_no_dust(tmp_path) -> None:
     fly(folder, lambda row, number: 0.1, 2)
     found = fitted(folder)
     assert [term["coded"]["estimate"] for term in found["terms"]] == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("effect", ["fixed", "random"])
+def test_a_new_flight_day_is_tied_to_the_earlier_ones(tmp_path, effect) -> None:
+    """One run in four repeats settings of another day; of random days the second one can be proposed, too."""
+    model = f'[model]\nblock = "block"\nblock_effect = "{effect}"\n'
+    folder = make(tmp_path / "c", numeric(2), "half_width = 3.0", model)
+    days: list[list[dict]] = []
+
+    def score(row: dict, number: int) -> float:
+        row["block"] = f"day {len(days)}"
+        return bowl(row, number) + 3.0 * len(days)
+
+    for size in (12, 4, 8):
+        form = folder / f"day{len(days)}.csv"
+        call("propose", folder, "--source", "flight", "--csv", form, "-n", size)
+        with form.open(encoding="utf-8-sig", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        for number, row in enumerate(rows):
+            named = {name.split(" ")[0]: value for name, value in row.items()}
+            row["score"] = score(named, 20 * len(days) + number)
+            row["block"] = named["block"]
+        with form.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.DictWriter(stream, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+        call("ingest", folder, form)
+        days.append(rows)
+    flown = [{(row["x0"], row["x1"]) for row in rows} for rows in days]
+    assert sum("ties the new block" in row["note"] for row in days[0]) == 0
+    for day, ties in ((1, 1), (2, 2)):
+        tied = [row for row in days[day] if "ties the new block" in row["note"]]
+        assert len(tied) == ties
+        assert all((row["x0"], row["x1"]) in set().union(*flown[:day]) for row in tied)
+    assert fitted(folder)["n_runs"] == 24

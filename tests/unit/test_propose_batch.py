@@ -283,3 +283,24 @@ def test_too_few_runs_lean_on_a_weak_prior() -> None:
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, None), 100.0 * np.eye(3))
     prior = np.diag([1.0, 2.0, 4.0])
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, prior), np.diag([1.0, 0.5, 0.25]))
+
+
+def test_a_tie_tells_most_of_the_new_days_effect() -> None:
+    """Of all settings flown, by fits with each of them in the new day: the smallest variance of its effect."""
+    factors = (ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0))
+    model, region = QuadraticModel(factors), Region(factors)
+    points = region.sample(14, np.random.default_rng(3))
+    Z = np.hstack([model.matrix(points), np.zeros((14, 1))])
+    precision = np.diag([0.0] * model.p + [0.01])
+
+    def new_day(at: np.ndarray) -> np.ndarray:
+        return np.hstack([model.matrix(at), np.ones((len(at), 1))])
+
+    chosen = propose_batch(
+        model, region, Z_done=Z, points_done=points, x_hat=np.zeros(2), target_points=np.zeros((1, 2)), n=4, ties=1,
+        prior_precision=precision, rows=new_day,
+    )  # fmt: skip
+    left = [np.linalg.inv(precision + Z.T @ Z + np.outer(row, row))[-1, -1] for row in new_day(points)]
+    assert [proposal.purpose for proposal in chosen].count("tie") == 1
+    np.testing.assert_array_equal(chosen[0].point, points[int(np.argmin(left))])
+    assert f"{np.sqrt(min(left)):.2g} s" in chosen[0].why
