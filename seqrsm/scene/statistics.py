@@ -107,7 +107,7 @@ def _computed(scene: Scene) -> SceneStatistics:
         low_m=float(np.nanmin(z)),
         high_m=float(np.nanmax(z)),
         rms_slope=rms_slope(z, scene.cell_m),
-        max_slope=float(np.nanmax(np.abs(slopes(z, scene.cell_m)))),
+        max_slope=_largest_slope(z, scene.cell_m),
         step_slope_east=_largest_step(z, 1) / scene.cell_m,
         step_slope_north=_largest_step(z, 0) / scene.cell_m,
         rms_slope_east=tuple(east for east, _ in levels),
@@ -142,6 +142,13 @@ def _rms_along(z: AnyArray, cell_m: float) -> tuple[float, float]:
         known = layer[np.isfinite(layer)]
         found.append(float(np.sqrt(np.mean(np.square(known)))) if known.size else 0.0)
     return found[0], found[1]
+
+
+def _largest_slope(z: AnyArray, cell_m: float) -> float:
+    """Largest slope along one axis; 0 where no slope is known."""
+    slope = np.abs(slopes(z, cell_m))
+    known = slope[np.isfinite(slope)]
+    return float(known.max()) if known.size else 0.0
 
 
 def _largest_step(z: AnyArray, axis: int) -> float:

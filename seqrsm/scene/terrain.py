@@ -31,9 +31,13 @@ def slopes(elevation_m: AnyArray, cell_m: float) -> tuple[FloatArray, FloatArray
 
 
 def rms_slope(elevation_m: AnyArray, cell_m: float) -> float:
-    """Root of the mean squared slope [1] along one axis, over both axes; cells beside unknown ones left out."""
-    east, north = slopes(elevation_m, cell_m)
-    return float(np.sqrt(np.nanmean(np.square([east, north]))))
+    """Root of the mean squared slope [1] along one axis, over both axes; cells beside unknown ones left out.
+
+    0 where no slope is known.
+    """
+    slope = np.asarray(slopes(elevation_m, cell_m))
+    known = slope[np.isfinite(slope)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known.size else 0.0
 
 
 def fractal_terrain(

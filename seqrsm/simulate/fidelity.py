@@ -58,6 +58,9 @@ CHECKED_SHARE: Final = 0.05
 CHECK_LIMIT: Final = 3.0
 """Standard errors of sampling that such a difference may reach beyond what is left out."""
 
+LEAST_SCORED: Final = 30.0
+"""Fewest scored pixels that a sample is expected to hold: where little is scored, fewer could miss all of it."""
+
 LEAST_COLUMNS: Final = 8
 """Fewest strips: their scatter is known to a third."""
 
@@ -184,7 +187,8 @@ class Plan:
         ]
         effects = [{**asdict(effect), "bound": _finite(effect.bound)} for effect in self.effects]
         for row in rungs:
-            row["bias"], row["bound"] = _finite(float(row["bias"])), _finite(float(row["bound"]))
+            for name in ("bias", "sampling", "scatter", "bound"):
+                row[name] = _finite(float(row[name]))
         return {
             "rung": self.chosen.rung,
             "bound": _finite(self.chosen.bound),
@@ -341,6 +345,8 @@ class Ground:
         """
         pixels = rows * columns
         part = pixels / (self.n_rows * self.n_columns)
+        if part < 1.0 and pixels * self.scored < LEAST_SCORED:
+            return math.inf
         axes = ((columns, self.n_columns, self.along_m), (rows, self.n_rows, self.across_m))
         points, whole = 1.0, 1.0
         for n, full, extent in axes:
@@ -352,6 +358,11 @@ class Ground:
         own = places + self.drawn * max(fading - places, 0.0)
         scatter = math.sqrt((own + self.mixed * (1.0 - part) / pixels) / self.scored)
         return self.spread * (self.teaching * scatter + self.taught * (1.0 - part) / (pixels * self.scored))
+
+    def refusal(self) -> str:
+        """Why no part of the ground can stand for it; "" where it can."""
+        n = self.n_rows * self.n_columns * self.scored
+        return f"only {n:.2g} pixels are scored" if n < LEAST_SCORED else ""
 
     def draw_error(self, pixels: int, draws: int) -> float:
         """Standard error that so many draws of fading on so many pixels leave [score units]."""

@@ -88,6 +88,7 @@ def plan_radar(
     view = _View(scene, statistics, radar, lookups)
     relief = view.relief_effects(tolerance)
     ground = view.ground()
+    common = common or ground.refusal()
     n_all = ground.n_rows * ground.n_columns
     rungs = []
     flat = common or _why_not_flat(radar)

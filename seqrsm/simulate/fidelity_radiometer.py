@@ -78,7 +78,7 @@ def plan_radiometer(
     relief = view.relief_effects(tolerance)
     ground = view.ground()
     rungs: list[RungPlan] = []
-    common = "" if pixelwise else "the utility needs the whole image"
+    common = ground.refusal() if pixelwise else "the utility needs the whole image"
     common = common or ("the report's own simulation has no noise" if radiometer.mode == "report" else "")
     hidden = view.blocked_effect(tolerance)
     choices: tuple[tuple[Rung, tuple[Effect, ...]], ...] = (("F0", (hidden, *relief)), ("F2", (hidden,)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import lru_cache
 
@@ -254,8 +255,13 @@ def test_a_scene_with_little_to_score_is_seen_whole() -> None:
     few = np.zeros(scene.shape, dtype=bool)
     few[40:43, 50:53] = True
     scene = replace(scene, scored=few & (scene.cover < len(COVERS)))
-    chosen, _ = plan(scene, radar(), 1, "auto", 5.0)
-    assert chosen.chosen.rung == "F4"
+    for tolerance in (5.0, 1e6):
+        chosen, _ = plan(scene, radar(), 1, "auto", tolerance)
+        assert chosen.chosen.rung == "F4"
+        json.dumps(chosen.to_json(), allow_nan=False)
+    lone = replace(scene, scored=few & (np.cumsum(few).reshape(few.shape) == 1))
+    chosen, _ = plan(lone, radar(60.0), 1, "auto", 1e6)
+    assert "pixels are scored" in chosen.of("F0").refused
 
 
 def test_a_scene_of_one_field_is_planned_and_scored() -> None:

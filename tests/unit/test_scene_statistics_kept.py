@@ -73,3 +73,13 @@ def test_shipped_scenes_hold_theirs(name: str, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(statistics, "_computed", refuse)
     for key, value in asdict(scene_statistics(scene)).items():
         assert value == wanted[key] or np.allclose(value, wanted[key], rtol=1e-9), key
+
+
+def test_a_scene_with_one_known_elevation_has_statistics(tmp_path: Path) -> None:
+    scene = made()
+    z = np.full_like(scene.elevation_m, np.nan)
+    z[5, 5] = 12.0
+    lone = replace(scene, elevation_m=z, scored=np.isfinite(z))
+    save_scene(lone, tmp_path / "s.npz")
+    found = scene_statistics(load_scene(tmp_path / "s.npz"))
+    assert (found.rms_slope, found.max_slope, found.low_m, found.high_m) == (0.0, 0.0, 12.0, 12.0)
