@@ -10,8 +10,8 @@ at each end, since each alone can be short.
 
 Measured (``reports/statistics``): with 16, 24, 36 runs for k = 2, 3, 4 and curvatures of 12, 2, 1 and 0 standard
 deviations of a run, 95 % confidence intervals cover the mean at the fitted optimum in 95.2 to 96.0 %, prediction
-intervals one run in 95.6 to 96.6 % (10,000 data sets, standard error 0.2 %); t intervals cover the mean in 95, 87 to 93,
-75 to 85 and 53 to 82 %.
+intervals one run in 95.6 to 96.6 % (10,000 data sets, standard error 0.2 %); t intervals cover the mean in 95, 87 to
+93, 75 to 85 and 53 to 82 %.
 
 References
 ----------
