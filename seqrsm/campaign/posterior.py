@@ -203,6 +203,12 @@ def _draws(spec: CampaignSpec, fitted: Fitted, sampler: Sampler, n_draws: int, b
             keep = _spread(len(chain.sigma), n_draws)
             made = _sampled(chain, errors, len(keep))
             beta, sigma = chain.beta[keep], chain.sigma[keep]
+            if inner is not None and share is None:
+                if errors == "normal":
+                    free = posterior(Z, y, weights, prior).draws(n_draws, rng)[0]
+                else:
+                    free = student_draws(Z, y, weights, prior, n_draws, rng).beta
+                share = float(np.mean(inner.hold(free)))
     if fitted.sources is None:
         return Draws(beta[:, :p], sigma, made, share=share)
     ratio = 1.0 / np.sqrt(fitted.sources.flight_weight)

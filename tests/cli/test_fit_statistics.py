@@ -368,11 +368,11 @@ def test_bounded_effect(tmp_path: Path, low: float, high: float) -> None:
         assert 0.5 * low <= slope["low"] < slope["high"] <= 0.5 * high
         assert found["effects"] == [{"factor": "x", "low": low, "high": high}]
         assert found["sampler"]["method"] == sampler
-        if sampler == "exact":
-            assert found["effects_probability"] == pytest.approx(mass, abs=0.03)
+        assert found["effects_probability"] == pytest.approx(mass, abs=0.03)
     code, out, _ = command("fit", folder)
     assert code == 0
     assert "By the prior, from the low to the high end of its range, x " in " ".join(out.split())
+    assert "Without this prior the probability of that is " in " ".join(out.split())
 
 
 def test_bounds_of_effects_with_other_errors_sources_and_blocks(tmp_path: Path) -> None:
