@@ -14,7 +14,7 @@ from seqrsm.arrays import AnyArray
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import rms_slope, slopes
 
-_VERSION: Final = 1
+_VERSION: Final = 2
 """Of the statistics' definitions: those kept by another version are computed anew."""
 
 PYRAMID: Final = (1, 2, 4, 8)
@@ -39,6 +39,8 @@ class SceneStatistics:
         Share of each category among the cells whose category is known.
     scored_fraction : float
         Share of the cells that are scored.
+    scored_fractions : Mapping[str, float]
+        Share of each category among them.
     boundary_density_1_m : float
         Length of category boundary to an area [1/m], for isotropic boundaries.
     field_boundary_density_1_m : float
@@ -59,6 +61,7 @@ class SceneStatistics:
     rms_slope_north: tuple[float, ...]
     category_fractions: Mapping[str, float]
     scored_fraction: float
+    scored_fractions: Mapping[str, float]
     boundary_density_1_m: float
     field_boundary_density_1_m: float
     n_fields: int
@@ -98,6 +101,8 @@ def _fingerprint(scene: Scene) -> str:
 def _computed(scene: Scene) -> SceneStatistics:
     count = np.bincount(scene.cover.ravel(), minlength=NO_COVER + 1)[: len(scene.categories)]
     known = max(int(count.sum()), 1)
+    of_scored = np.bincount(scene.cover[scene.scored], minlength=NO_COVER + 1)[: len(scene.categories)]
+    tested = max(int(of_scored.sum()), 1)
     size = np.bincount(scene.field_id.ravel())
     size = np.sort(size[size > 0])
     half = int(np.searchsorted(np.cumsum(size), 0.5 * scene.field_id.size))
@@ -114,6 +119,7 @@ def _computed(scene: Scene) -> SceneStatistics:
         rms_slope_north=tuple(north for _, north in levels),
         category_fractions={name: float(n) / known for name, n in zip(scene.categories, count, strict=True)},
         scored_fraction=float(scene.scored.mean()),
+        scored_fractions={name: float(n) / tested for name, n in zip(scene.categories, of_scored, strict=True)},
         boundary_density_1_m=_boundary_density(scene.cover, scene.cell_m),
         field_boundary_density_1_m=_boundary_density(scene.field_id, scene.cell_m),
         n_fields=int(size.size),

@@ -61,6 +61,10 @@ CHECK_LIMIT: Final = 3.0
 LEAST_SCORED: Final = 30.0
 """Fewest scored pixels that a sample is expected to hold: where little is scored, fewer could miss all of it."""
 
+LEAST_OF_CLASS: Final = 30.0
+"""Fewest pixels of the rarest class that a sample is expected to hold. A class that few pixels teach takes much of the
+ground from the others or none, by chance, and the score jumps with it."""
+
 LEAST_COLUMNS: Final = 8
 """Fewest strips: their scatter is known to a third."""
 
@@ -320,6 +324,8 @@ class Ground:
         Share of the ground that is scored, above 0: the other pixels tell nothing.
     teaching : float
         Factor by which the error grows because the sample also teaches, `bounds.teaching_factor`.
+    rarest : float
+        Share of the scored ground that the rarest class has, where classes are told apart; else 1.
     taught : int
         Parameters that the sample teaches: few pixels teach worse, a bias of `spread` x this / pixels.
     """
@@ -334,6 +340,7 @@ class Ground:
     drawn: float = 1.0
     scored: float = 1.0
     teaching: float = 1.0
+    rarest: float = 1.0
     taught: int = 0
 
     def sampling_error(self, rows: int, columns: int, draws: int) -> float:
@@ -345,7 +352,7 @@ class Ground:
         """
         pixels = rows * columns
         part = pixels / (self.n_rows * self.n_columns)
-        if part < 1.0 and pixels * self.scored < LEAST_SCORED:
+        if part < 1.0 and self._short(pixels):
             return math.inf
         axes = ((columns, self.n_columns, self.along_m), (rows, self.n_rows, self.across_m))
         points, whole = 1.0, 1.0
@@ -362,7 +369,13 @@ class Ground:
     def refusal(self) -> str:
         """Why no part of the ground can stand for it; "" where it can."""
         n = self.n_rows * self.n_columns * self.scored
-        return f"only {n:.2g} pixels are scored" if n < LEAST_SCORED else ""
+        if n < LEAST_SCORED:
+            return f"only {n:.2g} pixels are scored"
+        return f"the rarest cover fills {n * self.rarest:.2g} pixels only" if self._short(n / self.scored) else ""
+
+    def _short(self, pixels: float) -> bool:
+        scored = pixels * self.scored
+        return scored < LEAST_SCORED or (self.rarest < 1.0 and scored * self.rarest < LEAST_OF_CLASS)
 
     def draw_error(self, pixels: int, draws: int) -> float:
         """Standard error that so many draws of fading on so many pixels leave [score units]."""

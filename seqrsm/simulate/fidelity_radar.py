@@ -180,6 +180,7 @@ class _View:
         across, along = statistics.rms_slope_north, statistics.rms_slope_east
         self.across, self.along = (across, along) if north_south else (along, across)
         self.kept = np.array([statistics.category_fractions[name] for name in scene.categories])
+        self.tested = [share for share in statistics.scored_fractions.values() if share > 0.0]
 
     @property
     def theta(self) -> FloatArray:
@@ -371,7 +372,8 @@ class _View:
             spread=50.0,
             drawn=self.drawn(),
             scored=max(self.statistics.scored_fraction, 1e-9),
-            teaching=bounds.teaching_factor(self.kept.tolist()),
+            teaching=bounds.teaching_factor(self.tested),
+            rarest=min(self.tested, default=1.0),
             taught=bounds.taught_by_pixels(int((self.kept > 0.0).sum()), len(self.lookups)),
         )
 

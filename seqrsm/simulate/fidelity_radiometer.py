@@ -123,6 +123,7 @@ class _View:
         self.across = statistics.rms_slope_north if north_south else statistics.rms_slope_east
         self.along = statistics.rms_slope_east if north_south else statistics.rms_slope_north
         self.kept = np.array([statistics.category_fractions[name] for name in scene.categories])
+        self.tested = [share for share in statistics.scored_fractions.values() if share > 0.0]
 
     def slope_of_curves(self) -> FloatArray:
         """Steepest change of each category's brightness over the sweep [K/deg]."""
@@ -288,7 +289,8 @@ class _View:
             spread=spread,
             drawn=1.0 if self.radiometer.nedt_k(self.warm_k) > 0.0 else 0.0,
             scored=max(self.statistics.scored_fraction, 1e-9),
-            teaching=bounds.teaching_factor(self.kept.tolist()),
+            teaching=bounds.teaching_factor(self.tested),
+            rarest=min(self.tested, default=1.0) if PERCENT_CORRECT in self.utilities else 1.0,
             taught=self.taught(),
         )
 

@@ -267,3 +267,24 @@ def test_a_scene_with_little_to_score_is_seen_whole() -> None:
 def test_a_scene_of_one_field_is_planned_and_scored() -> None:
     scene = synthetic_scene(60, 70, 5.0, categories=("Grass",), field_m=5000.0, seed=1)
     assert scores(scene, radar(), "auto", 5.0)[0].min() == 100.0
+
+
+@pytest.mark.parametrize("engine", ["psm", "prm"])
+def test_a_class_of_few_pixels_is_seen_whole(engine: str) -> None:
+    """A road of one cell: whether a sample teaches its class at all moved scores by up to 30 percent."""
+    scene = ground("flat", LAND, 5.0 if engine == "psm" else 30.0)
+    cover, field = scene.cover.copy(), scene.field_id.copy()
+    cover[150], field[150] = len(LAND), scene.n_fields
+    road = replace(scene, cover=cover, field_id=field, categories=(*LAND, "Asphalt"))
+    sensor = radar(40.0) if engine == "psm" else radiometer()
+    chosen, _ = plan(road, sensor, 1, "auto", 10.0, engine)
+    assert "the rarest cover fills" in chosen.of("F0").refused
+    assert chosen.chosen.rung == "F4"
+    # More pixels of the class: it may be sampled again, at least as many of them.
+    cover[140:160], field[140:160] = len(LAND), scene.n_fields
+    wide = replace(scene, cover=cover, field_id=field, categories=(*LAND, "Asphalt"))
+    chosen, _ = plan(wide, sensor, 1, "auto", 10.0, engine)
+    made = chosen.of("F2")
+    assert not made.refused
+    assert made.bound <= 10.0
+    assert made.rows * made.columns * (cover == len(LAND)).mean() >= 29.0
