@@ -221,7 +221,8 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(Problem(f"cannot read the legend: {error}", file=file)) from error
-    written = [line for line in lines if line.strip() and not line.startswith("#")]
+    place = [k for k, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
+    written = [lines[k - 1] for k in place]
     separator = max(",;\t", key=lambda sign: written[0].count(sign)) if written else ","
     reader = csv.DictReader(written, delimiter=separator)
     if not {"code", "category"} <= set(reader.fieldnames or ()):
@@ -230,7 +231,8 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
     notes: dict[str, str] = {}
     codes: dict[int, int] = {}
     problems = []
-    for number, row in enumerate(reader, start=2):
+    for row in reader:
+        number = place[reader.line_num - 1]
         category = (row["category"] or "").strip()
         try:
             code = int(row["code"] or "")

@@ -24,10 +24,12 @@ def slopes(elevation_m: AnyArray, cell_m: float) -> tuple[FloatArray, FloatArray
     Returns
     -------
     east, north : float64 arrays (rows, cols)
-        Rise over run [1], by central differences inside and one-sided ones at the edges; nan beside a nan.
+        Rise over run [1], by central differences inside and one-sided ones at the edges; nan beside a nan. Of a single
+        row or column nothing is known across it, and it is taken as level.
     """
-    d_row, d_col = np.gradient(np.asarray(elevation_m, dtype=np.float64), cell_m)
-    return np.asarray(d_col), np.asarray(-d_row)
+    z = np.asarray(elevation_m, dtype=np.float64)
+    east, south = (np.gradient(z, cell_m, axis=k) if z.shape[k] > 1 else 0.0 * z for k in (1, 0))
+    return np.asarray(east), np.asarray(-south)
 
 
 def rms_slope(elevation_m: AnyArray, cell_m: float) -> float:

@@ -289,3 +289,27 @@ def test_scenes_with_holes_and_without_anything(campaign, tiny_scene):
     field = np.zeros_like(whole.field_id)
     save_scene(dataclasses.replace(whole, cover=empty, scored=nothing, field_id=field), folder / "scene.npz")
     refused(folder, "no scored cell")
+
+
+@pytest.mark.parametrize("cut", [np.s_[:1, :1], np.s_[:1, :], np.s_[:, :1]])
+def test_a_scene_of_one_cell_one_row_or_one_column_has_an_image_in_every_format(campaign, tiny_scene, cut):
+    whole = load_scene(tiny_scene)
+    _, numbers = np.unique(whole.field_id[cut], return_inverse=True)
+    field = numbers.reshape(whole.field_id[cut].shape).astype(np.int32)
+    folder = campaign(QUIET)
+    small = dataclasses.replace(
+        whole,
+        elevation_m=np.ascontiguousarray(whole.elevation_m[cut]),
+        cover=np.ascontiguousarray(whole.cover[cut]),
+        scored=np.ascontiguousarray(whole.scored[cut]),
+        field_id=field,
+        bounds=None,
+    )
+    save_scene(small, folder / "scene.npz")
+    got = arrays(folder)
+    assert np.isfinite(got["intensity_w"]).all()
+    assert got["pixel_of_cell"].shape == small.shape
+    assert (got["pixel_of_cell"] >= 0).all()
+    for kind in ("png", "tif"):
+        call("image", folder, "--out", folder / f"i.{kind}")
+    call("image", folder, "--out", folder / "m.png", "--mask", "shadow")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import tifffile
@@ -196,3 +198,28 @@ def test_the_command_refuses_with_the_remedy_and_writes_nothing(files, tmp_path)
         for word in words:
             assert word in result.stderr, result.stderr
         assert not (tmp_path / "s.npz").exists()
+
+
+def test_rasters_of_one_cell_and_of_one_row_become_scenes(files, tmp_path):
+    for shape in ((1, 1), (1, 40)):
+        files["elevation"] = write(tmp_path / "z1.tif", np.full(shape, 55.0, np.float32), 10.0)
+        files["cover"] = write(tmp_path / "c1.tif", np.ones(shape, np.uint8), 10.0)
+        result = command(files, tmp_path / "one.npz")
+        assert result.exit_code == 0, result.output
+        scene = load_scene(tmp_path / "one.npz")
+        assert scene.shape == shape
+        assert (scene.elevation_m == 55.0).all()
+        shown = CliRunner().invoke(app, ["scene", "show", str(tmp_path / "one.npz"), "--json"])
+        assert shown.exit_code == 0, shown.output
+        assert json.loads(shown.stdout)["max_slope"] == 0.0
+
+
+def test_a_single_known_cell_has_statistics_and_a_legends_faults_are_told_by_their_own_lines(files, tmp_path):
+    z = np.full((30, 40), -9999.0, np.float32)
+    z[15, 20] = 70.0
+    files["elevation"] = write(tmp_path / "lone.tif", z, 10.0, nodata=-9999.0)
+    import_scene(**files, out=tmp_path / "lone.npz", cell_m=10.0)
+    assert np.isfinite(load_scene(tmp_path / "lone.npz").elevation_m).sum() == 1
+    files["legend"].write_text("# by hand\n\ncode,category\nx,Wheat\n# more\n2,Trees\n2,Trees\n", encoding="utf-8")
+    with pytest.raises(SceneError, match=r"csv:4: .*not a whole number[\s\S]*csv:7: .*given twice"):
+        import_scene(**files)
