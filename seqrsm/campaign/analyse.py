@@ -14,7 +14,6 @@ from seqrsm.campaign.analysis import (
     FactorImportance,
     Interval,
     OptimumEstimate,
-    PosteriorSummary,
 )
 from seqrsm.campaign.fitted import (
     CONFIRMATION,
@@ -27,6 +26,7 @@ from seqrsm.campaign.fitted import (
     region_history,
     scored_runs,
 )
+from seqrsm.campaign.knowledge import effects_left_out
 from seqrsm.campaign.posterior import (
     Draws,
     Sampler,
@@ -140,7 +140,7 @@ def analyse(
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        warnings=tuple(_warnings(spec, application, fitted, best) + _effect_warnings(application, posterior)),
+        warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
         n_scored=fitted.n_scored,
         beta=fitted.beta,
         region_state=fitted.state,
@@ -168,6 +168,9 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
         futures = [future_scores(spec, fitted, draws, row[0], m) for m in (1, stop.replicates)]
         mean = scale.to_score(draws.terms @ row[0])
         confidence, prediction, prediction_mean = (central(x, stop.level) for x in (mean, *futures))
+        # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
+        prediction_mean = prediction_mean.around(confidence)
+        prediction = prediction.around(prediction_mean)
     hard = outer_bounds(spec.region, fitted.state.box, best.point)
     return OptimumEstimate(
         settings=spec.region.decode(hard.point)[0],
@@ -343,21 +346,6 @@ def _confirmation(
         text=text,
     )
     return confirmation, agreement
-
-
-def _effect_warnings(application: ApplicationSpec, posterior: PosteriorSummary) -> list[str]:
-    """What is stated of effects and not used."""
-    stated = {} if application.prior is None else application.prior.effect
-    names = [name for name in stated if name not in [bound.factor for bound in posterior.effects]]
-    if not names:
-        return []
-    share = posterior.effects_probability
-    if np.isfinite(share) and not posterior.effects:
-        reason = f"the scores contradict it (probability {share:.1g})"
-    else:
-        reason = "it is about the whole range and the full model, which are not fitted here"
-    what = f"What [application.prior] says of the effect of {', '.join(names)}"
-    return [f"{what} is left out of the posterior: {reason}."]
 
 
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:

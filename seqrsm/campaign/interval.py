@@ -16,3 +16,7 @@ class Interval:
     def half_width(self) -> float:
         """Half of ``high - low``."""
         return 0.5 * (self.high - self.low)
+
+    def around(self, other: Interval) -> Interval:
+        """The smallest interval that holds both."""
+        return Interval(min(self.low, other.low), max(self.high, other.high))

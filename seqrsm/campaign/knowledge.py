@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.campaign.analysis import PosteriorSummary
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.spec_tables import ExpectedOptimum, KnowledgeSpec
 from seqrsm.design.factors import CategoricalFactor, span
@@ -123,3 +124,18 @@ def stated_bounds(
 def precision_of(prior: NormalInverseGamma) -> FloatArray:
     """Prior precision of the coefficients with sigma at its prior guess."""
     return prior.Lambda0 * (prior.a0 / prior.b0)
+
+
+def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) -> list[str]:
+    """A warning where what is stated of effects is not used."""
+    stated = {} if application.prior is None else application.prior.effect
+    names = [name for name in stated if name not in [bound.factor for bound in posterior.effects]]
+    if not names:
+        return []
+    share = posterior.effects_probability
+    if np.isfinite(share) and not posterior.effects:
+        reason = f"the scores contradict it (probability {share:.1g})"
+    else:
+        reason = "it is about the whole range and the full model, which are not fitted here"
+    what = f"What [application.prior] says of the effect of {', '.join(names)}"
+    return [f"{what} is left out of the posterior: {reason}."]

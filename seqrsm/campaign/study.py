@@ -149,8 +149,7 @@ def _searched_from_draws(
     )
     plain = (estimate.confidence, estimate.prediction, estimate.prediction_mean)
     both = [
-        Interval(min(one.low, searched.low), max(one.high, searched.high))
-        for one, searched in zip(plain, (_in_scores(fitted, ends) for ends in found), strict=True)
+        one.around(searched) for one, searched in zip(plain, (_in_scores(fitted, ends) for ends in found), strict=True)
     ]
     best = _best_value(fitted, goal)
     ends = fitted.scale.to_score(np.array([best, best - optimism]))

@@ -92,7 +92,10 @@ class ModelSpace:
             X, t = X - Q @ (Q.T @ X), t - Q @ (Q.T @ t)
         self.m = len(y) - sum(df for df, _ in sequential_ss([base], t))
         total = float(t @ t)
-        if self.m < 2 or total <= (1e-14 * float(np.linalg.norm(y * root))) ** 2:
+        if self.m < 2:
+            what = f"{len(y)} runs leave nothing to choose terms by, beside the mean and the blocks"
+            raise FitError(Problem(what, 'Add runs, or set [model] terms = "full".'))
+        if total <= (1e-14 * float(np.linalg.norm(y * root))) ** 2:
             raise FitError(Problem("the scores do not vary, so no term can be told from none", "Add runs."))
         length = np.linalg.norm(X, axis=0)
         self._X = X / np.where(length > 0.0, length, 1.0)

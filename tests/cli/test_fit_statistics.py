@@ -171,6 +171,26 @@ def test_hierarchical_fit_with_fewer_runs_than_terms(tmp_path: Path) -> None:
     assert [term["name"] for term in found["terms"]] == ["intercept", "x"]
 
 
+def test_terms_cannot_be_chosen_where_blocks_take_all_runs(tmp_path: Path) -> None:
+    rows = [{"x": float(i), "score": 50.0 + i, "block": f"d{i}"} for i in range(4)]
+    folder = make(tmp_path / "c", X, rows, '[model]\nterms = "hierarchical"\nblock = "block"\n')
+    with pytest.raises(FitError, match="nothing to choose terms by"):
+        fit(folder)
+
+
+def test_a_future_run_is_never_known_better_than_the_mean(tmp_path: Path) -> None:
+    """Heavy tails, an optimum far from the runs: next to no scatter of a run beside the doubt about the mean."""
+    rng = np.random.default_rng(1)
+    rows = [
+        {"x": round(x, 4), "frequency": 4.0, "score": round(60 + 300 * x + 0.01 * rng.standard_t(4), 6)}
+        for x in rng.uniform(0.0, 0.3, 9)
+    ]
+    rows = [{key: row[key] for key in ("x", "score")} for row in rows]
+    best = fit(make(tmp_path / "c", X, rows, '[model]\nerrors = "student_t"\n'))["optimum"]
+    assert best["prediction"]["low"] <= best["prediction_mean"]["low"] <= best["confidence"]["low"]
+    assert best["prediction"]["high"] >= best["prediction_mean"]["high"] >= best["confidence"]["high"]
+
+
 def days(n: int, effect: float, seed: int) -> tuple[list[dict], np.ndarray]:
     rng = np.random.default_rng(seed)
     day = np.arange(n) % 6
