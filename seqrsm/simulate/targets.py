@@ -112,12 +112,14 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
                     int(given["column"]),
                     float(given["cross_section_dbm2"]),
                     float(given.get("height_m", 0.0)),
-                    tuple(float(word) for word in given.get("directions_deg", "").split()),
+                    tuple(float(word) for word in given.get("directions_deg", "").replace(";", " ").split()),
                     float(given.get("lobe_deg", 10.0)),
                 )
             )
         except (KeyError, ValueError):
-            remedy = "Give whole numbers for row and column, numbers for the rest"
+            remedy = (
+                "Give whole numbers for row and column, numbers for the rest, several directions with spaces between"
+            )
             problems.append(Problem("not a cultural target", remedy, file=name, line=number, value=",".join(line)))
         except SceneError as error:
             problems += [replace(problem, file=name, line=number) for problem in error.problems]

@@ -166,7 +166,7 @@ def test_sets_that_contradict_themselves_are_refused_with_the_numbers(campaign):
 def test_a_file_of_cultural_targets(campaign):
     folder = campaign(QUIET + 'targets_file = "targets.csv"\n')
     csv = folder / "targets.csv"
-    csv.write_text("row,column,cross_section_dbm2,height_m,directions_deg,lobe_deg\n30,40,50,2,,\n30,60,50,,0 90,20\n")
+    csv.write_text("row,column,cross_section_dbm2,height_m,directions_deg,lobe_deg\n30,40,50,2,,\n30,60,50,,0;90,20\n")
     bright = arrays(folder)
     plain = arrays(campaign(QUIET))
     gain = bright["mean_power_w"][0] / plain["mean_power_w"][0]
