@@ -122,12 +122,38 @@ def save(made, path: Path) -> None:
 
 def mark(axes, xs: Sequence[float], broken: Sequence[object]) -> None:
     """Shade what breaks, and say what the program does there."""
-    for row in broken:
-        i = list(xs).index(row.x)  # type: ignore[attr-defined]
-        left = xs[i] if i == 0 else _between(xs[i - 1], xs[i], axes)
-        right = xs[i] if i == len(xs) - 1 else _between(xs[i], xs[i + 1], axes)
-        refused = row.does.startswith(("refuses", "No error"))  # type: ignore[attr-defined]
-        axes.axvspan(left, right, color="#f4c7c3" if refused else "#fdf0c4", lw=0, zorder=0)
+    zones: list[tuple[str, list[int]]] = []
+    for i, row in sorted((list(xs).index(row.x), row) for row in broken):  # type: ignore[attr-defined]
+        word = _does(row.does)  # type: ignore[attr-defined]
+        if zones and zones[-1][0] == word and zones[-1][1][-1] == i - 1:
+            zones[-1][1].append(i)
+        else:
+            zones.append((word, [i]))
+    for word, own in zones:
+        left = xs[own[0]] if own[0] == 0 else _between(xs[own[0] - 1], xs[own[0]], axes)
+        right = xs[own[-1]] if own[-1] == len(xs) - 1 else _between(xs[own[-1]], xs[own[-1] + 1], axes)
+        axes.axvspan(left, right, color="#f4c7c3" if word in REFUSALS else "#fdf0c4", lw=0, zorder=0)
+        first, last = number(xs[own[0]]), number(xs[own[-1]])
+        where = f"at {first}" if first == last else f"{first} to {last}"
+        axes.text(
+            _between(left, right, axes), 0.03, f"{word}, {where}", rotation=90, ha="center", va="bottom", fontsize=7,
+            color="#33383e", transform=axes.get_xaxis_transform(),
+            bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.8}, zorder=5,
+        )  # fmt: skip
+
+
+REFUSALS = ("refuses", "says that s is unknown")
+
+
+def _does(text: str) -> str:
+    """What the program does, in a word or two."""
+    if text.startswith("refuses"):
+        return "refuses"
+    if text.startswith("No error"):
+        return "says that s is unknown"
+    if "below the noise" in text:
+        return "computes, lost in the noise"
+    return "warns" if text and not text.startswith("computes") else "computes, few digits"
 
 
 def _between(a: float, b: float, axes) -> float:
@@ -146,6 +172,10 @@ def plot_fit(studies: dict[str, list[fit.Row]], path: Path) -> None:
                 style = "--" if "limit" in measure else "-"
                 width = 4.0 if "limit" in measure else 1.6
                 axes.plot(x, y, style, color=colour, lw=width, marker="o", ms=3, label=measure)
+        condition = np.array([r.condition for r in rows], dtype=float)
+        axes.plot(
+            x, 16.0 - np.log10(condition), ":", color="#33383e", lw=1.0, label="16 - log10 of the condition number"
+        )
         mark(axes, x, fit_breaks(rows))
         if name == "near-singular design":
             axes.invert_xaxis()
