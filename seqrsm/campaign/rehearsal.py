@@ -53,7 +53,10 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         cost_per_run=source_cost,
         progress=progress,
     )
-    return _summary(result, analysis.score_unit, rule.interval_name, spec.model.response)
+    found = _summary(result, analysis.score_unit, rule.interval_name, spec.model.response)
+    if spec.model.weights != "equal":
+        found["notes"].append("All runs scatter alike in the rehearsal, as one of average weight does.")
+    return found
 
 
 def _summary(result: Rehearsal, unit: str, interval_name: str, response: str) -> dict[str, Any]:

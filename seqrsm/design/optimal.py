@@ -144,7 +144,7 @@ def optimal_design(
     weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]
     task = Task(n_runs, np.ascontiguousarray(precision), None if weights is None else np.ascontiguousarray(weights))
     if region.is_box:
-        chains, random_starts, moves = _effort(model, starts, task.weight is not None)
+        chains, random_starts, moves = _effort(model, starts, task.weight is not None, n_runs)
         total = chains * (random_starts + moves)
         points, hits = search_box(model, region, task, chains, random_starts, moves, seed % 2**63)
     else:
@@ -227,7 +227,7 @@ def start_design(
     return optimal_design(model, region, n_runs - centre_repeats, seed=seed, starts=searches, fixed=centre).all_points
 
 
-def _effort(model: QuadraticModel, starts: int | None, linear: bool) -> tuple[int, int, int]:
+def _effort(model: QuadraticModel, starts: int | None, linear: bool, n_runs: int) -> tuple[int, int, int]:
     """Chains, random starts and perturbations in each, chosen so that the best designs known are reached."""
     if starts is not None:
         chains = max(starts // 320, 1)
@@ -241,8 +241,9 @@ def _effort(model: QuadraticModel, starts: int | None, linear: bool) -> tuple[in
     if p <= 21:
         return 6, 20, 250
     # The landscape of six factors has deep, narrow optima: many chains find what one long chain misses.
-    # A local search of a linear criterion takes several times longer.
-    return max(int((5 if linear else 24) * min(1.0, (28.0 / p) ** 3)), 1), 20, 300
+    # A local search of a linear criterion takes several times longer; with many runs optima are more.
+    chains = min(round(5.0 * n_runs / p), 8) if linear else 24
+    return max(int(chains * min(1.0, (28.0 / p) ** 3)), 1), 20, 300
 
 
 def _checked_prior(model: QuadraticModel, region: Region, prior: FloatArray | None) -> FloatArray:
