@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -125,6 +126,7 @@ class _View:
         self.kept = np.array([statistics.category_fractions[name] for name in scene.categories])
         self.tested = [share for share in statistics.scored_fractions.values() if share > 0.0]
 
+    @cached_property
     def slope_of_curves(self) -> FloatArray:
         """Steepest change of each category's brightness over the sweep [K/deg]."""
         last = min(math.ceil(math.degrees(self.edge)) + 5, 90)
@@ -180,7 +182,7 @@ class _View:
 
     def relief_effects(self, tolerance: float) -> tuple[Effect, ...]:
         """What F0 leaves out besides."""
-        slope, top = self.slope_of_curves(), self.statistics.high_m - self.statistics.low_m
+        slope, top = self.slope_of_curves, self.statistics.high_m - self.statistics.low_m
         tilt = self.tilt_k(self.radiometer.resolution_m)
         text = f"rms slope over a footprint: {float(tilt @ self.kept):.2g} K"
         found = [effect("local incidence", self.shifted(tilt), tolerance, text)]
@@ -192,7 +194,7 @@ class _View:
     def tilt_k(self, width_m: float) -> FloatArray:
         """What the slopes of ground averaged over a width change of each category's brightness [K]."""
         level = max(i for i, size in enumerate(PYRAMID) if i == 0 or size * self.scene.cell_m <= width_m)
-        return math.degrees(math.hypot(self.across[level], self.along[level])) * self.slope_of_curves()
+        return math.degrees(math.hypot(self.across[level], self.along[level])) * self.slope_of_curves
 
     def points_effect(self, points: int, tolerance: float) -> Effect:
         """What few points for a beam cost.

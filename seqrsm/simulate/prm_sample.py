@@ -131,17 +131,18 @@ def _point_sample(
     phase = draw.random(2)
     rows, inside_rows = _boxed(low, high, frame, 0, float(phase[0]))
     columns, inside_columns = _boxed(line * scan.advance_m, (line + 1) * scan.advance_m, frame, 1, float(phase[1]))
-    row_m = np.asarray((rows.ravel() + 0.5 - 0.5 * len(frame.elevation_m)) * frame.cell_m, dtype=np.float64)
-    column_m = np.broadcast_to((columns.ravel() + 0.5) * frame.cell_m, (rows.size, columns.size))
+    of_row, of_column = (np.nonzero(inside)[0] for inside in (inside_rows, inside_columns))
+    row, column = rows[inside_rows], columns[inside_columns]
+    row_m = np.asarray((row + 0.5 - 0.5 * len(frame.elevation_m)) * frame.cell_m, dtype=np.float64)
+    column_m = np.broadcast_to((column + 0.5) * frame.cell_m, (row.size, column.size))
     own, known = _seen(frame, met, row_m, column_m, relief=relief)
-    inside = inside_rows.ravel()[:, None] & inside_columns.ravel()[None, :] & known
-    number = np.repeat(np.arange(n_s), rows.shape[1])[:, None] * n_l + np.repeat(np.arange(n_l), columns.shape[1])
+    number = of_row[:, None] * n_l + of_column
     return Sample(
         values=_noisy(mean, radiometer, rung.draws, seed, run_id),
         **_grid(met, np.repeat(sample, n_l), np.tile(line, n_s)),
         column=np.arange(n_s * n_l),
         share=n_s * n_l / (len(scan.look_rad) * scan.n_lines),
-        pixel_of_cell=np.where(inside, number, -1).astype(np.int32),
+        pixel_of_cell=np.where(known, number, -1).astype(np.int32),
         cover=frame.cover[own],
         field=frame.field[own],
         scored=np.rot90(scene.scored, frame.quarter_turns)[own],
