@@ -92,9 +92,11 @@ def main() -> None:
         "| constant | measured | at 1,000 workers |",
         "|---|---|---|",
         f"| scheduler and client, for each run | {1e3 * task_s:.2f} ms | at most {1 / task_s:.0f} runs/s |",
-        f"| store, for each durable score (SQLite, this disk) | {1e3 * score_s:.2f} ms | at most {1 / score_s:.0f} runs/s |",
+        f"| store, for each durable score (SQLite, this disk) | {1e3 * score_s:.2f} ms "
+        f"| at most {1 / score_s:.0f} runs/s |",
         f"| scene to a worker, by the scheduler | {byte_s * 1e9:.1f} ns/byte | {WORKERS * SCENE_BYTES * byte_s:.0f} s "
-        f"for {SCENE_BYTES // 10**6} MB to all, once; {link_s:.0f} s at {NETWORK_BYTES_PER_S / 1e9:.0f} GB/s (assumed) |",
+        f"for {SCENE_BYTES // 10**6} MB to all, once; {link_s:.0f} s at {NETWORK_BYTES_PER_S / 1e9:.0f} GB/s "
+        "(assumed) |",
         "",
         "Model: a batch of n runs of t seconds on w workers takes",
         "max(n t / w, n max(c_scheduler, c_store)) + w b c_scene the first time (b: bytes of the scene), without",
