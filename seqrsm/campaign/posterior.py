@@ -179,6 +179,12 @@ def _draws(spec: CampaignSpec, fitted: Fitted, sampler: Sampler, n_draws: int, b
     to_terms = np.eye(Z.shape[1])[:, :p] if fitted.sources is None else to_flight(fitted.model, np.eye(Z.shape[1]))
     inner = None if bounds is None else LinearBounds(bounds.rows @ to_terms.T, bounds.low, bounds.high)
     y, exact, share = fitted.fit.y, None, None
+    if fitted.sources is not None and errors == "normal" and fitted.fit.sse > 0.0:
+        base = stated_prior(spec, fitted.application, fitted.model, fitted.region)
+        (beta, sigma), share = _within(partial(fitted.sources.draws, rng=rng, base=base), inner, n_draws)
+        if inner is None or _enough(len(sigma), n_draws):
+            made = {"method": "exact", "draws": len(sigma), "sources": 2}
+            return Draws(to_flight(fitted.model, beta), sigma, made, share=share)
     # A surface through every score leaves nothing to sample: sigma is 0.
     through = fitted.fit.sse == 0.0
     if through or (sampler == "exact" and errors == "normal"):

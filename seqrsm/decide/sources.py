@@ -23,6 +23,7 @@ FEW_FLIGHTS = 4
 """With fewer flights the discrepancy is mostly its prior."""
 
 _RATIO_RUNS = 2.0  # degrees of freedom that the guess of equal variances is worth
+_RATIOS = np.exp(np.linspace(np.log(0.01), np.log(100.0), 25))  # variance of a simulation over that of a flight
 _FIRST_ORDER = ("intercept", "linear", "category")
 
 
@@ -50,6 +51,16 @@ def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray
 
 
 @dataclass(frozen=True, slots=True)
+class StackedRuns:
+    """Rows [z, d, blocks] (n, c), scores (n,), relative weights within a source (n,), and which runs are flights."""
+
+    Z: FloatArray
+    y: FloatArray
+    weights: FloatArray
+    flights: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
 class SourceFit:
     """The flight's surface from both sources.
 
@@ -73,6 +84,8 @@ class SourceFit:
     posterior : ConjugatePosterior
         Of all coefficients, [z, d] and then blocks.
     model : QuadraticModel
+    runs : StackedRuns
+        What was fitted.
     """
 
     estimate: FloatArray
@@ -86,6 +99,7 @@ class SourceFit:
     prior_share: float
     posterior: ConjugatePosterior
     model: QuadraticModel
+    runs: StackedRuns
 
     @property
     def flight_weight(self) -> float:
@@ -140,6 +154,38 @@ class SourceFit:
         se = self.posterior.scale * float(np.sqrt(self.posterior.variance_unscaled(full)[0]))
         half = float(student_quantile(self.posterior.df, level)) * se
         return mean, mean - half, mean + half
+
+    def draws(
+        self, n: int, rng: np.random.Generator, base: NormalInverseGamma | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Draws of all coefficients (n, c) and of the standard deviation (n,) of one flight, in no order.
+
+        The ratio of the two variances is drawn, too: its posterior is taken on a grid, with equal variances as the
+        middle of a prior that is worth two runs of each. Given the ratio everything is exact.
+
+        Parameters
+        ----------
+        n : int
+        rng : numpy.random.Generator
+        base : NormalInverseGamma, optional
+            Prior of the model terms; flat by default.
+        """
+        runs = self.runs
+        n_extra = runs.Z.shape[1] - self.model.p - len(discrepancy_terms(self.model))
+        prior = source_prior(self.model, n_extra, self.prior_sd, self.s_simulation, base)
+        given = [posterior(runs.Z, runs.y, np.where(runs.flights, r, 1.0) * runs.weights, prior) for r in _RATIOS]
+        if any(one.b <= 0.0 for one in given):
+            beta, sigma = self.posterior.draws(n, rng)
+            return beta, sigma / np.sqrt(self.flight_weight)
+        log_share = np.array([float(np.linalg.slogdet(one.factor)[1]) - one.a * np.log(one.b) for one in given])
+        log_share += 0.5 * np.count_nonzero(runs.flights) * np.log(_RATIOS) + np.log(_RATIOS) - 2 * np.log1p(_RATIOS)
+        share = np.exp(log_share - np.max(log_share))
+        counts = rng.multinomial(n, share / np.sum(share))
+        parts = [(*one.draws(int(m), rng), r) for one, m, r in zip(given, counts, _RATIOS, strict=True) if m]
+        order = rng.permutation(n)
+        beta = np.concatenate([found for found, _, _ in parts])[order]
+        sigma = np.concatenate([found / np.sqrt(r) for _, found, r in parts])[order]
+        return beta, sigma
 
     def flight_draws(self, draws: FloatArray) -> FloatArray:
         """Coefficients (m, p) of the flight's surface from draws of all coefficients."""
@@ -263,4 +309,5 @@ def fit_sources(
         prior_share=float(np.clip(np.mean(left), 0.0, 1.0)),
         posterior=found,
         model=model,
+        runs=StackedRuns(Z, y, own, flights),
     )

@@ -153,8 +153,8 @@ def searched_from_draws(
     sd = np.sqrt(np.diagonal(C))
     flatter = np.sign(estimate) * np.maximum(np.abs(estimate) - sd, 0.0)
     flatter[0] = estimate[0]
-    best = optimum(model, region, estimate, goal)
-    row = model.matrix(best.point[None, :])[0]
+    row = model.matrix(optimum(model, region, estimate, goal).point[None, :])[0]
+    centre = float(np.mean(betas, axis=0) @ row)
     tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
     gaps, variances = [deviation @ row], [np.full(len(betas), float(row @ C @ row))]  # first, without a search
     for surface in (estimate, flatter):
@@ -172,7 +172,7 @@ def searched_from_draws(
             ]
         )
         se = float(np.sqrt(row @ C @ row + own))
-        ends.append((best.value - float(np.max(pivots[:, 1])) * se, best.value - float(np.min(pivots[:, 0])) * se))
+        ends.append((centre - float(np.max(pivots[:, 1])) * se, centre - float(np.min(pivots[:, 0])) * se))
     return float(np.mean(gaps[1])), ends
 
 

@@ -54,8 +54,8 @@ def flights(model: QuadraticModel, points: np.ndarray, beta: np.ndarray, rng: np
     truth[terms] += DISCREPANCY_SD * rng.normal(size=len(terms))
     y = np.where(flown, Z @ truth, Z @ beta) + SIGMA * rng.normal(size=RUNS)
     found = fit_sources(model, points, y, flown, prior_sd=DISCREPANCY_SD)
-    betas, sigma = found.posterior.draws(DRAWS, rng)
-    noise = sigma / np.sqrt(found.flight_weight) * rng.normal(size=DRAWS)
+    betas, sigma = found.draws(DRAWS, rng)
+    noise = sigma * rng.normal(size=DRAWS)
     return truth, found.estimate, found.flight_draws(betas), noise, SIGMA * float(rng.normal())
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from seqrsm.decide.sources import discrepancy_terms, fit_sources, stacked_rows, to_flight
+from seqrsm.decide.sources import discrepancy_terms, fit_sources, source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 
 FACTORS = (ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0))
 MODEL = QuadraticModel(FACTORS)
@@ -102,3 +104,28 @@ def test_interval_shrinks_with_flights_and_covers_new_ones() -> None:
     se = np.std(covered) / np.sqrt(len(covered))
     assert np.mean(covered) == pytest.approx(0.95, abs=0.02 + 2 * se)
     assert np.median(widths[12]) < np.median(widths[4]) * 1.1
+
+
+def test_draws_carry_the_doubt_about_the_ratio_of_variances() -> None:
+    """The standard deviation of a flight against the mixture of inverse gammas, its shares by the evidence."""
+    rng = np.random.default_rng(8)
+    X = rng.uniform(-1, 1, (26, 2))
+    flight = np.arange(26) < 6
+    y = MODEL.matrix(X) @ rng.normal(size=MODEL.p) + np.where(flight, 2.0, 0.5) * rng.normal(size=26)
+    found = fit_sources(MODEL, X, y, flight, prior_sd=1.0)
+    base = NormalInverseGamma(np.zeros(MODEL.p), np.diag(np.full(MODEL.p, 0.01)), 1.0, 0.5)
+    prior = source_prior(MODEL, 0, 1.0, found.s_simulation, base)
+    beta, sigma = found.draws(20_000, np.random.default_rng(1), base)
+    ratios = np.exp(np.linspace(np.log(0.01), np.log(100.0), 25))
+    given = [posterior(stacked_rows(MODEL, X, flight), y, np.where(flight, r, 1.0), prior) for r in ratios]
+    log_share = np.array([one.log_evidence for one in given]) + np.log(ratios / (1 + ratios) ** 2)
+    share = np.exp(log_share - log_share.max())
+    share /= share.sum()
+    for quantile in np.quantile(sigma, [0.05, 0.25, 0.5, 0.75, 0.95]):
+        parts = [stats.invgamma(one.a, scale=one.b / r).cdf(quantile**2) for one, r in zip(given, ratios, strict=True)]
+        assert float(share @ np.array(parts)) == pytest.approx(np.mean(sigma <= quantile), abs=0.012)
+    mean = share @ np.array([one.mean for one in given])
+    np.testing.assert_allclose(beta.mean(axis=0), mean, atol=0.05 * beta.std(axis=0).min())
+    # The ratio is not known from six flights: a plug-in ratio would make sigma far too certain.
+    plug_in = found.posterior.draws(20_000, np.random.default_rng(1))[1] / np.sqrt(found.flight_weight)
+    assert np.std(np.log(sigma)) > 1.5 * np.std(np.log(plug_in))
