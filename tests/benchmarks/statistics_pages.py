@@ -68,7 +68,8 @@ NOTES = {
     "at the fitted optimum, other errors, days and sources": (
         "From draws of the posterior. With flights beside simulations the draws carry the doubt about the ratio of the "
         "two variances; the settings themselves are recommended, and the plain interval there is made, with the ratio "
-        "that is most likely, which eight flights do not tell well. On a curved surface the mean is covered more than 1 % too rarely there: "
+        "that is most likely, which eight flights do not tell well. On a curved surface the mean is "
+        "covered more than 1 % too rarely there: "
         "counted as held with so few data sets, it is a miss."
     ),
     "at the fitted optimum": (
