@@ -3,7 +3,8 @@
 Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63, 425-464, with the discrepancy in its linear form: simulated runs
 have the model row [z, 0], flights [z, d], where d holds the terms of first order. The discrepancy has a normal prior
 around zero, so that few flights correct the simulation and do not replace it, and each source has its own variance.
-Everything is conjugate: given the variance ratio, intervals are exact Student-t intervals.
+Everything is conjugate given the ratio of the variances; the ratio has a posterior of its own, on a grid, and intervals
+and draws are mixtures over it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize.elementwise import find_root
+from scipy.special import stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.decide.intervals import t_quantile
@@ -24,6 +27,7 @@ FEW_FLIGHTS = 4
 
 _RATIO_RUNS = 2.0  # degrees of freedom that the guess of equal variances is worth
 _RATIOS = np.exp(np.linspace(np.log(0.01), np.log(100.0), 25))  # variance of a simulation over that of a flight
+_DUST = 1e-6  # of the likeliest ratio's probability: what has less is left out
 _FIRST_ORDER = ("intercept", "linear", "category")
 
 
@@ -61,6 +65,15 @@ class StackedRuns:
 
 
 @dataclass(frozen=True, slots=True)
+class GivenRatio:
+    """Posterior for one ratio of the variances (simulation over flight), and the share of probability it has."""
+
+    ratio: float
+    share: float
+    posterior: ConjugatePosterior
+
+
+@dataclass(frozen=True, slots=True)
 class SourceFit:
     """The flight's surface from both sources.
 
@@ -71,7 +84,7 @@ class SourceFit:
     simulation : ndarray (p,)
         Those of the simulation's.
     s : float
-        Standard deviation of one flight, score units: what intervals for future flights are made of.
+        Standard deviation of one flight, score units, at the likeliest ratio of the variances.
     s_simulation : float
         That of one simulated run.
     df_residual : float
@@ -86,6 +99,8 @@ class SourceFit:
     model : QuadraticModel
     runs : StackedRuns
         What was fitted.
+    by_ratio : tuple of GivenRatio
+        What intervals and draws are mixed from.
     """
 
     estimate: FloatArray
@@ -100,6 +115,7 @@ class SourceFit:
     posterior: ConjugatePosterior
     model: QuadraticModel
     runs: StackedRuns
+    by_ratio: tuple[GivenRatio, ...]
 
     @property
     def flight_weight(self) -> float:
@@ -126,15 +142,22 @@ class SourceFit:
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
     ) -> Prediction:
-        """Intervals of the flight's mean and of future flights; arguments as in ``LeastSquaresFit.predict``."""
+        """Intervals of the flight's mean and of future flights; arguments as in ``LeastSquaresFit.predict``.
+
+        They hold ``level`` of the mixture over the ratio of the variances, the mean in the middle; the standard errors
+        are those of the likeliest ratio.
+        """
         full = self.flight_rows(np.atleast_2d(rows))
         mean = full @ self.posterior.mean
-        own = self.s**2 / (replicates * np.asarray(weight, dtype=np.float64))
+        future = replicates * np.asarray(weight, dtype=np.float64)
+        own = self.s**2 / future
         of_mean = self.s_simulation**2 * self.posterior.variance_unscaled(full)
-        confidence = student_quantile(self.posterior.df, level) * np.sqrt(of_mean)
-        # Satterthwaite: the noise of a flight is known from the flights alone.
-        df = (own + of_mean) ** 2 / (own**2 / self.df_residual + of_mean**2 / self.posterior.df)
-        prediction = t_quantile(df, level) * np.sqrt(own + of_mean)
+        off = np.array([full @ one.posterior.mean for one in self.by_ratio]) - mean
+        scale = np.array([one.posterior.scale for one in self.by_ratio])[:, None]
+        seen = scale**2 * np.array([one.posterior.variance_unscaled(full) for one in self.by_ratio])
+        noise = scale**2 / np.array([one.ratio for one in self.by_ratio])[:, None] / future
+        confidence = self._half_width(off, np.sqrt(seen), level)
+        prediction = self._half_width(off, np.sqrt(seen + noise), level)
         return Prediction(
             mean,
             Interval(mean - confidence, mean + confidence),
@@ -144,6 +167,21 @@ class SourceFit:
             level,
             "",
         )
+
+    def _half_width(self, off: FloatArray, se: FloatArray, level: float) -> FloatArray:
+        """Half-widths (m,) that hold ``level`` of mixtures of Student's t with centres and scales (r, m)."""
+        share = np.array([one.share for one in self.by_ratio])
+        df = np.array([one.posterior.df for one in self.by_ratio])
+        # Where every one of them holds the level, so does the mixture.
+        most = np.max(np.abs(off) + t_quantile(df, level)[:, None] * se, axis=0)
+
+        def excess(half: FloatArray, at: IntArray) -> FloatArray:
+            upper = stdtr(df[:, None], (half - off[:, at]) / se[:, at])
+            lower = stdtr(df[:, None], (-half - off[:, at]) / se[:, at])
+            return np.asarray(share @ (upper - lower) - level)
+
+        found = find_root(excess, (np.zeros_like(most), most), args=(np.arange(len(most)),))
+        return np.asarray(np.where(found.success, found.x, most))
 
     def discrepancy(self, row: FloatArray, level: float = 0.95) -> tuple[float, float, float]:
         """Flight less simulation at a model row (p,), and the ends of its credible interval."""
@@ -160,28 +198,18 @@ class SourceFit:
     ) -> tuple[FloatArray, FloatArray]:
         """Draws of all coefficients (n, c) and of the standard deviation (n,) of one flight, in no order.
 
-        The ratio of the two variances is drawn, too: its posterior is taken on a grid, with equal variances as the
-        middle of a prior that is worth two runs of each. Given the ratio everything is exact.
-
         Parameters
         ----------
         n : int
         rng : numpy.random.Generator
         base : NormalInverseGamma, optional
-            Prior of the model terms; flat by default.
+            Prior of the model terms; that of the fit by default.
         """
-        runs = self.runs
-        n_extra = runs.Z.shape[1] - self.model.p - len(discrepancy_terms(self.model))
-        prior = source_prior(self.model, n_extra, self.prior_sd, self.s_simulation, base)
-        given = [posterior(runs.Z, runs.y, np.where(runs.flights, r, 1.0) * runs.weights, prior) for r in _RATIOS]
-        if any(one.b <= 0.0 for one in given):
-            beta, sigma = self.posterior.draws(n, rng)
-            return beta, sigma / np.sqrt(self.flight_weight)
-        log_share = np.array([float(np.linalg.slogdet(one.factor)[1]) - one.a * np.log(one.b) for one in given])
-        log_share += 0.5 * np.count_nonzero(runs.flights) * np.log(_RATIOS) + np.log(_RATIOS) - 2 * np.log1p(_RATIOS)
-        share = np.exp(log_share - np.max(log_share))
-        counts = rng.multinomial(n, share / np.sum(share))
-        parts = [(*one.draws(int(m), rng), r) for one, m, r in zip(given, counts, _RATIOS, strict=True) if m]
+        given = self.by_ratio
+        if base is not None:
+            given = _by_ratio(self.model, self.runs, self.prior_sd, self.posterior, self.flight_weight, base)
+        counts = rng.multinomial(n, [one.share for one in given])
+        parts = [(*one.posterior.draws(int(m), rng), one.ratio) for one, m in zip(given, counts, strict=True) if m]
         order = rng.permutation(n)
         beta = np.concatenate([found for found, _, _ in parts])[order]
         sigma = np.concatenate([found / np.sqrt(r) for _, found, r in parts])[order]
@@ -190,6 +218,32 @@ class SourceFit:
     def flight_draws(self, draws: FloatArray) -> FloatArray:
         """Coefficients (m, p) of the flight's surface from draws of all coefficients."""
         return to_flight(self.model, draws)
+
+
+def _by_ratio(
+    model: QuadraticModel,
+    runs: StackedRuns,
+    prior_sd: float,
+    likeliest: ConjugatePosterior,
+    ratio: float,
+    base: NormalInverseGamma | None,
+) -> tuple[GivenRatio, ...]:
+    """Posterior of the ratio of the variances on a grid, and all else given it.
+
+    The prior of the ratio has equal variances as its middle and is worth two runs of each. A surface through every
+    score says nothing of variances: there the likeliest stands alone.
+    """
+    n_extra = runs.Z.shape[1] - model.p - len(discrepancy_terms(model))
+    prior = source_prior(model, n_extra, prior_sd, likeliest.scale, base)
+    given = [posterior(runs.Z, runs.y, np.where(runs.flights, r, 1.0) * runs.weights, prior) for r in _RATIOS]
+    if any(one.b <= 0.0 for one in given):
+        return (GivenRatio(ratio, 1.0, likeliest),)
+    log_share = np.array([float(np.linalg.slogdet(one.factor)[1]) - one.a * np.log(one.b) for one in given])
+    log_share += 0.5 * np.count_nonzero(runs.flights) * np.log(_RATIOS) + np.log(_RATIOS) - 2 * np.log1p(_RATIOS)
+    share = np.exp(log_share - np.max(log_share))
+    share[share < _DUST] = 0.0
+    share /= np.sum(share)
+    return tuple(GivenRatio(float(r), float(w), one) for r, w, one in zip(_RATIOS, share, given, strict=True) if w)
 
 
 def to_flight(model: QuadraticModel, coefficients: FloatArray) -> FloatArray:
@@ -240,7 +294,7 @@ def fit_sources(
     """Fit simulated runs and flights together.
 
     The variance of each source is estimated from its own residuals, with equal variances as a guess worth two runs.
-    Intervals take the uncertainty of the flights' variance into account by Satterthwaite's degrees of freedom.
+    Intervals and draws do not take these two as known: they are mixtures over the ratio's posterior.
 
     Parameters
     ----------
@@ -297,6 +351,7 @@ def fit_sources(
     found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma, base))
     terms = discrepancy_terms(model)
     left = np.sum(found.factor[model.p : model.p + len(terms)] ** 2, axis=1) * found.scale**2 / sd**2
+    runs = StackedRuns(Z, y, own, flights)
     return SourceFit(
         estimate=to_flight(model, found.mean[None, :])[0],
         simulation=found.mean[: model.p],
@@ -309,5 +364,6 @@ def fit_sources(
         prior_share=float(np.clip(np.mean(left), 0.0, 1.0)),
         posterior=found,
         model=model,
-        runs=StackedRuns(Z, y, own, flights),
+        runs=runs,
+        by_ratio=_by_ratio(model, runs, float(sd), found, ratio, base),
     )

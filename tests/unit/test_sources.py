@@ -106,6 +106,22 @@ def test_interval_shrinks_with_flights_and_covers_new_ones() -> None:
     assert np.median(widths[12]) < np.median(widths[4]) * 1.1
 
 
+def test_intervals_hold_their_level_of_the_draws() -> None:
+    """Six flights do not tell the ratio of the variances: both are mixtures over it, made in two ways."""
+    X, y, flight = campaign(20, 6, 7, s_sim=0.5)
+    found = fit_sources(MODEL, X, y, flight, prior_sd=2.0)
+    row = MODEL.matrix(np.array([[0.4, -0.7]]))
+    rng = np.random.default_rng(2)
+    beta, sigma = found.draws(200_000, rng)
+    means = found.flight_draws(beta) @ row[0]
+    for weight, replicates in ((1.0, 1), (2.0, 5)):
+        predicted = found.predict(row, 0.9, weight, replicates)
+        future = means + sigma / np.sqrt(weight * replicates) * rng.normal(size=len(sigma))
+        for interval, values in ((predicted.confidence, means), (predicted.prediction, future)):
+            inside = np.mean((values >= interval.low[0]) & (values <= interval.high[0]))
+            assert inside == pytest.approx(0.9, abs=4 * np.sqrt(0.09 / len(values)))
+
+
 def test_draws_carry_the_doubt_about_the_ratio_of_variances() -> None:
     """The standard deviation of a flight against the mixture of inverse gammas, its shares by the evidence."""
     rng = np.random.default_rng(8)
