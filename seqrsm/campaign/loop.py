@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -351,9 +351,14 @@ class Campaign:
         """
         from seqrsm.campaign.check import check_simulator
 
+        if max_runs is not None:  # the start design, proposals and forecasts go by this budget, too
+            stop = self.spec.stop.model_copy(update={"max_runs": max_runs})
+            return Campaign(replace(self.spec, stop=stop), self.store).run(
+                batch=batch, workers=workers, cluster=cluster, on_progress=on_progress, on_look=on_look, say=say
+            )
         if self.spec.simulator is None and not self.store.runs(source="simulation"):
             check_simulator(self.spec)
-        budget = max_runs or self.spec.stop.max_runs
+        budget = self.spec.stop.max_runs
         clock = _Clock()
         while True:
             clock.start()

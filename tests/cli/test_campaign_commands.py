@@ -146,6 +146,13 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
     assert len(scores(folder)) == 17
 
 
+def test_a_budget_below_the_terms_is_refused_before_anything_is_simulated(tiny) -> None:
+    result = seqrsm("run", tiny, "--max-runs", 3)
+    assert result.exit_code == 2
+    assert "3 runs cannot determine" in result.stderr
+    assert json.loads(ok("status", tiny, "--json"))["runs"] == {}
+
+
 def test_propose_simulate_void_by_hand(tiny, tmp_path) -> None:
     form = tmp_path / "form.csv"
     runs = json.loads(ok("propose", tiny, "--csv", form, "--json"))
