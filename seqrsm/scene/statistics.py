@@ -86,7 +86,9 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
 
 
 def statistics_text(scene: Scene) -> str:
-    """Statistics of ``scene`` as they are kept with its file, and what they are of."""
+    """Statistics of ``scene`` as they are kept with its file, and what they are of; "" where no elevation is known."""
+    if not np.isfinite(scene.elevation_m).any():
+        return ""
     return json.dumps({"of": _fingerprint(scene), "statistics": asdict(_computed(scene))}, sort_keys=True)
 
 
