@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -351,14 +351,10 @@ class Campaign:
         """
         from seqrsm.campaign.check import check_simulator
 
-        if max_runs is not None:  # the start design, proposals and forecasts go by this budget, too
-            stop = self.spec.stop.model_copy(update={"max_runs": max_runs})
-            return Campaign(replace(self.spec, stop=stop), self.store).run(
-                batch=batch, workers=workers, cluster=cluster, on_progress=on_progress, on_look=on_look, say=say
-            )
+        budget = max_runs or self.spec.stop.max_runs
+        self._refuse_less_than_a_start(budget)
         if self.spec.simulator is None and not self.store.runs(source="simulation"):
             check_simulator(self.spec)
-        budget = self.spec.stop.max_runs
         clock = _Clock()
         while True:
             clock.start()
@@ -422,6 +418,15 @@ class Campaign:
                 "Take them in with `seqrsm ingest`, or give them up with `seqrsm void`; `run` simulates only.",
             )
         )
+
+    def _refuse_less_than_a_start(self, budget: int) -> None:
+        """A smaller budget for one call ends the campaign early, and nothing else; the start design is made whole."""
+        from seqrsm.campaign.next_runs import start_size
+
+        least = start_size(QuadraticModel(self.spec.factors, self.spec.model.order), self.spec)
+        if budget < least and self._n_used() == 0:
+            remedy = f"Give {least} or more, or leave it out."
+            raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
 
     def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
         """Batches without a single score would be proposed again for ever."""

@@ -66,11 +66,9 @@ def rank_picture(path: Path, found: list[dict]) -> None:
 
 NOTES = {
     "at the fitted optimum, other errors, days and sources": (
-        "From draws of the posterior. With flights beside simulations the draws carry the doubt about the ratio of the "
-        "two variances; the settings themselves are recommended, and the plain interval there is made, with the ratio "
-        "that is most likely, which eight flights do not tell well. On a curved surface the mean is "
-        "covered more than 1 % too rarely there: "
-        "counted as held with so few data sets, it is a miss."
+        "From draws of the posterior. With flights beside simulations draws and intervals carry the doubt about the "
+        "ratio of the two variances, which eight flights do not tell well; the settings are those that the likeliest "
+        "ratio recommends. On nearly flat surfaces intervals that allow for the search lie up to 2.3 % above nominal."
     ),
     "at the fitted optimum": (
         "The t intervals of RSL TR 380-1 hold at settings fixed beforehand; at the fitted optimum of a nearly flat "

@@ -146,10 +146,10 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
     assert len(scores(folder)) == 17
 
 
-def test_a_budget_below_the_terms_is_refused_before_anything_is_simulated(tiny) -> None:
+def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated(tiny) -> None:
     result = seqrsm("run", tiny, "--max-runs", 3)
     assert result.exit_code == 2
-    assert "3 runs cannot determine" in result.stderr
+    assert "the start design has" in result.stderr
     assert json.loads(ok("status", tiny, "--json"))["runs"] == {}
 
 
