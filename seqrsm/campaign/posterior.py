@@ -22,7 +22,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.bounds import LinearBounds, bounded_draws
-from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior, weakly_informative
+from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative, with_further
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
 from seqrsm.fit.robust import STUDENT_DF, student_draws
@@ -124,16 +124,7 @@ def _stacked(spec: CampaignSpec, fitted: Fitted) -> tuple[FloatArray, FloatArray
 
 def _with_shared(prior: Prior, fit: LeastSquaresFit, shared: int) -> Prior:
     """The prior with an error that the scores of each rung share, of standard deviation 1 for its own column."""
-    if not shared:
-        return prior
-    base = NormalInverseGamma(np.zeros(fit.n_terms), np.zeros((fit.n_terms, fit.n_terms)), 0.0, 0.0)
-    base = base if isinstance(prior, Flat) else prior
-    size = fit.n_terms + shared
-    mean, precision = np.zeros(size), np.zeros((size, size))
-    mean[: fit.n_terms], precision[: fit.n_terms, : fit.n_terms] = base.m0, base.Lambda0
-    index = np.arange(fit.n_terms, size)
-    precision[index, index] = fit.s**2
-    return NormalInverseGamma(mean, precision, base.a0, base.b0)
+    return with_further(prior, fit.n_terms, np.full(shared, fit.s**2)) if shared else prior
 
 
 def _coefficient_prior(spec: CampaignSpec, fitted: Fitted) -> CoefficientPrior:

@@ -19,7 +19,7 @@ from scipy.special import stdtr
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, posterior
+from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior, with_further
 from seqrsm.fit.intervals import Interval, Prediction, student_quantile
 
 FEW_FLIGHTS = 4
@@ -269,14 +269,8 @@ def source_prior(
     base : NormalInverseGamma, optional
         Prior of the p model terms; flat by default.
     """
-    q = len(discrepancy_terms(model))
-    size = model.p + q + n_extra
-    mean, precision = np.zeros(size), np.zeros((size, size))
-    if base is not None:
-        mean[: model.p], precision[: model.p, : model.p] = base.m0[: model.p], base.Lambda0[: model.p, : model.p]
-    index = np.arange(model.p, model.p + q)
-    precision[index, index] = (sigma / prior_sd) ** 2
-    return NormalInverseGamma(mean, precision, 0.0 if base is None else base.a0, 0.0 if base is None else base.b0)
+    of_discrepancy = np.full(len(discrepancy_terms(model)), (sigma / prior_sd) ** 2)
+    return with_further(Flat() if base is None else base, model.p, np.append(of_discrepancy, np.zeros(n_extra)))
 
 
 def fit_sources(

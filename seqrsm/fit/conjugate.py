@@ -54,6 +54,15 @@ class NormalInverseGamma:
 Prior = Flat | NormalInverseGamma
 
 
+def with_further(base: Prior, p: int, precision: FloatArray) -> NormalInverseGamma:
+    """Prior of the first ``p`` coefficients with more behind them: around zero, of ``precision`` (c,), 0 for flat."""
+    mean, Lambda0 = np.zeros(p + len(precision)), np.diag(np.concatenate([np.zeros(p), precision]))
+    if isinstance(base, Flat):
+        return NormalInverseGamma(mean, Lambda0, 0.0, 0.0)
+    mean[:p], Lambda0[:p, :p] = base.m0[:p], base.Lambda0[:p, :p]
+    return NormalInverseGamma(mean, Lambda0, base.a0, base.b0)
+
+
 @dataclass(frozen=True, slots=True)
 class ConjugatePosterior:
     """Normal-inverse-gamma posterior.

@@ -95,9 +95,7 @@ def searched_interval(
     point = optimum(model, region, beta, goal).point
     row = model.matrix(point[None, :])
     mean, h = float((row @ beta)[0]), float(np.sum(np.square(row @ L)))
-    se = fit.s * np.linalg.norm(L, axis=1)
-    flatter = np.sign(beta) * np.maximum(np.abs(beta) - se, 0.0)
-    flatter[0] = beta[0]
+    flatter = _flatter(beta, fit.s * np.linalg.norm(L, axis=1))
     own = 1.0 / (weight * replicates)
     rng = np.random.default_rng(seed)
     worlds = [_world(model, region, surface, fit, goal, own, draws, rng) for surface in (beta, flatter)]
@@ -150,9 +148,7 @@ def searched_from_draws(
     """
     deviation = betas - np.mean(betas, axis=0)
     C = np.atleast_2d(np.cov(betas, rowvar=False))
-    sd = np.sqrt(np.diagonal(C))
-    flatter = np.sign(estimate) * np.maximum(np.abs(estimate) - sd, 0.0)
-    flatter[0] = estimate[0]
+    flatter = _flatter(estimate, np.sqrt(np.diagonal(C)))
     row = model.matrix(optimum(model, region, estimate, goal).point[None, :])[0]
     centre = float(np.mean(betas, axis=0) @ row)
     tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
@@ -196,6 +192,13 @@ def _world(
     h = np.sum(np.square(rows @ L), axis=1)
     future = gap + fit.s * np.sqrt(own) * rng.standard_normal(draws)
     return gap, gap / (s * np.sqrt(h)), future / (s * np.sqrt(own + h))
+
+
+def _flatter(beta: FloatArray, se: FloatArray) -> FloatArray:
+    """Coefficients (p,) one standard error nearer to 0, but for the constant."""
+    found: FloatArray = np.sign(beta) * np.maximum(np.abs(beta) - se, 0.0)
+    found[0] = beta[0]
+    return found
 
 
 def _ends(mean: float, se: float, pivots: list[FloatArray], df: int, level: float) -> tuple[float, float]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.fidelity_watch import VIOLATED, fidelity_of
 from seqrsm.report import drawing
@@ -186,17 +188,12 @@ def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
 
 def pareto(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Models that no other beats in both time and error; the planner's own choice is a mixture of them."""
-
-    def beaten(row: Mapping[str, Any]) -> bool:
-        return any(
-            other["time_ratio"] <= row["time_ratio"]
-            and other["rms_error"] <= row["rms_error"]
-            and (other["time_ratio"], other["rms_error"]) != (row["time_ratio"], row["rms_error"])
-            for other in models
-        )
+    from seqrsm.decide.compromise import pareto_front
 
     models = [row for row in rows if row["rung"] != AUTO]
-    return [row for row in models if not beaten(row)]
+    values = np.array([(row["time_ratio"], row["rms_error"]) for row in models]).reshape(-1, 2)
+    front = pareto_front(values, ("minimize", "minimize"))
+    return [row for row, best in zip(models, front, strict=True) if best]
 
 
 def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:

@@ -241,6 +241,8 @@ def test_status_of_a_folder_of_campaigns(copy, tmp_path) -> None:
     refused = seqrsm("status", tmp_path, "--history")
     assert (refused.exit_code, "of one campaign" in refused.stderr) == (2, True)
     assert seqrsm("status", tmp_path / "no campaign").exit_code == 2
+    shutil.copytree(tmp_path / "broken", copy / "older try")  # a campaign stays one whatever lies in its folder
+    assert json.loads(ok("status", copy, "--json")) == alone
 
 
 def test_rehearse_gives_coverage(copy) -> None:

@@ -13,6 +13,7 @@ import pytest
 from seqrsm.campaign.analyse import analyse
 from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.next_runs import _ties_wanted
 from seqrsm.campaign.records import LookRecord
 from seqrsm.campaign.spec import load_spec
 from seqrsm.campaign.store import Store
@@ -70,6 +71,17 @@ def test_rank_correlation_sees_order_alone() -> None:
     # Spearman's formula, 1 - 6 sum d^2 / (n (n^2 - 1)), one swap of neighbours: 1 - 12 / 60
     assert _rank_correlation(one, np.array([2.0, 1.0, 50.0, 60.0])) == pytest.approx(0.8)
     assert _rank_correlation(one, np.ones(4)) is None
+
+
+def test_one_run_in_four_ties_a_day_less_those_that_wait() -> None:
+    def run(state: str, purpose: str) -> SimpleNamespace:
+        return SimpleNamespace(state=state, purpose=purpose)
+
+    days = SimpleNamespace(model=SimpleNamespace(block="day"))
+    assert [_ties_wanted(days, [], n) for n in (1, 2, 4, 8, 9)] == [0, 1, 1, 2, 2]
+    active = [run("issued", "tie"), run("scored", "tie"), run("issued", "optimum")]
+    assert [_ties_wanted(days, active, n) for n in (4, 8)] == [0, 1]
+    assert _ties_wanted(SimpleNamespace(model=SimpleNamespace(block=None)), [], 8) == 0
 
 
 SPEC = """\
