@@ -90,24 +90,6 @@ def test_water_follows_the_dielectric_model():
     assert 1.0 - water.h == pytest.approx(0.3034, abs=5e-5)
 
 
-@pytest.mark.parametrize(
-    ("tau", "v", "h"),
-    [
-        (0.0, 0.8624, 0.7111),
-        (0.12, 0.8913, 0.7798),
-        (0.3, 0.9194, 0.8486),
-        (0.6, 0.9424, 0.9090),
-        (1.2, 0.9533, 0.9455),
-    ],
-)
-def test_layer_model_against_independent_vectors(tau, v, h):
-    # eps 9 - 0.9j, 40 deg, omega 0.05; roughness 0.3 with an angle power of 2 there, so 0.3 cos(40)**2 here.
-    roughness = 0.3 * np.cos(np.deg2rad(40.0)) ** 2
-    for polarization, expected in (("V", v), ("H", h)):
-        got = emissivity_mo82(9 - 0.9j, roughness, tau, 0.05, np.deg2rad(40.0), polarization)
-        assert got == pytest.approx(expected, abs=5.1e-5)
-
-
 def test_smooth_bare_ground_is_fresnel():
     # Independent run of the book's code: eps 9 - 0.9j, 50 deg: 0.88854 (V), 0.59233 (H).
     assert emissivity_mo82(9 - 0.9j, 0.0, 0.0, 0.0, np.deg2rad(50.0), "V") == pytest.approx(0.88854, abs=5e-6)

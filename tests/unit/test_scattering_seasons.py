@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.scattering.dielectrics import permittivity_wet_snow_hallikainen86
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scattering.seasons import snow_volume, under_snow
 from seqrsm.scattering.sigma0 import load_sigma0_table
@@ -22,20 +21,11 @@ SMRT_VV = {
     13.6: (-23.9, -24.1, -24.3, -24.7, -25.4, -26.7),
 }
 
-# Hallikainen 1986 as coded with the Ulaby and Long book, 0.3 g/cm3, 3 percent: GHz -> real, imaginary.
-WET_SNOW = {3.0: (1.8001, 0.0883), 5.3: (1.7668, 0.1288), 9.6: (1.6909, 0.1488), 13.6: (1.6333, 0.1406)}
-
 
 @pytest.mark.parametrize("frequency", SMRT_VV)
 def test_dry_snow_is_that_of_a_radiative_transfer_code(frequency):
     volume, _ = snow_volume(frequency, 0.15, np.deg2rad(np.arange(10.0, 61.0, 10.0)))
     np.testing.assert_allclose(10.0 * np.log10(volume[1]), SMRT_VV[frequency], atol=0.2)
-
-
-@pytest.mark.parametrize("frequency", WET_SNOW)
-def test_permittivity_of_wet_snow(frequency):
-    eps = permittivity_wet_snow_hallikainen86(frequency, 0.3, 3.0)
-    assert (eps.real, eps.imag) == pytest.approx(WET_SNOW[frequency], abs=6e-5)
 
 
 def test_snow_of_no_depth_changes_nothing_and_dry_snow_is_nearly_transparent_to_x_band():
