@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from seqrsm import __version__
-from seqrsm.cli.console import EXIT_BUDGET_SPENT, at_end, display, guarded, print_json, say
+from seqrsm.cli.console import EXIT_BUDGET_SPENT, AsJson, at_end, display, guarded, print_json, say
+from seqrsm.cli.scene import scene_app
+from seqrsm.cli.standalone import catalog, design, doctor
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
@@ -30,11 +32,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich" if sys.stdout.isatty() else None,  # no boxes in a pipe
 )
-scene_app = typer.Typer(help="Ground-truth data bases.", no_args_is_help=True)
 app.add_typer(scene_app, name="scene")
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder, the one that holds campaign.toml.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that simulate at the same time.")]
 Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
 
@@ -443,158 +443,8 @@ def image(
         print_json(result)
 
 
-@scene_app.command("import")
-@guarded
-def scene_import(
-    elevation: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of elevations in metres.")],
-    cover: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of cover codes.")],
-    legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV: code, category, note.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
-    temperature: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the ground's temperature in kelvin.")
-    ] = None,
-    moisture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
-    ] = None,
-    cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
-) -> None:
-    """Build a data base from elevation and ground cover on a projected grid in metres."""
-    from seqrsm.scene.raster import import_scene
-
-    scene = import_scene(
-        elevation, cover, legend, out, cell_m=cell_m, temperature=temperature, moisture=moisture, name=out.stem
-    )
-    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
-
-
-@scene_app.command("synthetic")
-@guarded
-def scene_synthetic(
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
-    rows: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from north to south.")] = 400,
-    cols: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from west to east.")] = 400,
-    cell_m: Annotated[float, typer.Option(min=0.01, help="Side of a cell [m].")] = 5.0,
-    categories: Annotated[
-        str, typer.Option(metavar="NAMES", help="Covers of the fields.")
-    ] = "Wheat,Corn,Vegetables,Grass,Trees",
-    field_m: Annotated[float, typer.Option(min=0.01, help="Mean side of a field [m].")] = 150.0,
-    relief_m: Annotated[float, typer.Option(min=0.0, help="Highest above lowest point [m].")] = 30.0,
-    rivers: Annotated[int, typer.Option(min=0, max=50, help="Rivers through the valleys.")] = 1,
-    towns: Annotated[int, typer.Option(min=0, max=50, help="Towns.")] = 1,
-    town_m: Annotated[float, typer.Option(min=1.0, help="Mean radius of a town [m].")] = 200.0,
-    roads: Annotated[bool, typer.Option(help="Roads that join the towns.")] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another land.")] = 0,
-) -> None:
-    """Draw a data base: terrain, fields, rivers, roads and towns."""
-    from seqrsm.scene.scene import save_scene
-    from seqrsm.scene.synthetic import synthetic_scene
-
-    scene = synthetic_scene(
-        rows,
-        cols,
-        cell_m,
-        categories=[name.strip() for name in categories.split(",")],
-        field_m=field_m,
-        relief_m=relief_m,
-        rivers=rivers,
-        towns=towns,
-        town_m=town_m,
-        roads=roads,
-        seed=seed,
-    )
-    save_scene(scene, out)
-    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, {scene.n_fields} fields")
-
-
-@scene_app.command("show")
-@guarded
-def scene_show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A scene (.npz).")],
-    as_json: AsJson = False,
-) -> None:
-    """Say what a data base holds."""
-    from seqrsm.cli.show import show_scene
-    from seqrsm.scene.scene import load_scene
-    from seqrsm.scene.statistics import scene_statistics
-
-    scene = load_scene(file)
-    statistics = asdict(scene_statistics(scene))
-    print_json(statistics) if as_json else show_scene(scene, statistics)
-
-
-@app.command()
-@guarded
-def design(
-    factors: Annotated[
-        int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
-    ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Number of runs.")] = None,
-    criterion: Annotated[str, typer.Option(help="What to make best: D, I, A or G.")] = "D",
-    factor: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=...", help="Instead of --factors: x=1:10, f=1:18:log, looks=1,2,4 or pol=HH,HV."),
-    ] = None,
-    constraint: Annotated[list[str] | None, typer.Option(metavar="EXPR", help="Such as 'a + b <= 1'.")] = None,
-    kind: Annotated[
-        str,
-        typer.Option(
-            "--design",
-            help="optimal, factorial, factorial3, ccd-face, ccd-rotatable, ccd-inscribed, box-behnken, "
-            "definitive-screening, latin-hypercube or sobol.",
-        ),
-    ] = "optimal",
-    order: Annotated[int, typer.Option(min=1, max=2, help="Of the model.")] = 2,
-    centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,
-    prior_runs: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV of runs already made: the design completes them.")
-    ] = None,
-    blocks: Annotated[int, typer.Option(min=0, help="Blocks, such as days.")] = 0,
-    plots: Annotated[int, typer.Option(min=0, help="Plots, such as flights, that keep the --hard factors.")] = 0,
-    hard: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A factor that is hard to change.")] = None,
-    variance_ratio: Annotated[float, typer.Option(help="Variance between plots over that between runs.")] = 1.0,
-    if_possible: Annotated[
-        float | None,
-        typer.Option(metavar="SD", help="Estimate second-order terms if possible: their prior sd, in sd of a run."),
-    ] = None,
-    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Prediction variance over the region (.png, .svg, .pdf).")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1979,
-    as_json: AsJson = False,
-) -> None:
-    """Search a stand-alone optimal design for the quadratic model, or make a classical one, and judge it."""
-    from seqrsm.campaign.standalone import DesignRequest, standalone_design
-    from seqrsm.cli.show import show_design
-
-    request = DesignRequest(
-        factors, tuple(factor or ()), tuple(constraint or ()), runs, kind, criterion, order, centre, prior_runs,
-        blocks, plots, tuple(hard or ()), variance_ratio, if_possible, seed,
-    )  # fmt: skip
-    with display("searching"):
-        result: dict[str, Any] = standalone_design(request, csv)
-        if plot is not None:
-            from seqrsm.report.design_figure import write_design_figure
-
-            write_design_figure(plot, result["fraction_of_design_space"], result["terms"])
-    print_json(result) if as_json else show_design(result)
-
-
-@app.command()
-@guarded
-def catalog(
-    words: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="For example: soil moisture.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Look up what the literature asks for, Tables A.1 to A.39 of RSL TR 380-1."""
-    from seqrsm.catalog import load_catalog, search, to_json
-    from seqrsm.cli.show import show_catalog
-
-    asked = " ".join(words or ())
-    if as_json:
-        print_json(to_json(search(asked) if asked else load_catalog()))
-    else:
-        show_catalog(asked)
+app.command()(design)
+app.command()(catalog)
 
 
 @app.command()
@@ -610,13 +460,4 @@ def export(
     say(f"wrote {file}")
 
 
-@app.command()
-@guarded
-def doctor(as_json: AsJson = False) -> None:
-    """Check the environment and warm the compiled kernels up."""
-    from seqrsm.campaign.doctor import examine
-    from seqrsm.cli.show import show_doctor
-
-    with display("compiling the kernels"):
-        result = examine()
-    print_json(result) if as_json else show_doctor(result)
+app.command()(doctor)

@@ -11,7 +11,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NoReturn, ParamSpec, TypeVar
+from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
@@ -35,6 +35,9 @@ from seqrsm.progress import listening
 EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
+
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
+"""The option that every command with a result has."""
 
 _said: list[str] = []
 """What the running command has written to stdout: no empty line goes before the first."""

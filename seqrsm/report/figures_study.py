@@ -14,16 +14,17 @@ from seqrsm.design.factors import span
 from seqrsm.fit.location import LocationRegion
 from seqrsm.report import drawing
 from seqrsm.report.figures import set_numeric_axis
+from seqrsm.report.study_text import LOCATION_METHODS
 from seqrsm.report.surfaces import numeric_factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLORS = {
-    "scheffe": drawing.BLUE,
-    "simulated": drawing.BLUE,
-    "box_hunter": drawing.GREEN,
-    "simulation set": drawing.ORANGE,
+    "scheffe": ("blue", drawing.BLUE),
+    "simulated": ("blue", drawing.BLUE),
+    "box_hunter": ("green", drawing.GREEN),
+    "simulation set": ("orange", drawing.ORANGE),
 }
 _FEW = 400  # points of a region that are drawn
 
@@ -33,11 +34,16 @@ def location_panel(analysis: Analysis, regions: Sequence[LocationRegion], x: int
     return drawing.draw(partial(_paint, analysis, regions, x, y), height_in=3.0)
 
 
+def location_key(regions: Sequence[LocationRegion]) -> str:
+    """What the colours of :func:`location_panel` stand for."""
+    return "; ".join(f"{_COLORS[region.method][0]}: {LOCATION_METHODS[region.method]}" for region in regions)
+
+
 def _paint(analysis: Analysis, regions: Sequence[LocationRegion], x: int, y: int, figure: Figure) -> None:
     axes = figure.add_subplot()
     across, up = numeric_factor(analysis, x), numeric_factor(analysis, y)
     for region in regions:
-        color = _COLORS[region.method]
+        color = _COLORS[region.method][1]
         coded = region.points[:, [x, y]]
         if not len(coded):
             continue

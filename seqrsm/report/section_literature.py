@@ -9,7 +9,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
 from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table
 from seqrsm.report.literature import Literature, literature, system_of
-from seqrsm.report.wording import listing, readable
+from seqrsm.report.wording import counted, listing, readable
 
 MAX_NAMED = 2
 
@@ -47,7 +47,7 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
     )
     blocks: list[Block] = [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]
     statements = _statement_table(found)
-    blocks.append(Details(f"What the tables print: {len(statements.rows)} statements", (statements,)))
+    blocks.append(Details(f"What the tables print: {counted(len(statements.rows), 'statement')}", (statements,)))
     blocks.append(Paragraph(_LATER, "note"))
     return blocks
 

@@ -39,7 +39,7 @@ from seqrsm.report.images import (
 from seqrsm.report.literature import system_of
 from seqrsm.report.phrases import whole_cell
 from seqrsm.report.rounding import format_plain, format_plus_minus
-from seqrsm.report.wording import capital, format_settings, format_value, listing, readable, slug, with_unit
+from seqrsm.report.wording import capital, counted, format_settings, format_value, listing, readable, slug, with_unit
 
 LIMITS = (
     "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
@@ -194,10 +194,10 @@ def assumption_section(dossier: Dossier) -> Section:
         blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in grouped.others))]
     if grouped.about_covers:
         table = _cover_table(grouped)
-        blocks.append(Details(f"Backscatter of each cover: {len(table.rows)} statements", (table,)))
+        blocks.append(Details(f"Backscatter of each cover: {counted(len(table.rows), 'statement')}", (table,)))
     if grouped.about_channels:
         table = _channel_table(grouped)
-        blocks.append(Details(f"Scatter among fields and dates: {len(table.rows)} covers", (table,)))
+        blocks.append(Details(f"Scatter among fields and dates: {counted(len(table.rows), 'cover')}", (table,)))
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
     return Section("assumptions", "Assumptions and limits", tuple(blocks))
 

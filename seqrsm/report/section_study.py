@@ -23,7 +23,7 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.figures_study import location_panel
+from seqrsm.report.figures_study import location_key, location_panel
 from seqrsm.report.phrases import interval_text, level_phrase, number_cell, score_text
 from seqrsm.report.rounding import format_percent
 from seqrsm.report.study_text import (
@@ -98,8 +98,7 @@ def _location_figure(analysis: Analysis, regions: Sequence[LocationRegion]) -> l
         )
     caption = (
         "Settings that may be the best, in pairs of factors: a point belongs to a region at some setting of the "
-        "others. Lines are hulls. Blue: confidence region; green: Box and Hunter's; orange: posterior set; star: "
-        "recommended settings."
+        f"others. Lines are hulls. {capital(location_key(regions))}; star: recommended settings."
     )
     total = len(list(itertools.combinations(analysis.region.numeric, 2)))
     if len(pairs) < total:

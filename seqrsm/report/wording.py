@@ -16,6 +16,11 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def counted(n: int, noun: str) -> str:
+    """Return ``"1 cover"`` or ``"3 covers"``."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
 def readable(name: str) -> str:
     """Return a factor's name without underscores."""
     return name.replace("_", " ")

@@ -1,0 +1,92 @@
+"""The ``seqrsm scene`` commands: ground-truth data bases made, drawn and shown."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from seqrsm.cli.console import AsJson, guarded, print_json, say
+
+scene_app = typer.Typer(help="Ground-truth data bases.", no_args_is_help=True)
+
+
+@scene_app.command("import")
+@guarded
+def scene_import(
+    elevation: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of elevations in metres.")],
+    cover: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of cover codes.")],
+    legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV: code, category, note.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
+    temperature: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the ground's temperature in kelvin.")
+    ] = None,
+    moisture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
+    ] = None,
+    cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
+) -> None:
+    """Build a data base from elevation and ground cover on a projected grid in metres."""
+    from seqrsm.scene.raster import import_scene
+
+    scene = import_scene(
+        elevation, cover, legend, out, cell_m=cell_m, temperature=temperature, moisture=moisture, name=out.stem
+    )
+    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
+
+
+@scene_app.command("synthetic")
+@guarded
+def scene_synthetic(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
+    rows: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from north to south.")] = 400,
+    cols: Annotated[int, typer.Option(min=2, max=20_000, help="Cells from west to east.")] = 400,
+    cell_m: Annotated[float, typer.Option(min=0.01, help="Side of a cell [m].")] = 5.0,
+    categories: Annotated[
+        str, typer.Option(metavar="NAMES", help="Covers of the fields.")
+    ] = "Wheat,Corn,Vegetables,Grass,Trees",
+    field_m: Annotated[float, typer.Option(min=0.01, help="Mean side of a field [m].")] = 150.0,
+    relief_m: Annotated[float, typer.Option(min=0.0, help="Highest above lowest point [m].")] = 30.0,
+    rivers: Annotated[int, typer.Option(min=0, max=50, help="Rivers through the valleys.")] = 1,
+    towns: Annotated[int, typer.Option(min=0, max=50, help="Towns.")] = 1,
+    town_m: Annotated[float, typer.Option(min=1.0, help="Mean radius of a town [m].")] = 200.0,
+    roads: Annotated[bool, typer.Option(help="Roads that join the towns.")] = True,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another land.")] = 0,
+) -> None:
+    """Draw a data base: terrain, fields, rivers, roads and towns."""
+    from seqrsm.scene.scene import save_scene
+    from seqrsm.scene.synthetic import synthetic_scene
+
+    scene = synthetic_scene(
+        rows,
+        cols,
+        cell_m,
+        categories=[name.strip() for name in categories.split(",")],
+        field_m=field_m,
+        relief_m=relief_m,
+        rivers=rivers,
+        towns=towns,
+        town_m=town_m,
+        roads=roads,
+        seed=seed,
+    )
+    save_scene(scene, out)
+    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, {scene.n_fields} fields")
+
+
+@scene_app.command("show")
+@guarded
+def scene_show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A scene (.npz).")],
+    as_json: AsJson = False,
+) -> None:
+    """Say what a data base holds."""
+    from seqrsm.cli.show import show_scene
+    from seqrsm.scene.scene import load_scene
+    from seqrsm.scene.statistics import scene_statistics
+
+    scene = load_scene(file)
+    statistics = asdict(scene_statistics(scene))
+    print_json(statistics) if as_json else show_scene(scene, statistics)

@@ -1,0 +1,94 @@
+"""Commands that need no campaign: ``seqrsm design``, ``catalog`` and ``doctor``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from seqrsm.cli.console import AsJson, display, guarded, print_json
+
+
+@guarded
+def design(
+    factors: Annotated[
+        int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(min=1, help="Number of runs.")] = None,
+    criterion: Annotated[str, typer.Option(help="What to make best: D, I, A or G.")] = "D",
+    factor: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=...", help="Instead of --factors: x=1:10, f=1:18:log, looks=1,2,4 or pol=HH,HV."),
+    ] = None,
+    constraint: Annotated[list[str] | None, typer.Option(metavar="EXPR", help="Such as 'a + b <= 1'.")] = None,
+    kind: Annotated[
+        str,
+        typer.Option(
+            "--design",
+            help="optimal, factorial, factorial3, ccd-face, ccd-rotatable, ccd-inscribed, box-behnken, "
+            "definitive-screening, latin-hypercube or sobol.",
+        ),
+    ] = "optimal",
+    order: Annotated[int, typer.Option(min=1, max=2, help="Of the model.")] = 2,
+    centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,
+    prior_runs: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="CSV of runs already made: the design completes them.")
+    ] = None,
+    blocks: Annotated[int, typer.Option(min=0, help="Blocks, such as days.")] = 0,
+    plots: Annotated[int, typer.Option(min=0, help="Plots, such as flights, that keep the --hard factors.")] = 0,
+    hard: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A factor that is hard to change.")] = None,
+    variance_ratio: Annotated[float, typer.Option(help="Variance between plots over that between runs.")] = 1.0,
+    if_possible: Annotated[
+        float | None,
+        typer.Option(metavar="SD", help="Estimate second-order terms if possible: their prior sd, in sd of a run."),
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Prediction variance over the region (.png, .svg, .pdf).")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1979,
+    as_json: AsJson = False,
+) -> None:
+    """Search a stand-alone optimal design for the quadratic model, or make a classical one, and judge it."""
+    from seqrsm.campaign.standalone import DesignRequest, standalone_design
+    from seqrsm.cli.show import show_design
+
+    request = DesignRequest(
+        factors, tuple(factor or ()), tuple(constraint or ()), runs, kind, criterion, order, centre, prior_runs,
+        blocks, plots, tuple(hard or ()), variance_ratio, if_possible, seed,
+    )  # fmt: skip
+    with display("searching"):
+        result: dict[str, Any] = standalone_design(request, csv)
+        if plot is not None:
+            from seqrsm.report.design_figure import write_design_figure
+
+            write_design_figure(plot, result["fraction_of_design_space"], result["terms"])
+    print_json(result) if as_json else show_design(result)
+
+
+@guarded
+def catalog(
+    words: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="For example: soil moisture.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Look up what the literature asks for, Tables A.1 to A.39 of RSL TR 380-1."""
+    from seqrsm.catalog import load_catalog, search, to_json
+    from seqrsm.cli.show import show_catalog
+
+    asked = " ".join(words or ())
+    if as_json:
+        print_json(to_json(search(asked) if asked else load_catalog()))
+    else:
+        show_catalog(asked)
+
+
+@guarded
+def doctor(as_json: AsJson = False) -> None:
+    """Check the environment and warm the compiled kernels up."""
+    from seqrsm.campaign.doctor import examine
+    from seqrsm.cli.show import show_doctor
+
+    with display("compiling the kernels"):
+        result = examine()
+    print_json(result) if as_json else show_doctor(result)
