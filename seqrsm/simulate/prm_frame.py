@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, Float32Array, FloatArray
+from seqrsm.arrays import AnyArray, Float32Array, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import NO_COVER, Scene
@@ -99,7 +99,7 @@ def surface_temperature_k(
     radiometer: RadiometerConfiguration,
     lookup: EmissivityLookup,
     occasion: RadiometerOccasion,
-    at: tuple[AnyArray, AnyArray] | None = None,
+    at: IntArray | None = None,
 ) -> AnyArray:
     """Physical temperature of every element in the frame [K], with the occasion's departures.
 
@@ -107,8 +107,8 @@ def surface_temperature_k(
     ----------
     scene, frame, radiometer, lookup, occasion
         As in `simulate_radiometer`; the report's mode heats every cover alike.
-    at : tuple of int array, optional
-        Rows and columns of a whole frame whose cells `frame` holds, where it holds some only.
+    at : int64 array (n, m), optional
+        Numbers, row by row, of the cells of a whole frame that `frame` holds, where it holds some only.
 
     Returns
     -------
@@ -122,19 +122,17 @@ def surface_temperature_k(
     if radiometer.temperature == "layer":
         layer = temperature_layer(scene)
         base = np.rot90(np.where(np.isfinite(layer), layer, np.nanmean(layer)), frame.quarter_turns)
-        base = base if at is None else base[at]
+        base = base if at is None else base.ravel()[at]
     elif radiometer.temperature == "constant":
         base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
     else:
-        exposure = _exposure(
-            scene, radiometer.latitude_deg, radiometer.day_of_year, radiometer.hour, radiometer.exposure_hours
-        )
+        sun = (radiometer.latitude_deg, radiometer.day_of_year, radiometer.hour, radiometer.exposure_hours)
+        exposure = _exposure(scene, *sun, frame.quarter_turns)
         heating = np.ones(NO_COVER + 1)
         if radiometer.mode == "full":
             heating[: len(lookup.heating)] = lookup.heating
-        turned = np.rot90(exposure, frame.quarter_turns)
         base = physical_temperature_k(
-            turned if at is None else turned[at],
+            exposure if at is None else exposure.ravel()[at],
             heating[frame.cover],
             radiometer.temperature_low_k,
             radiometer.temperature_high_k,
@@ -152,11 +150,13 @@ def temperature_layer(scene: Scene) -> Float32Array:
 
 
 @lru_cache(maxsize=4)
-def _exposure(scene: Scene, latitude_deg: float, day_of_year: float, hour: float, exposure_hours: float) -> FloatArray:
-    """Exposure of a scene; the sun does not change from run to run."""
+def _exposure(
+    scene: Scene, latitude_deg: float, day_of_year: float, hour: float, exposure_hours: float, turns: int
+) -> FloatArray:
+    """Exposure of a scene in the orientation of a heading; the sun does not change from run to run."""
     elevation = scene.elevation_m.astype(np.float64)
     kernels.fill_no_data(elevation)
-    return time_exposure(
+    exposure = time_exposure(
         elevation,
         scene.cell_m,
         latitude_deg=latitude_deg,
@@ -164,3 +164,4 @@ def _exposure(scene: Scene, latitude_deg: float, day_of_year: float, hour: float
         hour=hour,
         exposure_hours=exposure_hours,
     )
+    return np.ascontiguousarray(np.rot90(exposure, turns))

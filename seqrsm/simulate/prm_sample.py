@@ -186,8 +186,11 @@ def _radiation(
 ) -> AnyArray:
     """Antenna temperature (n_channels, a, b) that single cells give [K]; `seen` loses those that face away."""
     frame = met.frame
-    gathered = replace(frame, elevation_m=frame.elevation_m[at], cover=frame.cover[at], field=frame.field[at])
-    ground_k = surface_temperature_k(scene, gathered, radiometer, met.lookups[0], met.occasion, at=at)
+    # The temperature asks the elevations for their shape and precision only: they are not gathered.
+    unread = np.empty(seen.shape, dtype=frame.elevation_m.dtype)
+    cell = at[0] * frame.cover.shape[1] + at[1]
+    gathered = replace(frame, elevation_m=unread, cover=frame.cover.take(cell), field=frame.field.take(cell))
+    ground_k = surface_temperature_k(scene, gathered, radiometer, met.lookups[0], met.occasion, at=cell)
     if met.planck_k > 0.0:
         ground_k = radiation_equivalent_k(ground_k, met.planck_k).astype(ground_k.dtype)
     out = np.empty((len(met.lookups), *seen.shape), dtype=ground_k.dtype)
