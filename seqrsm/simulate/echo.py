@@ -7,8 +7,7 @@ in strips of columns that threads share, and keeps nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
@@ -21,6 +20,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
 from seqrsm.simulate.frame import RadarFrame
 from seqrsm.simulate.occasion import Occasion
+from seqrsm.simulate.threads import in_threads
 from seqrsm.units import LN10_OVER_10, db_to_linear
 
 if TYPE_CHECKING:
@@ -301,13 +301,3 @@ def echo_sums(
 
     in_threads(do, len(edges) - 1, threads)
     return out
-
-
-def in_threads(do: Callable[[int], None], n: int, threads: int) -> None:
-    """Call ``do(k)`` for k < n, by that many threads; the kernels let go of the interpreter's lock."""
-    if threads == 1 or n == 1:
-        for k in range(n):
-            do(k)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(do, range(n)))

@@ -22,7 +22,7 @@ from seqrsm.rng import stream_key
 from seqrsm.sensor.feasibility import CHANNELS, GAUSSIAN_LOOKS
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import EchoGrid, echo_grid, echo_sums, field_factors, in_threads, sigma0_lut
+from seqrsm.simulate.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.fading import add_fading, correlated_fading
 from seqrsm.simulate.frame import RadarFrame, categories_of_fields, make_frame
 from seqrsm.simulate.ground import look_up, met_occasion, with_moisture
@@ -36,6 +36,7 @@ from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import Registration
 from seqrsm.simulate.row_law import row_law
 from seqrsm.simulate.targets import CulturalTarget, add_targets
+from seqrsm.simulate.threads import block, in_threads
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Table
@@ -214,7 +215,7 @@ def _form_image(
     mean = np.empty((sums.shape[0], grid.n_bins, n_pixels), dtype=sums.dtype)
 
     def average(k: int) -> None:
-        c, rows = _block(k, grid.n_bins, threads)
+        c, rows = block(k, grid.n_bins, threads)
         kernels.average_azimuth(sums[c, rows], law.beam_cells[rows], cells_a_pixel, law.factor_w[rows], mean[c, rows])
 
     in_threads(average, threads * len(mean), threads)
@@ -282,7 +283,7 @@ def _faded(
     gaussian = radar.fading == "gaussian"
 
     def fade(k: int) -> None:
-        c, rows = _block(k, mean.shape[1], threads)
+        c, rows = block(k, mean.shape[1], threads)
         add_fading(
             mean[c, rows],
             noise[rows],
@@ -309,12 +310,6 @@ def refuse_gaussian(radar: RadarConfiguration, looks: FloatArray) -> None:
         text = f"the Gaussian form of fading is negative too often at the {float(looks.min()):.3g} looks of this image"
         remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
         raise ConfigurationError(Problem(text, remedy, field="fading", value=radar.fading))
-
-
-def _block(k: int, n_rows: int, threads: int) -> tuple[slice, slice]:
-    """Channel and rows of the k-th piece of work: contiguous in memory."""
-    channel, part = divmod(k, threads)
-    return slice(channel, channel + 1), slice(part * n_rows // threads, (part + 1) * n_rows // threads)
 
 
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:

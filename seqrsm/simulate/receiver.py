@@ -9,12 +9,13 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.simulate.threads import block, in_threads
 
 if TYPE_CHECKING:
     from seqrsm.sensor.radar import RadarConfiguration
@@ -140,7 +141,7 @@ def _automatic_gain(power: FloatArray, level_w: float, length: float) -> FloatAr
     return np.asarray(power * gain[..., None, :])
 
 
-def picture(image: RadarImage) -> AnyArray:
+def picture(image: RadarImage, threads: int = 1) -> AnyArray:
     """Whole levels of the image as the radar's calibration asks for it: the final product of the report.
 
     Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones of film density by the pair P_RC,
@@ -149,31 +150,48 @@ def picture(image: RadarImage) -> AnyArray:
     Parameters
     ----------
     image : RadarImage
+    threads : int
+        Threads that share the rows; the levels do not depend on it.
 
     Returns
     -------
     uint8, uint16 or uint32 array (n_channels, n_range, n_azimuth)
     """
+    intensity_in, bits = image.intensity, image.radar.n_bits
+    tone = _tone_of(image)
+    out = np.empty(intensity_in.shape, dtype=_level_type(bits))
+
+    def do(k: int) -> None:
+        c, rows = block(k, out.shape[1], threads)
+        out[c, rows] = to_levels(tone(intensity_in[c, rows], c.start), bits)
+
+    in_threads(do, threads * len(out), threads)
+    return out
+
+
+def _tone_of(image: RadarImage) -> Callable[[AnyArray, int], AnyArray]:
+    """Tone, not yet rounded, of intensities of one channel and the number of that channel."""
     radar = image.radar
     bits, decibels = radar.n_bits, radar.dynamic_range_db
     if radar.i_min_w is not None:
-        return to_levels(quantised_intensity(image.intensity, radar.i_min_w, bits, decibels), bits)
+        minimum = radar.i_min_w
+        return lambda x, _: quantised_intensity(x, minimum, bits, decibels)
     if radar.i_c_w is not None and radar.i_qc is not None:
-        tone = quantised_intensity_calibrated(image.intensity, radar.i_c_w, radar.i_qc, bits, decibels)
-        return to_levels(tone, bits)
+        pair = radar.i_c_w, radar.i_qc
+        return lambda x, _: quantised_intensity_calibrated(x, *pair, bits, decibels)
     if radar.p_rc_w is not None and radar.g_rc is not None:
         known, known_tone = np.full(len(image.intensity), radar.p_rc_w), float(radar.g_rc)
     else:
         known, known_tone = np.array([_median(plane) for plane in image.intensity]), 0.5 * (2.0**bits - 1.0)
-    # Single precision holds the levels of 8 bits to a thousandth, those of 16 bits not to one half.
-    exposure = image.intensity if bits <= 8 else image.intensity.astype(np.float64)
-    density, calibration = (film_density(x, radar.film_gamma, radar.film_k) for x in (exposure, known))
-    return np.stack(
-        [
-            to_levels(greytone(plane, float(middle), known_tone, bits, decibels), bits)
-            for plane, middle in zip(density, calibration, strict=True)
-        ]
-    )
+    calibration = film_density(known, radar.film_gamma, radar.film_k)
+
+    def tone(x: AnyArray, channel: int) -> AnyArray:
+        # Single precision holds the levels of 8 bits to a thousandth, those of 16 bits not to one half.
+        exposure = x if bits <= 8 else x.astype(np.float64)
+        density = film_density(exposure, radar.film_gamma, radar.film_k)
+        return greytone(density, float(calibration[channel]), known_tone, bits, decibels)
+
+    return tone
 
 
 def _median(plane: AnyArray) -> float:
@@ -361,9 +379,12 @@ def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:
     -------
     uint8, uint16 or uint32 array
     """
-    dtype = np.uint8 if n_bits <= 8 else np.uint16 if n_bits <= 16 else np.uint32
     # Of nan and a number, fmax takes the number.
-    return np.asarray(np.rint(np.fmin(np.fmax(tone, 0.0), 2.0**n_bits - 1.0)), dtype=dtype)
+    return np.asarray(np.rint(np.fmin(np.fmax(tone, 0.0), 2.0**n_bits - 1.0)), dtype=_level_type(n_bits))
+
+
+def _level_type(n_bits: int) -> type[np.unsignedinteger[Any]]:
+    return np.uint8 if n_bits <= 8 else np.uint16 if n_bits <= 16 else np.uint32
 
 
 def _refuse_nonpositive(**values: float) -> None:

@@ -108,8 +108,8 @@ def naive(s: Scene, r: RadarConfiguration, *, fading_a_cell: bool = False) -> np
     return np.rint(np.clip(tone, 0.0, 255.0)).astype(np.uint8)
 
 
-def chain(s: Scene, r: RadarConfiguration, **options) -> np.ndarray:
-    return picture(simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False, **options))
+def chain(s: Scene, r: RadarConfiguration, threads: int = 1) -> np.ndarray:
+    return picture(simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False, threads=threads), threads)
 
 
 def triad_gb_s() -> float:

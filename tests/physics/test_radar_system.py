@@ -19,6 +19,7 @@ from seqrsm.simulate.fading import correlated_fading
 from seqrsm.simulate.psm import simulate_radar
 from seqrsm.simulate.receiver import picture
 from seqrsm.simulate.targets import CulturalTarget
+from seqrsm.simulate.threads import in_threads
 
 RE = 6_371_008.8
 
@@ -370,8 +371,23 @@ def test_whole_images_are_the_same_bits_for_any_number_of_threads():
     table = Table((-8.0, -12.0, -16.0), 0.1)
     r = radar(channels=("HH", "HV"), resolution_m=11.0)
     one = quiet(s, r, table)
-    for threads in (2, 5):
+    for threads in (2, 5, 64):
         np.testing.assert_array_equal(quiet(s, r, table, threads=threads).intensity, one.intensity)
+        np.testing.assert_array_equal(picture(one, threads), picture(one))
+
+
+def test_what_fails_in_a_thread_is_told_to_the_caller():
+    done: list[int] = []
+
+    def work(k: int) -> None:
+        if k == 3:
+            raise ValueError("third")
+        done.append(k)
+
+    with pytest.raises(ValueError, match="third"):
+        in_threads(work, 8, 4)
+    in_threads(done.append, 100, 7)
+    assert sorted(done[-100:]) == list(range(100))
 
 
 @pytest.mark.parametrize("looks", [1.0, 4.0, 40.5])
