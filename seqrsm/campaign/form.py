@@ -9,8 +9,19 @@ from pathlib import Path
 from seqrsm.campaign.export import safe_cell
 from seqrsm.campaign.records import RunRecord
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import Problem, UserError
+from seqrsm.score.cells import FactorColumn
+
+
+def factor_columns(factors: Sequence[Factor]) -> list[FactorColumn]:
+    """What the columns of the factors must hold in a file that comes back."""
+    return [
+        FactorColumn(factor.name, levels=factor.levels)
+        if isinstance(factor, CategoricalFactor)
+        else FactorColumn(factor.name, factor.unit)
+        for factor in factors
+    ]
 
 
 def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from seqrsm.campaign.form import factor_columns
 from seqrsm.campaign.ingest_messages import file_messages, outcome_messages, outside_messages
 from seqrsm.campaign.records import (
     FileRecord,
@@ -26,9 +27,8 @@ from seqrsm.campaign.records import (
 )
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.store import Store
-from seqrsm.design.factors import CategoricalFactor
 from seqrsm.errors import Problem, RegionError, ScoresFileError
-from seqrsm.score.cells import FactorColumn, Measure
+from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
 
@@ -153,18 +153,9 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
     )
 
 
-def _columns(spec: CampaignSpec) -> list[FactorColumn]:
-    return [
-        FactorColumn(factor.name, levels=factor.levels)
-        if isinstance(factor, CategoricalFactor)
-        else FactorColumn(factor.name, factor.unit)
-        for factor in spec.factors
-    ]
-
-
 def _read_scores(spec: CampaignSpec, path: Path | str) -> _Read:
     measures = [Measure(application.name, application.is_percent) for application in spec.applications]
-    file = read_scores(path, _columns(spec), measures)
+    file = read_scores(path, factor_columns(spec.factors), measures)
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
@@ -181,7 +172,7 @@ def _read_rankings(spec: CampaignSpec, path: Path | str) -> _Read:
         if application.goal != "maximize":
             message = f"scores from rankings grow with worth, and the goal of '{application.name}' is \"minimize\""
             raise ScoresFileError(Problem(message, 'Rank 1 is the best image: set goal = "maximize".', name))
-    file = read_rankings(path, _columns(spec), [Measure(application.name) for application in ranked])
+    file = read_rankings(path, factor_columns(spec.factors), [Measure(application.name) for application in ranked])
     images = [image for ranking in file.rankings for image in ranking.images]
     outside = _outside(spec, file.name, {im.line: im.settings for im in images if im.settings is not None})
     ingested = IngestedFile(file.name, file.sha256, len(images), rankings=file.rankings)

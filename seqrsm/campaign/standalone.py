@@ -11,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.campaign.form import factor_columns
 from seqrsm.design import classical
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import DesignReport, evaluate_design
@@ -20,6 +21,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.design.split_plot import FIXED_BLOCKS, plot_sizes, split_plot_design
 from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
+from seqrsm.score.cells import read_settings
 
 CLASSICAL: dict[str, str] = {
     "factorial": "all corners",
@@ -152,41 +154,15 @@ def read_prior_runs(path: Path, region: Region) -> FloatArray:
     ScoresFileError
         The file cannot be read, lacks a factor, or has a value that is none; naming line and column.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScoresFileError(Problem(f"cannot read the file: {error}", "Give a UTF-8 CSV.", file=str(path))) from None
-    header = text.partition("\n")[0]
-    delimiter = max(",;\t", key=header.count)
-    rows = list(csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True))
-    columns = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
-    missing = [name for name in region.names if name not in columns]
-    if missing or not rows:
-        what = f"there is no column {', '.join(missing)}" if missing else "there are no runs"
-        remedy = f"Give a header with {', '.join(region.names)} and a line for each run."
-        raise ScoresFileError(Problem(what, remedy, file=str(path), line=1))
-    settings: list[dict[str, float | str]] = []
-    for number, row in enumerate(rows, start=2):
-        one: dict[str, float | str] = {}
-        for factor in region.factors:
-            value = ({(key or "").strip(): cell for key, cell in row.items()}[factor.name] or "").strip()
-            if isinstance(factor, CategoricalFactor):
-                one[factor.name] = value
-                continue
-            try:
-                one[factor.name] = float(value)
-            except ValueError:
-                problem = Problem("a setting is no number", "Correct it.", str(path), number, factor.name, value)
-                raise ScoresFileError(problem) from None
-        settings.append(one)
+    rows = read_settings(path, factor_columns(region.factors))
+    for line, settings in rows:
         try:
-            region.code([one])
+            region.code([settings])
         except UserError as error:
             first = error.problems[0]
-            raise ScoresFileError(
-                Problem(first.message, first.remedy, str(path), number, first.field, first.value)
-            ) from None
-    return region.code(settings)
+            problem = Problem(first.message, first.remedy, path.name, line, first.field, first.value)
+            raise ScoresFileError(problem) from None
+    return region.code([settings for _, settings in rows])
 
 
 def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | None) -> FloatArray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from seqrsm.errors import Problem, ScoresFileError
-from seqrsm.score.table import Table
+from seqrsm.score.table import Table, read_table
 from seqrsm.units import PARAMETER_UNITS
 
 #: The largest file that is read [bytes]; a campaign's scores are some kilobytes.
@@ -111,6 +111,13 @@ class CellReader:
     def add(self, message: str, remedy: str, line: int, column: str | None = None, value: object = None) -> None:
         """Note a problem at a place of the file."""
         self.problems.append(Problem(message, remedy, self.table.name, line, column, value))
+
+    def refuse(self) -> None:
+        """Raise ScoresFileError where anything is wrong, with the first `MAX_PROBLEMS` places."""
+        if self.problems:
+            more = len(self.problems) - MAX_PROBLEMS
+            rest = [Problem(f"and {more} more problems", file=self.table.name)] if more > 0 else []
+            raise ScoresFileError(*self.problems[:MAX_PROBLEMS], *rest)
 
     # -- header ---------------------------------------------------------------------------------------------------
 
@@ -249,3 +256,26 @@ class CellReader:
     def free_columns(self) -> list[str]:
         """Columns that are the user's own, or that bear a name we do not know."""
         return [name for name in self.columns if name not in self.optional]
+
+
+def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int, dict[str, float | str]]]:
+    """Line and settings of every row of a file that has a column for each factor; other columns are passed over.
+
+    Raises
+    ------
+    ScoresFileError
+        With all problems, each with file, line, column, value and remedy (at most `MAX_PROBLEMS`).
+    """
+    known = {factor.name for factor in factors}
+    table = read_table(path.name, read_bytes(path), lambda text: split_header(text)[0] in known)
+    reader = CellReader(table, factors, ())
+    reader.header()
+    reader.refuse()
+    found = [
+        (line, {factor.name: reader.setting(factor, cells, line) for factor in factors})
+        for line, cells in reader.complete_rows()
+    ]
+    if not found:
+        reader.add("there are no runs", "Add a row for each run.", table.header_line)
+    reader.refuse()
+    return found

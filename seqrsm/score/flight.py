@@ -18,8 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from seqrsm.errors import Problem, ScoresFileError
-from seqrsm.score.cells import MAX_PROBLEMS, CellReader, FactorColumn, Measure, read_bytes, split_header
+from seqrsm.score.cells import CellReader, FactorColumn, Measure, read_bytes, split_header
 from seqrsm.score.table import read_table
 
 SOURCES = ("flight", "simulation")
@@ -102,7 +101,7 @@ def read_scores(path: Path | str, factors: Sequence[FactorColumn], measures: Seq
     Raises
     ------
     ScoresFileError
-        With all problems, each with file, line, column, value and remedy (at most `MAX_PROBLEMS`).
+        With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
     place = Path(path)
     data = read_bytes(place)
@@ -110,10 +109,7 @@ def read_scores(path: Path | str, factors: Sequence[FactorColumn], measures: Seq
     table = read_table(place.name, data, lambda text: split_header(text)[0] in known)
     reader = _Reader(table, factors, measures)
     scores, unscored = reader.rows()
-    if reader.problems:
-        more = len(reader.problems) - MAX_PROBLEMS
-        rest = [Problem(f"and {more} more problems", file=place.name)] if more > 0 else []
-        raise ScoresFileError(*reader.problems[:MAX_PROBLEMS], *rest)
+    reader.refuse()
     return ScoresFile(place.name, hashlib.sha256(data).hexdigest(), tuple(scores), tuple(unscored))
 
 

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from seqrsm.errors import ScoresFileError
-from seqrsm.score.cells import MAX_PROBLEMS, CellReader, FactorColumn, Measure, read_bytes, split_header
+from seqrsm.score.cells import CellReader, FactorColumn, Measure, read_bytes, split_header
 from seqrsm.score.table import read_table
 
 COLUMNS = ("run_id", "interpreter", "rank", "application", "session")
@@ -81,8 +80,7 @@ def read_rankings(path: Path | str, factors: Sequence[FactorColumn], measures: S
     table = read_table(place.name, data, lambda text: split_header(text)[0] in known)
     reader = _Reader(table, factors, measures)
     rankings = reader.rankings()
-    if reader.problems:
-        raise ScoresFileError(*reader.problems[:MAX_PROBLEMS])
+    reader.refuse()
     return RankingsFile(place.name, hashlib.sha256(data).hexdigest(), rankings)
 
 

@@ -69,13 +69,19 @@ def test_runs_already_made_are_completed(tmp_path) -> None:
     old = np.array([[-1.0, 0.0], [1.0, 1.0], [0.0, -1.0]])
     Z = quadratic(np.vstack([old, found["points"]]))
     assert found["d_value"] == pytest.approx(np.linalg.det(Z.T @ Z) ** (1 / 6) / 9)
-    file.write_text("a,b\n10,0.5\n15,much\n", encoding="utf-8")
+    # Blank lines are counted, and decimal commas and what spreadsheets write before a header are read as in `ingest`.
+    file.write_text("sep=;\na;b\n10;0,5\n\n20;1\n15;0\n", encoding="utf-8")
+    assert made(*options, "--runs", 6, "--prior-runs", file)["d_value"] == pytest.approx(found["d_value"])
+    file.write_text("a,b\n10,0.5\n\n15,much\n", encoding="utf-8")
     message = call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
-    assert "old.csv:3" in message
+    assert "old.csv:4" in message
     assert "b" in message
     assert "much" in message
     file.write_text("a\n10\n", encoding="utf-8")
-    assert "no column b" in call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
+    message = call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
+    assert "old.csv:1: b: there is no column" in message
+    file.write_text("a,b\n", encoding="utf-8")
+    assert "no runs" in call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
     call(*options, "--runs", 6, "--prior-runs", tmp_path / "none.csv", code=2)
 
 
