@@ -267,8 +267,8 @@ def _decision(
     return decide(
         rule,
         n_runs=fit.n_runs,
-        # Terms that were left out by selection have used up their runs.
-        n_terms=fit.n_terms + len(fitted.dropped),
+        # Terms that were left out by selection have used up their runs; random blocks are no terms.
+        n_terms=(fit.n_terms if fitted.blocks is None else fitted.model.p) + len(fitted.dropped),
         s=fitted.s,
         df_residual=fitted.df_residual,
         df_pure_error=fit.df_pure_error,
@@ -348,6 +348,23 @@ def _confirmation(
     return confirmation, agreement
 
 
+def _counts_shared_error(spec: CampaignSpec, fitted: Fitted) -> str:
+    """Which intervals count an error that the scores of a rung share."""
+    if fitted.sources is not None:
+        return "that is part of the difference between flight and simulation, whose prior is [model] discrepancy_sd"
+    if spec.model.errors != "normal":
+        return "the posterior counts that, and all intervals, which are made of it"
+    if fitted.blocks is not None:
+        return (
+            "the intervals with a departure allowed for count that, the posterior and the plain confidence and "
+            "prediction intervals do not"
+        )
+    return (
+        "the posterior and the intervals with a departure allowed for count that, the plain confidence and prediction "
+        "intervals do not"
+    )
+
+
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
     fit, data, state = fitted.fit, fitted.data, fitted.state
     found = []
@@ -369,7 +386,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
             found.append(f"{outside} runs were made outside the region; they are part of the fit.")
     if fitted.blocks is None and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
-    if fitted.blocks is None and spec.model.block_effect == "random":
+    if fitted.blocks is None and (spec.model.block_effect == "random" or fitted.occasions == 1):
         found.append("One block so far: how blocks differ is not known yet, and the intervals are for this block only.")
     if fitted.dropped:
         found.append(
@@ -387,7 +404,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     if rungs and data.model_bias is not None:
         found.append(
             f"Simulated scores of {' and '.join(rungs)} may be off together, by {2.0 * np.max(data.model_bias):.2g} at "
-            "most: the posterior and the intervals with a departure allowed for count that."
+            f"most: {_counts_shared_error(spec, fitted)}."
         )
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: it lies further from the runs than any run does.")

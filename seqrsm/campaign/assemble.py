@@ -84,9 +84,14 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
         f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region",
     ]
     if spec.simulator is not None:
+        size = spec.runs_an_occasion
+        own = "each simulated run is one occasion"
+        if size is not None:
+            own = f"up to {size} simulated runs share one occasion and are a block of the fit (common random numbers)"
         found.append(
-            "each simulated run is one occasion: backscatter of fields and dates, soil moisture, wind, fading, "
-            "receiver noise and the training sample are drawn anew from the campaign's seed and the run's id"
+            f"{own}: backscatter of fields and dates, soil moisture, wind, fading, receiver noise and the training "
+            f"sample are drawn anew from the campaign's seed and the {'run' if size is None else 'occasion'}'s "
+            f"{'id' if size is None else 'number'}"
         )
     return tuple(found)
 

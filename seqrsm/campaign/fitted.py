@@ -10,10 +10,17 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Interval, RegionChange, ScoredRuns, SourceComparison
-from seqrsm.campaign.records import RunRecord
+from seqrsm.campaign.records import CONFIRMATION, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
-from seqrsm.campaign.surface import block_labels, fit_surface, random_blocks, response_scale, select_terms
+from seqrsm.campaign.surface import (
+    block_labels,
+    fit_surface,
+    occasions_shared,
+    random_blocks,
+    response_scale,
+    select_terms,
+)
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
 from seqrsm.decide.sources import SourceFit, fit_sources
@@ -26,9 +33,6 @@ from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.random_blocks import RandomBlockPosterior
 from seqrsm.fit.robust import student_weights
-
-CONFIRMATION = "confirmation"
-"""Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
 
 
 def confirmation_reason(application: str) -> str:
@@ -61,6 +65,9 @@ class Fitted:
         Terms of the whole model that were left out by selection.
     blocks : RandomBlockPosterior or None
         The surface of the average block, where blocks are random.
+    occasions : int
+        Occasions that simulated runs share (common random numbers), 0 where each has its own. A future run meets one
+        of its own, and so do all runs of a future mean.
     """
 
     region: Region
@@ -75,6 +82,7 @@ class Fitted:
     application: ApplicationSpec
     dropped: tuple[str, ...] = ()
     blocks: RandomBlockPosterior | None = None
+    occasions: int = 0
 
     @property
     def beta(self) -> FloatArray:
@@ -106,7 +114,8 @@ class Fitted:
         Where blocks are random: of the average block, and of runs in a new one.
         """
         if self.blocks is not None:
-            return self.blocks.predict(rows, level, weight=float(np.mean(weight)), replicates=replicates)
+            w = float(np.mean(weight))
+            return self.blocks.predict(rows, level, weight=w, replicates=replicates, apart=self.occasions > 0)
         if self.sources is None:
             return self.fit.predict(rows, level, weight, replicates)
         return self.sources.predict(rows, level, weight, replicates)
@@ -234,14 +243,19 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
             extra=columns,
             prior_sd=spec.model.discrepancy_sd,
         )
-    if spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1:
+    occasions = occasions_shared(data)
+    # Occasions are a sample of what a flight may meet; with flights in the fit, or wild errors, they are constants.
+    sampled = occasions > 0 and spec.model.errors == "normal" and sources is None
+    if (spec.model.block_effect == "random" or sampled) and len(set(block_labels(spec, data))) > 1:
         blocks = random_blocks(spec, model, data, scale)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
     found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights, application.goal)
     ratio = float(np.exp(0.5 * found.noise_slope))
     departure = Departure(found.evidence, evidence_limit(fit.df_residual), found.noise_evidence, ratio)
     scored = len(everything.scores)
-    return Fitted(region, model, data, scale, fit, sources, state, scored, departure, application, dropped, blocks)
+    return Fitted(
+        region, model, data, scale, fit, sources, state, scored, departure, application, dropped, blocks, occasions
+    )
 
 
 def natural_ranges(region: Region, box: Box) -> dict[str, tuple[float, float]]:

@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,11 +21,13 @@ from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widen
 from seqrsm.campaign.fitted import confirmation_reason
 from seqrsm.campaign.heartbeat import heartbeat
 from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
+from seqrsm.campaign.occasions import occasion_of, share_occasions
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.serialise import look_summary
 from seqrsm.campaign.spec import CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
+from seqrsm.campaign.surface import block_labels, occasions_shared
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 
@@ -204,7 +207,9 @@ class Campaign:
         if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
             raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
         runs = self._proposals(n or self.spec.batch, source, analyses)
-        ids = self.store.add_batch(runs, issue=True)
+        size, region = self.spec.runs_an_occasion, self.spec.region
+        deal = None if size is None else partial(share_occasions, size=size, region=region)
+        ids = self.store.add_batch(runs, issue=True, deal=deal)
         records = tuple(run for run in self.store.runs() if run.run_id in set(ids))
         if csv is not None:
             from seqrsm.campaign.form import write_form
@@ -286,7 +291,10 @@ class Campaign:
         if not claimed:
             return again
         widening = widening_of(self.store.events(kind=VIOLATED))
-        tasks = [task_of(self.spec, run.run_id, run.proposed, widening) for run in claimed]
+        tasks = [
+            task_of(self.spec, run.run_id, run.proposed, widening, occasion_of(run.source, run.block))
+            for run in claimed
+        ]
         files = files_of(tasks[0]) if cluster is not None else ()
         with heartbeat(self.store):
             for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
@@ -394,9 +402,12 @@ class Campaign:
             clock.stop("propose")
 
     def _n_fitted(self, runs: Sequence[RunRecord]) -> int:
-        """Scores that can be fitted, of the application that has the fewest."""
-        names = [application.name for application in self.spec.applications]
-        return min(len(scored_runs(self.spec.region, runs, name).scores) for name in names)
+        """Scores that can be fitted, of the application that has the fewest; each occasion more takes one."""
+        scored = [scored_runs(self.spec.region, runs, one.name) for one in self.spec.applications]
+        return min(
+            len(data.scores) - (occasions_shared(data) > 0) * (len(set(block_labels(self.spec, data))) - 1)
+            for data in scored
+        )
 
     def _too_few(self) -> bool:
         """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.

@@ -41,7 +41,7 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
     SpecError
         The budget cannot even determine the model and its noise.
     """
-    least = model.p + CENTRE_REPEATS - 1
+    least = _with_occasions(model.p + CENTRE_REPEATS - 1, spec.runs_an_occasion)
     if spec.stop.max_runs < least:
         raise SpecError(
             Problem(
@@ -52,7 +52,14 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
                 value=spec.stop.max_runs,
             )
         )
-    return min(model.p + EXTRA_RUNS, spec.stop.max_runs)
+    return min(_with_occasions(model.p + EXTRA_RUNS, spec.runs_an_occasion), spec.stop.max_runs)
+
+
+def _with_occasions(n: int, size: int | None) -> int:
+    """Runs of which ``n`` are left for the model where each occasion but the first takes one to be compared by."""
+    if size is None:
+        return n
+    return max(-(-(n - 1) * size // (size - 1)), n + CENTRE_REPEATS - 1)
 
 
 def start_batch(

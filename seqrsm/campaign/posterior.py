@@ -332,10 +332,13 @@ def _noise(
     rng: np.random.Generator,
 ) -> FloatArray:
     """What blocks and single runs (m, replicates) add to the mean response ``here`` (m,)."""
-    block = 0.0 if draws.sigma_block is None else draws.sigma_block * rng.standard_normal(len(here))
+    block = np.zeros((len(here), 1))
+    if draws.sigma_block is not None:
+        blocks = (len(here), size[1] if fitted.occasions else 1)  # an occasion for each run, or one day for all
+        block = draws.sigma_block[:, None] * rng.standard_normal(blocks)
     noise = rng.standard_normal(size) if spec.model.errors == "normal" else rng.standard_t(STUDENT_DF, size)
-    spread = draws.sigma / np.sqrt(fitted.scale.weight_at(here + block))
-    return np.asarray(np.broadcast_to(block, here.shape)[:, None] + spread[:, None] * noise)
+    spread = draws.sigma[:, None] / np.sqrt(fitted.scale.weight_at(here[:, None] + block))
+    return np.asarray(block + spread * noise)
 
 
 def summarise_posterior(

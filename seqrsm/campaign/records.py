@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 
 Settings: TypeAlias = dict[str, float | str]
 
+CONFIRMATION = "confirmation"
+"""Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
+
 
 @dataclass(frozen=True, slots=True)
 class NewRun:

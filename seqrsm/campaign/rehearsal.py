@@ -43,7 +43,8 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         analysis.model,
         analysis.region,
         beta_draws=draws.terms,
-        sigma_draws=draws.sigma,
+        # Where blocks are random, each run of the rehearsal falls into one of its own.
+        sigma_draws=draws.sigma if draws.sigma_block is None else np.hypot(draws.sigma, draws.sigma_block),
         rule=rule,
         start_points=start,
         batch_size=spec.batch,
@@ -54,6 +55,8 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         progress=progress,
     )
     found = _summary(result, analysis.score_unit, rule.interval_name, spec.model.response)
+    if draws.sigma_block is not None:
+        found["notes"].append("Each run of the rehearsal falls into a block of its own, with its block's scatter.")
     if spec.model.weights != "equal":
         found["notes"].append("All runs scatter alike in the rehearsal, as one of average weight does.")
     return found

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
+from seqrsm.campaign.occasions import STREAM_0
 from seqrsm.campaign.own_utility import file_of, located
 from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
@@ -44,6 +45,8 @@ class SimulationTask:
         What to score.
     demand : Demand
         How faithful the simulation must be.
+    occasion : int or None
+        Number of the occasion that runs share; None: one of its own.
     """
 
     engine: str
@@ -55,6 +58,12 @@ class SimulationTask:
     table: str
     utilities: tuple[tuple[str, str], ...]
     demand: Demand = field(default_factory=Demand)
+    occasion: int | None = None
+
+    @property
+    def stream(self) -> int:
+        """Key of the run's draws, in the place of a run id."""
+        return self.run_id if self.occasion is None else STREAM_0 + self.occasion
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +112,11 @@ def task_of(
     run_id: int,
     settings: Mapping[str, float | str],
     widening: Mapping[str, float] | None = None,
+    occasion: int | None = None,
 ) -> SimulationTask:
     """Task of one run of a campaign; ``widening``: factors of the rungs' bounds, as the campaign found them.
+
+    ``occasion``: number of the one that it shares with other runs.
 
     Raises
     ------
@@ -131,6 +143,7 @@ def task_of(
         str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
         utilities,
         Demand(spec.simulator.tolerance, spec.simulator.fidelity, dict(widening or {})),
+        occasion,
     )
 
 
@@ -163,7 +176,7 @@ def simulate_image(task: SimulationTask, precision: Precision = "float32", threa
     engine = ENGINES[task.engine]
     table = engine.table(task.table)
     more = {"threads": threads} if engine.threads else {}
-    image: Image = engine.simulate(scene, configuration(task), table, task.seed, task.run_id, precision, **more)
+    image: Image = engine.simulate(scene, configuration(task), table, task.seed, task.stream, precision, **more)
     return image, scene
 
 
@@ -172,7 +185,7 @@ def plan_of(task: SimulationTask) -> tuple[Plan, Callable[[RungPlan], Sample], S
     scene, sensor, engine = scene_at(task.scene), configuration(task), ENGINES[task.engine]
     names = [name for _, name in task.utilities]
     table = engine.table(task.table)
-    plan, make = engine.plan(scene, sensor, table, task.seed, task.run_id, names, task.demand)
+    plan, make = engine.plan(scene, sensor, table, task.seed, task.stream, names, task.demand)
     return plan, make, scene, sensor
 
 
@@ -198,8 +211,9 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         record["widening"] = task.demand.widening[plan.chosen.rung]
     if check is not None:
         record["check"] = {"by": check.by, "difference": check.difference, "limit": check.limit}
+    more = {} if task.occasion is None else {"common_random_numbers": task.occasion}
     return SimulationResult(
-        task.run_id, tuple(_new_score(*score, record) for score in scores), "", seconds, check=check
+        task.run_id, tuple(_new_score(*score, record, more) for score in scores), "", seconds, check=check
     )
 
 
@@ -236,9 +250,9 @@ def _scores(
     task: SimulationTask, rung: RungPlan, make: Callable[[RungPlan], Sample], scene: Scene, sensor: Sensor
 ) -> list[Scored]:
     """Application, score and record of the run by one rung."""
-    engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.run_id}
+    engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.stream}
     if rung.rung == "F4":
-        image = engine.simulate(scene, sensor, engine.table(task.table), task.seed, task.run_id)
+        image = engine.simulate(scene, sensor, engine.table(task.table), task.seed, task.stream)
         record = engine.record(image, scene)
         return [(name, engine.score(utility, image, scene, **key), record) for name, utility in task.utilities]
     sample = make(rung)
@@ -252,9 +266,12 @@ def _compare(rung: RungPlan, other: RungPlan, scores: list[Scored], others: list
     return FidelityCheck(rung.rung, other.rung, worst, differences[worst], largest_difference(rung, other))
 
 
-def _new_score(application: str, found: UtilityScore, record: dict[str, Any], fidelity: dict[str, Any]) -> NewScore:
+def _new_score(
+    application: str, found: UtilityScore, record: dict[str, Any], fidelity: dict[str, Any], more: dict[str, Any]
+) -> NewScore:
     metadata = {
         **record,
+        **more,
         "n_cells": found.n_cells,
         "n_tiles": found.n_clusters,
         **found.details,

@@ -43,15 +43,18 @@ The tables and keys of the file; keys without a default must be given, and keys 
     blocks are a sample, and predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``,
     flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region shrinks towards the
     optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one application and fixed with
-    several, whose surfaces must be known over one region to be weighed; ``discrepancy_sd``: prior standard deviation of
+    several, whose surfaces must be known over one region to be weighed, and with common random numbers;
+    ``discrepancy_sd``: prior standard deviation of
     the difference between flight and simulation in every coded coefficient, in score units, by default the standard
     deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
     sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted
     error of a simulated score, in score units; ``fidelity`` ("auto": the cheapest model of each run that is proven to
-    meet the tolerance; or a rung "F0" to "F4", see :mod:`seqrsm.simulate.fidelity`); ``fixed``: every sensor parameter
-    that is no factor.
+    meet the tolerance; or a rung "F0" to "F4", see :mod:`seqrsm.simulate.fidelity`); ``common_random_numbers`` (none:
+    each run meets an occasion of its own): so many runs, at least 2, share an occasion and all its random numbers, and
+    are a random block of the fit; settings are then compared more sharply and their mean is known less well, see
+    ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is no factor.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
 ``[stop]``
@@ -183,7 +186,14 @@ class CampaignSpec:
     def region_moves(self) -> bool:
         """Whether the fitted region may shrink and move."""
         chosen = self.model.region
-        return len(self.applications) == 1 if chosen is None else chosen == "adaptive"
+        if chosen is None:
+            return len(self.applications) == 1 and self.runs_an_occasion is None
+        return chosen == "adaptive"
+
+    @property
+    def runs_an_occasion(self) -> int | None:
+        """How many simulated runs share an occasion; None where each has its own."""
+        return None if self.simulator is None else self.simulator.common_random_numbers
 
     def to_region(self) -> Region:
         """Region of the allowed settings."""
@@ -332,6 +342,8 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         spec_prior.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
+        if simulator is not None and simulator.common_random_numbers is not None:
+            spec_checks.shared_occasions(single["model"], simulator.common_random_numbers, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None

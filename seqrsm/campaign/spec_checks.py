@@ -269,6 +269,7 @@ class _Model(Protocol):
     weights: Literal["equal", "se", "counts"]
     block: str | None
     block_effect: Literal["fixed", "random"]
+    region: Literal["adaptive", "fixed"] | None
 
 
 def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
@@ -297,6 +298,17 @@ def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simu
     if table.block_effect == "random" and table.errors != "normal":
         remedy = 'Write errors = "normal", or block_effect = "fixed".'
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
+
+
+def shared_occasions(table: _Model, size: int, report: Reporter) -> None:
+    """Common random numbers make random blocks, over one region."""
+    place: Path = ("simulator", "common_random_numbers")
+    if table.errors != "normal":
+        remedy = 'Write [model] errors = "normal", or leave common_random_numbers out.'
+        report.add(place, f"runs with common random numbers need normal errors, not {table.errors}", remedy, size)
+    if table.region == "adaptive":
+        remedy = 'Write [model] region = "fixed", or leave common_random_numbers out.'
+        report.add(place, "the region cannot move where runs share random numbers", remedy, size)
 
 
 class _Catalogued(Protocol):

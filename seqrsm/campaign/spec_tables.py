@@ -241,7 +241,13 @@ class SimulatorSpec(Table):
     table: str = ""
     tolerance: PositiveNumber = 0.5
     fidelity: Literal["auto", "F0", "F1", "F2", "F3", "F4"] = "auto"
+    common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
     fixed: dict[str, Number | str] = Field(default_factory=dict)
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
+        """Without ``common_random_numbers`` where none are, so that earlier specifications keep their hash."""
+        return {key: value for key, value in serialise(self).items() if key != "common_random_numbers" or value}
 
 
 class CostSpec(Table):

@@ -13,6 +13,7 @@ from typing import Any
 
 from seqrsm import __version__
 from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
+from seqrsm.campaign.occasions import sharing
 from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.spec import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
@@ -54,6 +55,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "units": {factor.name: getattr(factor, "unit", "") for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
         "simulated_by": simulated_by(runs, violations),
+        "common_random_numbers": dict(zip(("runs", "occasions"), sharing(runs), strict=True)),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
         "failed": [{"run_id": run.run_id, "reason": run.reason} for run in runs if run.state == "failed"],

@@ -12,7 +12,7 @@ import os
 import secrets
 import socket
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -135,7 +135,13 @@ class Store:
 
     # -- proposing and carrying out -------------------------------------------------------------------------------
 
-    def add_batch(self, runs: Sequence[NewRun], *, issue: bool = False) -> tuple[int, ...]:
+    def add_batch(
+        self,
+        runs: Sequence[NewRun],
+        *,
+        issue: bool = False,
+        deal: Callable[[Sequence[NewRun], Sequence[RunRecord]], Sequence[NewRun]] | None = None,
+    ) -> tuple[int, ...]:
         """Store proposals as one batch; all or none.
 
         Parameters
@@ -144,6 +150,8 @@ class Store:
             Equal settings are repeats and stay apart.
         issue : bool
             Issue them at once.
+        deal : callable, optional
+            Given the runs and all that are there, returns the runs with their blocks; nobody else writes meanwhile.
 
         Returns
         -------
@@ -153,6 +161,8 @@ class Store:
         if not runs:
             return ()
         with self._write() as ledger:
+            if deal is not None:
+                runs = deal(runs, ledger.runs(sa.true()))
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
 
     def issue(self, run_ids: Iterable[int]) -> None:

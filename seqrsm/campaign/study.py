@@ -236,10 +236,12 @@ def _profile(spec: CampaignSpec, fitted: Fitted) -> PowerProfile | str:
 
 
 def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:
-    if spec.model.errors != "normal" or spec.model.block is None or fitted.sources is not None:
+    none = spec.model.block is None and not fitted.occasions
+    if spec.model.errors != "normal" or none or fitted.sources is not None:
         return None
     labels = block_labels(spec, fitted.data)
-    names = list(dict.fromkeys(labels))
+    known = labels if fitted.blocks is None else fitted.blocks.days  # runs alone in an occasion are blocks of no name
+    names = [name for name in dict.fromkeys(labels) if name in known]
     if len(names) < 2:
         return None
     level, p, fit = spec.stop.level, fitted.model.p, fitted.fit
@@ -267,7 +269,7 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
         ]
     nan = float("nan")
     return BlockStudy(
-        effect=spec.model.block_effect,
+        effect="fixed" if fitted.blocks is None else "random",
         same=tuple(same),
         new=new,
         sigma=nan if days is None else days.reml.sigma,

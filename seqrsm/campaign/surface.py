@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import ScoredRuns
+from seqrsm.campaign.occasions import occasion_of
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.design.factors import settings_text
@@ -31,13 +34,26 @@ def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:
 
 
 def block_labels(spec: CampaignSpec, data: ScoredRuns, *, with_source: bool = True) -> list[str]:
-    """Block of each run: its flight day, where ``[model] block`` asks for it, and its source where there are two."""
+    """Block of each run.
+
+    The occasion that simulated runs share; the flight day, where ``[model] block`` asks for it; and the source where
+    there are two. Runs alone in their occasions are one block: a constant for each would leave nothing of them.
+    """
     source_too = with_source and len(set(data.sources)) > 1
     with_block = spec.model.block is not None
-    return [
-        " ".join(part for part in (source if source_too else "", block if with_block else "") if part) or "all"
-        for source, block in zip(data.sources, data.blocks, strict=True)
-    ]
+    members = Counter(zip(data.sources, data.blocks, strict=True))
+    found = []
+    for source, block in zip(data.sources, data.blocks, strict=True):
+        shared = occasion_of(source, block) is not None
+        counts = members[source, block] > 1 if shared else with_block
+        found.append(" ".join(part for part in (source if source_too else "", block if counts else "") if part))
+    return [label or "all" for label in found]
+
+
+def occasions_shared(data: ScoredRuns) -> int:
+    """How many occasions the simulated runs share; 0 where each run has its own."""
+    members = Counter(zip(data.sources, data.blocks, strict=True))
+    return sum(n > 1 and occasion_of(source, block) is not None for (source, block), n in members.items())
 
 
 def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:
@@ -137,6 +153,7 @@ def fit_surface(
         weights=_weights(spec, Z, scale, data),
         setting_ids=setting_ids(data.points),
         block_ids=labels,
+        crossed_blocks=occasions_shared(data) > 0,
     )
     if fit.aliased:
         message = f"the runs cannot tell these terms apart: {', '.join(fit.aliased)}"
@@ -200,4 +217,8 @@ def random_blocks(
         remedy = 'Set [model] block_effect = "fixed".'
         raise FitError(Problem("random blocks are for scores of one source, here are simulations and flights", remedy))
     labels = block_labels(spec, data)
+    if occasions_shared(data) and spec.model.block is None:
+        # Runs that share no occasion met one each, as random effects can.
+        each = zip(labels, data.run_ids.tolist(), strict=True)
+        labels = [f"run {run_id}" if label == "all" else label for label, run_id in each]
     return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights)

@@ -118,6 +118,9 @@ def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
     ]
     if result["simulated_by"] is not None:
         rows.append(["simulated by", _simulated_by(result["simulated_by"])])
+    if (shared := result["common_random_numbers"])["runs"]:
+        text = f"shared by {shared['runs']} runs, in {shared['occasions']} occasions that are blocks of the fit"
+        rows.append(["random numbers", text])
     show_table(["", ""], rows, title=f"campaign {result['campaign']}", left=True)
     for application in result["applications"]:
         _show_application(factors, result, application)

@@ -79,7 +79,7 @@ class LeastSquaresFit:
         Indices of runs that the model must pass through; PRESS is undefined when there are any.
     reason : str
         Why s, standard errors or tests are undefined; empty when they are not.
-    Z, y, weights, setting_ids, block_ids
+    Z, y, weights, setting_ids, block_ids, crossed_blocks
         The data as fitted.
     basis_estimate, factor, null : ndarray
         Basic solution (p,), L with (Z'WZ)^-1 = LL' on the basis columns (p, rank), null space (p, p - rank).
@@ -118,6 +118,7 @@ class LeastSquaresFit:
     basis_estimate: FloatArray
     factor: FloatArray
     null: FloatArray
+    crossed_blocks: bool = False
 
     @property
     def t(self) -> FloatArray:
@@ -231,15 +232,23 @@ class LeastSquaresFit:
     def lack_of_fit(self) -> LackOfFit | str:
         """Lack-of-fit test against pure error, or the reason why there is none."""
         return _anova.lack_of_fit(
-            self.y, self.weights, self.sse, self.rank, self.setting_ids, self.block_ids, self.df_residual
+            self.y,
+            self.weights,
+            self.sse,
+            self.rank,
+            self.setting_ids,
+            self.block_ids,
+            self.df_residual,
+            crossed=self.crossed_blocks,
         )
 
     @property
     def df_pure_error(self) -> int:
-        """Degrees of freedom of pure error: runs that repeat a setting (within a block)."""
+        """Degrees of freedom of pure error: runs that repeat a setting (within a block, or across crossed ones)."""
         if self.setting_ids is None:
             return 0
-        return _anova.pure_error(self.y, self.weights, self.setting_ids, self.block_ids)[0]
+        found = _anova.pure_error(self.y, self.weights, self.setting_ids, self.block_ids, crossed=self.crossed_blocks)
+        return found[0]
 
     def anova(self) -> tuple[AnovaRow, ...]:
         """Sequential analysis of variance: blocks, first order, categories, interactions, squares, residual, total."""
@@ -263,6 +272,7 @@ def fit_least_squares(
     weights: FloatArray | None = None,
     setting_ids: Sequence[object] | IntArray | None = None,
     block_ids: Sequence[object] | IntArray | None = None,
+    crossed_blocks: bool = False,
 ) -> LeastSquaresFit:
     """Fit ``y = Z b + e``, Var e_i = sigma^2 / weight_i, by refined orthogonal factorisation.
 
@@ -280,6 +290,8 @@ def fit_least_squares(
         Equal for runs with the same *executed* settings; needed for pure error.
     block_ids : sequence (n,), optional
         Pure error is taken within blocks; by default those that the block columns tell apart.
+    crossed_blocks : bool
+        No setting can be repeated in a block: pure error is what repeats in several leave beyond the blocks' constants.
 
     Raises
     ------
@@ -355,6 +367,7 @@ def fit_least_squares(
         basis_estimate=basic,
         factor=L,
         null=null * factors.scale[:, None],
+        crossed_blocks=crossed_blocks,
     )
 
 

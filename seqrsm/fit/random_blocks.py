@@ -145,6 +145,7 @@ class RandomBlockPosterior:
         day: object | None = None,
         weight: float = 1.0,
         replicates: int = 1,
+        apart: bool = False,
     ) -> Prediction:
         """Mean response and future runs, on a new day or on one of the days flown.
 
@@ -157,6 +158,8 @@ class RandomBlockPosterior:
             average day, ``prediction`` of runs on a new day, which brings its own effect.
         weight, replicates
             As in ``LeastSquaresFit.predict``; all replicates fall on one day.
+        apart : bool
+            Each replicate falls on a new day of its own instead.
 
         Returns
         -------
@@ -178,7 +181,7 @@ class RandomBlockPosterior:
             h[:, c] = np.sum(np.square(shifted @ self.factor[c]), axis=1)
         own = 1.0 / (replicates * weight)
         mean_scale = self.s * np.sqrt(h if where is None else h + extra)
-        new_scale = self.s * np.sqrt(h + extra + own)
+        new_scale = self.s * np.sqrt(h + (extra / replicates if apart and where is None else extra) + own)
         mean = centre @ self.shares
         between = np.square(centre - mean[:, None])
         se = [np.sqrt((np.square(scale) + between) @ self.shares) for scale in (mean_scale, new_scale)]
@@ -225,7 +228,9 @@ def fit_random_blocks(
     keep = shares > _NEGLIGIBLE
     shares = shares[keep] / np.sum(shares[keep])
     few = len(names) <= _FEW_DAYS
-    reason = f"{len(names)} days hardly show how days differ: intervals for a new day rest on the prior" if few else ""
+    reason = (
+        f"{len(names)} blocks hardly show how blocks differ: intervals for a new one rest on the prior" if few else ""
+    )
     return RandomBlockPosterior(
         names,
         ratios[keep],

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.occasions import sharing
 from seqrsm.campaign.records import RunRecord
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Align, Block, Bullets, Cell, Column, Definitions, Details, Paragraph, Section, Table
@@ -105,6 +106,12 @@ def data_section(dossier: Dossier) -> Section:
     if sources:
         parts = [_counted(count, source, f"{source}s") for source, count in sources.items()]
         text += f" The scores come from {listing(parts)}."
+    shared, occasions = sharing(runs)
+    if shared:
+        text += (
+            f" {shared} simulated runs share the random numbers of {_counted(occasions, 'occasion', 'occasions')} "
+            "(common random numbers), which are blocks of the fit."
+        )
     blocks: list[Block] = [Paragraph(text), _batch_table(runs)]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:

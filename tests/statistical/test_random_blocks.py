@@ -107,7 +107,7 @@ def test_posterior_of_the_ratio_by_quadrature() -> None:
 def test_coverage_on_the_same_day_and_on_a_new_one() -> None:
     """Six days of six runs; the plug-in and the fit that forgets days must cover a new day less."""
     sets, level = 300, 0.9
-    hits = dict.fromkeys(("mean", "same", "new", "mean of 3", "forgets"), 0)
+    hits = dict.fromkeys(("mean", "same", "new", "mean of 3", "3 apart", "forgets"), 0)
     row = np.array([[1.0, 0.3, -0.4, -0.12, 0.09, 0.16]])
     for seed in range(sets):
         rng = np.random.default_rng(1000 + seed)
@@ -118,6 +118,7 @@ def test_coverage_on_the_same_day_and_on_a_new_one() -> None:
         found = fit_random_blocks(Z, y, day.tolist())
         same, new = found.predict(row, level, day=3), found.predict(row, level)
         several = found.predict(row, level, replicates=3)
+        apart = found.predict(row, level, replicates=3, apart=True)
         tomorrow = truth + 1.5 * rng.normal()
         run = tomorrow + rng.normal()
         plain = fit_least_squares(Z, y, ["intercept"] + ["x"] * 5).predict(row, level)
@@ -126,11 +127,12 @@ def test_coverage_on_the_same_day_and_on_a_new_one() -> None:
             ("same", same.prediction, truth + effect[3] + rng.normal()),
             ("new", new.prediction, run),
             ("mean of 3", several.prediction, tomorrow + rng.normal() / np.sqrt(3)),
+            ("3 apart", apart.prediction, truth + np.hypot(1.5, 1.0) * rng.normal() / np.sqrt(3)),
             ("forgets", plain.confidence, truth),
         ):
             hits[key] += bool(interval.low[0] <= value <= interval.high[0])
     error = 4 * np.sqrt(level * (1 - level) / sets)
-    for key in ("mean", "same", "new", "mean of 3"):
+    for key in ("mean", "same", "new", "mean of 3", "3 apart"):
         assert hits[key] / sets == pytest.approx(level, abs=error), key
     assert hits["forgets"] / sets < level - error
 
@@ -152,7 +154,7 @@ def test_days_that_do_not_differ_and_days_that_do() -> None:
 
 def test_refused_and_warned() -> None:
     Z, y, day = problem(20, 3, 1.0, 0)
-    assert "3 days" in fit_random_blocks(Z, y, day.tolist()).reason
+    assert "3 blocks" in fit_random_blocks(Z, y, day.tolist()).reason
     for Z_bad, y_bad, days, match in (
         (Z, y, [0] * 20, "one day"),
         (Z[:6], y[:6], day[:6].tolist(), "determine|one day"),

@@ -1,0 +1,94 @@
+"""Common random numbers: which simulated runs share one occasion, and that the record says so.
+
+Runs of one occasion meet the same fields, date, moisture, fading and receiver noise, so that their scores differ by the
+settings more than by chance; as chance moves them together they are not independent, which (2-6) of RSL TR 380-1 asks
+for, and are fitted as a block. The run's block is the record: it tells fit and simulator alike, whatever the
+specification says by then.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.campaign.records import CONFIRMATION, NewRun, RunRecord
+from seqrsm.design.region import Region
+
+STREAM_0 = 10**9
+"""Occasion n draws what a run of this id + n would: no run of a campaign comes near it."""
+
+NEAR = 0.5
+"""Coded distance, a quarter of a factor's range, below which settings of one occasion are kept apart."""
+
+
+def occasion_of(source: str, block: str) -> int | None:
+    """Number of the occasion, from 1, that a run's block says it shares; None where it has one of its own."""
+    found = re.fullmatch(r"occasion ([1-9]\d{0,8})", block) if source == "simulation" else None
+    return None if found is None else int(found[1])
+
+
+def sharing(runs: Sequence[RunRecord]) -> tuple[int, int]:
+    """How many scored runs share an occasion with another one, and how many occasions those are."""
+    scored = [run for run in runs if run.state == "scored"]
+    members = Counter(number for run in scored if (number := occasion_of(run.source, run.block)) is not None)
+    shared = [n for n in members.values() if n > 1]
+    return sum(shared), len(shared)
+
+
+def share_occasions(runs: Sequence[NewRun], made: Sequence[RunRecord], *, size: int, region: Region) -> list[NewRun]:
+    """Deal simulated runs out to occasions of at most ``size`` runs; earlier ones are filled up first.
+
+    Settings that are alike go to different occasions: the same setting would give the same number twice, which is no
+    repeat, and neighbours nearly so, as if they were known far better than the block's one variance says. Confirmation
+    runs keep occasions of their own.
+
+    Parameters
+    ----------
+    runs : sequence of NewRun
+        To be proposed, in order.
+    made : sequence of RunRecord
+        All runs of the campaign so far, void ones included.
+    size : int
+        Most runs to an occasion, >= 2.
+    region : Region
+        Of the campaign.
+
+    Returns
+    -------
+    list of NewRun
+        The runs, with their occasions as blocks.
+    """
+    earlier = [(number, run) for run in made if (number := occasion_of(run.source, run.block)) is not None]
+    points = region.code([*(run.proposed for _, run in earlier), *(run.settings for run in runs)])
+    members: dict[int, list[FloatArray]] = {}
+    for (number, _), point in zip(earlier, points[: len(earlier)], strict=True):
+        members.setdefault(number, []).append(point)
+    last = max(members, default=0)
+    shared = [run.source == "simulation" and run.purpose != CONFIRMATION for run in runs]
+    room = sum(max(size - len(own), 0) for own in members.values())
+    for number in range(last + 1, last + 1 - (-max(sum(shared) - room, 0) // size)):
+        members[number] = []
+    found: list[NewRun] = []
+    for fresh, belongs, point in zip(runs, shared, points[len(earlier) :], strict=True):
+        if not belongs:
+            found.append(fresh)
+            continue
+        free = [n for n, own in members.items() if len(own) < size and not any(_alike(region, point, x) for x in own)]
+        # Old occasions are filled up in order; new ones in turn, so that each gets settings from all over the region.
+        number = min(free, key=lambda n: (n > last, n if n <= last else len(members[n]), n), default=0)
+        number = number or max(members) + 1
+        members.setdefault(number, []).append(point)
+        found.append(replace(fresh, block=f"occasion {number}"))
+    return found
+
+
+def _alike(region: Region, one: FloatArray, other: FloatArray) -> bool:
+    """Whether two coded settings (k,) are equal, or near each other in every numeric factor, whatever their levels."""
+    numeric = list(region.numeric)
+    near = bool(np.all(np.abs(one[numeric] - other[numeric]) < NEAR)) and len(numeric) > 0
+    return near or bool(np.allclose(one, other, atol=1e-9))

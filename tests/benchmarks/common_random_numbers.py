@@ -1,0 +1,178 @@
+"""Common random numbers: do intervals cover with occasions fitted as blocks, and without?
+
+    python tests/benchmarks/common_random_numbers.py
+
+One design is simulated on many occasions, every setting on each, by the full simulation. What a score differs from its
+setting's mean over all occasions is the error of a run, and the errors of one occasion are correlated as the engine
+makes them. Campaigns are drawn from these: runs dealt out to shared occasions as the program does, or each on one of
+its own; fitted with the blocks, without, and as independent runs. The truth is then known to be flat.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from pathlib import Path
+from tempfile import gettempdir
+
+import numpy as np
+import speed_accuracy_study as study
+from speed_accuracy_study import CROPS, LAND, PASSIVE, PERCENT, RADAR, RADAR_FACTORS, RADIOMETER, Site, synthetic
+
+from seqrsm.campaign.occasions import occasion_of, share_occasions
+from seqrsm.campaign.records import NewRun
+from seqrsm.campaign.simulation import score_by
+from seqrsm.design.optimal import optimal_design
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.random_blocks import fit_random_blocks
+
+OUT = study.OUT / "common-random-numbers.md"
+KEPT = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-common-random-numbers.json"
+"""What was simulated so far: interrupted, the same command goes on."""
+OCCASIONS, RUNS, SIZE, CAMPAIGNS, LEVEL, SEVERAL = 1000, 32, 8, 4000, 0.95, 5
+SITES = (
+    Site("fields", "flat", "psm", PERCENT, (1.0,), RADAR_FACTORS, RADAR,
+         synthetic=synthetic(200, 5.0, CROPS, 3.0, 100.0)),
+    Site("land", "flat", "prm", PERCENT, (1.0,), PASSIVE, RADIOMETER,
+         synthetic=synthetic(200, 15.0, LAND, 3.0, 300.0)),
+)  # fmt: skip
+WAYS = ("shared occasions, fitted as blocks", "shared occasions, blocks forgotten", "an occasion for each run")
+ASKED = ("mean", "one new run", f"mean of {SEVERAL} new runs", "difference of two settings")
+
+
+def points_of(site: Site) -> np.ndarray:
+    """Coded settings (n, 2): an optimal design and a grid, so that occasions can hold settings apart."""
+    region = study.region_of(site)
+    chosen = optimal_design(QuadraticModel(region.factors, 2), region, 12, seed=1).points
+    grid = np.array([(x, y) for x in (-1.0, -0.33, 0.33, 1.0) for y in (-1.0, -0.33, 0.33, 1.0)])
+    return np.vstack([chosen, grid, np.zeros((RUNS - 28, 2))])
+
+
+def measured(site: Site, kept: dict[str, list[list[float]]]) -> np.ndarray:
+    """Errors (occasions, settings) of runs; made in pieces, each kept."""
+    settings = study.region_of(site).decode(points_of(site))
+    rows = kept.setdefault(site.name, [])
+    while len(rows) < OCCASIONS:
+        for stream in range(len(rows) + 1, len(rows) + 51):
+            rows.append([score_by(study.task(site, own, 7, stream, 1.0, "F4"), "F4")[0]["a"] for own in settings])
+        KEPT.write_text(json.dumps(kept))
+        print(site.name, len(rows), flush=True)
+    scores = np.array(rows)
+    return scores - scores.mean(axis=0)
+
+
+Table = dict[tuple[str, str], tuple[float, float]]
+
+
+def coverage(site: Site, errors: np.ndarray) -> Table:
+    """Share of intervals that hold the truth and their mean half-width, by way and what is asked."""
+    region, points = study.region_of(site), points_of(site)
+    model = QuadraticModel(region.factors, 2)
+    Z, rng = model.matrix(points), np.random.default_rng(5)
+    asked, other = int(np.argmax(points.sum(axis=1))), int(np.argmin(points.sum(axis=1)))
+    rows = np.vstack([Z[asked], Z[asked] - Z[other]])
+    hits: dict[tuple[str, str], list[tuple[bool, float]]] = {}
+    numbers = np.zeros(RUNS, dtype=int)
+    for _ in range(CAMPAIGNS):
+        order = rng.permutation(RUNS)
+        runs = [NewRun(settings) for settings in region.decode(points[order])]
+        dealt = share_occasions(runs, (), size=SIZE, region=region)
+        numbers[order] = [occasion_of(run.source, run.block) or 0 for run in dealt]
+        streams = rng.permutation(OCCASIONS)
+        shared = errors[streams[numbers], np.arange(RUNS)]
+        alone = errors[streams[:RUNS], np.arange(RUNS)]
+        future = errors[streams[-SEVERAL:], asked]
+        with_blocks = fit_random_blocks(Z, shared, numbers.tolist())
+        for way, predict in (
+            (WAYS[0], lambda m, fit=with_blocks: fit.predict(rows, LEVEL, replicates=m, apart=True)),
+            (WAYS[1], lambda m, y=shared: fit_least_squares(Z, y, model.terms).predict(rows, LEVEL, replicates=m)),
+            (WAYS[2], lambda m, y=alone: fit_least_squares(Z, y, model.terms).predict(rows, LEVEL, replicates=m)),
+        ):
+            one, several = predict(1), predict(SEVERAL)
+            for what, interval, k, truth in zip(
+                ASKED,
+                (one.confidence, one.prediction, several.prediction, one.confidence),
+                (0, 0, 0, 1),
+                (0.0, future[0], future.mean(), 0.0),
+                strict=True,
+            ):
+                low, high = float(interval.low[k]), float(interval.high[k])
+                hits.setdefault((way, what), []).append((low <= truth <= high, 0.5 * (high - low)))
+    return {key: (float(np.mean([h for h, _ in x])), float(np.mean([w for _, w in x]))) for key, x in hits.items()}
+
+
+HEAD = """# Common random numbers: intervals with occasions as blocks, and without
+
+Written by `python tests/benchmarks/common_random_numbers.py`. A design of {runs} runs over frequency and resolution was
+simulated on {occasions} occasions, every setting on each, by the full simulation of a small drawn site (200 x 200
+cells). {campaigns} campaigns were drawn from these errors: runs dealt out to occasions of at most {size} by the
+program's own rule (settings that are alike are kept apart), or each on an occasion of its own. New runs meet occasions
+of their own. The intervals should cover {level:.0f} %; as the campaigns are drawn from the same {occasions} occasions,
+Monte Carlo errors are some {error:.1f} points.
+
+Errors of different settings of one occasion are correlated, by {low:.2f} to {high:.2f} (mean {mean:.2f}) for the radar
+and by {low2:.2f} to {high2:.2f} (mean {mean2:.2f}) for the radiometer; a block's random effect is one number for all.
+"""
+
+
+def page(found: list[tuple[Site, Table, np.ndarray]]) -> str:
+    spread = []
+    for _, _, errors in found:
+        distinct = np.unique(points_of(SITES[0]), axis=0, return_index=True)[1]
+        pairs = np.corrcoef(errors[:, distinct].T)[np.triu_indices(len(distinct), 1)]
+        spread.append((float(pairs.min()), float(pairs.max()), float(pairs.mean())))
+    (low, high, mean), (low2, high2, mean2) = spread
+    error = 100.0 * float(np.sqrt(0.05 * 0.95 / (OCCASIONS / 4)))
+    lines = [
+        HEAD.format(
+            runs=RUNS, occasions=OCCASIONS, campaigns=CAMPAIGNS, size=SIZE, level=100 * LEVEL, error=error,
+            low=low, high=high, mean=mean, low2=low2, high2=high2, mean2=mean2,
+        ),
+        "| site | way | " + " | ".join(f"{what}: covered (half-width)" for what in ASKED) + " |",
+        "|---|---|" + "---|" * len(ASKED),
+    ]  # fmt: skip
+    for site, table, _ in found:
+        engine = "radar" if site.engine == "psm" else "radiometer"
+        for way in WAYS:
+            cells = (table[way, what] for what in ASKED)
+            lines.append(
+                f"| {site.name}, {engine} | {way} | "
+                + " | ".join(f"{100 * share:.1f} % (± {width:.2f})" for share, width in cells) + " |"
+            )  # fmt: skip
+    lines += ["", *_words(found), ""]
+    return "\n".join(lines)
+
+
+def _words(found: list[tuple[Site, Table, np.ndarray]]) -> list[str]:
+    blocks, forgotten, alone = WAYS
+    mean, difference = ASKED[0], ASKED[3]
+    out = []
+    for site, table, _ in found:
+        parts = {key: 100.0 * table[key][0] for key in table}
+        gain = 1.0 - table[blocks, difference][1] / table[alone, difference][1]
+        cost = table[blocks, mean][1] / table[alone, mean][1] - 1.0
+        out.append(
+            f"- {site.name}: forgetting the blocks lets the interval of the mean cover {parts[forgotten, mean]:.1f} % "
+            f"instead of {parts[blocks, mean]:.1f} %. Shared occasions make the interval of a difference "
+            f"{100 * gain:.0f} % {'shorter' if gain > 0 else 'longer'} than runs of their own do, and that of the mean "
+            f"{100 * cost:.0f} % longer."
+        )
+    return out
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.parse_args()
+    kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
+    found = []
+    for site in SITES:
+        errors = measured(site, kept)
+        found.append((site, coverage(site, errors), errors))
+    OUT.write_text(page(found), encoding="utf-8")
+    print(f"wrote {OUT}; load {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""Common random numbers through a campaign: shared, recorded with every run, fitted as random blocks."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_campaign import TINY, make_tiny
+from typer.testing import CliRunner
+
+from seqrsm.campaign.fitted import fit_application
+from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.records import CONFIRMATION
+from seqrsm.campaign.simulation import carry_out, score_by, task_of
+from seqrsm.campaign.spec import load_spec
+from seqrsm.cli.app import app
+
+SHARED = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ncommon_random_numbers = 4')
+
+
+def call(*arguments: object) -> tuple[int, str, str]:
+    found = CliRunner().invoke(app, [str(a) for a in arguments])
+    return found.exit_code, found.stdout, found.stderr
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Path:
+    folder = make_tiny(tmp_path_factory.mktemp("shared") / "campaign", tiny_scene, SHARED)
+    code, _, error = call("run", folder)
+    assert code in (0, 3), error
+    return folder
+
+
+def test_every_run_says_which_occasion_it_shares(done: Path) -> None:
+    runs = Campaign.open(done).store.runs("scored")
+    members = defaultdict(list)
+    for run in runs:
+        assert (run.block == "") == (run.purpose == CONFIRMATION)
+        if run.block:
+            assert run.scores[0].metadata["common_random_numbers"] == int(run.block.removeprefix("occasion "))
+            members[run.block].append(run.scores[0].score)
+    assert max(map(len, members.values())) <= 4
+    assert sum(len(own) > 1 for own in members.values()) >= 3
+    # No repeat is the same number again.
+    settings = defaultdict(list)
+    for run in runs:
+        settings[tuple(run.settings.items())].append(run.scores[0].score)
+    repeats = [own for own in settings.values() if len(own) > 1]
+    assert repeats
+    assert all(len(set(own)) == len(own) for own in repeats)
+
+
+def test_the_fit_takes_occasions_as_random_blocks_whatever_the_file_says_later(done: Path) -> None:
+    code, out, _ = call("fit", done, "--json")
+    assert code == 0
+    blocks = json.loads(out)["blocks"]
+    assert blocks["effect"] == "random"
+    campaign = Campaign.open(done)
+    runs, one = campaign.store.runs(), campaign.spec.applications[0]
+    fitted = fit_application(campaign.spec, one, runs)
+    assert fitted.blocks is not None
+    assert fitted.occasions >= 3
+    simulator = campaign.spec.simulator.model_copy(update={"common_random_numbers": None})
+    model = campaign.spec.model.model_copy(update={"region": "fixed"})
+    off = fit_application(replace(campaign.spec, simulator=simulator, model=model), one, runs)
+    np.testing.assert_array_equal(off.beta, fitted.beta)
+    # A mean of future runs meets as many occasions, so that of very many is known as well as the mean itself.
+    row = fitted.model.matrix(np.zeros((1, 2)))
+    one_run, many = (fitted.predict(row, replicates=m) for m in (1, 10**6))
+    assert many.prediction.high[0] == pytest.approx(many.confidence.high[0], abs=0.05)
+    assert one_run.prediction.high[0] > many.prediction.high[0] + 1.0
+
+
+def test_status_and_report_say_it_in_words(done: Path) -> None:
+    code, out, _ = call("status", done, "--json")
+    shared = json.loads(out)["common_random_numbers"]
+    assert code == 0
+    assert shared["occasions"] >= 3
+    assert shared["runs"] > shared["occasions"]
+    words = " ".join(call("status", done)[1].split())
+    assert f"shared by {shared['runs']} runs, in {shared['occasions']} occasions" in words
+    code, _, error = call("report", done, "--html", done / "report.html")
+    assert code == 0, error
+    text = " ".join((done / "report.html").read_text(encoding="utf-8").split())
+    assert f"{shared['runs']} simulated runs share the random numbers of {shared['occasions']} occasions" in text
+    assert "p to 4 simulated runs share one occasion" in text
+
+
+def test_an_occasion_is_met_alike_and_another_differently(tiny_scene: Path, tmp_path: Path) -> None:
+    spec = load_spec(make_tiny(tmp_path / "one", tiny_scene, SHARED))
+    settings = {"polarization": "HH+HV", "resolution": 20.0}
+    tasks = [task_of(spec, run, settings, occasion=n) for run, n in ((1, 3), (9, 3), (10, 4), (11, None), (12, None))]
+    first, again, other, own, another = (carry_out(task).scores[0].score for task in tasks)
+    assert first == again
+    assert len({first, other, own, another}) == 4
+    # Settings in one occasion rise and fall together; in occasions of their own they do not.
+    wide = {"polarization": "HH", "resolution": 35.0}
+    pairs = [
+        [score_by(task_of(spec, 100 + n, settings, occasion=n), "F4")[0]["cover"],
+         score_by(task_of(spec, 200 + n, wide, occasion=n), "F4")[0]["cover"]]
+        for n in range(1, 41)
+    ]  # fmt: skip
+    together = np.array(pairs)
+    shuffled = np.column_stack([together[:, 0], np.roll(together[:, 1], 1)])
+    assert np.corrcoef(together.T)[0, 1] > 0.4
+    assert abs(np.corrcoef(shuffled.T)[0, 1]) < 0.4
+
+
+@pytest.mark.parametrize("value", ["1", "0", "-3", "true", "4.0", '"8"', "100000", "nan"])
+def test_a_number_of_runs_that_cannot_be_is_refused(tiny_scene: Path, tmp_path: Path, value: str) -> None:
+    text = SHARED.replace("common_random_numbers = 4", f"common_random_numbers = {value}")
+    code, _, error = call("check", make_tiny(tmp_path / "bad", tiny_scene, text))
+    assert code == 2
+    assert "common_random_numbers" in error
+
+
+@pytest.mark.parametrize(
+    ("table", "word"),
+    [('[model]\nerrors = "student_t"', "normal errors"), ('[model]\nregion = "adaptive"', "cannot move")],
+)
+def test_what_blocks_cannot_do_is_refused(tiny_scene: Path, tmp_path: Path, table: str, word: str) -> None:
+    code, _, error = call("check", make_tiny(tmp_path / "bad", tiny_scene, f"{SHARED}\n{table}\n"))
+    assert code == 2
+    assert word in " ".join(error.split())
+
+
+def test_the_hash_of_earlier_specifications_stays(tiny_scene: Path, tmp_path: Path) -> None:
+    plain = load_spec(make_tiny(tmp_path / "plain", tiny_scene))
+    assert "common_random_numbers" not in plain.simulator.model_dump()
+    assert plain.spec_hash != load_spec(make_tiny(tmp_path / "shared", tiny_scene, SHARED)).spec_hash
+
+
+def test_copies_keep_the_occasions(done: Path, tmp_path: Path) -> None:
+    assert call("export", done, tmp_path / "all.json")[0] == 0
+    code, _, error = call("init", "--from", tmp_path / "all.json", tmp_path / "copy")
+    assert code == 0, error
+    blocks = [[run.block for run in Campaign.open(folder).store.runs()] for folder in (done, tmp_path / "copy")]
+    assert blocks[0] == blocks[1]
