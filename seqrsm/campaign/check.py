@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,8 @@ from seqrsm.campaign.analyse import stop_rule
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_at, task_of
-from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, fixed_problem, load_spec
 from seqrsm.campaign.store import STORE_NAME, Store
-from seqrsm.campaign.toml_lines import key_lines
 from seqrsm.decide.stopping import target_problem
 from seqrsm.design.factors import setting_text
 from seqrsm.design.quadratic import QuadraticModel
@@ -206,13 +205,10 @@ def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], 
     """A sensor's problem with its place in campaign.toml: what is wrong everywhere does not lie with a factor."""
     if problem.file is not None:
         return problem
-    file = spec.folder / SPEC_NAME
     if len(where) == n_points and problem.field not in spec.region.names:
-        lines = key_lines(file.read_text(encoding="utf-8-sig"))
-        line = lines.get(("simulator", "fixed", str(problem.field)))
-        return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {problem.field}")
+        return fixed_problem(spec, problem)
     text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
-    return Problem(text, "Narrow the factor, or add a [[constraint]].", file=str(file))
+    return Problem(text, "Narrow the factor, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
 
 
 def _corners(spec: CampaignSpec) -> FloatArray:

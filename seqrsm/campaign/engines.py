@@ -24,6 +24,7 @@ from seqrsm.simulate.fidelity import Plan, RungPlan
 from seqrsm.simulate.fidelity_radar import plan_radar
 from seqrsm.simulate.fidelity_radiometer import plan_radiometer
 from seqrsm.simulate.frame import make_frame
+from seqrsm.simulate.ground import look_up
 from seqrsm.simulate.prm import check_radiometer, meet_radiometer, simulate_radiometer
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.prm_sample import radiometer_sample
@@ -105,6 +106,8 @@ class Engine:
         Those of the utilities that are means over pixels, for a sample of them; others need the whole image.
     files : tuple of str
         Sensor parameters that name a file; in ``campaign.toml`` its path is from the campaign's folder.
+    functions : tuple of str
+        Those that may name a function of the user's, whose module may lie in the campaign's folder.
     threads : bool
         Whether `simulate` takes a number of threads.
     masks : tuple of str
@@ -120,6 +123,7 @@ class Engine:
     plan: Planner
     sampled: Mapping[str, SampledUtility]
     files: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()
     threads: bool = False
     masks: tuple[str, ...] = ()
 
@@ -211,8 +215,9 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table)
     if sensor.processing:
         named_function("processing", sensor.processing)
     check_targets(_targets(sensor.targets_file), scene.shape)
-    for channel in sensor.channels:
-        table.lookup(scene.categories, sensor.frequency_ghz, channel, season=sensor.season)
+    # Whatever wind and moisture a run draws lies between these.
+    for state in ((sensor.soil_moisture_low, sensor.wind_low_m_s), (sensor.soil_moisture_high, sensor.wind_high_m_s)):
+        look_up(scene, sensor, table, state)
     return ()
 
 
@@ -309,6 +314,7 @@ ENGINES: Mapping[str, Engine] = {
         plan=_plan_radar,
         sampled=_SAMPLED_RADAR,
         files=("targets_file", "pattern_file"),
+        functions=("receiver", "processing"),
         threads=True,
         masks=("shadow", "layover"),
     ),

@@ -17,11 +17,11 @@ from seqrsm.campaign.image_files import write_geotiff, write_mask, write_npz, wr
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.campaign.spec import CampaignSpec, fixed_problem
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
-from seqrsm.errors import Problem, RegionError, UserError
+from seqrsm.errors import ConfigurationError, Problem, RegionError, UserError
 from seqrsm.progress import tell
 from seqrsm.score.classification import UtilityScore
 
@@ -66,7 +66,13 @@ def write_image(
     if mask and mask not in engine.masks:
         remedy = f"This engine has {', '.join(engine.masks)}."
         raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
-    image, scene = simulate_image(task, threads=threads)
+    try:
+        image, scene = simulate_image(task, threads=threads)
+    except ConfigurationError as error:
+        problems = (
+            fixed_problem(spec, one) if one.file is None and one.field in task.fixed else one for one in error.problems
+        )
+        raise ConfigurationError(*problems) from error
     picture = picture_of(image)
     share = None
     if mask:

@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
-import sys
 import traceback
 from collections.abc import Callable
-from functools import lru_cache
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.own_code import own_function
 from seqrsm.score.classification import UtilityScore
 
 _FIELD = "[[application]] utility"
-
-
-def located(folder: Path, name: str) -> str:
-    """Name of a utility, its module replaced by the path of its file where that lies in the campaign's folder."""
-    module, _, function = name.partition(":")
-    file = folder / f"{module.replace('.', '/')}.py"
-    return f"{file}:{function}" if function and file.is_file() else name
-
-
-def file_of(name: str) -> str:
-    """Path of the file of a `located` utility; "" for a package's or the engine's own."""
-    module = name.rpartition(":")[0]
-    return module if module.endswith(".py") else ""
 
 
 def find_utility(name: str) -> Callable[..., Any]:
@@ -42,34 +24,12 @@ def find_utility(name: str) -> Callable[..., Any]:
     SpecError
         It cannot be imported, whatever the reason.
     """
-    module, _, function = name.rpartition(":")
     try:
-        if file_of(name):
-            found = getattr(_module(module, Path(module).stat().st_mtime_ns), function)
-        else:
-            found = getattr(importlib.import_module(module), function)
-        if not callable(found):
-            raise TypeError(f"{function} is no function")
+        return own_function(name)
     except Exception as error:  # the user's module may do anything
         text = f"the utility cannot be imported: {_words(error)}"
         remedy = "Put its module beside campaign.toml, or install its package."
         raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
-    return found  # type: ignore[no-any-return]
-
-
-@lru_cache(maxsize=8)
-def _module(path: str, modified_ns: int) -> ModuleType:
-    """Module of a file, under a name of its own: two campaigns may each have a ``utility.py``."""
-    spec = importlib.util.spec_from_file_location(f"_utility_{abs(hash((path, modified_ns)))}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(Path(path).parent))
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.remove(str(Path(path).parent))
-    return module
 
 
 def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -> UtilityScore:

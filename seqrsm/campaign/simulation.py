@@ -11,10 +11,10 @@ from typing import Any
 
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.campaign.occasions import STREAM_0
-from seqrsm.campaign.own_utility import file_of, located
 from seqrsm.campaign.records import NewScore
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.own_code import file_of, located
 from seqrsm.scene.scene import Scene, load_scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
@@ -133,6 +133,7 @@ def task_of(
         engine.check_utility(name)
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
+    fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
     return SimulationTask(
         spec.simulator.engine,
         run_id,
@@ -219,20 +220,26 @@ def carry_out(task: SimulationTask) -> SimulationResult:
 
 def files_of(task: SimulationTask) -> frozenset[str]:
     """Paths of the files that a task reads."""
-    own = (str(task.fixed[name]) for name in ENGINES[task.engine].files if task.fixed.get(name))
-    code = (file_of(name) for _, name in task.utilities)
+    engine = ENGINES[task.engine]
+    own = (str(task.fixed[name]) for name in engine.files if task.fixed.get(name))
+    functions = (str(task.fixed.get(name, "")) for name in engine.functions)
+    code = (file_of(name) for name in (*(utility for _, utility in task.utilities), *functions))
     return frozenset(path for path in (task.scene, task.table, *own, *code) if path)
 
 
 def on_this_machine(task: SimulationTask) -> SimulationTask:
     """The task with the places where its files lie here; a cluster's worker has copies."""
-    own = {name: local_file(str(task.fixed[name])) for name in ENGINES[task.engine].files if task.fixed.get(name)}
-    utilities = tuple(
-        (application, f"{local_file(file)}:{name.rpartition(':')[2]}" if (file := file_of(name)) else name)
-        for application, name in task.utilities
-    )
-    fixed = {**task.fixed, **own}
+    engine = ENGINES[task.engine]
+    own = {name: local_file(str(task.fixed[name])) for name in engine.files if task.fixed.get(name)}
+    functions = {name: _local_function(str(task.fixed[name])) for name in engine.functions if name in task.fixed}
+    utilities = tuple((application, _local_function(name)) for application, name in task.utilities)
+    fixed = {**task.fixed, **own, **functions}
     return replace(task, scene=local_file(task.scene), table=local_file(task.table), fixed=fixed, utilities=utilities)
+
+
+def _local_function(name: str) -> str:
+    file = file_of(name)
+    return f"{local_file(file)}:{name.rpartition(':')[2]}" if file else name
 
 
 Scored = tuple[str, UtilityScore, dict[str, Any]]

@@ -74,7 +74,7 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
@@ -392,3 +392,11 @@ def _engine_name(raw: Mapping[str, Any]) -> str | None:
 
 def _all_present(applications: Sequence[ApplicationSpec | None]) -> tuple[ApplicationSpec, ...]:
     return tuple(application for application in applications if application is not None)
+
+
+def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
+    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``."""
+    file = spec.folder / SPEC_NAME
+    lines = key_lines(file.read_text(encoding="utf-8-sig"))
+    line = lines.get(("simulator", "fixed", str(problem.field)))
+    return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {problem.field}")

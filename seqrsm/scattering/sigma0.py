@@ -287,7 +287,9 @@ def _at_wind(curve: Curve, wind_m_s: float) -> FloatArray:
         return np.asarray(curve.value_db[0])
     if not winds[0] <= wind_m_s <= winds[-1]:
         message = f"{curve.category} is known for winds of {winds[0]:g} to {winds[-1]:g} m/s"
-        raise ScatteringDataError(Problem(message, "Stay inside", field="wind_m_s", value=wind_m_s))
+        raise ScatteringDataError(
+            Problem(message, "Keep wind_low_m_s and wind_high_m_s there", field="wind_m_s", value=wind_m_s)
+        )
     lower = int(np.clip(np.searchsorted(winds, wind_m_s) - 1, 0, winds.size - 2))
     share = (wind_m_s - winds[lower]) / (winds[lower + 1] - winds[lower])
     return np.asarray((1.0 - share) * curve.value_db[lower] + share * curve.value_db[lower + 1])

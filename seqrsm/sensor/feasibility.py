@@ -43,7 +43,7 @@ _LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
     "resolution_m": (0.05, 1e5, "m"),
     "bandwidth_mhz": (1e-3, 1e4, "MHz"),
     "peak_power_w": (1e-6, 1e9, "W"),
-    "depression_angle_deg": (0.5, 89.5, "deg"),
+    "depression_angle_deg": (0.05, 89.95, "deg"),
     "altitude_m": (1.0, 2e6, "m"),
     "antenna_length_m": (1e-2, 1e3, "m"),
     "antenna_gain_db": (-10.0, 80.0, "dB"),
@@ -88,6 +88,8 @@ _OPTIONAL: Final[Mapping[str, tuple[float, float, str]]] = {
     "p_rc_w": (1e-40, 1e12, "W"),
     "g_rc": (-(2.0**32), 2.0**32, ""),
 }
+
+_WHOLE: Final = ("n_bits", "adc_bits")
 
 RECEIVERS: Final = ("linear", "square_law", "saturation", "compression", "agc")
 """Transfer functions M by name."""
@@ -137,7 +139,7 @@ def converted(name: str, value: float | str, problems: list[Problem], shown: str
     except (TypeError, ValueError):
         problems.append(Problem("not a number", "Give a number", field=shown, value=value))
         return value
-    if name in ("n_bits", "adc_bits") and number == round(number):
+    if name in _WHOLE and number == round(number):
         return int(number)
     return number
 
@@ -161,13 +163,16 @@ def value_problems(radar: RadarConfiguration) -> list[Problem]:
         if not (isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high):
             remedy = f"Give a number from {low:g} to {high:g} {unit}".rstrip()
             problems.append(Problem("out of range", remedy, field=_SHOWN.get(name, name), value=value))
+        elif name in _WHOLE and value != round(value):
+            problems.append(Problem("not a whole number", "Give whole bits", field=name, value=value))
     for name, allowed in TEXT_FIELDS.items():
         if getattr(radar, name) not in allowed:
             problems.append(Problem("unknown", f"Known: {', '.join(allowed)}", field=name, value=getattr(radar, name)))
     known = isinstance(radar.channels, tuple) and all(channel in CHANNELS for channel in radar.channels)
     if not known or not radar.channels or len(set(radar.channels)) != len(radar.channels):
         remedy = f"Name one or more of {', '.join(CHANNELS)}, each once, as in HH+HV"
-        problems.append(Problem("not a set of channels", remedy, field="polarization", value=radar.channels))
+        value = "+".join(str(part) for part in radar.channels) if isinstance(radar.channels, tuple) else radar.channels
+        problems.append(Problem("not a set of channels", remedy, field="polarization", value=value))
     if radar.receiver not in RECEIVERS and ":" not in radar.receiver:
         remedy = f'Known: {", ".join(RECEIVERS)}; or name a function as "package.module:function"'
         problems.append(Problem("unknown", remedy, field="receiver", value=radar.receiver))

@@ -59,7 +59,8 @@ class RadarConfiguration:
     peak_power_w : float
         Peak transmitted power P_T [W].
     depression_angle_deg : float
-        Angle below the horizontal to the centre of the scene [deg], 0.5 to 89.5.
+        Angle below the horizontal to the centre of the scene [deg], 0.05 to 89.95: at nadir itself nothing is resolved
+        in ground range.
     altitude_m : float
         Height of the flight line above the zero of the scene's elevations [m].
     looks : float or None

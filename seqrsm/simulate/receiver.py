@@ -6,7 +6,6 @@ nothing, and costs nothing.
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.own_code import own_function
 from seqrsm.simulate.threads import block, in_threads
 
 if TYPE_CHECKING:
@@ -60,17 +60,19 @@ def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -
 def named_function(field: str, name: str) -> Transfer:
     """A user's function ``package.module:function`` of an array, whose failures are told as what they are.
 
+    In a campaign the module may lie beside ``campaign.toml``.
+
     Raises
     ------
     ConfigurationError
         It cannot be imported; its own calls raise where it fails or returns something else.
     """
-    module, _, attribute = name.partition(":")
     try:
-        function: Transfer = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        text = f"the function cannot be imported: {error}"
-        raise ConfigurationError(Problem(text, "Install its package", field=field, value=name)) from error
+        function: Transfer = own_function(name)
+    except Exception as error:  # the user's module may do anything
+        text = f"the function cannot be imported: {type(error).__name__}: {error}"
+        remedy = "Put its module beside campaign.toml, or install its package"
+        raise ConfigurationError(Problem(text, remedy, field=field, value=name)) from error
 
     def stage(power: FloatArray) -> FloatArray:
         try:

@@ -114,6 +114,33 @@ def test_a_users_function_is_the_receiver(campaign, tmp_path, monkeypatch):
     sys.modules.pop("my_receiver", None)
 
 
+def test_a_users_receiver_may_lie_beside_the_campaign(campaign):
+    plain, folder = arrays(campaign(QUIET)), campaign(QUIET + 'receiver = "bent:half"\nprocessing = "bent:root"\n')
+    refused(folder, "bent:half", "beside campaign.toml", command="check")
+    (folder / "bent.py").write_text("import numpy as np\nhalf = lambda p: 0.5 * p\nroot = np.sqrt\n")
+    got = arrays(folder)["intensity_w"]
+    np.testing.assert_allclose(got, np.sqrt(0.5 * plain["intensity_w"].astype(float)), rtol=1e-5)
+    (folder / "bent.py").write_text("half = 3\nroot = 4\n")
+    refused(folder, "bent.py", "no function")
+
+
+def test_a_wrong_value_is_told_with_its_line(campaign):
+    folder = campaign("film_gamma = 0.0\nn_bits = 8.5\nadc_bits = 1.5\n")
+    lines = (folder / "campaign.toml").read_text().splitlines()
+    for name in ("film_gamma", "n_bits", "adc_bits"):
+        place = next(k for k, line in enumerate(lines, start=1) if line.startswith(name))
+        refused(folder, f"campaign.toml:{place}: [simulator.fixed] {name}")
+    refused(folder, "whole bits")
+
+
+def test_winds_that_the_table_lacks_are_refused_before_a_run_draws_them(campaign):
+    folder = campaign("wind_low_m_s = 2.0\nwind_high_m_s = 14.0\n")
+    call("check", folder)  # without water the wind does not matter
+    scene = load_scene(folder / "scene.npz")
+    save_scene(dataclasses.replace(scene, categories=("Water", *scene.categories[1:])), folder / "scene.npz")
+    refused(folder, "Water", "2 to 10 m/s", "wind_high_m_s", command="check")
+
+
 def test_film_and_calibrations_make_the_grey_tones_of_the_report(campaign):
     folder = campaign(QUIET)
     plain = arrays(folder)

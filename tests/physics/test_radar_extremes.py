@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from psm_cases import Table, mapped, radar, scene
 
+from seqrsm.errors import ConfigurationError
 from seqrsm.simulate import kernels
 from seqrsm.simulate.psm import simulate_radar
 from seqrsm.simulate.receiver import picture
@@ -158,3 +159,51 @@ def test_two_by_two_cells_are_one_pixel():
     assert image.intensity.shape == (1, 1, 1)
     assert apparent(image) == pytest.approx(0.1, rel=1e-3)
     np.testing.assert_array_equal(image.pixel_of_cell, 0)
+
+
+@pytest.mark.parametrize("earth", ["curved", "flat"])
+def test_an_image_at_grazing_angles_of_89_9_degrees(earth):
+    # Over the sphere the horizon of 5 m lies 8 km away, 0.07 deg below the horizontal.
+    r = radar(
+        depression_angle_deg=0.1, altitude_m=5.0, earth=earth, fading="none",
+        pulse_length_us=1.0,
+    )  # fmt: skip
+    image = quiet(scene(np.zeros((60, 40)), 5.0), r, Table((-10.0,), 0.1))
+    assert image.incidence_angle_deg.min() > 89.8
+    expected = 10.0 ** (-1.0 - 0.01 * image.incidence_angle_deg)
+    np.testing.assert_allclose(apparent(image), np.broadcast_to(expected[:, None], apparent(image).shape), rtol=5e-3)
+    assert not image.shadow.any()
+    # A wall of a metre hides all behind it: 1 m x 3 km / 5 m is longer than the scene.
+    z = np.zeros((60, 40))
+    z[30] = 1.0
+    walled = quiet(scene(z, 5.0), r)
+    assert walled.shadow[31:].all()
+    assert not walled.shadow[:30].any()
+    assert np.isfinite(walled.intensity).all()
+
+
+def test_an_image_a_tenth_of_a_degree_from_nadir():
+    r = radar(
+        depression_angle_deg=89.9, altitude_m=850e3, resolution_m=200.0, bandwidth_mhz=5000.0, prf_hz=1500.0,
+        speed_m_s=7000.0, antenna_length_m=10.0, fading="none",
+    )  # fmt: skip
+    image = quiet(scene(np.zeros((60, 40)), 40.0), r, Table((-10.0,), 0.2))
+    assert 0.0 < image.incidence_angle_deg.min() < 0.05
+    assert image.incidence_angle_deg.max() < 0.25
+    expected = 10.0 ** (-1.0 - 0.02 * image.incidence_angle_deg)
+    np.testing.assert_allclose(apparent(image), np.broadcast_to(expected[:, None], apparent(image).shape), rtol=0.01)
+    assert (image.looks >= 1.0).all()
+
+
+@pytest.mark.parametrize(("angle", "words"), [(90.0, "0.05 to 89.95"), (0.0, "0.05 to 89.95"), (0.06, "horizon")])
+def test_at_nadir_and_beyond_the_horizon_nothing_is_resolved(angle, words):
+    with pytest.raises(ConfigurationError, match=words):
+        radar(depression_angle_deg=angle)
+
+
+def test_a_swath_that_reaches_behind_nadir_is_refused_with_the_angle_that_does():
+    s = scene(np.zeros((60, 40)), 40.0)
+    changes = {"altitude_m": 6000.0, "resolution_m": 200.0, "bandwidth_mhz": 500.0}
+    with pytest.raises(ConfigurationError, match=r"behind nadir.*less than 78.69 deg"):
+        quiet(s, radar(depression_angle_deg=85.0, **changes))
+    assert np.isfinite(quiet(s, radar(depression_angle_deg=78.6, **changes)).intensity).all()

@@ -1,0 +1,58 @@
+"""Functions of the user's own, by name: from a file in the campaign's folder, or from an installed package."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+
+def located(folder: Path, name: str) -> str:
+    """Name "module:function", its module replaced by the path of its file where that lies in the campaign's folder."""
+    module, _, function = name.partition(":")
+    file = folder / f"{module.replace('.', '/')}.py"
+    return f"{file}:{function}" if function and file.is_file() else name
+
+
+def file_of(name: str) -> str:
+    """Path of the file of a `located` function; "" for one of a package or of the program's own."""
+    module = name.rpartition(":")[0]
+    return module if module.endswith(".py") else ""
+
+
+def own_function(name: str) -> Callable[..., Any]:
+    """The function called ``name``, "package.module:function" or "path/of/module.py:function".
+
+    Raises
+    ------
+    Exception
+        Whatever the import of the module raises, for the caller to tell; TypeError for what is no function.
+    """
+    module, _, function = name.rpartition(":")
+    if file_of(name):
+        found = getattr(_module(module, Path(module).stat().st_mtime_ns), function)
+    else:
+        found = getattr(importlib.import_module(module), function)
+    if not callable(found):
+        raise TypeError(f"{function} is no function")
+    return found  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=8)
+def _module(path: str, modified_ns: int) -> ModuleType:
+    """Module of a file, under a name of its own: two campaigns may each have a ``utility.py``."""
+    spec = importlib.util.spec_from_file_location(f"_own_{abs(hash((path, modified_ns)))}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(Path(path).parent))
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(Path(path).parent))
+    return module
