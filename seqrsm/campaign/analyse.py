@@ -289,9 +289,15 @@ def _decision(
 
 
 def _model_p(fitted: Fitted) -> float | None:
-    """P of the F test of all terms; None where nothing is left to test with, or no term to test."""
+    """P of the F test of all terms, 1 of equal scores; None where nothing is left to test with, or no term to test."""
     all_terms = np.arange(1, fitted.model.p)
-    return fitted.fit.partial_f(all_terms).p if fitted.fit.df_residual and len(all_terms) else None
+    if not fitted.fit.df_residual or not len(all_terms):
+        return None
+    return 1.0 if _all_equal(fitted) else fitted.fit.partial_f(all_terms).p
+
+
+def _all_equal(fitted: Fitted) -> bool:
+    return float(np.ptp(fitted.data.scores)) == 0.0
 
 
 def _ranges(spec: CampaignSpec, fitted: Fitted) -> dict[str, list[float]]:
@@ -420,7 +426,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     if fit.leverage_one_runs:
         ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
         found.append(f"The model must pass through run {ids} (leverage 1): its score cannot be checked.")
-    if float(np.ptp(data.scores)) == 0.0:
+    if _all_equal(fitted):
         found.append("All scores are equal: there is no optimum to find, and every setting is as good.")
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
         test = f"F test of all terms: p = {p:.2g}"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
 
 Progress = Callable[[int, int], None]
+Ending = Literal["stop", "budget spent", "futility"]
 WAITING = ("proposed", "issued", "running")
 MAX_ATTEMPTS = 3
 """How often a simulated run is begun that fails through no fault of its settings."""
@@ -51,7 +52,9 @@ class Outcome:
     Attributes
     ----------
     held : bool
-        The stop rule holds; otherwise the budget is spent.
+        The stop rule holds; otherwise the budget is spent, or
+    futile : bool
+        going on was found useless and ``[stop] futility = "stop"``.
     analyses : tuple of Analysis
         One for each application.
     seconds : dict
@@ -67,6 +70,7 @@ class Outcome:
     seconds: dict[str, float]
     n_scored: int
     compromise: CompromiseEstimate | None = None
+    futile: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Outcome as a JSON document."""
@@ -74,6 +78,7 @@ class Outcome:
 
         return {
             "held": self.held,
+            "futile": self.futile,
             "n_scored": self.n_scored,
             "seconds": self.seconds,
             "applications": [analysis_to_json(analysis) for analysis in self.analyses],
@@ -341,7 +346,7 @@ class Campaign:
         on_look: Callable[[Analysis], None] = _silent,
         say: Callable[[str], None] = _silent,
     ) -> Outcome:
-        """Simulate, fit, decide and propose until the stop rule holds or the budget is spent.
+        """Simulate, fit, decide and propose until the stop rule holds, the budget is spent, or going on is useless.
 
         Parameters
         ----------
@@ -391,12 +396,14 @@ class Campaign:
             for analysis in analyses:
                 on_look(analysis)
             if all(analysis.decision.held for analysis in analyses):
-                return self._finish(True, clock, say)
+                return self._finish("stop", clock, say)
             if any(analysis.decision.wants_confirmation for analysis in analyses):
                 self._add_confirmation(analyses, say)
                 continue
             if left <= 0:
-                return self._finish(False, clock, say)
+                return self._finish("budget spent", clock, say)
+            if self.spec.stop.futility == "stop" and self._futile(analyses):
+                return self._finish("futility", clock, say)
             clock.start()
             self.propose(min(batch or self.spec.batch, left), analyses=analyses)
             clock.stop("propose")
@@ -457,8 +464,17 @@ class Campaign:
         """Runs that count against the budget."""
         return sum(run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION for run in self.store.runs())
 
-    def _finish(self, held: bool, clock: _Clock, say: Callable[[str], None]) -> Outcome:
-        analyses = self.analyse_all()
+    def _futile(self, analyses: Sequence[Analysis]) -> bool:
+        """Whether this look and the one before found going on useless for every application that does not hold yet."""
+        for analysis in analyses:
+            looks = self.store.looks(analysis.application)
+            before = looks[-2].summary.get("futility") if len(looks) > 1 else None
+            if not analysis.decision.held and not (analysis.decision.futility and before):
+                return False
+        return True
+
+    def _finish(self, kind: Ending, clock: _Clock, say: Callable[[str], None]) -> Outcome:
+        analyses, held = self.analyse_all(), kind == "stop"
         if held and self.spec.simulator is not None and any(a.confirmation is None for a in analyses):
             self._add_confirmation(analyses, say)
             clock.start()
@@ -469,12 +485,11 @@ class Campaign:
         analyses = self.analyse_all(sampler="emcee")
         clock.stop("sample")
         n_scored = len(self.store.runs("scored"))
-        kind = "stop" if held else "budget spent"
         if not any(
             event.kind == kind and event.detail.get("n_scored") == n_scored for event in self.store.events(kind=kind)
         ):
             self.store.add_event(kind, {"n_scored": n_scored})
-        return Outcome(held, analyses, clock.seconds, n_scored, self.compromise(analyses))
+        return Outcome(held, analyses, clock.seconds, n_scored, self.compromise(analyses), kind == "futility")
 
     def _add_confirmation(self, analyses: Sequence[Analysis], say: Callable[[str], None]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""

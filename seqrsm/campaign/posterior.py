@@ -180,6 +180,8 @@ def _draws(spec: CampaignSpec, fitted: Fitted, sampler: Sampler, n_draws: int, b
     through = fitted.fit.sse == 0.0
     if through or (sampler == "exact" and errors == "normal"):
         (beta, sigma), share = _within(partial(posterior(Z, y, weights, prior).draws, rng=rng), inner, n_draws)
+        if through and fitted.sources is None and not np.any(sigma):
+            beta[:, : len(fitted.fit.estimate)] = fitted.fit.estimate  # no rounding dust, which has a best end
         made = {"method": "exact", "draws": len(sigma)}
         exact = through or _enough(len(sigma), n_draws)
     elif sampler == "exact":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from seqrsm.campaign.analyse import stop_rule
-from seqrsm.campaign.fitted import fit_application
+from seqrsm.campaign.fitted import fit_application, range_text
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
 from seqrsm.campaign.posterior import draw_coefficients
 from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
@@ -54,7 +54,15 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         cost_per_run=source_cost,
         progress=progress,
     )
-    found = _summary(result, analysis.score_unit, rule.interval_name, spec.model.response)
+    box = fitted.state.box
+    found = _summary(
+        result,
+        analysis.score_unit,
+        rule.interval_name,
+        spec.model.response,
+        adaptive=spec.region_moves,
+        within="" if box.whole else range_text(spec.region, box),
+    )
     if draws.sigma_block is not None:
         found["notes"].append("Each run of the rehearsal falls into a block of its own, with its block's scatter.")
     if spec.model.weights != "equal":
@@ -62,7 +70,9 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     return found
 
 
-def _summary(result: Rehearsal, unit: str, interval_name: str, response: str) -> dict[str, Any]:
+def _summary(
+    result: Rehearsal, unit: str, interval_name: str, response: str, *, adaptive: bool, within: str
+) -> dict[str, Any]:
     low, middle, high = (int(x) for x in np.quantile(result.runs, [0.1, 0.5, 0.9]))
     numbers = {
         "stopped": float(np.mean(result.stopped)),
@@ -97,9 +107,12 @@ def _summary(result: Rehearsal, unit: str, interval_name: str, response: str) ->
     ]
     notes = [
         "Truths are quadratics drawn from the current posterior, errors are normal; ± is a Monte Carlo standard error.",
-        "The rule is rehearsed without its allowance for departures from the quadratic, and over the fitted region as "
-        "it is: a campaign that needs either takes more runs.",
+        "On a surface that departs from the quadratic `run` widens its interval by an allowance for that"
+        + (", and shrinks or moves the region, which takes up to two new runs for each term every time" * adaptive)
+        + "; the rehearsal does neither, and such a campaign takes more runs than are said here.",
     ]
+    if within:
+        notes.append(f"Rehearsed from its start in the part of the region that is fitted now: {within}.")
     if response != "identity":
         notes.append(f"Figures are on the scale of the fit ({response}).")
     return {"campaigns": result.n_campaigns, "rows": rows, "notes": notes, "numbers": numbers}

@@ -163,6 +163,7 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         "conditions_hold": decision.conditions_hold,
         "held": decision.held,
         "reasons": list(decision.reasons),
+        "futility": list(decision.futility),
         "region": region_to_json(analysis),
     }
 

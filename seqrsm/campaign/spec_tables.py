@@ -268,6 +268,7 @@ class StopSpec(Table):
     guard: Literal["runs", "confirmation", "anytime", "spending"] = "runs"
     confirmation_runs: Annotated[int, Field(ge=2)] = 5
     lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    futility: Literal["tell", "stop"] = "tell"
 
 
 class StoreTable(Table):

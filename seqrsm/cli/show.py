@@ -44,7 +44,8 @@ def show_outcome(outcome: Outcome) -> None:
     for analysis in outcome.analyses:
         show_optimum(analysis)
         show_importance(analysis)
-        heading(decision_heading(analysis) if outcome.held else "Decision: the budget ended the campaign")
+        ended = "Decision: stop for futility" if outcome.futile else "Decision: the budget ended the campaign"
+        heading(decision_heading(analysis) if outcome.held else ended)
         for reason in analysis.decision.reasons:
             line(f"- {reason}", 2)
         if analysis.confirmation is not None and analysis.confirmation.agrees:  # else the reasons say it

@@ -170,7 +170,7 @@ class Campaigns:
             "covers_mean": np.abs(miss) <= half_width("confidence", s, df, h, rule.level),
             "covers_confirmation": np.abs(fresh.mean(axis=1)) <= t_fresh * fresh.std(axis=1, ddof=1),
             "regret": np.maximum(sign * (self.best[rows] - reached), 0.0),
-            "s_ratio": s / self.sigmas[rows],
+            "s_ratio": np.divide(s, self.sigmas[rows], out=np.ones(len(rows)), where=self.sigmas[rows] > 0.0),
         }
         for name, values in found.items():
             self.out[name][rows[ends]] = values[ends]

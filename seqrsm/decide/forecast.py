@@ -69,7 +69,7 @@ def futility(
     ahead : Forecast
     n_terms, df_residual : int
     model_p : float or None
-        p of the F test that no term but the intercept matters.
+        p of the F test that no term but the intercept matters; 1 where all scores are equal.
     width : float
         Half-width now.
     unit : str
@@ -98,7 +98,9 @@ def futility(
             f"± {amount(ahead.attainable_half_width, unit)} is attainable."
         )
     # With fewer residual degrees of freedom a test of all terms says little about any of them.
-    if model_p is not None and model_p > MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
+    if width == 0.0 and model_p == 1.0:
+        found.append("All scores are equal: no parameter matters, and every setting is as good.")
+    elif model_p is not None and model_p > MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
         found.append(f"No parameter matters as far as these runs can tell (F test of all terms: p = {model_p:.2g}).")
     return tuple(found)
 

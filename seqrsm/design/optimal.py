@@ -236,14 +236,16 @@ def _effort(model: QuadraticModel, starts: int | None, linear: bool, n_runs: int
     p = model.p
     if p <= 10:
         return 1, 100, 100
+    spare = max(n_runs - p, 0)
+    # A local search of a linear criterion takes several times longer; with few runs beyond p its optima are few.
     if p <= 15:
-        return 4, 30, 160
+        return (2 if linear and spare <= 5 else 4), 30, 160
     if p <= 21:
-        return 6, 20, 250
-    # The landscape of six factors has deep, narrow optima: many chains find what one long chain misses.
-    # A local search of a linear criterion takes several times longer; with many runs optima are more.
-    chains = min(round(5.0 * n_runs / p), 8) if linear else 24
-    return max(int(chains * min(1.0, (28.0 / p) ** 3)), 1), 20, 300
+        return (min(2 + spare // 4, 5) if linear else 6), 20, 250
+    # The landscape of six factors has deep, narrow optima: many short chains find what few long ones miss. Runs as many
+    # as terms make each search slower and the optima fewer.
+    chains, moves = (min(round(5.0 * n_runs / p), 8), 300) if linear else (min(40 + 4 * spare, 60), 100)
+    return max(int(chains * min(1.0, (28.0 / p) ** 3)), 1), 20, moves
 
 
 def _checked_prior(model: QuadraticModel, region: Region, prior: FloatArray | None) -> FloatArray:

@@ -180,7 +180,8 @@ def table(
     X, nan = Z * root[:, None], float("nan")
     kind = np.array(kinds)
     held = [(name, key) for key, name in _GROUPS if np.any(kind == key)]
-    parts = sequential_ss([X[:, kind == "intercept"], *(X[:, kind == key] for _, key in held)], y * root)
+    scores = y - y[0] if np.any(kind == "intercept") and np.ptp(y) == 0.0 else y  # equal scores leave no rounding dust
+    parts = sequential_ss([X[:, kind == "intercept"], *(X[:, kind == key] for _, key in held)], scores * root)
     ms_error = sse / df_residual if df_residual > 0 else nan
     rows = []
     for (name, _), (df, ss) in zip(held, parts[1:], strict=True):

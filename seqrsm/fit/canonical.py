@@ -169,7 +169,7 @@ def stationary_point(
         exact_point=_full_point(region, form.exact_point, levels),
         flat=form.flat,
         threshold=threshold,
-        warning=_ridge_warning(form, names, threshold),
+        warning=_ridge_warning(form, names, threshold, level=not np.any(linear)),
     )
 
 
@@ -186,8 +186,10 @@ def _inside(region: Region, point: FloatArray) -> bool:
     return inside and bool(region.slack(point[None, :])[0] >= -1e-9)
 
 
-def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float) -> str:
+def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float, level: bool) -> str:
     if form.kind == "none":
+        if level:
+            return "The fitted surface is level: every setting is as good."
         return "The fitted surface has no curvature: it has no stationary point, and its optimum lies at the bounds."
     if not form.flat.any():
         return ""

@@ -90,7 +90,9 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
     Optimum
     """
     signed = _signed(beta, goal)[None, :]
-    if region.is_box:
+    if not np.any(signed[0, 1:]):  # every setting is as good
+        point, value, ties, flat, exact = region.centre(), float(signed[0, 0]), np.empty((0, region.k)), True, True
+    elif region.is_box:
         point, value, ties, flat = _box_optimum(model, region, signed)
         exact = True
     else:
@@ -250,7 +252,7 @@ def optimum_draws(
     ----------
     model, region : QuadraticModel, Region
     betas : ndarray (m, p)
-        Coded coefficients.
+        Coded coefficients. Where all but the first are 0 every setting is as good, and the point is a random one.
     goal : "maximize" or "minimize"
     refine : bool
         False leaves out the climbs: under constraints the best of the dense set, a hundred times faster.
@@ -271,6 +273,9 @@ def optimum_draws(
             values[better] = found_values[better]
     elif m:
         points, values = _constrained_draws(model, region, signed, refine)
+    level = ~np.any(signed[:, 1:], axis=1)
+    if np.any(level):
+        points[level] = region.sample(int(np.count_nonzero(level)), np.random.default_rng(20_029))
     return points, values if goal == "maximize" else -values
 
 

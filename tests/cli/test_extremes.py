@@ -128,6 +128,12 @@ def test_equal_scores_everywhere(tmp_path) -> None:
     found = fitted(folder)
     assert found["optimum"]["mean"] == pytest.approx(7.0)
     assert any("every setting is as good" in text for text in found["warnings"])
+    assert any("no parameter matters" in text for text in found["stop"]["reasons"])
+    assert found["optimum"]["at_bound"] == []
+    for place in found["posterior"]["optimum"]["settings"].values():
+        assert place["high"] - place["low"] > 1.8
+        assert place["p_at_bound"] == 0.0
+    assert "The fitted surface is level" in call("fit", folder).stdout
 
 
 def test_one_wild_score(tmp_path) -> None:

@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from report_dossiers import load, make_analysis, runs_of, truth_score
 from seqrsm.campaign.analysis import Confirmation, Interval
 from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.spec_tables import StopSpec
 from seqrsm.cli.show_fit import decision_heading
 from seqrsm.report import write_report
 from seqrsm.report.blocks import (
@@ -36,6 +38,7 @@ from seqrsm.report.blocks import (
 from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
+from seqrsm.report.section_data import question_section
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -188,6 +191,14 @@ def test_html_asks_the_network_for_nothing(page):
         assert not any(name.startswith("on") for name in attrs)
     assert "default-src 'none'" in page
     assert len(page.encode()) < 3_000_000
+
+
+@pytest.mark.parametrize("guard", get_args(get_type_hints(StopSpec)["guard"]))
+def test_every_guard_has_its_words(flight, guard):
+    spec = dataclasses.replace(flight.spec, stop=flight.spec.stop.model_copy(update={"guard": guard}))
+    section = question_section(dataclasses.replace(flight, spec=spec))
+    words = [block.text for block in section.blocks if isinstance(block, Paragraph) and "guarded by" in block.text]
+    assert len(words) == 1
 
 
 def test_both_faces_show_every_text(report, page, paper):

@@ -142,6 +142,10 @@ def test_constant_surface_is_flat_everywhere() -> None:
     found = optimum(model, region, beta_of(model, 7.0, np.zeros(3), np.zeros((3, 3))))
     assert found.value == 7.0
     assert found.flat
+    assert np.all(found.point == 0.0)
+    points, values = optimum_draws(model, region, np.tile([7.0, *np.zeros(9)], (400, 1)))
+    assert np.all(values == 7.0)
+    assert np.allclose(np.quantile(points, [0.25, 0.5, 0.75], axis=0).T, [-0.5, 0.0, 0.5], atol=0.15)  # anywhere
 
 
 def test_random_surfaces_equal_the_best_of_many_local_searches() -> None:

@@ -225,6 +225,25 @@ def test_guards_by_name(campaign, guard: str) -> None:
     assert {check.name for check in analysis.decision.checks} >= {"interval", "pure_error", "lack_of_fit"}
 
 
+def test_futility_ends_a_campaign_that_asks_for_it(campaign) -> None:
+    """A surface of noise alone, and a target that the budget cannot reach: told by default, else the end."""
+    cases = {
+        "no parameter matters": (lambda s, i: 50.0 + noise(i), "half_width = 3.0\nmax_runs = 60"),
+        "the target": (lambda s, i: bowl(s, i) + 9.0 * noise(i + 7), "half_width = 4.0\nmax_runs = 60"),
+    }
+    for name, (score, rule) in cases.items():
+        told = campaign(spec_text(numeric(2), rule), score, f"{name} told").run()
+        ended = campaign(spec_text(numeric(2), f'{rule}\nfutility = "stop"'), score, f"{name} ended").run()
+        assert not told.futile
+        assert ended.futile
+        assert not ended.held
+        assert 16 <= ended.n_scored < min(told.n_scored, 60)  # at two looks in a row
+        assert ended.analyses[0].decision.futility
+    goes_on = campaign(spec_text(numeric(2), 'half_width = 3.0\nmax_runs = 60\nfutility = "stop"'), bowl, "fine").run()
+    assert goes_on.held
+    assert not goes_on.futile
+
+
 def two_humps(settings: dict, run_id: int) -> float:
     x = np.array([settings["x0"], settings["x1"]])
     high, low = np.sum((x - [0.5, 0.2]) ** 2), np.sum((x - [-0.5, -0.2]) ** 2)
