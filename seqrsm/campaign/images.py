@@ -15,6 +15,7 @@ from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of
 from seqrsm.campaign.image_files import write_geotiff, write_mask, write_npz, write_png
 from seqrsm.campaign.next_runs import rounded_settings
+from seqrsm.campaign.occasions import occasion_of
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
 from seqrsm.campaign.spec import CampaignSpec, fixed_problem
@@ -61,7 +62,7 @@ def write_image(
         raise UserError(Problem("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out)))
     spec = campaign.spec
     settings = _settings(campaign, assignments)
-    task = task_of(spec, run_id, settings)
+    task = task_of(spec, run_id, settings, occasion=_occasion(campaign, run_id))
     engine = ENGINES[task.engine]
     if mask and mask not in engine.masks:
         remedy = f"This engine has {', '.join(engine.masks)}."
@@ -83,7 +84,7 @@ def write_image(
         writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
         writer(out, picture, scene, settings)
     scores = {
-        name: engine.score(utility, image, scene, seed=task.seed, run_id=run_id).value
+        name: engine.score(utility, image, scene, seed=task.seed, run_id=task.stream).value
         for name, utility in task.utilities
     }
     shown = settings_text(spec.factors, settings)
@@ -116,8 +117,13 @@ def explain_image(campaign: Campaign, assignments: Sequence[str], run_id: int) -
     """
     settings = _settings(campaign, assignments)
     widening = widening_of(campaign.store.events(kind=VIOLATED))
-    plan, *_ = plan_of(task_of(campaign.spec, run_id, settings, widening))
+    plan, *_ = plan_of(task_of(campaign.spec, run_id, settings, widening, _occasion(campaign, run_id)))
     return {"settings": settings, **plan.to_json()}
+
+
+def _occasion(campaign: Campaign, run_id: int) -> int | None:
+    """Number of the occasion that a run shares; None where it has its own."""
+    return next((occasion_of(run.source, run.block) for run in campaign.store.runs() if run.run_id == run_id), None)
 
 
 def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float | str]:

@@ -36,6 +36,7 @@ RESTARTS: Final = (1, 2, 4)
 """Local searches in a design search that are compared: of few, each costs seconds."""
 
 AUTO: Final = "auto"
+"""In the place of a rung: what the planner chooses."""
 
 Progress = Callable[[int, int], None]
 

@@ -44,8 +44,9 @@ class SamplerRow:
 
     Attributes
     ----------
-    method : {"exact", "emcee"}
-        Independent draws from the exact posterior, or the ensemble sampler thinned to ``draws``.
+    method : str
+        "exact": independent draws from the exact posterior; "emcee": the ensemble sampler thinned to ``draws``, or the
+        name of what took its place.
     quantity : str
         "future score" at the recommended settings, or "utility at the optimum" over the region.
     draws, sets : int
@@ -143,7 +144,8 @@ def sampler_rows(
     Returns
     -------
     tuple of SamplerRow
-        Exact rows are missing where the model has no exact posterior (Student-t errors).
+        Exact rows are missing where the model has no exact posterior (Student-t errors), those of emcee where the
+        program draws exactly whatever is asked for (random blocks; flights beside simulations).
 
     Raises
     ------
@@ -165,17 +167,19 @@ def sampler_rows(
         _quantities(replace(spec, seed=spec.seed + chain), application, fitted, row, "emcee", max(kept))
         for chain in range(chains)
     ]
-    for n in kept if chains > 1 else ():
+    methods = sorted({one.method for one in drawn})  # of Student-t errors "gibbs" where emcee does not converge
+    for n in kept if chains > 1 and "exact" not in methods else ():
         sets = {name: np.array([_thinned(one.values[name], n) for one in drawn]) for name in drawn[0].values}
         seconds = {name: min(one.seconds[name] for one in drawn) for name in drawn[0].values}
-        rows += _sampler_rows(spec, "emcee", n, sets, seconds)
+        rows += _sampler_rows(spec, " or ".join(methods), n, sets, seconds)
     return tuple(rows)
 
 
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """Draws (m,) of each quantity [score units], and the CPU time each took [s]."""
+    """Draws (m,) of each quantity [score units], how they were made, and the CPU time each took [s]."""
 
+    method: str
     values: dict[Quantity, FloatArray]
     seconds: dict[Quantity, float]
 
@@ -190,6 +194,7 @@ def _quantities(
     _, best = optimum_draws(fitted.model, fitted.region, draws.terms, application.goal)
     end = time.process_time()
     return _Drawn(
+        str(draws.made["method"]),
         {"future score": future, "utility at the optimum": fitted.scale.to_score(best)},
         {"future score": drawn - start, "utility at the optimum": end - start},
     )

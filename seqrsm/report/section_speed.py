@@ -10,6 +10,7 @@ import numpy as np
 
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.fidelity_watch import VIOLATED, fidelity_of
+from seqrsm.campaign.tradeoff import AUTO
 from seqrsm.report import drawing
 from seqrsm.report.blocks import (
     Block,
@@ -31,8 +32,6 @@ from seqrsm.simulate.fidelity import MEANINGS, RUNGS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-AUTO = "auto"
 
 
 def speed_section(dossier: Dossier) -> Section | None:

@@ -17,6 +17,7 @@ from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.records import CONFIRMATION
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
 from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.tradeoff_numerics import sampler_rows
 from seqrsm.cli.app import app
 
 SHARED = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ncommon_random_numbers = 4')
@@ -132,6 +133,22 @@ def test_the_hash_of_earlier_specifications_stays(tiny_scene: Path, tmp_path: Pa
     plain = load_spec(make_tiny(tmp_path / "plain", tiny_scene))
     assert "common_random_numbers" not in plain.simulator.model_dump()
     assert plain.spec_hash != load_spec(make_tiny(tmp_path / "shared", tiny_scene, SHARED)).spec_hash
+
+
+def test_the_image_of_a_run_is_of_the_occasion_that_it_shares(done: Path, tmp_path: Path) -> None:
+    runs = Campaign.open(done).store.runs("scored")
+    run = next(r for r in runs if r.block and r.scores[0].metadata["fidelity"]["rung"] == "F4")
+    changes = [part for name, value in run.settings.items() for part in ("--set", f"{name}={value}")]
+    code, out, error = call("image", done, "--run-id", run.run_id, *changes, "--out", tmp_path / "a.npz", "--json")
+    assert code == 0, error
+    assert json.loads(out)["scores"]["cover"] == pytest.approx(run.scores[0].score, rel=1e-12)
+
+
+def test_the_trade_off_calls_no_exact_draws_emcee(done: Path) -> None:
+    campaign = Campaign.open(done)
+    spec, one = campaign.spec, campaign.spec.applications[0]
+    rows = sampler_rows(spec, one, fit_application(spec, one, campaign.store.runs()), sizes=(100, 400), pool=4000)
+    assert {(row.method, row.draws) for row in rows} == {("exact", 100), ("exact", 400)}
 
 
 def test_copies_keep_the_occasions(done: Path, tmp_path: Path) -> None:
