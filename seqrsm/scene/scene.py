@@ -35,7 +35,7 @@ _MEMBERS: Final = (
 _NO_CENTIMETRES: Final = -32768
 _MAX_BYTES: Final = 16 * MAX_CELLS
 _MIN_CELL_M: Final = 0.05
-_LOWEST_M, _HIGHEST_M = -500.0, 9000.0
+LOWEST_M, HIGHEST_M = -500.0, 9000.0
 _COLDEST_K, _WARMEST_K = 150.0, 500.0
 _WETTEST = 0.6
 
@@ -199,9 +199,9 @@ def _content_problems(scene: Scene) -> list[Problem]:
         remedy = f"Use 0 to {len(scene.categories) - 1}, or {NO_COVER} for no data"
         problems.append(Problem(message, remedy, field="cover", value=int(cover[bad].max())))
     z = scene.elevation_m
-    wild = np.isinf(z) | (z < _LOWEST_M) | (z > _HIGHEST_M)
+    wild = np.isinf(z) | (z < LOWEST_M) | (z > HIGHEST_M)
     if wild.any():
-        message = f"{int(wild.sum())} cells lie outside {_LOWEST_M:.0f} to {_HIGHEST_M:.0f} m"
+        message = f"{int(wild.sum())} cells lie outside {LOWEST_M:.0f} to {HIGHEST_M:.0f} m"
         problems.append(
             Problem(message, "Mark missing elevations with nan", field="elevation_m", value=float(z[wild][0]))
         )

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
 from seqrsm.scene.fields import connected_patches, draw_index, rectangle_labels, voronoi_labels
-from seqrsm.scene.scene import Scene
+from seqrsm.scene.scene import HIGHEST_M, Scene
 from seqrsm.scene.terrain import fractal_terrain
 
 _TOWN = ("Buildings", "Asphalt", "Grass")
 _TOWN_SHARES = (0.5, 0.2, 0.3)
 _BLOCK_M = 50.0
+
+LARGEST_SEED: Final = 2**63 - 1
 
 
 def synthetic_scene(
@@ -73,12 +75,19 @@ def synthetic_scene(
     Raises
     ------
     SceneError
-        Impossible size, relief, slope, shares, field, or feature.
+        Impossible size, relief, slope, shares, field, feature or seed.
     """
     shares = [1.0] * len(categories) if shares is None else list(shares)
     if len(shares) != len(categories) or not categories or min(shares) < 0.0 or sum(shares) <= 0.0:
         message = f"{len(categories)} categories need as many shares >= 0, not all zero"
         raise SceneError(Problem(message, field="shares", value=shares))
+    if not 0 <= seed <= LARGEST_SEED:
+        raise SceneError(Problem("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed))
+    highest = base_m + relief_m
+    if not highest <= HIGHEST_M:
+        text = f"the land would reach {highest:g} m, which no ground does"
+        remedy = f"Give at most {HIGHEST_M - base_m:g} m of relief"
+        raise SceneError(Problem(text, remedy, field="relief_m", value=relief_m))
     side = round(field_m / cell_m)
     if side < 1:
         raise SceneError(

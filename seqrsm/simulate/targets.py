@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from seqrsm.simulate import kernels
 from seqrsm.simulate.echo import EchoGrid
 from seqrsm.simulate.frame import RadarFrame
 
+MOST_DBM2: Final = 120.0
+"""Largest cross section either way [dB over 1 m2]: ships and corner reflectors have 80 at most."""
+
 
 @dataclass(frozen=True, slots=True)
 class CulturalTarget:
@@ -31,7 +35,7 @@ class CulturalTarget:
     row, column : int
         Cell of the scene it stands in.
     cross_section_dbm2 : float
-        Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2].
+        Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2], -120 to 120.
     height_m : float
         Of its scattering centre over the ground [m].
     directions_deg : tuple of float
@@ -42,7 +46,7 @@ class CulturalTarget:
     Raises
     ------
     SceneError
-        A lobe without width, or a value that is not finite.
+        A lobe without width, a value that is not finite, or a cross section out of range.
     """
 
     row: int
@@ -54,8 +58,12 @@ class CulturalTarget:
 
     def __post_init__(self) -> None:
         numbers = (self.cross_section_dbm2, self.height_m, self.lobe_deg, *self.directions_deg)
-        if not all(math.isfinite(x) for x in numbers) or self.lobe_deg <= 0.0:
-            remedy = "Give finite numbers and a lobe wider than 0 deg"
+        if (
+            not all(math.isfinite(x) for x in numbers)
+            or self.lobe_deg <= 0.0
+            or abs(self.cross_section_dbm2) > MOST_DBM2
+        ):
+            remedy = f"Give finite numbers, {-MOST_DBM2:g} to {MOST_DBM2:g} dBm2 and a lobe wider than 0 deg"
             raise SceneError(Problem("an impossible cultural target", remedy, field="targets", value=str(self)))
 
     def cross_section_m2(self, bearing_deg: float) -> float:
@@ -94,9 +102,9 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     unknown = [word for word in header if word not in _COLUMNS]
     missing = [word for word in _COLUMNS[:3] if word not in header]
     if unknown or missing or len(set(header)) < len(header):
-        found = f"columns {', '.join(header)}" if header else "an empty file"
+        text = f"columns {', '.join(header)} are not those of cultural targets" if header else "the file is empty"
         remedy = f"Give {', '.join(_COLUMNS[:3])}, and where needed {', '.join(_COLUMNS[3:])}"
-        raise SceneError(Problem(f"{found} are not those of cultural targets", remedy, file=name, line=1))
+        raise SceneError(Problem(text, remedy, file=name, line=1))
     targets: list[CulturalTarget] = []
     problems: list[Problem] = []
     for number, line in enumerate(lines[1:], start=2):

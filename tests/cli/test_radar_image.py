@@ -208,6 +208,7 @@ def test_a_file_of_cultural_targets(campaign):
         "row,column\n1,2\n": ["columns row, column", "cross_section_dbm2"],
         "row,column,cross_section_dbm2\n1,2,3\n1,b,3\n": ["targets.csv:3", "1,b,3"],
         "row,column,cross_section_dbm2,lobe_deg\n1,2,3,0\n": ["targets.csv:2", "lobe"],
+        "row,column,cross_section_dbm2\n1,2,500\n": ["targets.csv:2", "120 dBm2"],
         "row,column,cross_section_dbm2\n900,2,3\n": ["outside", "900"],
         "": ["empty"],
     }.items():

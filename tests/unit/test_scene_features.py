@@ -102,7 +102,18 @@ def test_fields_hold_one_cover_and_features_cut_them():
     assert scene.n_fields > land(rivers=0, towns=0, roads=False).n_fields
 
 
-@pytest.mark.parametrize("change", [{"rivers": -1}, {"towns": -1}, {"town_m": 0.0}, {"road_m": -1.0}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"rivers": -1},
+        {"towns": -1},
+        {"town_m": 0.0},
+        {"road_m": -1.0},
+        {"seed": 2**64},
+        {"seed": -1},
+        {"relief_m": 9500.0},
+    ],
+)
 def test_impossible_features_are_refused(change):
     with pytest.raises(SceneError, match=next(iter(change))):
         land(**change)
