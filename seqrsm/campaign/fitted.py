@@ -15,6 +15,7 @@ from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.surface import (
     block_labels,
+    columns_within_sources,
     fit_surface,
     occasions_shared,
     random_blocks,
@@ -233,14 +234,13 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
     fit = fit_surface(spec, region, model, data, scale)
     sources = blocks = None
     if len(set(data.sources)) > 1:
-        columns, _ = block_columns(block_labels(spec, data, with_source=False))
         sources = fit_sources(
             model,
             data.points,
             scale.values,
             [source == "flight" for source in data.sources],
             weights=fit.weights,
-            extra=columns,
+            extra=columns_within_sources(spec, data),
             prior_sd=spec.model.discrepancy_sd,
         )
     occasions = occasions_shared(data)

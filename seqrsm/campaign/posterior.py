@@ -14,13 +14,12 @@ from seqrsm.campaign.analysis import EffectBound, Interval, OptimumEstimate, Pos
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.knowledge import EffectBounds, precision_of, stated_bounds, stated_prior
 from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.campaign.surface import block_labels, counts_of, shared_loadings
+from seqrsm.campaign.surface import columns_within_sources, counts_of, shared_loadings
 from seqrsm.decide.moving import Box
 from seqrsm.decide.sources import source_prior, stacked_rows, to_flight
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
-from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.bounds import LinearBounds, bounded_draws
 from seqrsm.fit.conjugate import Flat, Prior, posterior, weakly_informative, with_further
 from seqrsm.fit.least_squares import LeastSquaresFit
@@ -115,7 +114,7 @@ def _stacked(spec: CampaignSpec, fitted: Fitted) -> tuple[FloatArray, FloatArray
         weights = fitted.scale.weights if robust else fit.weights
         return np.hstack([fit.Z, loadings]), weights, _with_shared(prior_of(spec, fitted), fit, loadings.shape[1])
     flights = np.array([source == "flight" for source in fitted.data.sources])
-    columns, _ = block_columns(block_labels(spec, fitted.data, with_source=False))
+    columns = columns_within_sources(spec, fitted.data)
     Z = np.hstack([stacked_rows(fitted.model, fitted.data.points, flights), columns])
     weights = np.where(flights, found.flight_weight, 1.0) * fitted.scale.weights
     base = stated_prior(spec, fitted.application, fitted.model, fitted.region)

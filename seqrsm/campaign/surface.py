@@ -50,6 +50,21 @@ def block_labels(spec: CampaignSpec, data: ScoredRuns, *, with_source: bool = Tr
     return [label or "all" for label in found]
 
 
+def columns_within_sources(spec: CampaignSpec, data: ScoredRuns) -> FloatArray:
+    """Columns (n, b) of blocks where flights and simulations differ by terms of their own.
+
+    Contrasts of the flight days, and of the occasions that simulated runs share: 0 for every other run, which met one
+    from the same source of occasions, so that flights are not told from simulations by them.
+    """
+    shared = np.array([occasion_of(*each) is not None for each in zip(data.sources, data.blocks, strict=True)])
+    labels = np.array(block_labels(spec, data, with_source=False), dtype=object)
+    days, _ = block_columns(["all" if own else label for own, label in zip(shared, labels, strict=True)])
+    occasions, names = block_columns(labels[shared & (labels != "all")])
+    within = np.zeros((len(labels), len(names)))
+    within[shared & (labels != "all")] = occasions[:, : len(names)]
+    return np.hstack([days, within])
+
+
 def occasions_shared(data: ScoredRuns) -> int:
     """How many occasions the simulated runs share; 0 where each run has its own."""
     members = Counter(zip(data.sources, data.blocks, strict=True))

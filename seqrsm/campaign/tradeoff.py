@@ -225,7 +225,7 @@ def _against_top(
         "largest_error": float(np.abs(difference).max()),
         "bound": float(max(bounds)),
         "rank_correlation": _rank_correlation(true, seen),
-        "utility_lost": float(sign * lost.mean()),
+        "utility_lost": float(sign * lost.mean()) + 0.0,  # no negative zero
         "utility_lost_se": spread,
         "rungs_chosen": {r: own.count(r) for r in RUNGS if r in own},
     }

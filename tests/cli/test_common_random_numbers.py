@@ -76,6 +76,36 @@ def test_the_fit_takes_occasions_as_random_blocks_whatever_the_file_says_later(d
     assert one_run.prediction.high[0] > many.prediction.high[0] + 1.0
 
 
+def test_beside_flights_occasions_are_constants_that_leave_the_flights_alone(done: Path) -> None:
+    """Effects of occasions that sum to zero change no flight's surface; without the blocks they would."""
+    campaign = Campaign.open(done)
+    model = campaign.spec.model.model_copy(update={"discrepancy_sd": 3.0})
+    spec, one = replace(campaign.spec, model=model), campaign.spec.applications[0]
+    runs = [run for run in campaign.store.runs("scored") if run.purpose != CONFIRMATION]
+    shared = sorted({run.block for run in runs if sum(other.block == run.block for other in runs) > 1})
+    rng = np.random.default_rng(0)
+    effect = dict(zip(shared, rng.normal(0.0, 20.0, len(shared)), strict=True))
+    mean = sum(effect.values()) / len(effect)
+
+    def scored(run, extra: float):
+        score = replace(run.scores[0], score=run.scores[0].score + extra, metadata={})
+        return replace(run, scores=(score,))
+
+    flown = [
+        replace(scored(run, -5.0 + rng.normal()), run_id=1000 + i, source="flight", block="")
+        for i, run in enumerate(runs[:6])
+    ]
+    plain = [scored(run, 0.0) for run in runs]
+    moved = [scored(run, effect.get(run.block, mean) - mean) for run in runs]
+    with_flights = [fit_application(spec, one, [*own, *flown]) for own in (plain, moved)]
+    np.testing.assert_allclose(with_flights[1].beta, with_flights[0].beta, rtol=1e-6, atol=1e-6)
+    assert with_flights[0].blocks is None
+    forgotten = [
+        fit_application(spec, one, [*(replace(run, block="") for run in own), *flown]) for own in (plain, moved)
+    ]
+    assert np.abs(forgotten[1].beta - forgotten[0].beta).max() > 1.0
+
+
 def test_status_and_report_say_it_in_words(done: Path) -> None:
     code, out, _ = call("status", done, "--json")
     shared = json.loads(out)["common_random_numbers"]
