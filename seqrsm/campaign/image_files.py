@@ -73,10 +73,11 @@ def write_npz(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, 
 
 def write_geotiff(out: Path, picture: Picture, scene: Scene, settings: Mapping[str, float | str]) -> None:
     """The quantity on the scene's own grid, terrain corrected [dB or K]; nan where nothing is seen."""
-    told = picture.told().reshape(len(picture.values), -1)
-    known = picture.pixel_of_cell >= 0
-    layers = np.full((len(told), *known.shape), np.nan, dtype=np.float32)
-    layers[:, known] = told[:, picture.pixel_of_cell[known]]
+    told = picture.told().reshape(len(picture.values), -1).astype(np.float32)
+    pixel = picture.pixel_of_cell
+    layers = np.empty((len(told), *pixel.shape), dtype=np.float32)
+    for row in range(len(pixel)):  # row by row: a scene of 10,000 x 10,000 cells takes no work space
+        layers[:, row] = np.where(pixel[row] >= 0, told[:, pixel[row]], np.nan)
     note = {
         "quantity": picture.quantity,
         "unit": picture.unit,

@@ -83,6 +83,8 @@ def write_image(
     else:
         writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
         writer(out, picture, scene, settings)
+    shape = picture.values.shape
+    del picture  # of a large scene, much memory that scoring can use
     scores = {
         name: engine.score(utility, image, scene, seed=task.seed, run_id=task.stream).value
         for name, utility in task.utilities
@@ -92,11 +94,11 @@ def write_image(
     return {
         "file": str(out),
         "settings": settings,
-        "shape": list(picture.values.shape),
+        "shape": list(shape),
         "record": engine.record(image, scene),
         "scores": scores,
         "notes": list(image.notes),
-        "summary": f"{shown}; {picture.values.shape[1]} x {picture.values.shape[2]} pixels; {found}"
+        "summary": f"{shown}; {shape[1]} x {shape[2]} pixels; {found}"
         + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else ""),
         **({} if share is None else {"mask": mask, "mask_share": share}),
     }

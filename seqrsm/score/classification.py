@@ -118,6 +118,8 @@ def percent_correct(
         raise SceneError(
             Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
         )
+    if used.size < len(counts):
+        counts = counts[used]
     row, column = np.divmod(used, n_azimuth)
     across, along = image.place_m(row, column)
     ground = image.ground_range_m
@@ -135,7 +137,7 @@ def percent_correct(
     score = score_pixels(
         power,
         looks,
-        counts[used],
+        counts,
         tile,
         seed=seed,
         run_id=run_id,
@@ -242,6 +244,7 @@ def score_pixels(
             log_likelihood += np.log(np.maximum(area, 1) / area.sum())
         log_likelihood[:, ~known] = -np.inf
         named[test] = np.argmax(log_likelihood, axis=1)
+        del weights, log_likelihood  # of a large image they fill as much memory as all the rest
     correct = counts[np.arange(len(tile)), named]
     value, se = cluster_ratio(correct, counts.sum(axis=1), tile)
     confusion = np.zeros((n_classes, n_classes), dtype=np.int64)
