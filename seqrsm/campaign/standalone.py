@@ -25,6 +25,7 @@ from seqrsm.score.cells import read_settings
 
 CLASSICAL: dict[str, str] = {
     "factorial": "all corners",
+    "fractional": "some of the corners, --runs of them, with the fewest aliases of low order",
     "factorial3": "all combinations of low, middle and high",
     "ccd-face": "central composite, axial points on the faces",
     "ccd-rotatable": "central composite, axial points beyond the faces: variance alike in every direction",
@@ -37,7 +38,7 @@ CLASSICAL: dict[str, str] = {
 """Designs by name."""
 
 _MAX_FACTORS = 8
-_SIZED = ("latin-hypercube", "sobol")
+_SIZED = ("fractional", "latin-hypercube", "sobol")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +177,9 @@ def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | 
         raise _wrong("the number of runs is missing", "Give --runs.", "--runs")
     made: dict[str, Callable[[], FloatArray]] = {
         "factorial": lambda: np.vstack([classical.full_factorial([2] * k), np.zeros((centre or 0, k))]),
+        "fractional": lambda: np.vstack(
+            [classical.minimum_aberration(k, (runs or 0) - (centre or 0))[0], np.zeros((centre or 0, k))]
+        ),
         "factorial3": lambda: np.vstack([classical.full_factorial([3] * k), np.zeros((centre or 0, k))]),
         "ccd-face": lambda: classical.central_composite(k, "face", 3 if centre is None else centre),
         "ccd-rotatable": lambda: classical.central_composite(k, "rotatable", 3 if centre is None else centre),
@@ -195,6 +199,13 @@ def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | 
         if axis is not None:
             points[:, j] = axis[np.argmin(np.abs(points[:, j][:, None] - axis), axis=1)]
     return points
+
+
+def _relation(region: Region, runs: int) -> dict[str, Any]:
+    """Defining relation and resolution of a fraction."""
+    words = classical.minimum_aberration(region.k, runs)[1]
+    named = [" ".join(region.names[j] for j in word) for word in words]
+    return {"resolution": len(words[0]), "defining_relation": f"1 = {' = '.join(named)}"}
 
 
 def _if_possible(request: DesignRequest, model: QuadraticModel) -> FloatArray | None:
@@ -282,6 +293,8 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
         points, plots, told = _optimal(request, model, region, prior)
     else:
         points = _classical(request, factors, request.runs)
+        if request.kind == "fractional":
+            told |= _relation(region, (request.runs or 0) - (request.centre or 0))
         if request.blocks or request.plots or request.hard:
             remedy = "Use an optimal design (--design optimal)."
             raise _wrong("classical designs come without blocks and plots", remedy, "--design", request.kind)
@@ -312,6 +325,9 @@ def _document(
     told: dict[str, Any],
 ) -> dict[str, Any]:
     warnings = [f"cannot be estimated: {alias}" for alias in report.aliases]
+    outside = int(np.count_nonzero(np.any(np.abs(points[:, list(region.numeric)]) > 1.0 + 1e-9, axis=1)))
+    if outside:
+        warnings.append(f"{outside} of {len(points)} runs lie beyond the factors' bounds")
     if report.rank == report.n_terms and report.condition_number > 1e3:
         warnings.append(f"the design is ill-conditioned (condition number {report.condition_number:.2g})")
     if report.n_runs == report.n_terms:

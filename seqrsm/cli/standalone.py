@@ -26,7 +26,7 @@ def design(
         str,
         typer.Option(
             "--design",
-            help="optimal, factorial, factorial3, ccd-face, ccd-rotatable, ccd-inscribed, box-behnken, "
+            help="optimal, factorial, fractional, factorial3, ccd-face, ccd-rotatable, ccd-inscribed, box-behnken, "
             "definitive-screening, latin-hypercube or sobol.",
         ),
     ] = "optimal",

@@ -88,6 +88,57 @@ def fractional_factorial(generators: str) -> FloatArray:
     return points
 
 
+def minimum_aberration(k: int, runs: int) -> tuple[FloatArray, tuple[tuple[int, ...], ...]]:
+    """Two-level fraction of k factors whose defining relation has the fewest short words.
+
+    Fries & Hunter (1980), Technometrics 22, 601-608: fewest words of the shortest length, among these fewest of the
+    next, and so on, by trying every choice of generators.
+
+    Parameters
+    ----------
+    k : int
+        Factors, 3 to 8.
+    runs : int
+        A power of two above k and below 2^k.
+
+    Returns
+    -------
+    points : ndarray (runs, k)
+        The first log2(runs) factors in standard order, the others products of these.
+    words : tuple of tuple of int
+        The defining relation: in each word the product of these columns is 1; shortest first. The length of the
+        shortest is the resolution.
+
+    Raises
+    ------
+    DesignError
+        There is no such fraction.
+    """
+    sizes = [2**b for b in range(2, k) if 2**b > k]
+    if not 3 <= k <= 8 or runs not in sizes:
+        remedy = f"For {k} factors there are fractions of {' or '.join(map(str, sizes))} runs." if 3 <= k <= 8 else ""
+        raise DesignError(Problem("there is no such two-level fraction (3 to 8 factors)", remedy, value=(k, runs)))
+    basic = runs.bit_length() - 1
+    products = sorted((mask for mask in range(runs) if mask.bit_count() > 1), key=lambda mask: -mask.bit_count())
+    best: tuple[list[int], list[int]] = ([k + 1] * (k + 1), [])
+    for chosen in itertools.combinations(products, k - basic):
+        words = [0]
+        for extra, mask in enumerate(chosen):
+            words += [word ^ mask ^ (1 << (basic + extra)) for word in words]
+        lengths = [word.bit_count() for word in words[1:]]
+        pattern = [lengths.count(length) for length in range(k + 1)]
+        if pattern < best[0]:
+            best = (pattern, words[1:])
+    words = best[1]
+    cube = full_factorial([2] * basic)
+    # Of the 2^e - 1 words those at places 2^i - 1 end in factor basic + i alone: they are the generators.
+    columns = [
+        np.prod(cube[:, [j for j in range(basic) if words[2**i - 1] >> j & 1]], axis=1) for i in range(k - basic)
+    ]
+    relation = (tuple(j for j in range(k) if word >> j & 1) for word in words)
+    return np.column_stack([cube, *columns]), tuple(sorted(relation, key=lambda word: (len(word), word)))
+
+
 def central_composite(
     k: int, axial: Axial = "face", centre_runs: int = 3, factorial: FloatArray | None = None
 ) -> FloatArray:

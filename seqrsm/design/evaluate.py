@@ -28,6 +28,7 @@ _SEED = 71_993
 _COVER_LEVELS = {1: 41, 2: 21, 3: 11, 4: 7}
 _ASCENTS, _SWEEPS = 4000, 60
 _LINE_PLACES, _NEWTON_STEPS = 17, 6
+_ALIASES = 6  # named in an alias; those of an unstructured design are many and small
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class DesignReport:
         |Z'Z|^(1/p) / N; N tr((Z'Z)^-1) / p; mean and largest scaled prediction variance N z'(Z'Z)^-1 z over the region;
         nan where the rank is short.
     d_efficiency, i_efficiency : float or None
-        Against the best continuous design, where tabulated.
+        Against the best continuous design, where tabulated and all runs lie in the region.
     g_efficiency : float
         p over the largest scaled prediction variance, in (0, 1].
     fraction_of_design_space : ndarray (101,)
@@ -139,12 +140,11 @@ def alias_relations(model: QuadraticModel, points: FloatArray) -> tuple[str, ...
     """Each inestimable term written as a combination of the others, as in ``"x^2 = +1 intercept"``."""
     relations = []
     for name, coefficients in _dependences(model, points):
-        parts = [
-            f"{value:+.4g} {term.name}"
-            for value, term in zip(coefficients, model.terms, strict=True)
-            if abs(value) > 1e-6
-        ]
-        relations.append(f"{name} = {' '.join(parts) or '0'}")
+        held = np.flatnonzero(np.abs(coefficients) > 1e-6)
+        largest = held[np.argsort(-np.abs(coefficients[held]), kind="stable")[:_ALIASES]]
+        parts = [f"{coefficients[t]:+.4g} {model.terms[t].name}" for t in np.sort(largest)]
+        more = f" and {len(held) - _ALIASES} others" if len(held) > _ALIASES else ""
+        relations.append(f"{name} = {' '.join(parts) or '0'}{more}")
     return tuple(relations)
 
 
@@ -194,6 +194,7 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     sample = region.sample(_SAMPLE, np.random.default_rng(_SEED))
     curve = np.quantile(prediction_variance(model, points, sample), np.linspace(0.0, 1.0, 101))
     d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
+    comparable = region.is_box and bool(np.all(region.feasible(points)))
     return DesignReport(
         n_runs=n,
         n_terms=p,
@@ -205,8 +206,8 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
         a_value=n * float(np.trace(inverse)) / p,
         i_value=i_value,
         g_value=g_value,
-        d_efficiency=d_value / d_bound if d_bound is not None and region.is_box else None,
-        i_efficiency=i_bound / i_value if i_bound is not None and region.is_box else None,
+        d_efficiency=d_value / d_bound if d_bound is not None and comparable else None,
+        i_efficiency=i_bound / i_value if i_bound is not None and comparable else None,
         g_efficiency=p / g_value,
         fraction_of_design_space=curve,
         leverage=np.sum((Z @ inverse_root) ** 2, axis=1),
@@ -215,21 +216,26 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     )
 
 
-def largest_variance(model: QuadraticModel, region: Region, inverse: FloatArray) -> tuple[float, FloatArray]:
+def largest_variance(
+    model: QuadraticModel, region: Region, inverse: FloatArray, ascents: int = _ASCENTS
+) -> tuple[float, FloatArray]:
     """Largest z'Dz over the region for D (p, p), and the places (m, k) of its highest maxima.
 
-    Best candidates, then coordinate ascent along feasible intervals.
+    Best candidates, at most ``ascents`` of them, then coordinate ascent along feasible intervals.
     """
     points = region.candidates(_COVER_LEVELS.get(len(region.continuous), 5), limit=20_000)
     rows = model.matrix(points)
     values = np.einsum("ij,jk,ik->i", rows, inverse, rows)
     # One ascent from everywhere, then from the places that these ended at: the best candidates alone may share a hill.
-    points = points[np.argsort(-values, kind="stable")[:_ASCENTS]].copy()
+    points = points[np.argsort(-values, kind="stable")[:ascents]].copy()
     best = float(values.max())
     for number in range(_SWEEPS):
         before, start = best, points.copy()
         for j in region.continuous:
-            spans, counts = region.line_intervals_of(points, j)
+            if region.is_box:
+                spans, counts = np.tile([-1.0, 1.0], (len(points), 1, 1)), np.ones(len(points), dtype=np.int64)
+            else:
+                spans, counts = region.line_intervals_of(points, j)
             way = np.zeros_like(points)
             way[:, j] = 1.0
             best = max(best, _ascend(model, inverse, points, way, spans - points[:, j][:, None, None], counts))

@@ -29,6 +29,9 @@ START_SEARCHES = 120
 START_SEARCHES_CONSTRAINED = 4
 """Local searches of a start design where constraints cut the box."""
 
+_ASCENTS = 400  # of a G-optimal search on its way; the design that it finds is judged by many more
+_ROUNDS = 300
+
 
 @dataclass(frozen=True, slots=True)
 class Design:
@@ -183,10 +186,10 @@ def _minimax(
     Z_fixed = model.matrix(fixed)
 
     def largest(D: FloatArray) -> tuple[float, FloatArray]:
-        return largest_variance(model, region, D)
+        return largest_variance(model, region, D, _ASCENTS)
 
     engine = MinimaxSearch(model, region, prior + Z_fixed.T @ Z_fixed, largest)
-    rounds = min(100 // model.p, 20) if model.p <= 10 and starts is None else 0
+    rounds = min(_ROUNDS // model.p, 20) if model.p <= 28 and starts is None else 0
     points, _ = engine.search(first, rounds, rng)
     return _described(model, points, fixed, "G", moments, prior, (1, total + rounds, seed), region)
 

@@ -126,6 +126,30 @@ def test_classical_designs_by_name(name, k, runs) -> None:
         assert np.max(found["points"]) == pytest.approx(2**0.5)
 
 
+def test_fraction_by_its_runs() -> None:
+    """2^(5-1): every two factors together are clear of each other; 2^(7-4) of resolution III."""
+    found = made("--factors", 5, "--runs", 16, "--design", "fractional")
+    X = np.array(found["points"])
+    assert (found["resolution"], found["defining_relation"]) == (5, "1 = x1 x2 x3 x4 x5")
+    np.testing.assert_array_equal(np.prod(X, axis=1), 1.0)
+    assert len(found["aliases"]) == 5  # the squares, of the intercept
+    named = made("--factor", "a=1:2", "--factor", "b=1:2", "--factor", "c=5:9", "--runs", 6, "--design", "fractional",
+                 "--centre", 2, "--order", 1)  # fmt: skip
+    assert named["defining_relation"] == "1 = a b c"
+    assert named["df_pure_error"] == 1
+    assert "resolution 3" in call("--factors", 7, "--runs", 8, "--design", "fractional", "--order", 1).stdout
+    for runs in (7, 4, 32, 64):
+        assert "8 or 16" in call("--factors", 5, "--runs", runs, "--design", "fractional", code=2).stderr
+
+
+def test_runs_beyond_the_bounds_have_no_efficiency_within_them() -> None:
+    found = made("--factors", 3, "--design", "ccd-rotatable")
+    assert found["d_efficiency"] is None
+    assert found["i_efficiency"] is None
+    assert any("6 of 17 runs lie beyond" in warning for warning in found["warnings"])
+    assert made("--factors", 3, "--design", "ccd-inscribed")["d_efficiency"] < 1.0
+
+
 @pytest.mark.parametrize("k", [3, 4, 5, 6, 7, 8])
 def test_definitive_screening_keeps_main_effects_clear(k) -> None:
     X = definitive_screening(k)

@@ -9,6 +9,7 @@ from seqrsm.design.classical import (
     fractional_factorial,
     full_factorial,
     latin_hypercube,
+    minimum_aberration,
     sobol,
 )
 from seqrsm.design.evaluate import prediction_variance
@@ -40,6 +41,28 @@ def test_fraction_has_its_defining_relation():
     np.testing.assert_array_equal(np.prod(points, axis=1), 1.0)
     assert np.linalg.matrix_rank(np.column_stack([np.ones(16), points, *interactions(points)])) == 16
     np.testing.assert_array_equal(fractional_factorial("a b -ab")[:, 2], [-1.0, 1.0, 1.0, -1.0])
+
+
+# Word-length patterns (words of length 3, 4, ...) of minimum-aberration fractions: Fries & Hunter (1980), Technometrics
+# 22, 601-608, and Chen, Sun & Wu (1993), Int. Stat. Review 61, 131-145, tables of 8-, 16-, 32- and 64-run designs.
+FRACTIONS = {
+    (3, 4): (1,), (4, 8): (0, 1), (5, 8): (2, 1, 0), (5, 16): (0, 0, 1), (6, 8): (4, 3, 0, 0), (6, 16): (0, 3, 0, 0),
+    (6, 32): (0, 0, 0, 1), (7, 8): (7, 7, 0, 0, 1), (7, 16): (0, 7, 0, 0, 0), (7, 32): (0, 1, 2, 0, 0),
+    (7, 64): (0, 0, 0, 0, 1), (8, 16): (0, 14, 0, 0, 0, 1), (8, 32): (0, 3, 4, 0, 0, 0), (8, 64): (0, 0, 2, 1, 0, 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("k", "runs"), FRACTIONS)
+def test_fractions_have_minimum_aberration(k, runs):
+    points, words = minimum_aberration(k, runs)
+    assert points.shape == (runs, k)
+    np.testing.assert_array_equal(points.T @ points, runs * np.eye(k))
+    lengths = [len(word) for word in words]
+    pattern = FRACTIONS[k, runs]
+    assert [lengths.count(3 + i) for i in range(len(pattern))] == list(pattern)
+    assert len(words) == 2 ** (k - int(np.log2(runs))) - 1 == sum(pattern)
+    for word in words:
+        np.testing.assert_array_equal(np.prod(points[:, list(word)], axis=1), 1.0)
 
 
 def interactions(points):
