@@ -22,7 +22,7 @@ from seqrsm.campaign.spec import CampaignSpec, fixed_problem
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
-from seqrsm.errors import ConfigurationError, Problem, RegionError, UserError
+from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
 from seqrsm.progress import tell
 from seqrsm.score.classification import UtilityScore
 
@@ -69,11 +69,11 @@ def write_image(
         raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
     try:
         image, scene = simulate_image(task, threads=threads)
-    except ConfigurationError as error:
+    except (ConfigurationError, ScatteringDataError) as error:
         problems = (
             fixed_problem(spec, one) if one.file is None and one.field in task.fixed else one for one in error.problems
         )
-        raise ConfigurationError(*problems) from error
+        raise type(error)(*problems) from error
     picture = picture_of(image)
     share = None
     if mask:

@@ -81,6 +81,9 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
             fail("\n".join(f"error: {problem}" for problem in error.problems), EXIT_USER_ERROR)
         except ConvergenceError as error:
             fail(f"error: {error}", EXIT_USER_ERROR)
+        except MemoryError as error:
+            what = f": {error}" if str(error) else ""
+            fail(f"error: not enough memory{what}. Use a smaller scene, or a machine with more", EXIT_USER_ERROR)
         except KeyboardInterrupt:
             fail("interrupted; every score so far is kept, and the same command goes on from here", EXIT_INTERRUPTED)
         finally:

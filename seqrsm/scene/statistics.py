@@ -109,10 +109,11 @@ def _computed(scene: Scene) -> SceneStatistics:
     size = np.sort(size[size > 0])
     half = int(np.searchsorted(np.cumsum(size), 0.5 * scene.field_id.size))
     z = scene.elevation_m
+    low, high = _ends(z)
     levels = [_rms_along(aggregated(z, factor), factor * scene.cell_m) for factor in PYRAMID]
     return SceneStatistics(
-        low_m=float(np.nanmin(z)),
-        high_m=float(np.nanmax(z)),
+        low_m=low,
+        high_m=high,
         rms_slope=rms_slope(z, scene.cell_m),
         max_slope=_largest_slope(z, scene.cell_m),
         step_slope_east=_largest_step(z, 1) / scene.cell_m,
@@ -164,7 +165,15 @@ def _largest_step(z: AnyArray, axis: int) -> float:
     step = np.abs(np.diff(z, axis=axis))
     known = step[np.isfinite(step)]
     largest = float(known.max()) if known.size else 0.0
-    return largest if known.size == step.size else float(np.nanmax(z) - np.nanmin(z))
+    if known.size == step.size:
+        return largest
+    low, high = _ends(z)
+    return high - low
+
+
+def _ends(z: AnyArray) -> tuple[float, float]:
+    """Least and largest known elevation; nan where none is known."""
+    return float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None))
 
 
 def _boundary_density(label: AnyArray, cell_m: float) -> float:

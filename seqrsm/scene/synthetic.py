@@ -10,7 +10,7 @@ import numpy as np
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
 from seqrsm.scene.fields import connected_patches, draw_index, rectangle_labels, voronoi_labels
-from seqrsm.scene.scene import HIGHEST_M, Scene
+from seqrsm.scene.scene import HIGHEST_M, MAX_CELLS, Scene
 from seqrsm.scene.terrain import fractal_terrain
 
 _TOWN = ("Buildings", "Asphalt", "Grass")
@@ -81,6 +81,9 @@ def synthetic_scene(
     if len(shares) != len(categories) or not categories or min(shares) < 0.0 or sum(shares) <= 0.0:
         message = f"{len(categories)} categories need as many shares >= 0, not all zero"
         raise SceneError(Problem(message, field="shares", value=shares))
+    if rows * cols > MAX_CELLS:
+        text = f"{rows} x {cols} cells are more than {MAX_CELLS}"
+        raise SceneError(Problem(text, "Give fewer rows or columns", field="rows", value=rows))
     if not 0 <= seed <= LARGEST_SEED:
         raise SceneError(Problem("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed))
     highest = base_m + relief_m

@@ -119,6 +119,22 @@ def test_impossible_features_are_refused(change):
         land(**change)
 
 
+def test_a_scene_too_large_is_refused_before_anything_is_drawn(tmp_path, monkeypatch):
+    given = ["scene", "synthetic", "--out", str(tmp_path / "land.npz"), "--rows", "20000", "--cols", "20000"]
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 2
+    assert "more than 100000000" in result.stderr
+
+    def none_left(*_arguments, **_options):
+        raise MemoryError("Unable to allocate 3 GiB")
+
+    monkeypatch.setattr("seqrsm.scene.synthetic.fractal_terrain", none_left)
+    result = CliRunner().invoke(app, given[:4])
+    assert result.exit_code == 2
+    assert "not enough memory: Unable to allocate 3 GiB" in result.stderr
+    assert not (tmp_path / "land.npz").exists()
+
+
 def test_the_command_draws_a_scene(tmp_path):
     out = tmp_path / "land.npz"
     given = ["scene", "synthetic", "--out", str(out), "--rows", "90", "--cols", "120", "--towns", "2", "--seed", "3"]
