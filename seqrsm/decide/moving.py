@@ -40,7 +40,7 @@ lasts for `PERSISTENT` looks."""
 
 PERSISTENT = 3
 
-SHRINK = (0.45, 0.7)
+SHRINK = (0.3, 0.6)
 """Least and largest size of the smaller box over that of the one before; strong evidence shrinks more."""
 
 RUNS_PER_TERM = 2.0
@@ -372,8 +372,12 @@ def _call_for(plan: Plan, state: RegionState, data: _Data, batch: int) -> Region
 
 
 def _shrink(strength: float) -> float:
-    """Size of the smaller box: a cubic departure falls with the third power of it, and its evidence with the sixth."""
-    return float(np.clip(0.75 * max(strength, 1.0) ** (-1.0 / 6.0), *SHRINK))
+    """Size of the smaller box.
+
+    The evidence of a cubic departure falls with the sixth power of the size. Stronger evidence shrinks twice as much as
+    that asks for: a surface with a cliff shows as much of it in the next box, too.
+    """
+    return float(np.clip(0.6 * max(strength, 1.0) ** (-1.0 / 3.0), *SHRINK))
 
 
 def _follow(plan: Plan, box: Box, view: _Inside, half: FloatArray) -> Box | None:
