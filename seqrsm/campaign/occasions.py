@@ -17,6 +17,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.records import CONFIRMATION, NewRun, RunRecord
+from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.design.region import Region
 
 STREAM_0 = 10**9
@@ -24,6 +25,9 @@ STREAM_0 = 10**9
 
 NEAR = 0.5
 """Coded distance, a quarter of a factor's range, below which settings of one occasion are kept apart."""
+
+REACH = 1.5
+"""Coded distance over which the effect of an occasion changes with the settings."""
 
 
 def occasion_of(source: str, block: str) -> int | None:
@@ -85,6 +89,20 @@ def share_occasions(runs: Sequence[NewRun], made: Sequence[RunRecord], *, size: 
         members.setdefault(number, []).append(point)
         found.append(replace(fresh, block=f"occasion {number}"))
     return found
+
+
+def similarity(factors: Sequence[Factor], points: FloatArray) -> FloatArray:
+    """Correlation (n, n) of what one occasion does to the scores at coded settings (n, k): near 1 for near ones.
+
+    A fixed shape and scale: the campaign tells the variance alone. Scores of one occasion are correlated by 0.2 to 1,
+    the less the further apart their settings are; one number for all would make differences of far settings look better
+    known than they are (``reports/speed-accuracy/common-random-numbers.md``).
+    """
+    square = np.zeros((len(points), len(points)))
+    for column, factor in zip(points.T, factors, strict=True):
+        apart = column[:, None] - column[None, :]
+        square += (apart != 0.0) if isinstance(factor, CategoricalFactor) else np.square(apart)
+    return np.asarray(np.exp(-0.5 * square / REACH**2), dtype=np.float64)
 
 
 def _alike(region: Region, one: FloatArray, other: FloatArray) -> bool:

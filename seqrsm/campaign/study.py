@@ -240,8 +240,7 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
     if spec.model.errors != "normal" or none or fitted.sources is not None:
         return None
     labels = block_labels(spec, fitted.data)
-    known = labels if fitted.blocks is None else fitted.blocks.days  # runs alone in an occasion are blocks of no name
-    names = [name for name in dict.fromkeys(labels) if name in known]
+    names = list(dict.fromkeys(labels))
     if len(names) < 2:
         return None
     level, p, fit = spec.stop.level, fitted.model.p, fitted.fit
@@ -259,7 +258,9 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
         new: BlockResponse | str = error.problems[0].message
     if days is not None:
         new = response("new", days.predict(row, level, weight=weight))
-    if fitted.blocks is not None:
+    if fitted.occasions and fitted.blocks is not None:
+        same = []  # what an occasion was like tells of none to come
+    elif fitted.blocks is not None:
         same = [response(name, fitted.blocks.predict(row, level, day=name, weight=weight)) for name in names]
     else:
         contrasts = [fit.Z[labels.index(name), p:] for name in names]

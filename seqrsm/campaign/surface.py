@@ -8,7 +8,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import ScoredRuns
-from seqrsm.campaign.occasions import occasion_of
+from seqrsm.campaign.occasions import occasion_of, similarity
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.design.factors import settings_text
@@ -231,9 +231,10 @@ def random_blocks(
     if len(set(data.sources)) > 1:
         remedy = 'Set [model] block_effect = "fixed".'
         raise FitError(Problem("random blocks are for scores of one source, here are simulations and flights", remedy))
-    labels = block_labels(spec, data)
-    if occasions_shared(data) and spec.model.block is None:
+    labels, alike = block_labels(spec, data), None
+    if occasions_shared(data):
         # Runs that share no occasion met one each, as random effects can.
         each = zip(labels, data.run_ids.tolist(), strict=True)
         labels = [f"run {run_id}" if label == "all" else label for label, run_id in each]
-    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights)
+        alike = similarity(model.factors, data.points)
+    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights, similarity=alike)

@@ -72,6 +72,8 @@ class RandomBlockPosterior:
     reml : Reml
     reason : str
         Why intervals for a new day rest on the prior; empty when there are days enough.
+    varying : bool
+        Effects vary with the settings within a day; single days cannot be asked for.
     """
 
     days: tuple[object, ...]
@@ -87,9 +89,11 @@ class RandomBlockPosterior:
     y: FloatArray
     weights: FloatArray
     index: IntArray
+    varying: bool = False
 
     def day_effects(self) -> FloatArray:
         """Posterior mean (b,) of every day's effect, shrunk towards 0."""
+        assert not self.varying
         effects = np.empty((len(self.ratios), len(self.days)))
         for c, ratio in enumerate(self.ratios):
             r = self.weights * (self.y - self.Z @ self.mean[c])
@@ -168,6 +172,7 @@ class RandomBlockPosterior:
         """
         rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
         centre, h, extra = (np.empty((rows.shape[0], len(self.ratios))) for _ in range(3))
+        assert day is None or not self.varying
         where = None if day is None else self.days.index(day)
         for c, ratio in enumerate(self.ratios):
             shifted, centre[:, c], extra[:, c] = rows, rows @ self.mean[c], ratio
@@ -192,7 +197,12 @@ class RandomBlockPosterior:
 
 
 def fit_random_blocks(
-    Z: FloatArray, y: FloatArray, days: Sequence[object], *, weights: FloatArray | None = None
+    Z: FloatArray,
+    y: FloatArray,
+    days: Sequence[object],
+    *,
+    weights: FloatArray | None = None,
+    similarity: FloatArray | None = None,
 ) -> RandomBlockPosterior:
     """Fit ``y = Z beta + u_day + e``.
 
@@ -205,6 +215,9 @@ def fit_random_blocks(
         Day of each run.
     weights : ndarray (n,), optional
         Inverse relative variances of the runs' own errors.
+    similarity : ndarray (n, n), optional
+        Correlation of a day's effects on two of its runs, positive semidefinite with ones on its diagonal: the effect
+        then varies with the settings. By default 1: the effect of a day is one number.
 
     Raises
     ------
@@ -222,7 +235,8 @@ def fit_random_blocks(
         raise FitError(Problem(f"{n} runs do not determine {p} terms and their scatter", "Add runs or drop terms."))
     index = np.array([names.index(day) for day in days], dtype=np.int64)
     ratios = np.exp(2.0 * _LOG_ROOT)
-    mean, factor, scale, log_likelihood = _given(ratios, runs := _reduce(Z, y, w, index))
+    runs = _reduce(Z, y, w, index) if similarity is None else _rotated(Z, y, w, index, similarity)
+    mean, factor, scale, log_likelihood = _given(ratios, runs)
     log_share = log_likelihood + _LOG_ROOT - np.log1p(ratios)  # half-Cauchy on sqrt(rho), times d rho / d log rho
     shares = np.exp(log_share - np.max(log_share))
     keep = shares > _NEGLIGIBLE
@@ -245,6 +259,7 @@ def fit_random_blocks(
         y,
         w,
         index,
+        similarity is not None,
     )
 
 
@@ -285,6 +300,20 @@ def _reduce(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray) -> _Re
     along /= np.sqrt(total)[:, None]
     within = np.asarray(np.linalg.qr(X - (root / np.sqrt(total)[index])[:, None] * along[index], mode="r"))
     return _Reduced(within, along, total, float(np.sum(np.log(w))), Z.shape[0])
+
+
+def _rotated(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray, similarity: FloatArray) -> _Reduced:
+    """As `_reduce` for effects that vary within a day: W^(1/2) V W^(1/2) = I + ratio Q diag(total) Q'."""
+    root = np.sqrt(w)
+    X = np.column_stack([Z, y]) * root[:, None]
+    rows, totals = [], []
+    for day in range(int(index.max()) + 1):
+        own = np.flatnonzero(index == day)
+        total, Q = np.linalg.eigh(root[own, None] * similarity[np.ix_(own, own)] * root[own])
+        rows.append(Q.T @ X[own])
+        totals.append(np.maximum(total, 0.0))
+    none = np.zeros((X.shape[1], X.shape[1]))
+    return _Reduced(none, np.vstack(rows), np.concatenate(totals), float(np.sum(np.log(w))), Z.shape[0])
 
 
 def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

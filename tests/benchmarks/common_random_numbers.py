@@ -20,7 +20,7 @@ import numpy as np
 import speed_accuracy_study as study
 from speed_accuracy_study import CROPS, LAND, PASSIVE, PERCENT, RADAR, RADAR_FACTORS, RADIOMETER, Site, synthetic
 
-from seqrsm.campaign.occasions import occasion_of, share_occasions
+from seqrsm.campaign.occasions import REACH, occasion_of, share_occasions, similarity
 from seqrsm.campaign.records import NewRun
 from seqrsm.campaign.simulation import score_by
 from seqrsm.design.optimal import optimal_design
@@ -38,8 +38,13 @@ SITES = (
     Site("land", "flat", "prm", PERCENT, (1.0,), PASSIVE, RADIOMETER,
          synthetic=synthetic(200, 15.0, LAND, 3.0, 300.0)),
 )  # fmt: skip
-WAYS = ("shared occasions, fitted as blocks", "shared occasions, blocks forgotten", "an occasion for each run")
-ASKED = ("mean", "one new run", f"mean of {SEVERAL} new runs", "difference of two settings")
+WAYS = (
+    "shared occasions, fitted as blocks",
+    "the same, one number for each block",
+    "shared occasions, blocks forgotten",
+    "an occasion for each run",
+)
+ASKED = ("mean", "one new run", f"mean of {SEVERAL} new runs", "difference of far settings", "difference of near ones")
 
 
 def points_of(site: Site) -> np.ndarray:
@@ -72,7 +77,8 @@ def coverage(site: Site, errors: np.ndarray) -> Table:
     model = QuadraticModel(region.factors, 2)
     Z, rng = model.matrix(points), np.random.default_rng(5)
     asked, other = int(np.argmax(points.sum(axis=1))), int(np.argmin(points.sum(axis=1)))
-    rows = np.vstack([Z[asked], Z[asked] - Z[other]])
+    near = int(np.argmin(np.square(points - points[asked] + [0.0, 0.67]).sum(axis=1)))
+    rows, alike = np.vstack([Z[asked], Z[asked] - Z[other], Z[asked] - Z[near]]), similarity(region.factors, points)
     hits: dict[tuple[str, str], list[tuple[bool, float]]] = {}
     numbers = np.zeros(RUNS, dtype=int)
     for _ in range(CAMPAIGNS):
@@ -84,18 +90,20 @@ def coverage(site: Site, errors: np.ndarray) -> Table:
         shared = errors[streams[numbers], np.arange(RUNS)]
         alone = errors[streams[:RUNS], np.arange(RUNS)]
         future = errors[streams[-SEVERAL:], asked]
-        with_blocks = fit_random_blocks(Z, shared, numbers.tolist())
+        with_blocks = fit_random_blocks(Z, shared, numbers.tolist(), similarity=alike)
+        one_number = fit_random_blocks(Z, shared, numbers.tolist())
         for way, predict in (
             (WAYS[0], lambda m, fit=with_blocks: fit.predict(rows, LEVEL, replicates=m, apart=True)),
-            (WAYS[1], lambda m, y=shared: fit_least_squares(Z, y, model.terms).predict(rows, LEVEL, replicates=m)),
-            (WAYS[2], lambda m, y=alone: fit_least_squares(Z, y, model.terms).predict(rows, LEVEL, replicates=m)),
+            (WAYS[1], lambda m, fit=one_number: fit.predict(rows, LEVEL, replicates=m, apart=True)),
+            (WAYS[2], lambda m, y=shared: fit_least_squares(Z, y, model.terms).predict(rows, LEVEL, replicates=m)),
+            (WAYS[3], lambda m, y=alone: fit_least_squares(Z, y, model.terms).predict(rows, LEVEL, replicates=m)),
         ):
             one, several = predict(1), predict(SEVERAL)
             for what, interval, k, truth in zip(
                 ASKED,
-                (one.confidence, one.prediction, several.prediction, one.confidence),
-                (0, 0, 0, 1),
-                (0.0, future[0], future.mean(), 0.0),
+                (one.confidence, one.prediction, several.prediction, one.confidence, one.confidence),
+                (0, 0, 0, 1, 2),
+                (0.0, future[0], future.mean(), 0.0, 0.0),
                 strict=True,
             ):
                 low, high = float(interval.low[k]), float(interval.high[k])
@@ -113,7 +121,8 @@ of their own. The intervals should cover {level:.0f} %; as the campaigns are dra
 Monte Carlo errors are some {error:.1f} points.
 
 Errors of different settings of one occasion are correlated, by {low:.2f} to {high:.2f} (mean {mean:.2f}) for the radar
-and by {low2:.2f} to {high2:.2f} (mean {mean2:.2f}) for the radiometer; a block's random effect is one number for all.
+and by {low2:.2f} to {high2:.2f} (mean {mean2:.2f}) for the radiometer: the
+nearer, the more. The random effect of a block changes with the settings accordingly, over {reach:g} coded units.
 """
 
 
@@ -128,7 +137,7 @@ def page(found: list[tuple[Site, Table, np.ndarray]]) -> str:
     lines = [
         HEAD.format(
             runs=RUNS, occasions=OCCASIONS, campaigns=CAMPAIGNS, size=SIZE, level=100 * LEVEL, error=error,
-            low=low, high=high, mean=mean, low2=low2, high2=high2, mean2=mean2,
+            reach=REACH, low=low, high=high, mean=mean, low2=low2, high2=high2, mean2=mean2,
         ),
         "| site | way | " + " | ".join(f"{what}: covered (half-width)" for what in ASKED) + " |",
         "|---|---|" + "---|" * len(ASKED),
@@ -146,18 +155,18 @@ def page(found: list[tuple[Site, Table, np.ndarray]]) -> str:
 
 
 def _words(found: list[tuple[Site, Table, np.ndarray]]) -> list[str]:
-    blocks, forgotten, alone = WAYS
-    mean, difference = ASKED[0], ASKED[3]
+    blocks, one_number, forgotten, alone = WAYS
+    mean, far, near = ASKED[0], *ASKED[3:]
     out = []
     for site, table, _ in found:
         parts = {key: 100.0 * table[key][0] for key in table}
-        gain = 1.0 - table[blocks, difference][1] / table[alone, difference][1]
-        cost = table[blocks, mean][1] / table[alone, mean][1] - 1.0
+        change = {what: 100.0 * (table[blocks, what][1] / table[alone, what][1] - 1.0) for what in (mean, far, near)}
         out.append(
             f"- {site.name}: forgetting the blocks lets the interval of the mean cover {parts[forgotten, mean]:.1f} % "
-            f"instead of {parts[blocks, mean]:.1f} %. Shared occasions make the interval of a difference "
-            f"{100 * gain:.0f} % {'shorter' if gain > 0 else 'longer'} than runs of their own do, and that of the mean "
-            f"{100 * cost:.0f} % longer."
+            f"instead of {parts[blocks, mean]:.1f} %; one number for each block lets that of the difference of far "
+            f"settings cover {parts[one_number, far]:.1f} % instead of {parts[blocks, far]:.1f} %. Against runs with "
+            f"occasions of their own, intervals are longer by {change[mean]:.0f} % (mean), {change[far]:.0f} % "
+            f"(difference of far settings) and {change[near]:.0f} % (of near ones)."
         )
     return out
 

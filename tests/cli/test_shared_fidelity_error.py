@@ -47,6 +47,19 @@ def test_a_shared_bound_widens_intervals_and_posterior(tmp_path: Path, tiny_scen
     assert wide.confidence.half_width == pytest.approx(wanted, rel=1e-6)
     assert any("may be off together, by 4 at most" in text for text in shared.warnings)
     assert not any("off together" in text for text in plain.warnings)
+    # Which intervals leave it out is said, too; flights and random blocks have their own rule.
+    said = next(text for text in shared.warnings if "off together" in text)
+    assert said.endswith("the plain confidence and prediction intervals do not.")
+    by_rung = made_by(runs, BOUND)
+    flown = [
+        replace(run, source="flight", scores=runs[i].scores) if i % 4 == 0 else run for i, run in enumerate(by_rung)
+    ]
+    flown = [
+        replace(run, scores=(replace(run.scores[0], metadata={}),)) if run.source == "flight" else run for run in flown
+    ]
+    dealt = [replace(run, block=f"occasion {1 + i % 3}") for i, run in enumerate(by_rung)]
+    for own, words in ((flown, "whose prior is [model] discrepancy_sd"), (dealt, "the posterior and the plain")):
+        assert any("off together" in text and words in text for text in analyse(spec, one, own, ()).warnings)
     draws = [
         draw_coefficients(spec, fit_application(spec, one, made_by(runs, bound)), sampler="exact", n_draws=20_000)
         for bound in (0.0, BOUND)
