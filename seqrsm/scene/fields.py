@@ -38,6 +38,10 @@ def hash_uniform(keys: ArrayLike, seed: int) -> FloatArray:
     return np.asarray((word >> np.uint64(11)).astype(np.float64) * 2.0**-53)
 
 
+_ROWS_AT_ONCE = 64
+"""Rows whose nearest centres are sought together: the work space stays small, and in the cache."""
+
+
 def _mix(z: NDArray[np.uint64] | np.uint64) -> NDArray[np.uint64]:
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -66,16 +70,18 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> IntArray
     square_row, square_col = np.divmod(number, n_cols)
     centre_row = (square_row - 2) * spacing + np.floor(hash_uniform(2 * number, seed) * spacing).astype(np.int64)
     centre_col = (square_col - 2) * spacing + np.floor(hash_uniform(2 * number + 1, seed) * spacing).astype(np.int64)
-    row, col = np.ogrid[0:rows, 0:cols]
-    best = np.full((rows, cols), np.iinfo(np.int64).max)
     label = np.zeros((rows, cols), dtype=np.int64)
-    for d_row in range(-2, 3):  # the nearest centre lies within two squares
-        for d_col in range(-2, 3):
-            candidate = (row // spacing + 2 + d_row) * n_cols + (col // spacing + 2 + d_col)
-            distance = (row - centre_row[candidate]) ** 2 + (col - centre_col[candidate]) ** 2
-            nearer = distance < best
-            best[nearer] = distance[nearer]
-            label[nearer] = candidate[nearer]
+    for first in range(0, rows, _ROWS_AT_ONCE):
+        row, col = np.ogrid[first : min(first + _ROWS_AT_ONCE, rows), 0:cols]
+        part = label[first : first + _ROWS_AT_ONCE]
+        best = np.full(part.shape, np.iinfo(np.int64).max)
+        for d_row in range(-2, 3):  # the nearest centre lies within two squares
+            for d_col in range(-2, 3):
+                candidate = (row // spacing + 2 + d_row) * n_cols + (col // spacing + 2 + d_col)
+                distance = (row - centre_row[candidate]) ** 2 + (col - centre_col[candidate]) ** 2
+                nearer = distance < best
+                best[nearer] = distance[nearer]
+                part[nearer] = candidate[nearer]
     return label
 
 
@@ -100,15 +106,17 @@ def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
         0, 1, 2, ... in the order in which patches first appear row by row.
     """
     rows, cols = keys[0].shape
-    cell = np.arange(rows * cols).reshape(rows, cols)
+    cell = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
     down, right = np.ones((rows - 1, cols), dtype=bool), np.ones((rows, cols - 1), dtype=bool)
     for key in keys:
         down &= key[1:] == key[:-1]
         right &= key[:, 1:] == key[:, :-1]
     one = np.concatenate([cell[:-1][down], cell[:, :-1][right]])
     other = np.concatenate([cell[1:][down], cell[:, 1:][right]])
-    graph = coo_array((np.ones(one.size, dtype=bool), (one, other)), shape=(cell.size, cell.size))
+    graph = coo_array((np.ones(one.size, dtype=bool), (one, other)), shape=(cell.size, cell.size)).tocsr()
+    del cell, down, right, one, other
     label = connected_components(graph, directed=False)[1]
+    del graph
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     order = np.empty(first.size, dtype=np.int32)
     order[np.argsort(first)] = np.arange(first.size, dtype=np.int32)

@@ -93,7 +93,7 @@ def fractal_terrain(
     synthesis = _Synthesis(rows, cols, seed)
     if rms_slope is not None:
         exponent = _exponent_of_slope(synthesis, cell_m, relief_m, rms_slope)
-    return relief_m * synthesis.unit_terrain(exponent)
+    return relief_m * synthesis.unit_terrain(exponent, last=True)
 
 
 class _Synthesis:
@@ -107,10 +107,17 @@ class _Synthesis:
         self.wavenumber = np.hypot(k_row[:, np.newaxis], k_col[np.newaxis, :])
         self.wavenumber[0, 0] = np.inf
 
-    def unit_terrain(self, exponent: float) -> FloatArray:
-        """Terrain between 0 and 1."""
-        amplitude = (self.wavenumber / self.wavenumber.min()) ** (-0.5 * exponent)
-        terrain = np.fft.irfft2(self.spectrum * amplitude, s=(2 * self.rows, 2 * self.cols))
+    def unit_terrain(self, exponent: float, *, last: bool = False) -> FloatArray:
+        """Terrain between 0 and 1; the last one uses the phases up, which saves a large one half of its memory."""
+        amplitude = self.wavenumber / self.wavenumber.min()
+        amplitude **= -0.5 * exponent
+        shaped = self.spectrum if last else self.spectrum.copy()
+        shaped *= amplitude
+        del amplitude
+        if last:
+            del self.spectrum, self.wavenumber
+        terrain = np.fft.irfft2(shaped, s=(2 * self.rows, 2 * self.cols))
+        del shaped
         terrain = terrain[: self.rows, : self.cols]
         return np.asarray((terrain - terrain.min()) / np.ptp(terrain))
 
