@@ -273,7 +273,8 @@ parameterization; BoFire: the largest posterior mean of 4096 points).
 *Regret* is the true optimum less the true score at the answer: median, with the quartiles. *Runs to within 1* and *0.5*
 points: from how many runs on the answer stays that good, median (never: not within the budget). *Half-width*: median of
 the 95 % interval of the mean score at the answer, and in how many campaigns it *covers* the truth (Gaussian-process
-packages: 1.96 posterior standard deviations). *CPU s*: a whole campaign, one thread, on a machine with other load.
+packages: 1.96 posterior standard deviations). *CPU s*: a whole campaign, one thread, on a machine with other load;
+median.
 Versions: {versions}.
 
 | surface | package | campaigns | regret (quartiles) | runs to within 1 | 0.5 | half-width | covers | CPU s |
@@ -308,12 +309,14 @@ def write(rows: list[dict[str, str]], folder: Path, given: argparse.Namespace) -
             interval = f"{width:.2f} | {100 * np.mean(of('covered')):.0f} %" if np.isfinite(width) else "none | "
             lines.append(
                 f"| {name} | {peer} | {len(some)} | {quartiles[1]:.2f} ({quartiles[0]:.2f}-{quartiles[2]:.2f}) | "
-                f"{runs('runs_to_1')} | {runs('runs_to_half')} | {interval} | {np.median(of('cpu_s')):.1f} |"
+                f"{runs('runs_to_1')} | {runs('runs_to_half')} | {interval} | {np.median(of('cpu_s')):.2g} |"
             )
     profile(rows, folder / "profile.png")
     notes = folder / "notes.md"
     tail = "\n" + notes.read_text(encoding="utf-8") if notes.exists() else ""
-    head = HEAD.format(repeats=given.repeats, runs=given.runs, sigma=given.sigma, versions=", ".join(versions))
+    head = HEAD.format(
+        repeats=len({row["seed"] for row in rows}), runs=given.runs, sigma=given.sigma, versions=", ".join(versions)
+    )
     picture = """
 ![Share of campaigns whose answer stays within 1 point, against runs](profile.png)
 
