@@ -106,21 +106,22 @@ def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
         0, 1, 2, ... in the order in which patches first appear row by row.
     """
     rows, cols = keys[0].shape
-    cell = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
-    down, right = np.ones((rows - 1, cols), dtype=bool), np.ones((rows, cols - 1), dtype=bool)
+    # Runs of like cells in a row stand for their cells: there are far fewer of them.
+    starts, down = np.zeros((rows, cols), dtype=bool), np.ones((rows - 1, cols), dtype=bool)
+    starts[:, 0] = True
     for key in keys:
+        starts[:, 1:] |= key[:, 1:] != key[:, :-1]
         down &= key[1:] == key[:-1]
-        right &= key[:, 1:] == key[:, :-1]
-    one = np.concatenate([cell[:-1][down], cell[:, :-1][right]])
-    other = np.concatenate([cell[1:][down], cell[:, 1:][right]])
-    graph = coo_array((np.ones(one.size, dtype=bool), (one, other)), shape=(cell.size, cell.size)).tocsr()
-    del cell, down, right, one, other
+    run = np.cumsum(starts.ravel(), dtype=np.int32).reshape(rows, cols) - np.int32(1)
+    # Two runs that touch do so from where one of them starts.
+    down &= starts[1:] | starts[:-1]
+    n_runs = int(run[-1, -1]) + 1
+    graph = coo_array((np.ones(int(down.sum()), dtype=bool), (run[:-1][down], run[1:][down])), shape=(n_runs, n_runs))
     label = connected_components(graph, directed=False)[1]
-    del graph
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     order = np.empty(first.size, dtype=np.int32)
     order[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
-    return np.asarray(order[inverse].reshape(rows, cols))
+    return np.asarray(order[inverse][run])
 
 
 def draw_index(keys: ArrayLike, shares: Sequence[float], *, seed: int) -> IntArray:
