@@ -54,8 +54,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     meet the tolerance; or a rung "F0" to "F4", see :mod:`seqrsm.simulate.fidelity`); ``common_random_numbers`` (none:
     each run meets an occasion of its own): so many runs, at least 2, share an occasion and all its random numbers, and
     are a random block of the fit, whose effect changes smoothly with the settings (beside flights, a constant);
-    settings are then compared more sharply and their mean is known less well, see ``reports/speed-accuracy``;
-    ``fixed``: every sensor parameter that is no factor.
+    settings are then compared more sharply, see ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is
+    no factor.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
 ``[stop]``

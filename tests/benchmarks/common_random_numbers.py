@@ -68,6 +68,12 @@ def measured(site: Site, kept: dict[str, list[list[float]]]) -> np.ndarray:
     return scores - scores.mean(axis=0)
 
 
+def pairs_of(points: np.ndarray) -> tuple[int, int, int]:
+    """Numbers of the setting that is asked for, of a far one, and of a near one."""
+    asked, other = int(np.argmax(points.sum(axis=1))), int(np.argmin(points.sum(axis=1)))
+    return asked, other, int(np.argmin(np.square(points - points[asked] + [0.0, 0.67]).sum(axis=1)))
+
+
 Table = dict[tuple[str, str], tuple[float, float]]
 
 
@@ -76,8 +82,7 @@ def coverage(site: Site, errors: np.ndarray) -> Table:
     region, points = study.region_of(site), points_of(site)
     model = QuadraticModel(region.factors, 2)
     Z, rng = model.matrix(points), np.random.default_rng(5)
-    asked, other = int(np.argmax(points.sum(axis=1))), int(np.argmin(points.sum(axis=1)))
-    near = int(np.argmin(np.square(points - points[asked] + [0.0, 0.67]).sum(axis=1)))
+    asked, other, near = pairs_of(points)
     rows, alike = np.vstack([Z[asked], Z[asked] - Z[other], Z[asked] - Z[near]]), similarity(region.factors, points)
     hits: dict[tuple[str, str], list[tuple[bool, float]]] = {}
     numbers = np.zeros(RUNS, dtype=int)
@@ -158,15 +163,26 @@ def _words(found: list[tuple[Site, Table, np.ndarray]]) -> list[str]:
     blocks, one_number, forgotten, alone = WAYS
     mean, far, near = ASKED[0], *ASKED[3:]
     out = []
-    for site, table, _ in found:
+    for site, table, errors in found:
+        asked, far_one, near_one = pairs_of(points_of(site))
+        taken = similarity(study.region_of(site).factors, points_of(site))[asked]
+        measured_as = np.corrcoef(errors.T)[asked]
         parts = {key: 100.0 * table[key][0] for key in table}
         change = {what: 100.0 * (table[blocks, what][1] / table[alone, what][1] - 1.0) for what in (mean, far, near)}
         out.append(
             f"- {site.name}: forgetting the blocks lets the interval of the mean cover {parts[forgotten, mean]:.1f} % "
             f"instead of {parts[blocks, mean]:.1f} %; one number for each block lets that of the difference of far "
             f"settings cover {parts[one_number, far]:.1f} % instead of {parts[blocks, far]:.1f} %. Against runs with "
-            f"occasions of their own, intervals are longer by {change[mean]:.0f} % (mean), {change[far]:.0f} % "
-            f"(difference of far settings) and {change[near]:.0f} % (of near ones)."
+            f"occasions of their own, the length of intervals changes by {change[mean]:+.0f} % (mean), "
+            f"{change[far]:+.0f} % (difference of far settings) and {change[near]:+.0f} % (of near ones). Errors of "
+            f"the far settings are correlated by {measured_as[far_one]:.2f}, where the fit takes {taken[far_one]:.2f} "
+            f"of the block's share; of the near ones by {measured_as[near_one]:.2f} and {taken[near_one]:.2f}"
+            + (
+                ": near settings differ by more of their own than one law for the region says, which few and coarse "
+                "pixels on a small site make, and the interval of their difference covers too little."
+                if parts[blocks, near] < 92.0
+                else "."
+            )
         )
     return out
 
