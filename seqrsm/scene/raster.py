@@ -21,6 +21,7 @@ _PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _NODATA = 33550, 33922, 34264, 3
 _MODEL_TYPE, _RASTER_TYPE, _PROJECTED_CS, _LINEAR_UNITS = 1024, 1025, 3072, 3076
 _GEOGRAPHIC, _PIXEL_IS_POINT, _METRE = 2, 2, 9001
 _USER_DEFINED: Final = 32767
+_ROWS_AT_ONCE = 256
 _MOST_TOLD: Final = 10
 
 
@@ -112,19 +113,20 @@ def import_scene(
         text = "cover codes must be whole numbers"
         remedy = "Is this the raster of ground cover?"
         raise SceneError(Problem(text, remedy, str(cover), value=float(codes[codes != np.rint(codes)][0])))
-    codes = codes.astype(np.int64)
+    if codes.dtype.kind not in "iu":
+        codes = codes.astype(np.int64)
     indices = _categories(codes, known, category_of, str(legend))
-    z = _bilinear(height, x, y).astype(np.float32)
+    z = _bilinear(height, x, y)
     kelvin = None
     if temperature is not None:
         warmth = read_geotiff(temperature)
         _same_system(height, warmth, str(temperature))
-        kelvin = _bilinear(warmth, x, y, beyond=np.nan).astype(np.float32)
+        kelvin = _bilinear(warmth, x, y, beyond=np.nan)
     wet = None
     if moisture is not None:
         soil = read_geotiff(moisture)
         _same_system(height, soil, str(moisture))
-        wet = _bilinear(soil, x, y, beyond=np.nan).astype(np.float32)
+        wet = _bilinear(soil, x, y, beyond=np.nan)
     files = [file for file in (elevation, cover, temperature, moisture) if file is not None]
     scene = Scene(
         elevation_m=z,
@@ -312,15 +314,23 @@ def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, An
     return np.where(known, values, 0), known
 
 
-def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | None = None) -> FloatArray:
-    """Values at points by straight lines between cell centres, held at the rim; nan beside a cell of no data.
+def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | None = None) -> AnyArray:
+    """Values at points, float32, by straight lines between cell centres, held at the rim; nan beside no data.
 
     Points outside the raster take ``beyond``, or hold the rim's value where it is None.
     """
-    values = raster.values.astype(np.float64)
-    if raster.nodata is not None:
-        values[raster.values == raster.nodata] = np.nan
-    rows, cols = values.shape
+    out = np.empty((len(y), len(x)), dtype=np.float32)
+    for first in range(0, len(y), _ROWS_AT_ONCE):
+        own = slice(first, first + _ROWS_AT_ONCE)
+        out[own] = _bilinear_rows(raster, x, y[own])
+    if beyond is not None:
+        left, bottom, right, top = raster.bounds
+        out[~((y >= bottom) & (y <= top))[:, None] | ~((x >= left) & (x <= right))[None, :]] = beyond
+    return out
+
+
+def _bilinear_rows(raster: Raster, x: FloatArray, y: FloatArray) -> FloatArray:
+    rows, cols = raster.values.shape
     c = np.clip((x - raster.left) / raster.step_x - 0.5, 0.0, cols - 1.0)
     r = np.clip((raster.top - y) / raster.step_y - 0.5, 0.0, rows - 1.0)
     i, j = np.minimum(r.astype(np.int64), max(rows - 2, 0)), np.minimum(c.astype(np.int64), max(cols - 2, 0))
@@ -329,18 +339,17 @@ def _bilinear(raster: Raster, x: FloatArray, y: FloatArray, *, beyond: float | N
     for di, wr in ((0, 1.0 - fr), (1, fr)):
         for dj, wc in ((0, 1.0 - fc), (1, fc)):
             weight = wr * wc
-            part = values[np.ix_(np.minimum(i + di, rows - 1), np.minimum(j + dj, cols - 1))]
+            found = raster.values[np.ix_(np.minimum(i + di, rows - 1), np.minimum(j + dj, cols - 1))]
+            part = found.astype(np.float64)
+            if raster.nodata is not None:
+                part[found == raster.nodata] = np.nan
             # A neighbour without weight may be without data.
             out += np.where(weight > 0.0, weight * part, 0.0)
-    if beyond is not None:
-        left, bottom, right, top = raster.bounds
-        out[~((y >= bottom) & (y <= top))[:, None] | ~((x >= left) & (x <= right))[None, :]] = beyond
     return out
 
 
 def _categories(codes: AnyArray, known: AnyArray, category_of: Mapping[int, int], legend: str) -> AnyArray:
     """Index of the category of every cell."""
-    found, place = np.unique(codes, return_inverse=True)
     used = np.unique(codes[known])
     missing = [int(code) for code in used if int(code) not in category_of]
     if missing:
@@ -353,7 +362,8 @@ def _categories(codes: AnyArray, known: AnyArray, category_of: Mapping[int, int]
             text = f"{len(missing) - _MOST_TOLD} more codes are missing"
             problems.append(Problem(text, "Is this the raster of ground cover?", legend, field="code"))
         raise SceneError(*problems)
-    index = np.array([category_of.get(int(code), NO_COVER) for code in found], dtype=np.uint8)[place].reshape(
-        codes.shape
-    )
-    return np.where(known, index, np.uint8(NO_COVER))
+    out = np.full(codes.shape, NO_COVER, dtype=np.uint8)
+    category = np.array([category_of[int(code)] for code in used], dtype=np.uint8)
+    for mine, theirs, seen in zip(out, codes, known, strict=True):
+        mine[seen] = category[np.searchsorted(used, theirs[seen])]
+    return out
