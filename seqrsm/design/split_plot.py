@@ -24,7 +24,7 @@ FIXED_BLOCKS = 1e4
 _COARSE = 3
 _STARTS, _KEPT, _ROUNDS = 96, 12, 4
 _PASSES = 25
-_GAIN = 1e-9
+_GAIN, _SAME = 1e-9, 1e-8
 _ZOOMS = (0.2, 0.05)
 
 
@@ -93,19 +93,27 @@ def split_plot_design(
     points = engine.start(starts, rng)
     values = engine.exchange(points, _COARSE)
     for _ in range(_ROUNDS):
-        best = np.argsort(-values, kind="stable")[:_KEPT]
+        best = _best(values, _KEPT)
         points, values = points[best], values[best]
         others = engine.perturb(np.repeat(points, max(starts // _KEPT // 2, 1), axis=0), rng)
         points = np.concatenate([points, others])
         values = np.concatenate([values, engine.exchange(others, _COARSE)])
-    best = np.argsort(-values, kind="stable")[:3]
-    points = points[best]
+    # On finer levels the order may change: designs that are best on coarse ones differ in what they gain.
+    points = points[_best(values, _KEPT)]
     values = engine.exchange(points, 5)
     for radius in _ZOOMS:
         values = engine.exchange(points, _COARSE, radius)
     if not np.isfinite(values.max()):
         raise DesignError(Problem("every design tried was singular", "Ask for more runs or more plots."))
     found: FloatArray = points[int(np.argmax(values))]
+    return found
+
+
+def _best(values: FloatArray, count: int) -> IntArray:
+    """Indices of the best values, at most ``count``, equal ones once: copies of one design crowd out all others."""
+    order = np.argsort(-values, kind="stable")[: max(int(np.count_nonzero(np.isfinite(values))), 1)]
+    fresh = np.append(True, np.abs(np.diff(values[order])) > _SAME * np.abs(values[order[1:]]))
+    found: IntArray = order[fresh][:count]
     return found
 
 
