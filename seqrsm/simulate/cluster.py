@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -66,9 +67,12 @@ def run_on_cluster(
             if future.cancelled() or future.status == "lost":
                 raise _lost(address)
             try:
-                yield index_of[future.key], future.result()
+                result: R | Lost = future.result()
             except KilledWorker as error:
-                yield index_of[future.key], Lost(f"the workers that ran it died: {error}")
+                result = Lost(f"the workers that ran it died: {error}")
+            except CancelledError as error:  # the connection broke after the question above
+                raise _lost(address) from error
+            yield index_of[future.key], result
     except OSError as error:
         raise _lost(address) from error
     finally:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -140,6 +141,15 @@ def test_a_campaign_scores_the_same_on_a_cluster_that_goes_away_in_mid_run(addre
         assert {run.state for run in store.runs()} == {"scored", "issued"}
     call("simulate", tiny, "--cluster", address)
     assert scores(tiny) == expected  # to the last bit
+
+
+def test_a_connection_that_breaks_between_the_end_of_a_run_and_its_result(address, monkeypatch):
+    def broken(_future: object, timeout: float | None = None) -> None:
+        raise CancelledError("scheduler-connection-lost")
+
+    monkeypatch.setattr("distributed.Future.result", broken)
+    with pytest.raises(UserError, match="lost while runs were under way"):
+        list(run_many(cluster_jobs.draw, range(3), cluster=address))
 
 
 def test_no_scheduler_at_all(monkeypatch):
