@@ -144,7 +144,7 @@ def test_a_campaign_scores_the_same_on_a_cluster_that_goes_away_in_mid_run(addre
 
 
 def test_a_connection_that_breaks_between_the_end_of_a_run_and_its_result(address, monkeypatch):
-    def broken(_future: object, timeout: float | None = None) -> None:
+    def broken(_future: object) -> None:
         raise CancelledError("scheduler-connection-lost")
 
     monkeypatch.setattr("distributed.Future.result", broken)
