@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,12 +36,16 @@ def occasion_of(source: str, block: str) -> int | None:
     return None if found is None else int(found[1])
 
 
+def shared_occasions(runs: Iterable[tuple[str, str]]) -> dict[int, int]:
+    """Numbers of the occasions that two or more of the runs share, and of how many; a run: its source and block."""
+    members = Counter(number for run in runs if (number := occasion_of(*run)) is not None)
+    return {number: n for number, n in members.items() if n > 1}
+
+
 def sharing(runs: Sequence[RunRecord]) -> tuple[int, int]:
     """How many scored runs share an occasion with another one, and how many occasions those are."""
-    scored = [run for run in runs if run.state == "scored"]
-    members = Counter(number for run in scored if (number := occasion_of(run.source, run.block)) is not None)
-    shared = [n for n in members.values() if n > 1]
-    return sum(shared), len(shared)
+    shared = shared_occasions((run.source, run.block) for run in runs if run.state == "scored")
+    return sum(shared.values()), len(shared)
 
 
 def share_occasions(runs: Sequence[NewRun], made: Sequence[RunRecord], *, size: int, region: Region) -> list[NewRun]:

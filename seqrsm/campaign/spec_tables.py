@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -56,6 +56,16 @@ class Table(BaseModel):
     """A table: exact types, no unknown keys, never changed."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    LATER: ClassVar[tuple[str, ...]] = ()
+    """Keys that earlier versions did not know."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
+        """Without later keys that hold their default, so that a specification keeps the hash it has always had."""
+        fields = type(self).model_fields
+        unused = {key for key in self.LATER if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
+        return {key: value for key, value in serialise(self).items() if key not in unused}
 
 
 Criterion = Literal["optimum", "D", "I", "thompson", "steepest"]
@@ -124,10 +134,7 @@ class KnowledgeSpec(Table):
     optimum: dict[str, Number | ExpectedOptimum] = Field(default_factory=dict)
     effect: dict[str, Annotated[list[Bound], Field(min_length=2, max_length=2)]] = Field(default_factory=dict)
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
-        """Without ``effect`` where none is stated, so that earlier specifications keep their hash."""
-        return {key: value for key, value in serialise(self).items() if key != "effect" or value}
+    LATER = ("effect",)
 
 
 class ApplicationSpec(Table):
@@ -244,10 +251,7 @@ class SimulatorSpec(Table):
     common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
     fixed: dict[str, Number | str] = Field(default_factory=dict)
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
-        """Without ``common_random_numbers`` where none are, so that earlier specifications keep their hash."""
-        return {key: value for key, value in serialise(self).items() if key != "common_random_numbers" or value}
+    LATER = ("common_random_numbers",)
 
 
 class CostSpec(Table):
@@ -269,6 +273,8 @@ class StopSpec(Table):
     confirmation_runs: Annotated[int, Field(ge=2)] = 5
     lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
     futility: Literal["tell", "stop"] = "tell"
+
+    LATER = ("futility",)
 
 
 class StoreTable(Table):

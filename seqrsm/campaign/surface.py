@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import ScoredRuns
-from seqrsm.campaign.occasions import occasion_of, similarity
+from seqrsm.campaign.occasions import occasion_of, shared_occasions, similarity
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.design.factors import settings_text
@@ -41,11 +39,11 @@ def block_labels(spec: CampaignSpec, data: ScoredRuns, *, with_source: bool = Tr
     """
     source_too = with_source and len(set(data.sources)) > 1
     with_block = spec.model.block is not None
-    members = Counter(zip(data.sources, data.blocks, strict=True))
+    together = shared_occasions(zip(data.sources, data.blocks, strict=True))
     found = []
     for source, block in zip(data.sources, data.blocks, strict=True):
-        shared = occasion_of(source, block) is not None
-        counts = members[source, block] > 1 if shared else with_block
+        number = occasion_of(source, block)
+        counts = with_block if number is None else number in together
         found.append(" ".join(part for part in (source if source_too else "", block if counts else "") if part))
     return [label or "all" for label in found]
 
@@ -67,8 +65,7 @@ def columns_within_sources(spec: CampaignSpec, data: ScoredRuns) -> FloatArray:
 
 def occasions_shared(data: ScoredRuns) -> int:
     """How many occasions the simulated runs share; 0 where each run has its own."""
-    members = Counter(zip(data.sources, data.blocks, strict=True))
-    return sum(n > 1 and occasion_of(source, block) is not None for (source, block), n in members.items())
+    return len(shared_occasions(zip(data.sources, data.blocks, strict=True)))
 
 
 def response_scale(spec: CampaignSpec, data: ScoredRuns) -> ResponseScale:

@@ -232,10 +232,7 @@ def largest_variance(
     for number in range(_SWEEPS):
         before, start = best, points.copy()
         for j in region.continuous:
-            if region.is_box:
-                spans, counts = np.tile([-1.0, 1.0], (len(points), 1, 1)), np.ones(len(points), dtype=np.int64)
-            else:
-                spans, counts = region.line_intervals_of(points, j)
+            spans, counts = region.line_intervals_of(points, j)
             way = np.zeros_like(points)
             way[:, j] = 1.0
             best = max(best, _ascend(model, inverse, points, way, spans - points[:, j][:, None, None], counts))

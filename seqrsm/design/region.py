@@ -277,6 +277,8 @@ class Region:
 
     def line_intervals_of(self, points: FloatArray, j: int) -> tuple[FloatArray, IntArray]:
         """Feasible intervals of factor ``j`` through each of the points (n, k): spans (n, m, 2) and counts (n,)."""
+        if self.is_box and self.axes[j] is None:
+            return np.tile([-1.0, 1.0], (len(points), 1, 1)), np.ones(len(points), dtype=np.int64)
         return search.line_intervals(points, j, self.axes[j], self._line_slack)
 
     def centre(self) -> FloatArray:

@@ -15,6 +15,7 @@ from seqrsm.report.phrases import number_cell, run_decimals, watched_interval, w
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
     axis_label,
+    counted,
     describe_factor,
     fixed_label,
     fixed_unit,
@@ -102,15 +103,15 @@ def data_section(dossier: Dossier) -> Section:
     scored = [run for run in runs if run.state == "scored"]
     sources = Counter(run.source for run in scored)
     counts = listing([f"{count} {state}" for state, count in states.items()])
-    batches = _counted(len({run.batch for run in runs}), "batch", "batches")
-    text = f"The campaign holds {_counted(len(runs), 'run', 'runs')} in {batches}: {counts}."
+    batches = counted(len({run.batch for run in runs}), "batch", "batches")
+    text = f"The campaign holds {counted(len(runs), 'run')} in {batches}: {counts}."
     if sources:
-        parts = [_counted(count, source, f"{source}s") for source, count in sources.items()]
+        parts = [counted(count, source) for source, count in sources.items()]
         text += f" The scores come from {listing(parts)}."
     shared, occasions = sharing(runs)
     if shared:
         text += (
-            f" {shared} simulated runs share the random numbers of {_counted(occasions, 'occasion', 'occasions')} "
+            f" {shared} simulated runs share the random numbers of {counted(occasions, 'occasion')} "
             "(common random numbers), which are blocks of the fit."
         )
     blocks: list[Block] = [Paragraph(text), _batch_table(runs)]
@@ -134,10 +135,6 @@ def run_section(dossier: Dossier) -> Section:
     )
     note = Paragraph(f"The report shows the last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
     return Section("runs", "The last runs", (note, block), new_page=True)
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
 
 
 def _batch_table(runs: Sequence[RunRecord]) -> Table:

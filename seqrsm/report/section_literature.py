@@ -42,7 +42,7 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
         ]
     count = len(found.start.entries)
     text = (
-        f"{analysis.application}: {count} {kind} {'entry' if count == 1 else 'entries'} of Tables A.1 to A.20 of "
+        f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} of Tables A.1 to A.20 of "
         f"RSL TR 380-1 found for \u201c{found.asked}\u201d ({found.reason}). "
     )
     blocks: list[Block] = [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]

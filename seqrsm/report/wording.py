@@ -16,9 +16,9 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def counted(n: int, noun: str) -> str:
-    """Return ``"1 cover"`` or ``"3 covers"``."""
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+def counted(n: int, one: str, many: str = "") -> str:
+    """Return ``"1 cover"`` or ``"3 covers"``; ``many`` where that is not ``one`` with an s."""
+    return f"{n} {one if n == 1 else many or f'{one}s'}"
 
 
 def readable(name: str) -> str:

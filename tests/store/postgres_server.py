@@ -24,14 +24,13 @@ def find_server() -> Path | None:
 def running(programs: Path) -> Iterator[str]:
     """Address of an empty data base, as long as the block runs."""
     folder = Path(tempfile.mkdtemp(prefix="pg"))  # short: a socket's path has 107 bytes at most
-    as_server: list[str] = []
-    if os.geteuid() == 0:  # the server refuses to be root
-        shutil.chown(folder, "postgres")
-        as_server = ["runuser", "-u", "postgres", "--"]
+    user = "postgres" if os.geteuid() == 0 else None  # the server refuses to be root
+    if user is not None:
+        shutil.chown(folder, user)
 
     def call(program: str, *arguments: str) -> None:
-        command = [*as_server, str(programs / program), *arguments]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/")
+        command = [str(programs / program), *arguments]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/", user=user, group=user)
 
     data = str(folder / "data")
     try:

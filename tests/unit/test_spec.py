@@ -163,6 +163,14 @@ def test_mark_and_line_ends_of_other_editors(load):
     assert load(GOOD.replace("\n", "\r\n")).spec_hash == spec.spec_hash
 
 
+def test_keys_that_came_later_leave_the_hash_of_earlier_campaigns_alone(load):
+    # As version 0.1 of 2026-11-21 wrote it into exports, which only a specification of this hash takes in again.
+    before = "85cf2a7ba644b4645c193c86e0376ffacb6a099cc0a5a14079d270cf907773f6"
+    assert load(GOOD).spec_hash == before
+    assert load(GOOD.replace("[stop]\n", '[stop]\nfutility = "tell"\n')).spec_hash == before
+    assert load(GOOD.replace("[stop]\n", '[stop]\nfutility = "stop"\n')).spec_hash != before
+
+
 def test_hash_is_of_the_content(load):
     spec = load(GOOD)
     assert load("# comment\n" + GOOD.replace("low = 1.2", "low   = 1.20")).spec_hash == spec.spec_hash
