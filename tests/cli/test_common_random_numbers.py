@@ -12,8 +12,10 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+from seqrsm.campaign import rehearsal
 from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.posterior import draw_coefficients
 from seqrsm.campaign.records import CONFIRMATION
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
 from seqrsm.campaign.spec import load_spec
@@ -58,13 +60,16 @@ def test_every_run_says_which_occasion_it_shares(done: Path) -> None:
 def test_the_fit_takes_occasions_as_random_blocks_whatever_the_file_says_later(done: Path) -> None:
     code, out, _ = call("fit", done, "--json")
     assert code == 0
-    blocks = json.loads(out)["blocks"]
-    assert blocks["effect"] == "random"
+    assert json.loads(out)["blocks"]["effect"] == "random"
     campaign = Campaign.open(done)
     runs, one = campaign.store.runs(), campaign.spec.applications[0]
     fitted = fit_application(campaign.spec, one, runs)
     assert fitted.blocks is not None
     assert fitted.occasions >= 3
+    # Repeats stand in different occasions, and are pure error all the same; occasions are no terms of the model.
+    assert fitted.fit.df_pure_error > replace(fitted.fit, crossed_blocks=False).df_pure_error
+    reasons = campaign.analyse_all(one.name)[0].decision.reasons
+    assert any(f"runs for {fitted.model.p} terms" in reason for reason in reasons)
     simulator = campaign.spec.simulator.model_copy(update={"common_random_numbers": None})
     model = campaign.spec.model.model_copy(update={"region": "fixed"})
     off = fit_application(replace(campaign.spec, simulator=simulator, model=model), one, runs)
@@ -104,6 +109,23 @@ def test_beside_flights_occasions_are_constants_that_leave_the_flights_alone(don
         fit_application(spec, one, [*(replace(run, block="") for run in own), *flown]) for own in (plain, moved)
     ]
     assert np.abs(forgotten[1].beta - forgotten[0].beta).max() > 1.0
+
+
+def test_a_rehearsed_run_has_the_scatter_of_occasions_too(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = {}
+    own = rehearsal.rehearse
+
+    def spy(*arguments: object, **options: object) -> object:
+        given.update(options)
+        return own(*arguments, **options)
+
+    monkeypatch.setattr(rehearsal, "rehearse", spy)
+    campaign = Campaign.open(done)
+    notes = rehearsal.rehearse_campaign(campaign, 2, lambda _done, _total: None)["notes"]
+    assert any("block of its own" in note for note in notes)
+    fitted = fit_application(campaign.spec, campaign.spec.applications[0], campaign.store.runs())
+    draws = draw_coefficients(campaign.spec, fitted, sampler="exact", n_draws=2000)
+    np.testing.assert_allclose(given["sigma_draws"] ** 2, draws.sigma**2 + draws.sigma_block**2, rtol=1e-12)
 
 
 def test_status_and_report_say_it_in_words(done: Path) -> None:

@@ -139,6 +139,14 @@ def test_winds_that_the_table_lacks_are_refused_before_a_run_draws_them(campaign
     scene = load_scene(folder / "scene.npz")
     save_scene(dataclasses.replace(scene, categories=("Water", *scene.categories[1:])), folder / "scene.npz")
     refused(folder, "Water", "2 to 10 m/s", "wind_high_m_s", command="check")
+    # Also a wind that hardly any run would draw.
+    text = (
+        (folder / "campaign.toml")
+        .read_text(encoding="utf-8")
+        .replace("wind_high_m_s = 14.0", "wind_high_m_s = 10.0001")
+    )
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    refused(folder, "Water", "2 to 10 m/s", "wind_high_m_s", command="check")
 
 
 def test_film_and_calibrations_make_the_grey_tones_of_the_report(campaign):

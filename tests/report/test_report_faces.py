@@ -21,7 +21,7 @@ from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.spec_tables import StopSpec
 from seqrsm.cli.show_fit import decision_heading
-from seqrsm.report import write_report
+from seqrsm.report import drawing, figures_study, write_report
 from seqrsm.report.blocks import (
     Bullets,
     Cell,
@@ -39,6 +39,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.section_data import question_section
+from seqrsm.report.wording import counted
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -425,3 +426,13 @@ def test_a_report_of_very_many_runs_shows_the_last_and_says_so(simulated, monkey
     assert f"last {total - 3} of {total} runs" in note.text
     (table,) = details.blocks
     assert [row[0].text for row in table.rows] == [str(run.run_id) for run in simulated.runs[3:]]
+
+
+def test_the_colours_named_under_the_picture_of_the_place_are_those_drawn():
+    for name, color in figures_study._COLORS.values():
+        assert color == getattr(drawing, name.upper())
+
+
+def test_counted_nouns():
+    assert [counted(n, "cover") for n in (0, 1, 2)] == ["0 covers", "1 cover", "2 covers"]
+    assert [counted(n, "batch", "batches") for n in (1, 3)] == ["1 batch", "3 batches"]

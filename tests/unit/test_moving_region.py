@@ -108,6 +108,12 @@ def test_region_shrinks_around_the_hump_and_the_history_says_so() -> None:
     assert filled[-1] == state.box
 
 
+def test_stronger_evidence_asks_for_a_smaller_box() -> None:
+    # Three sizes of evidence: at the limit, eight times it, and beyond what shrinks further.
+    sizes = [moving._shrink(1.0), moving._shrink(2.0), moving._shrink(8.0), moving._shrink(1e9), moving._shrink(0.1)]
+    np.testing.assert_allclose(sizes, [0.6, 0.6 / 2.0 ** (1.0 / 3.0), 0.3, 0.3, 0.6], rtol=1e-14)
+
+
 def test_state_depends_on_the_runs_and_not_on_how_often_one_looks() -> None:
     X, y, batches = dense()
     plan = Plan(PAIR, max_runs=400)

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from seqrsm.campaign.occasions import NEAR, occasion_of, share_occasions, sharing
+from seqrsm.campaign.occasions import occasion_of, share_occasions, sharing, similarity
 from seqrsm.campaign.records import CONFIRMATION, NewRun, RunRecord
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
@@ -41,7 +41,7 @@ def test_occasions_are_no_larger_than_asked_and_hold_no_two_alike(n: int, size: 
     for one, other in combinations(dealt, 2):
         if one.block == other.block:
             gap = np.abs(REGION.code([one.settings])[0] - REGION.code([other.settings])[0])
-            assert max(gap[:2]) >= NEAR
+            assert max(gap[:2]) >= 0.5  # a quarter of the range
 
 
 def test_repeats_meet_different_occasions_also_in_later_batches() -> None:
@@ -73,6 +73,13 @@ def test_only_runs_that_share_are_counted() -> None:
     members = Counter(run.block for run in dealt)
     assert sharing(runs) == (sum(n for n in members.values() if n > 1), sum(n > 1 for n in members.values()))
     assert sharing([record(1, run, "issued") for run in dealt]) == (0, 0)
+
+
+def test_an_occasion_does_less_alike_the_further_settings_are_apart() -> None:
+    """exp(-d^2 / (2 1.5^2)) of the coded distance d; another level is as far as half a range."""
+    points = np.array([[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+    expected = np.exp([0.0, -0.5, -0.5 / 2.25, -1.5 / 2.25])
+    np.testing.assert_allclose(similarity(REGION.factors, points)[0], expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(5))
