@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import _thread
 import functools
 import io
 import json
 import math
 import os
+import signal
 import sys
 import textwrap
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
@@ -35,6 +38,9 @@ from seqrsm.progress import listening
 EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
+_INTERRUPTED = "interrupted; every score so far is kept, and the same command goes on from here"
+_AGAIN_S = 0.1
+"""After this time an interrupt comes again that a callback has swallowed."""
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
 """The option that every command with a result has."""
@@ -75,8 +81,10 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
     @functools.wraps(command)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
         _said.clear()
+        swallowed: list[threading.Timer] = []
         try:
-            return command(*args, **kwargs)
+            with _heeding_interrupts(swallowed):
+                return command(*args, **kwargs)
         except UserError as error:
             fail("\n".join(f"error: {problem}" for problem in error.problems), EXIT_USER_ERROR)
         except ConvergenceError as error:
@@ -85,12 +93,49 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
             what = f": {error}" if str(error) else ""
             fail(f"error: not enough memory{what}. Use a smaller scene, or a machine with more", EXIT_USER_ERROR)
         except KeyboardInterrupt:
-            fail("interrupted; every score so far is kept, and the same command goes on from here", EXIT_INTERRUPTED)
+            fail(_INTERRUPTED, EXIT_INTERRUPTED)
+        except Exception:
+            if swallowed:  # what the interrupt left half done has failed for want of the rest
+                fail(_INTERRUPTED, EXIT_INTERRUPTED)
+            raise
         finally:
             while _to_do:
                 _to_do.pop()()
 
     return wrapper
+
+
+def _interrupt() -> None:
+    """As Ctrl-C does; a true signal, where there are such, also ends a wait."""
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+
+@contextmanager
+def _heeding_interrupts(swallowed: list[threading.Timer]) -> Iterator[None]:
+    """Give an interrupt once more that a library's callback, such as a compiler's, has swallowed.
+
+    Python hands an exception that a callback from C cannot raise to ``sys.unraisablehook``, and goes on.
+    """
+    before = sys.unraisablehook
+
+    def again(found: Any) -> None:
+        if not issubclass(found.exc_type, KeyboardInterrupt):
+            before(found)
+            return
+        swallowed.append(threading.Timer(_AGAIN_S, _interrupt))
+        swallowed[-1].daemon = True
+        swallowed[-1].start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in swallowed:
+            timer.cancel()
 
 
 def at_end(call: Callable[[], None]) -> None:

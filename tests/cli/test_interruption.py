@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 from tiny_campaign import TINY, make_tiny
 
 
@@ -23,6 +24,35 @@ def start(*arguments: object) -> subprocess.Popen[str]:
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ, preexec_fn=_heed_interrupts
     )
+
+
+SWALLOWED = """
+import ctypes, time
+from seqrsm.cli.console import guarded
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    raise KeyboardInterrupt
+
+@guarded
+def command():
+    callback()
+    {then}
+
+command()
+"""
+
+
+@pytest.mark.parametrize("then", ["time.sleep(60)", 'raise RuntimeError("no compiled object yet")'])
+def test_an_interrupt_that_a_compiler_swallows_ends_the_command_all_the_same(then: str) -> None:
+    code = "import sys, typer\ntry:\n    exec(sys.argv[1])\nexcept typer.Exit as end:\n    sys.exit(end.exit_code)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, SWALLOWED.format(then=then)],
+        stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts, check=False,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert "goes on from here" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def finish(*arguments: object) -> str:
