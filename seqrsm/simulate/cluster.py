@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any, TypeVar
@@ -42,10 +42,11 @@ def run_on_cluster(
 ) -> Iterator[tuple[int, R | Lost]]:
     """Yield results of a dask cluster as they complete; see `seqrsm.simulate.runner.run_many`.
 
-    A run whose worker died is tried again there as often as the scheduler allows (``allowed-failures``, 3 by default).
+    A run whose worker died is tried again there as often as the scheduler allows (``allowed-failures``, 3 by default),
+    and then once more in the same way after all others, alone: what kills its workers is told from what ran beside it.
     """
     try:
-        from distributed import Client, KilledWorker, as_completed
+        from distributed import Client
     except ImportError as error:
         remedy = "Install it: pip install 'seqrsm[cluster]'"
         raise UserError(
@@ -56,30 +57,63 @@ def run_on_cluster(
     except (OSError, ValueError) as error:
         remedy = "Start a scheduler there (dask scheduler), or correct the address"
         raise UserError(Problem(f"no cluster answers: {error}", remedy, field="cluster", value=address)) from error
-    futures: list[Any] = []
     try:
         if files:
             _send_files(client, files)
-        # pure=False: equal arguments are runs of their own, never looked up in the cluster's memory.
-        futures = [client.submit(function, argument, pure=False) for argument in arguments]
-        index_of = {future.key: index for index, future in enumerate(futures)}
-        for future in as_completed(futures, loop=client.loop):
-            if future.cancelled() or future.status == "lost":
-                raise _lost(address)
+        killers = yield from _run_all(client, function, dict(enumerate(arguments)))
+        for index, reason in sorted(killers.items()):
+            killed: Collection[int] = (index,)
+            if _has_worker(client):
+                killed = yield from _run_all(client, function, {index: arguments[index]})
+            if killed:
+                yield index, Lost(reason)
+    except (OSError, CancelledError) as error:
+        text = "the cluster was lost while runs were under way"
+        raise UserError(
+            Problem(text, "Start it again; finished runs are kept", field="cluster", value=address)
+        ) from error
+    finally:
+        client.close()
+
+
+def _run_all(
+    client: Any, function: Callable[[A], R], arguments: dict[int, A]
+) -> Generator[tuple[int, R], None, dict[int, str]]:
+    """Yield results as they complete; return the indices whose workers died again and again, each with the reason.
+
+    A connection that is lost cancels every future: `CancelledError`.
+    """
+    from distributed import KilledWorker, as_completed
+
+    killed: dict[int, str] = {}
+    # pure=False: equal arguments are runs of their own, never looked up in the cluster's memory.
+    futures = {client.submit(function, argument, pure=False): index for index, argument in arguments.items()}
+    finished = as_completed(futures, loop=client.loop)
+    try:
+        for future in finished:
+            if future.status == "lost":  # its worker died before the result was fetched: it is being done again
+                finished.add(future)
+                continue
             try:
-                result: R | Lost = future.result()
+                result: R = future.result()
             except KilledWorker as error:
-                result = Lost(f"the workers that ran it died: {error}")
-            except CancelledError as error:  # the connection broke after the question above
-                raise _lost(address) from error
-            yield index_of[future.key], result
-    except OSError as error:
-        raise _lost(address) from error
+                killed[futures[future]] = f"the workers that ran it died: {error}"
+            else:
+                yield futures[future], result
     finally:
         for future in futures:
             if not future.done():
                 future.cancel()
-        client.close()
+    return killed
+
+
+def _has_worker(client: Any) -> bool:
+    """Whether a worker is there, or comes back, within `CONNECT_S`."""
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_S)
+    except TimeoutError:
+        return False
+    return True
 
 
 def _send_files(client: Any, files: Collection[str]) -> None:
@@ -106,8 +140,3 @@ def _send_files(client: Any, files: Collection[str]) -> None:
 
     if not client.run_on_scheduler(lambda dask_scheduler: name in dask_scheduler.worker_plugins):
         client.register_plugin(Files())
-
-
-def _lost(address: str) -> UserError:
-    text = "the cluster was lost while runs were under way"
-    return UserError(Problem(text, "Start it again; finished runs are kept", field="cluster", value=address))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -29,9 +30,30 @@ def die_always(x: int) -> int:
     return 10 * x
 
 
-def slow(x: int) -> int:
-    time.sleep(0.5 if x else 0.0)
-    return x
+def die_four_times(argument: tuple[str, int]) -> int:
+    """As a run that sits beside a killer does: its worker dies as often as makes the scheduler give it up."""
+    path, x = argument
+    if x == 1 and (not Path(path).exists() or Path(path).stat().st_size < 4):
+        with Path(path).open("a", encoding="utf-8") as deaths:
+            deaths.write("x")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * x
+
+
+def die_when_done(argument: tuple[str, int]) -> int:
+    """Run 1 ends well and its worker dies before the result is fetched; made again, it takes its time."""
+    path, x = argument
+
+    def die() -> None:
+        time.sleep(0.3)
+        Path(path).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    if x == 1:
+        time.sleep(1.5 if Path(path).exists() else 0.3)
+        if not Path(path).exists():
+            threading.Thread(target=die).start()
+    return 10 * x
 
 
 def read_and_tell(argument: tuple[str, int]) -> tuple[str, int, str, float]:
