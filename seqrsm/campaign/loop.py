@@ -7,20 +7,17 @@ where it was, and ends with the same result as one that was not.
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
-from seqrsm.campaign.fitted import confirmation_reason
 from seqrsm.campaign.heartbeat import heartbeat
-from seqrsm.campaign.next_runs import next_batch, rounded_settings, start_batch
+from seqrsm.campaign.next_runs import next_batch, start_batch
 from seqrsm.campaign.occasions import occasion_of, share_occasions
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
@@ -32,10 +29,10 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 
 if TYPE_CHECKING:
+    from seqrsm.campaign.closed_loop import Outcome
     from seqrsm.campaign.ingest import IngestReport
 
 Progress = Callable[[int, int], None]
-Ending = Literal["stop", "budget spent", "futility"]
 WAITING = ("proposed", "issued", "running")
 MAX_ATTEMPTS = 3
 """How often a simulated run is begun that fails through no fault of its settings."""
@@ -45,59 +42,12 @@ def _silent(*_: object) -> None:
     pass
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a call of `Campaign.run` ended.
-
-    Attributes
-    ----------
-    held : bool
-        The stop rule holds; otherwise the budget is spent, or
-    futile : bool
-        going on was found useless and ``[stop] futility = "stop"``.
-    analyses : tuple of Analysis
-        One for each application.
-    seconds : dict
-        Time spent by stage in this call [s].
-    n_scored : int
-        Scored runs in all, confirmation runs included.
-    compromise : CompromiseEstimate or None
-        Over several applications and considerations.
-    """
-
-    held: bool
-    analyses: tuple[Analysis, ...]
-    seconds: dict[str, float]
-    n_scored: int
-    compromise: CompromiseEstimate | None = None
-    futile: bool = False
-
-    def to_json(self) -> dict[str, Any]:
-        """Outcome as a JSON document."""
-        from seqrsm.campaign.serialise import analysis_to_json
-
-        return {
-            "held": self.held,
-            "futile": self.futile,
-            "n_scored": self.n_scored,
-            "seconds": self.seconds,
-            "applications": [analysis_to_json(analysis) for analysis in self.analyses],
-            "compromise": None if self.compromise is None else self.compromise.to_json(),
-        }
-
-
-@dataclass(slots=True)
-class _Clock:
-    """Seconds by stage."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    _since: float = 0.0
-
-    def start(self) -> None:
-        self._since = time.perf_counter()
-
-    def stop(self, stage: str) -> None:
-        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - self._since
+def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
+    """Scores that can be fitted, of the application that has the fewest; each occasion more takes one."""
+    scored = [scored_runs(spec.region, runs, one.name) for one in spec.applications]
+    return min(
+        len(data.scores) - (occasions_shared(data) > 0) * (len(set(block_labels(spec, data))) - 1) for data in scored
+    )
 
 
 class Campaign:
@@ -226,7 +176,7 @@ class Campaign:
         runs = self.store.runs()
         active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
-        fitted = self._n_fitted(runs)
+        fitted = n_fitted(self.spec, runs)
         failed = [run for run in runs if run.state == "failed"]
         cheaper = "simulation" if self.spec.simulator is not None else "flight"
         start_source = cheaper if source == "best" else source
@@ -362,151 +312,12 @@ class Campaign:
         UserError
             No run of the start design, or of several batches after it, gave a score, and with what reasons.
         """
-        from seqrsm.campaign.check import check_simulator
+        from seqrsm.campaign.closed_loop import ClosedLoop
 
-        budget = max_runs or self.spec.stop.max_runs
-        self._refuse_less_than_a_start(budget)
-        if self.spec.simulator is None and not self.store.runs(source="simulation"):
-            check_simulator(self.spec)
-        clock = _Clock()
-        while True:
-            clock.start()
-            made = self.simulate(workers=workers, cluster=cluster, on_progress=on_progress)
-            clock.stop("simulate")
-            self._refuse_hopeless(made)
-            if self._n_used() == 0:
-                say("checking the simulator with one image at the centre of the region")
-                check_simulator(self.spec)
-                say("searching the start design")
-                clock.start()
-                runs = self.propose()
-                clock.stop("propose")
-                say(f"start design of {len(runs)} runs")
-                continue
-            left = budget - self._n_used()
-            if self._too_few() and left > 0:
-                say("too few scores for a fit; going on with the start design")
-                clock.start()
-                self.propose()
-                clock.stop("propose")
-                continue
-            clock.start()
-            analyses = self.look()
-            clock.stop("fit")
-            for analysis in analyses:
-                on_look(analysis)
-            if all(analysis.decision.held for analysis in analyses):
-                return self._finish("stop", clock, say)
-            if any(analysis.decision.wants_confirmation for analysis in analyses):
-                self._add_confirmation(analyses, say)
-                continue
-            if left <= 0:
-                return self._finish("budget spent", clock, say)
-            if self.spec.stop.futility == "stop" and self._futile(analyses):
-                return self._finish("futility", clock, say)
-            clock.start()
-            self.propose(min(batch or self.spec.batch, left), analyses=analyses)
-            clock.stop("propose")
-
-    def _n_fitted(self, runs: Sequence[RunRecord]) -> int:
-        """Scores that can be fitted, of the application that has the fewest; each occasion more takes one."""
-        scored = [scored_runs(self.spec.region, runs, one.name) for one in self.spec.applications]
-        return min(
-            len(data.scores) - (occasions_shared(data) > 0) * (len(set(block_labels(self.spec, data))) - 1)
-            for data in scored
+        simulate = partial(self.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
+        return ClosedLoop(self, simulate, on_look, say).run(
+            max_runs or self.spec.stop.max_runs, batch or self.spec.batch
         )
-
-    def _too_few(self) -> bool:
-        """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
-
-        Raises
-        ------
-        StoreError
-            They wait for flights that nobody has scored.
-        """
-        runs = self.store.runs()
-        fitted = self._n_fitted(runs)
-        terms = QuadraticModel(self.spec.factors, self.spec.model.order).p
-        flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
-        if fitted > terms or not flights:
-            return fitted <= terms
-        raise StoreError(
-            Problem(
-                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights wait for theirs",
-                "Take them in with `seqrsm ingest`, or give them up with `seqrsm void`; `run` simulates only.",
-            )
-        )
-
-    def _refuse_less_than_a_start(self, budget: int) -> None:
-        """A smaller budget for one call ends the campaign early, and nothing else; the start design is made whole."""
-        from seqrsm.campaign.next_runs import start_size
-
-        least = start_size(QuadraticModel(self.spec.factors, self.spec.model.order), self.spec)
-        if budget < least and self._n_used() == 0:
-            remedy = f"Give {least} or more, or leave it out."
-            raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
-
-    def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
-        """Batches without a single score would be proposed again for ever."""
-        if not made or any(run.state != "failed" for run in made):
-            return
-        runs = [run for run in self.store.runs(source="simulation") if run.state in ("scored", "failed")]
-        batches = list(dict.fromkeys(run.batch for run in reversed(runs)))[: self.spec.attempts]
-        last = [run for run in runs if run.batch in batches]
-        never = not any(run.state == "scored" for run in runs)
-        if never or (len(batches) == self.spec.attempts and all(run.state == "failed" for run in last)):
-            reasons = list(dict.fromkeys(run.reason for run in reversed(last)))
-            raise UserError(
-                *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])
-            )
-
-    def _n_used(self) -> int:
-        """Runs that count against the budget."""
-        return sum(run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION for run in self.store.runs())
-
-    def _futile(self, analyses: Sequence[Analysis]) -> bool:
-        """Whether this look and the one before found going on useless for every application that does not hold yet."""
-        for analysis in analyses:
-            looks = self.store.looks(analysis.application)
-            before = looks[-2].summary.get("futility") if len(looks) > 1 else None
-            if not analysis.decision.held and not (analysis.decision.futility and before):
-                return False
-        return True
-
-    def _finish(self, kind: Ending, clock: _Clock, say: Callable[[str], None]) -> Outcome:
-        analyses, held = self.analyse_all(), kind == "stop"
-        if held and self.spec.simulator is not None and any(a.confirmation is None for a in analyses):
-            self._add_confirmation(analyses, say)
-            clock.start()
-            self.simulate()
-            clock.stop("simulate")
-        say("sampling the posterior")
-        clock.start()
-        analyses = self.analyse_all(sampler="emcee")
-        clock.stop("sample")
-        n_scored = len(self.store.runs("scored"))
-        if not any(
-            event.kind == kind and event.detail.get("n_scored") == n_scored for event in self.store.events(kind=kind)
-        ):
-            self.store.add_event(kind, {"n_scored": n_scored})
-        return Outcome(held, analyses, clock.seconds, n_scored, self.compromise(analyses), kind == "futility")
-
-    def _add_confirmation(self, analyses: Sequence[Analysis], say: Callable[[str], None]) -> None:
-        """Fresh runs at the recommended settings; several applications each get their own."""
-        m = self.spec.stop.confirmation_runs
-        runs = [
-            NewRun(
-                rounded_settings(self.spec.region, self.spec.region.code([analysis.optimum.settings]))[0],
-                CONFIRMATION,
-                confirmation_reason(analysis.application),
-                cost=self.spec.cost.simulation,
-            )
-            for analysis in analyses
-            if analysis.confirmation is None
-            for _ in range(m)
-        ]
-        say(f"{len(runs)} confirmation runs at the recommended settings")
-        self.store.add_batch(runs, issue=True)
 
     def rehearse(self, n_campaigns: int, *, on_progress: Progress = _silent) -> dict[str, Any]:
         """Operating characteristics of the stop rule on truths drawn from the current posterior."""

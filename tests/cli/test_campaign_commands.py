@@ -11,6 +11,8 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.cli.app import app
+from seqrsm.simulate import runner
+from seqrsm.simulate.runner import run_many
 
 
 def seqrsm(*arguments: object) -> Result:
@@ -59,9 +61,18 @@ def test_run_again_does_nothing_more(finished) -> None:
     assert again["applications"][0]["optimum"] == outcome["applications"][0]["optimum"]
 
 
-def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene) -> None:
+def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:
     other = make_tiny(tmp_path / "other", tiny_scene)
+    batches: list[tuple[int, int]] = []
+
+    def noted(function, arguments, workers, *rest):
+        batches.append((len(arguments), workers))
+        return run_many(function, arguments, workers, *rest)
+
+    monkeypatch.setattr(runner, "run_many", noted)
     ok("run", other, "--workers", 2)
+    assert {workers for _, workers in batches} == {2}  # the confirmation runs among them
+    assert sum(n for n, _ in batches) == len(scores(other))
     assert scores(other) == scores(finished[0])
     # made at another time, in another folder, by other processes: the same report to the byte
     again = shutil.copytree(finished[0], tmp_path / "again" / "other")

@@ -1,0 +1,232 @@
+"""The closed loop: simulate, fit, decide and propose until the stop rule holds or there is no point in going on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from seqrsm.campaign.analyse import CONFIRMATION
+from seqrsm.campaign.analysis import Analysis
+from seqrsm.campaign.compromise import CompromiseEstimate
+from seqrsm.campaign.fitted import confirmation_reason
+from seqrsm.campaign.loop import WAITING, Campaign, n_fitted
+from seqrsm.campaign.next_runs import rounded_settings
+from seqrsm.campaign.records import NewRun, RunRecord
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import Problem, StoreError, UserError
+
+Ending = Literal["stop", "budget spent", "futility"]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a call of `seqrsm.campaign.loop.Campaign.run` ended.
+
+    Attributes
+    ----------
+    held : bool
+        The stop rule holds; otherwise the budget is spent, or
+    futile : bool
+        going on was found useless and ``[stop] futility = "stop"``.
+    analyses : tuple of Analysis
+        One for each application.
+    seconds : dict
+        Time spent by stage in this call [s].
+    n_scored : int
+        Scored runs in all, confirmation runs included.
+    compromise : CompromiseEstimate or None
+        Over several applications and considerations.
+    """
+
+    held: bool
+    analyses: tuple[Analysis, ...]
+    seconds: dict[str, float]
+    n_scored: int
+    compromise: CompromiseEstimate | None = None
+    futile: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Outcome as a JSON document."""
+        from seqrsm.campaign.serialise import analysis_to_json
+
+        return {
+            "held": self.held,
+            "futile": self.futile,
+            "n_scored": self.n_scored,
+            "seconds": self.seconds,
+            "applications": [analysis_to_json(analysis) for analysis in self.analyses],
+            "compromise": None if self.compromise is None else self.compromise.to_json(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoop:
+    """One call of `Campaign.run`.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    simulate : callable
+        Carries out what is issued, where the user wants it; returns the runs it carried out.
+    on_look, say : callables
+        Told of every look, and of every step in words.
+    seconds : dict
+        Time spent so far by stage [s].
+    """
+
+    campaign: Campaign
+    simulate: Callable[[], Sequence[RunRecord]]
+    on_look: Callable[[Analysis], None]
+    say: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def run(self, budget: int, batch: int) -> Outcome:
+        """Go on from what is in the store to the end; see `Campaign.run`.
+
+        Parameters
+        ----------
+        budget : int
+            Runs of the whole campaign, confirmation runs apart.
+        batch : int
+            Runs proposed at a time.
+        """
+        from seqrsm.campaign.check import check_simulator
+
+        campaign, spec = self.campaign, self.campaign.spec
+        self._refuse_less_than_a_start(budget)
+        if spec.simulator is None and not campaign.store.runs(source="simulation"):
+            check_simulator(spec)
+        while True:
+            with self._timed("simulate"):
+                made = self.simulate()
+            self._refuse_hopeless(made)
+            if self._n_used() == 0:
+                self.say("checking the simulator with one image at the centre of the region")
+                check_simulator(spec)
+                self.say("searching the start design")
+                with self._timed("propose"):
+                    runs = campaign.propose()
+                self.say(f"start design of {len(runs)} runs")
+                continue
+            left = budget - self._n_used()
+            if self._too_few() and left > 0:
+                self.say("too few scores for a fit; going on with the start design")
+                with self._timed("propose"):
+                    campaign.propose()
+                continue
+            with self._timed("fit"):
+                analyses = campaign.look()
+            for analysis in analyses:
+                self.on_look(analysis)
+            if all(analysis.decision.held for analysis in analyses):
+                return self._finish("stop")
+            if any(analysis.decision.wants_confirmation for analysis in analyses):
+                self._add_confirmation(analyses)
+                continue
+            if left <= 0:
+                return self._finish("budget spent")
+            if spec.stop.futility == "stop" and self._futile(analyses):
+                return self._finish("futility")
+            with self._timed("propose"):
+                campaign.propose(min(batch, left), analyses=analyses)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        since = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
+
+    def _n_used(self) -> int:
+        """Runs that count against the budget."""
+        runs = self.campaign.store.runs()
+        return sum(run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION for run in runs)
+
+    def _too_few(self) -> bool:
+        """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
+
+        Raises
+        ------
+        StoreError
+            They wait for flights that nobody has scored.
+        """
+        spec, runs = self.campaign.spec, self.campaign.store.runs()
+        fitted = n_fitted(spec, runs)
+        terms = QuadraticModel(spec.factors, spec.model.order).p
+        flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
+        if fitted > terms or not flights:
+            return fitted <= terms
+        raise StoreError(
+            Problem(
+                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights wait for theirs",
+                "Take them in with `seqrsm ingest`, or give them up with `seqrsm void`; `run` simulates only.",
+            )
+        )
+
+    def _refuse_less_than_a_start(self, budget: int) -> None:
+        """A smaller budget for one call ends the campaign early, and nothing else; the start design is made whole."""
+        from seqrsm.campaign.next_runs import start_size
+
+        spec = self.campaign.spec
+        least = start_size(QuadraticModel(spec.factors, spec.model.order), spec)
+        if budget < least and self._n_used() == 0:
+            remedy = f"Give {least} or more, or leave it out."
+            raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
+
+    def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
+        """Batches without a single score would be proposed again for ever."""
+        if not made or any(run.state != "failed" for run in made):
+            return
+        attempts = self.campaign.spec.attempts
+        runs = [run for run in self.campaign.store.runs(source="simulation") if run.state in ("scored", "failed")]
+        batches = list(dict.fromkeys(run.batch for run in reversed(runs)))[:attempts]
+        last = [run for run in runs if run.batch in batches]
+        never = not any(run.state == "scored" for run in runs)
+        if never or (len(batches) == attempts and all(run.state == "failed" for run in last)):
+            reasons = list(dict.fromkeys(run.reason for run in reversed(last)))
+            raise UserError(
+                *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])
+            )
+
+    def _futile(self, analyses: Sequence[Analysis]) -> bool:
+        """Whether this look and the one before found going on useless for every application that does not hold yet."""
+        for analysis in analyses:
+            looks = self.campaign.store.looks(analysis.application)
+            before = looks[-2].summary.get("futility") if len(looks) > 1 else None
+            if not analysis.decision.held and not (analysis.decision.futility and before):
+                return False
+        return True
+
+    def _finish(self, kind: Ending) -> Outcome:
+        campaign, store = self.campaign, self.campaign.store
+        analyses, held = campaign.analyse_all(), kind == "stop"
+        if held and campaign.spec.simulator is not None and any(a.confirmation is None for a in analyses):
+            self._add_confirmation(analyses)
+            with self._timed("simulate"):
+                self.simulate()
+        self.say("sampling the posterior")
+        with self._timed("sample"):
+            analyses = campaign.analyse_all(sampler="emcee")
+        n_scored = len(store.runs("scored"))
+        if not any(event.detail.get("n_scored") == n_scored for event in store.events(kind=kind)):
+            store.add_event(kind, {"n_scored": n_scored})
+        return Outcome(held, analyses, self.seconds, n_scored, campaign.compromise(analyses), kind == "futility")
+
+    def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:
+        """Fresh runs at the recommended settings; several applications each get their own."""
+        spec = self.campaign.spec
+        runs = [
+            NewRun(
+                rounded_settings(spec.region, spec.region.code([analysis.optimum.settings]))[0],
+                CONFIRMATION,
+                confirmation_reason(analysis.application),
+                cost=spec.cost.simulation,
+            )
+            for analysis in analyses
+            if analysis.confirmation is None
+            for _ in range(spec.stop.confirmation_runs)
+        ]
+        self.say(f"{len(runs)} confirmation runs at the recommended settings")
+        self.campaign.store.add_batch(runs, issue=True)
