@@ -25,6 +25,8 @@ def db_to_linear(value_db: float) -> float: ...
 def db_to_linear(value_db: FloatArray) -> FloatArray: ...
 def db_to_linear(value_db: float | FloatArray) -> float | FloatArray:
     """Power ratio of ``value_db`` [dB]; -inf dB gives 0."""
+    if isinstance(value_db, float):
+        return float(np.exp(LN10_OVER_10 * value_db))
     result = np.exp(LN10_OVER_10 * np.asarray(value_db, dtype=np.float64))
     return float(result) if np.ndim(value_db) == 0 else np.asarray(result)
 

@@ -87,6 +87,13 @@ class Curve:
     rows: tuple[str, ...]
 
 
+# Most at HH, HV, VV over land, and over water.
+_CAPS_DB = np.array([[[cap], [_CROSS_CAP_DB], [cap]] for cap in (_LAND_CAP_DB, _WATER_CAP_DB)])
+_GRAZING_FALL_DB = linear_to_db(
+    np.maximum(np.cos(np.deg2rad(THETA_DEG[_GRAZING_DEG:])) / np.cos(np.deg2rad(_GRAZING_DEG)), 1e-30)
+)
+
+
 def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
     """Backscatter with its behaviour at the ends of the angle range settled.
 
@@ -103,11 +110,8 @@ def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
         Capped near nadir (+20 dB water, +12 dB land, HV -3 dB), continued from 75 degrees on as constant gamma, HV of a
         surface at least 3 dB below HH and VV, and never below -60 dB. A nan channel stays nan.
     """
-    cap = np.full((3, 1), _WATER_CAP_DB if water else _LAND_CAP_DB)
-    cap[POLARIZATIONS.index("HV")] = _CROSS_CAP_DB
-    value = np.minimum(value_db, cap)
-    grazing = np.cos(np.deg2rad(THETA_DEG[_GRAZING_DEG:])) / np.cos(np.deg2rad(_GRAZING_DEG))
-    value[..., _GRAZING_DEG:] = value[..., _GRAZING_DEG, np.newaxis] + linear_to_db(np.maximum(grazing, 1e-30))
+    value = np.minimum(value_db, _CAPS_DB[int(water)])
+    value[..., _GRAZING_DEG:] = value[..., _GRAZING_DEG, np.newaxis] + _GRAZING_FALL_DB
     if surface:
         value[..., 1, :] = np.minimum(
             value[..., 1, :], np.fmin(value[..., 0, :], value[..., 2, :]) - _CROSS_BELOW_CO_DB

@@ -32,10 +32,8 @@ class RangeGeometry:
         Derivative of `chord_m` with respect to the ground range.
     along_m, up_m : float64 array
         Distance and height of the antenna along and over the local horizontal [m].
-    incidence_rad : float64 array
-        Angle at the ground from the local vertical to the antenna [rad].
-    look_rad : float64 array
-        Angle at the antenna from its vertical to the ground [rad]; the incidence angle on a plane.
+    turn_rad : float64 array
+        Angle between the local vertical and that under the antenna [rad]; 0 on a plane.
     """
 
     ground_range_m: FloatArray
@@ -44,8 +42,17 @@ class RangeGeometry:
     chord_per_m: FloatArray
     along_m: FloatArray
     up_m: FloatArray
-    incidence_rad: FloatArray
-    look_rad: FloatArray
+    turn_rad: FloatArray
+
+    @property
+    def incidence_rad(self) -> FloatArray:
+        """Angle at the ground from the local vertical to the antenna [rad]; worked out at each call."""
+        return np.asarray(np.arctan2(self.along_m, self.up_m))
+
+    @property
+    def look_rad(self) -> FloatArray:
+        """Angle at the antenna from its vertical to the ground [rad]; worked out at each call."""
+        return self.incidence_rad - self.turn_rad
 
 
 def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) -> RangeGeometry:
@@ -66,26 +73,32 @@ def range_geometry(ground_range_m: FloatArray, height_m: float, curved: bool) ->
     """
     arc = np.asarray(ground_range_m, dtype=np.float64)
     if not curved:
-        angle = np.arctan2(arc, height_m)
         slant, up = np.sqrt(arc * arc + height_m * height_m), np.full_like(arc, height_m)
-        return RangeGeometry(arc, slant, arc, np.ones_like(arc), arc, up, angle, angle)
+        return RangeGeometry(arc, slant, arc, np.ones_like(arc), arc, up, np.zeros_like(arc))
     radius = EARTH_RADIUS_M
     half = 0.5 * arc / radius
     scale = math.sqrt(radius * (radius + height_m))
+    turn = 2.0 * half
     chord = 2.0 * scale * np.sin(half)
-    along = (radius + height_m) * np.sin(2.0 * half)
-    up = height_m - chord * chord / (2.0 * radius)
-    incidence = np.arctan2(along, up)
+    chord2 = chord * chord
     return RangeGeometry(
         ground_range_m=arc,
-        slant_range_m=np.sqrt(chord * chord + height_m * height_m),
+        slant_range_m=np.sqrt(chord2 + height_m * height_m),
         chord_m=chord,
         chord_per_m=scale / radius * np.cos(half),
-        along_m=along,
-        up_m=up,
-        incidence_rad=incidence,
-        look_rad=incidence - 2.0 * half,
+        along_m=(radius + height_m) * np.sin(turn),
+        up_m=height_m - chord2 / (2.0 * radius),
+        turn_rad=turn,
     )
+
+
+def slant_range_of_ground(ground_range_m: float, height_m: float, curved: bool) -> float:
+    """Slant range [m] of the datum at one ground range [m]; `range_geometry` of many."""
+    chord = ground_range_m
+    if curved:
+        radius = EARTH_RADIUS_M
+        chord = 2.0 * math.sqrt(radius * (radius + height_m)) * math.sin(0.5 * ground_range_m / radius)
+    return math.hypot(chord, height_m)
 
 
 def ground_range_of_slant(slant_range_m: FloatArray, height_m: float, curved: bool) -> FloatArray:

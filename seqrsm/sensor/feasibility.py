@@ -15,7 +15,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.antenna import pattern_points
-from seqrsm.sensor.earth import horizon_ground_range_m, horizon_look_rad, range_geometry
+from seqrsm.sensor.earth import horizon_ground_range_m, horizon_look_rad, range_geometry, slant_range_of_ground
 
 if TYPE_CHECKING:
     from seqrsm.sensor.radar import RadarConfiguration
@@ -356,8 +356,7 @@ def swath_problems(
         problems.append(Problem(text, "Use a larger depression angle", field="depression_angle"))
     if problems:
         return problems
-    edges = range_geometry(np.array([near, far]), height_m, radar.curved)
-    r_near, r_far = (float(r) for r in edges.slant_range_m)
+    r_near, r_far = (slant_range_of_ground(edge, height_m, radar.curved) for edge in (near, far))
     if radar.aperture == "real" and radar.scan == "slar":
         widest = float(radar.azimuth_resolution_m(r_far))
         if radar.resolution_m < widest * (1.0 - 1e-9):

@@ -347,10 +347,11 @@ class RadarConfiguration:
         The look angle [rad] tells the antenna's gain; it is the incidence angle if not given (on a plane).
         """
         area = self.ground_resolution_m(incidence_rad) * self.azimuth_resolution_m(slant_range_m)
-        two_way = self.elevation_gain(incidence_rad if look_rad is None else look_rad) ** 2
-        factor = two_way * self.atmosphere(incidence_rad)
-        fourth = np.square(np.square(slant_range_m))
-        return np.asarray(self.radar_constant_w_m2() * sigma0 * area * factor / fourth)
+        power = self.radar_constant_w_m2() * sigma0 * area
+        if self.elevation_pattern != "isotropic" or self.zenith_loss_db:
+            two_way = self.elevation_gain(incidence_rad if look_rad is None else look_rad) ** 2
+            power = power * (two_way * self.atmosphere(incidence_rad))
+        return np.asarray(power / np.square(np.square(slant_range_m)))
 
     def radar_constant_w_m2(self) -> float:
         """P_T G**2 lambda**2 L_T L_R / (4 pi)**3 [W m2]: eq. (3-20) without sigma0 A / R**4."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
@@ -113,10 +113,8 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
         sigma0, offset_db = lookup.sigma0, occasion.class_offset_db[c][:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             level = np.log(sigma0) + LN10_OVER_10 * offset_db
-            rise = np.diff(level, axis=1).take(k, axis=1)
-            rise *= part
-            rise += level.take(k, axis=1)
-            np.exp(rise, out=out[c])
+            kernels.between_nodes(level, k, part, out[c])
+            np.exp(out[c], out=out[c])
         if not (sigma0 > 0.0).all():
             low, high = sigma0[:, k], sigma0[:, k + 1]
             straight = (low + part * (high - low)) * db_to_linear(offset_db)
@@ -125,12 +123,12 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
 
 
 @lru_cache(maxsize=8)
-def _steps_between(nodes: bytes) -> tuple[IntArray, FloatArray]:
+def _steps_between(nodes: bytes) -> tuple[AnyArray, FloatArray]:
     """For each step of the table of sigma0: the node [deg] at or before it, and the part of the way to the next."""
     theta_deg = np.frombuffer(nodes)
     q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
     at_deg = np.rad2deg(2.0 * np.arcsin(q))
-    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2)
+    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2).astype(np.uint32)
     return k, np.clip((at_deg - theta_deg[k]) / (theta_deg[k + 1] - theta_deg[k]), 0.0, 1.0)
 
 
@@ -153,56 +151,59 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
     -------
     EchoGrid
     """
-    cell, height = frame.cell_m, frame.height_m
-    y = frame.ground_range_m
-    around = range_geometry(np.concatenate(([y[0] - cell], y, [y[-1] + cell])), height, frame.curved)
-    marks = range_geometry(np.array([frame.near_edge_m, frame.centre_m]), height, frame.curved)
-    reference = float(marks.slant_range_m[1])
+    cell, y = frame.cell_m, frame.ground_range_m
+    n = len(y)
+    # The rows, one more at both ends, the near edge of the swath and the centre of the scene.
+    places = np.empty(n + 4)
+    places[1:-3] = y
+    places[0], places[-3], places[-2], places[-1] = y[0] - cell, y[-1] + cell, frame.near_edge_m, frame.centre_m
+    ground = range_geometry(places, frame.height_m, frame.curved)
+    slant, up = ground.slant_range_m, ground.up_m
+    reference = float(slant[-1])
+    own, around = slice(1, n + 1), slice(0, n + 2)
     ground_format = radar.range_format == "ground"
+    geometry = np.empty((n, 10))
+    geometry[:, 0] = ground.along_m[own]
+    geometry[:, 1] = slant[own]
+    geometry[0, 2] = 0.0
+    np.divide(cell, ground.along_m[1:n], out=geometry[1:, 2])
+    np.square(np.square(reference / slant[own]), out=geometry[:, 3])
+    if radar.zenith_loss_db:
+        geometry[:, 3] *= radar.atmosphere(ground.incidence_rad[own])
+    geometry[:, 9] = cell
+    if frame.column_m is not None:
+        geometry[:, 9] = frame.column_m
+        # The area of an element over that of a square cell.
+        geometry[:, 3] *= geometry[:, 9] / cell
+    geometry[:, 4] = up[own]
+    geometry[:, 5] = up[:n]
     if ground_format:
-        position = around.ground_range_m - frame.near_edge_m
-        place, per_m = around.chord_m, 1.0 / (radar.range_spacing_m * around.chord_per_m)
+        base = (places[around] - frame.near_edge_m) / radar.range_spacing_m
+        geometry[:, 6] = ground.chord_m[own]
+        np.divide(1.0, radar.range_spacing_m * ground.chord_per_m[own], out=geometry[:, 7])
     else:
-        position = around.slant_range_m - marks.slant_range_m[0]
-        place, per_m = around.slant_range_m, np.full(len(y) + 2, 1.0 / radar.range_spacing_m)
-    own = slice(1, -1)
-    geometry = np.empty((len(y), 10))
-    geometry[:, 0] = around.along_m[own]
-    geometry[:, 1] = around.slant_range_m[own]
-    geometry[:, 2] = np.concatenate(([0.0], cell / around.along_m[1:-2]))
-    geometry[:, 3] = np.square(np.square(reference / around.slant_range_m[own]))
-    geometry[:, 3] *= radar.atmosphere(around.incidence_rad[own])
-    geometry[:, 9] = cell if frame.column_m is None else frame.column_m
-    # The area of an element over that of a square cell.
-    geometry[:, 3] *= geometry[:, 9] / cell
-    geometry[:, 4] = around.up_m[own]
-    geometry[:, 5] = around.up_m[:-2]
-    geometry[:, 6] = place[own]
-    geometry[:, 7] = per_m[own]
-    geometry[:, 8] = np.tan(0.5 * (around.incidence_rad - around.look_rad)[own])
-    base = position / radar.range_spacing_m
+        base = (slant[around] - slant[-2]) / radar.range_spacing_m
+        geometry[:, 6] = slant[own]
+        geometry[:, 7] = 1.0 / radar.range_spacing_m
+    np.tan(0.5 * ground.turn_rad[own], out=geometry[:, 8])
     first, last = _reach(frame, geometry, base[own], ground_format)
     # A position that rounds onto the far edge belongs to the last bin inside it.
     return EchoGrid(geometry, base, first, max(last - first + 1, 1), reference)
 
 
 def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_format: bool) -> tuple[int, int]:
-    """First and last range bin that elements of the swath reach; range falls with height, so the extremes tell."""
+    """First and last range bin that elements of the swath reach."""
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
-    rows = frame.source[own]
-    extreme = np.stack([frame.lowest_m[rows], frame.highest_m[rows]], axis=1)
-    offset = np.empty_like(extreme)
-    kernels.offset_rows(extreme, geometry[own], ground_format, offset)
-    reached = base[own, None] + offset
-    return math.floor(float(reached.min())), math.floor(float(reached.max()))
+    least, most = kernels.bins_reached(
+        frame.lowest_m, frame.highest_m, frame.source[own], geometry[own], base[own], ground_format
+    )
+    return math.floor(least), math.floor(most)
 
 
 def _table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
     """Table of sigma0 as `kernels.power_cells` wants it, the category of no data appended."""
     pairs = np.empty((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
-    pairs[:, :-1, :, 0] = lut[:, :, :-1]
-    np.subtract(lut[:, :, 1:], lut[:, :, :-1], out=pairs[:, :-1, :, 1], casting="same_kind")
-    pairs[:, -1] = 0.0
+    kernels.pair_steps(lut, pairs)
     return pairs.view(np.result_type(dtype, np.complex64)).reshape(lut.shape[0], -1)
 
 
@@ -276,7 +277,8 @@ def echo_sums(
     m = frame.elevation_m.shape[1]
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
     table, factor, pattern = _table(lut, dtype), field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
-    edges = np.linspace(0, m, min(threads, m) + 1).astype(np.int64)
+    parts = min(threads, m)
+    edges = [k * m // parts for k in range(parts + 1)]
 
     def do(k: int) -> None:
         kernels.sum_echoes(

@@ -85,6 +85,7 @@ class _Turned:
     peak_m: float
     lowest_m: AnyArray
     highest_m: AnyArray
+    relief_m: AnyArray
     turns: int
     cell_of_scene: IntArray | None
 
@@ -121,16 +122,16 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     y, rows = radar.ground_ranges_m(n_rows, scene.cell_m, turned.mean_m, turned.peak_m)
     height = radar.altitude_m - turned.mean_m
     own = y[rows]
-    relief = np.maximum(turned.highest_m, -turned.lowest_m)[rows]
-    near, far = _padding(relief, own, height, scene.cell_m, radar.resolution_m)
+    near, far = _padding(turned.relief_m[rows], own, height, scene.cell_m, radar.resolution_m)
     steps = np.arange(rows.start - near, rows.stop + far)
-    # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1.
-    around = np.mod(steps, 2 * n_rows)
+    # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1. ~k is -1 - k.
+    mirrored = np.maximum(steps, ~steps)
+    np.minimum(mirrored, 2 * n_rows - 1 - mirrored, out=mirrored)
     return RadarFrame(
         elevation_m=turned.elevation_m,
         cover=turned.cover,
         field=turned.field,
-        source=np.where(around < n_rows, around, 2 * n_rows - 1 - around),
+        source=mirrored,
         ground_range_m=y[0] + steps * scene.cell_m,
         height_m=height,
         cell_m=scene.cell_m,
@@ -221,7 +222,7 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
             raise SceneError(Problem(text, remedy, field="heading_deg", value=heading_deg))
         kernels.fill_no_data(elevation)
     lowest, top = elevation.min(axis=1), elevation.max(axis=1)
-    return _Turned(elevation, cover, field, mean, highest, lowest, top, turns, place)
+    return _Turned(elevation, cover, field, mean, highest, lowest, top, np.maximum(top, -lowest), turns, place)
 
 
 def _rotated(scene: Scene, heading_rad: float) -> tuple[AnyArray, AnyArray, AnyArray, IntArray]:
@@ -253,8 +254,8 @@ def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, re
     moved = relief * (height_m / y)
     out = []
     for reach, room in (
-        (float(np.max(y[0] - y + moved)), int((y[0] - 0.5 * cell_m) / cell_m)),
-        (float(np.max(y - y[-1] + moved)), len(y)),
+        (float((y[0] - y + moved).max()), int((y[0] - 0.5 * cell_m) / cell_m)),
+        (float((y - y[-1] + moved).max()), len(y)),
     ):
         wanted = math.ceil((2.0 * max(reach, 0.0) + resolution_m) / cell_m) + 1
         out.append(max(min(wanted, room, len(y)), 0))

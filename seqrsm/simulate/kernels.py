@@ -627,6 +627,79 @@ def offset_rows(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyAr
 
 
 @kernel
+def bins_reached(
+    lowest: AnyArray, highest: AnyArray, source: AnyArray, geometry: AnyArray, base: AnyArray, ground_format: bool
+) -> tuple[float, float]:
+    """Least and largest range position of elements of some rows [bins]; range falls with height, so extremes tell.
+
+    Parameters
+    ----------
+    lowest, highest : float array (rows,)
+        Extremes of each row of the layers [m].
+    source : int64 array (n,)
+        Row of the layers in each row of the frame.
+    geometry : float64 array (n, 10)
+        See `power_cells`.
+    base : float64 array (n,)
+        Range position of the datum in each row [bins].
+    ground_format : bool
+
+    Returns
+    -------
+    tuple of float, float
+    """
+    line = np.empty(2, dtype=lowest.dtype)
+    least, most = math.inf, -math.inf
+    for i in range(source.shape[0]):
+        line[0], line[1] = lowest[source[i]], highest[source[i]]
+        _offset_row(geometry, i, ground_format, _ZERO, np.uint64(2), line)
+        least = min(least, base[i] + line[0], base[i] + line[1])
+        most = max(most, base[i] + line[0], base[i] + line[1])
+    return least, most
+
+
+@kernel
+def between_nodes(level: AnyArray, node: AnyArray, part: AnyArray, out: AnyArray) -> None:
+    """Straight lines between the nodes of some curves.
+
+    Parameters
+    ----------
+    level : float64 array (n, n_nodes)
+    node : uint32 array (k,)
+        Node at or before each place, below ``n_nodes - 1``.
+    part : float64 array (k,)
+        Part of the way to the next node.
+    out : float64 array (n, k)
+        Written.
+    """
+    for i in range(level.shape[0]):
+        for j in range(part.shape[0]):
+            low = level[i, node[j]]
+            out[i, j] = part[j] * (level[i, node[j] + np.uint32(1)] - low) + low
+
+
+@kernel
+def pair_steps(lut: AnyArray, out: AnyArray) -> None:
+    """Table of sigma0 as `power_cells` takes it, of values at the steps; the last category is none.
+
+    Parameters
+    ----------
+    lut : float64 array (n_channels, n_categories, k + 1)
+    out : float array (n_channels, n_categories + 1, k, 2)
+        Written: value at a step, and its rise to the next.
+    """
+    number = out.dtype.type
+    for c in range(out.shape[0]):
+        for i in range(lut.shape[1]):
+            for j in range(out.shape[2]):
+                out[c, i, j, 0] = number(lut[c, i, j])
+                out[c, i, j, 1] = number(lut[c, i, j + 1] - lut[c, i, j])
+        for j in range(out.shape[2]):
+            out[c, lut.shape[1], j, 0] = number(0.0)
+            out[c, lut.shape[1], j, 1] = number(0.0)
+
+
+@kernel
 def _offset_row(
     geometry: AnyArray, i: int, ground_format: bool, first: np.uint64, m: np.uint64, line: AnyArray
 ) -> None:

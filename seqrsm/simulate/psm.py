@@ -227,7 +227,6 @@ def _form_image(
         kernels.smear_range(mean, law.range_width)
     looks, noise = law.looks, law.noise_w
     power = _faded(mean, noise, looks, radar, seed, run_id, threads)
-    flat = law.geometry
     return RadarImage(
         intensity=received(power, radar, law.reference_w),
         mean_power=mean,
@@ -235,9 +234,9 @@ def _form_image(
         looks=looks,
         calibration_w=law.calibration_w,
         noise_equivalent_sigma0=noise / law.calibration_w,
-        slant_range_m=flat.slant_range_m,
-        ground_range_m=flat.ground_range_m,
-        incidence_angle_deg=np.rad2deg(flat.incidence_rad),
+        slant_range_m=law.slant_range_m,
+        ground_range_m=law.ground_range_m,
+        incidence_angle_deg=np.rad2deg(law.incidence_rad),
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
         registration=Registration(

@@ -157,9 +157,9 @@ def radar_strips(
     return Sample(
         values=values,
         looks=np.repeat(law.looks, n_columns),
-        across_m=np.repeat(law.geometry.ground_range_m - law.geometry.ground_range_m[0], n_columns),
+        across_m=np.repeat(law.ground_range_m - law.ground_range_m[0], n_columns),
         along_m=np.tile((column + 0.5) * radar.pixel_spacing_m, grid.n_bins),
-        extent_m=(float(np.ptp(law.geometry.ground_range_m)), (n_pixels - 0.5) * radar.pixel_spacing_m),
+        extent_m=(float(np.ptp(law.ground_range_m)), (n_pixels - 0.5) * radar.pixel_spacing_m),
         column=np.tile(np.arange(n_columns), grid.n_bins),
         share=n_columns / n_pixels,
         pixel_of_cell=pixel[own],
@@ -356,9 +356,10 @@ def _flat_law(frame: RadarFrame, radar: RadarConfiguration, row: IntArray) -> Ro
     flat = replace(frame, lowest_m=np.zeros_like(frame.lowest_m), highest_m=np.zeros_like(frame.highest_m))
     law = row_law(flat, radar, echo_grid(flat, radar))
     row = np.minimum(row, len(law.looks) - 1)
-    geometry = law.geometry
     return RowLaw(
-        geometry=type(geometry)(*(getattr(geometry, name)[row] for name in geometry.__dataclass_fields__)),
+        slant_range_m=law.slant_range_m[row],
+        ground_range_m=law.ground_range_m[row],
+        incidence_rad=law.incidence_rad[row],
         factor_w=law.factor_w[row],
         beam_cells=law.beam_cells[row],
         range_width=law.range_width[row],

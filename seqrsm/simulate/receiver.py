@@ -257,7 +257,10 @@ def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> 
     """
     _refuse_nonpositive(gamma=gamma, k=k)
     with np.errstate(divide="ignore"):
-        return np.asarray(gamma * np.log10(np.asarray(intensity_in) * 1.0) + math.log10(k))
+        density = np.asarray(np.log10(intensity_in))
+    density *= gamma
+    density += math.log10(k)
+    return density
 
 
 def greytone(
@@ -294,8 +297,11 @@ def greytone(
     """
     _refuse_nonpositive(n_bits=n_bits, dynamic_range_db=dynamic_range_db)
     top = 2.0**n_bits - 1.0
-    tone = calibration_greytone + top / (dynamic_range_db / 10.0) * (np.asarray(density) - calibration_density)
-    return np.asarray(np.clip(tone, 0.0, top))
+    tone = np.asarray(np.asarray(density) - calibration_density)
+    tone *= top / (dynamic_range_db / 10.0)
+    tone += calibration_greytone
+    np.maximum(tone, 0.0, out=tone)
+    return np.minimum(tone, top, out=tone)
 
 
 def quantised_intensity(
@@ -382,7 +388,10 @@ def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:
     uint8, uint16 or uint32 array
     """
     # Of nan and a number, fmax takes the number.
-    return np.asarray(np.rint(np.fmin(np.fmax(tone, 0.0), 2.0**n_bits - 1.0)), dtype=_level_type(n_bits))
+    level = np.asarray(np.fmax(tone, 0.0))
+    np.fmin(level, 2.0**n_bits - 1.0, out=level)
+    np.rint(level, out=level)
+    return level.astype(_level_type(n_bits))
 
 
 def _level_type(n_bits: int) -> type[np.unsignedinteger[Any]]:

@@ -12,7 +12,12 @@ from scipy import stats
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.sensor.antenna import atmosphere_factor, elevation_gain
-from seqrsm.sensor.earth import ground_range_of_look, horizon_ground_range_m, range_geometry
+from seqrsm.sensor.earth import (
+    ground_range_of_look,
+    horizon_ground_range_m,
+    range_geometry,
+    slant_range_of_ground,
+)
 from seqrsm.simulate import kernels
 from seqrsm.simulate.echo import echo_grid, echo_sums, power_map
 from seqrsm.simulate.fading import correlated_fading
@@ -51,6 +56,8 @@ def test_curved_geometry_is_that_of_vectors(height, far):
     np.testing.assert_allclose(got.look_rad, look.astype(float), atol=1e-9)
     np.testing.assert_allclose(got.chord_per_m, np.gradient(got.chord_m, arc)[:], rtol=2e-3)
     for k in (0, 25, 49):
+        assert slant_range_of_ground(arc[k], height, True) == pytest.approx(float(slant[k]), rel=1e-11)
+        assert slant_range_of_ground(arc[k], height, False) == pytest.approx(math.hypot(arc[k], height), rel=1e-14)
         assert ground_range_of_look(got.look_rad[k], height, True) == pytest.approx(arc[k], rel=1e-6)
 
 
