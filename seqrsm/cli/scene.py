@@ -27,14 +27,40 @@ def scene_import(
         Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
     ] = None,
     cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
+    band: Annotated[
+        list[str] | None, typer.Option(metavar="LAYER=N", help="Band of a raster that has several, as in cover=2.")
+    ] = None,
 ) -> None:
     """Build a data base from elevation and ground cover on a projected grid in metres."""
     from seqrsm.scene.raster import import_scene
 
     scene = import_scene(
-        elevation, cover, legend, out, cell_m=cell_m, temperature=temperature, moisture=moisture, name=out.stem
+        elevation,
+        cover,
+        legend,
+        out,
+        cell_m=cell_m,
+        temperature=temperature,
+        moisture=moisture,
+        bands=_bands(band or []),
+        name=out.stem,
     )
     say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
+
+
+def _bands(texts: list[str]) -> dict[str, int]:
+    """Bands of ``--band LAYER=N``."""
+    from seqrsm.errors import Problem, SceneError
+
+    parts = [(layer.strip(), number.strip(), text) for text in texts for layer, _, number in [text.partition("=")]]
+    problems = [
+        Problem("not a band", "Write a layer and a number from 1, as in cover=2", field="--band", value=text)
+        for layer, number, text in parts
+        if not layer or not number.isdecimal() or len(number) > 5 or int(number) < 1
+    ]
+    if problems:
+        raise SceneError(*problems)
+    return {layer: int(number) for layer, number, _ in parts}
 
 
 @scene_app.command("synthetic")

@@ -3,59 +3,21 @@
 from __future__ import annotations
 
 import csv
-import logging
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.fields import connected_patches
+from seqrsm.scene.geotiff import Raster, read_geotiff
 from seqrsm.scene.scene import MAX_CELLS, NO_COVER, Scene, save_scene
 
-_PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _NODATA = 33550, 33922, 34264, 34735, 42113
-_MODEL_TYPE, _RASTER_TYPE, _PROJECTED_CS, _LINEAR_UNITS = 1024, 1025, 3072, 3076
-_GEOGRAPHIC, _PIXEL_IS_POINT, _METRE = 2, 2, 9001
-_USER_DEFINED: Final = 32767
 _ROWS_AT_ONCE = 256
 _MOST_TOLD: Final = 10
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Raster:
-    """One layer of a GeoTIFF.
-
-    Attributes
-    ----------
-    values : array (rows, cols)
-        Row 0 in the north.
-    left, top : float
-        Outer corner of the first cell [m].
-    step_x, step_y : float
-        Size of a cell [m], both > 0.
-    epsg : int or None
-        Code of the projected coordinate system.
-    nodata : float or None
-        Value that stands for none.
-    """
-
-    values: AnyArray
-    left: float
-    top: float
-    step_x: float
-    step_y: float
-    epsg: int | None
-    nodata: float | None
-
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Left, bottom, right, top [m]."""
-        rows, cols = self.values.shape
-        return self.left, self.top - rows * self.step_y, self.left + cols * self.step_x, self.top
 
 
 def import_scene(
@@ -67,6 +29,7 @@ def import_scene(
     cell_m: float | None = None,
     temperature: str | Path | None = None,
     moisture: str | Path | None = None,
+    bands: Mapping[str, int] | None = None,
     name: str = "",
     licence: str = "",
 ) -> Scene:
@@ -78,7 +41,7 @@ def import_scene(
     Parameters
     ----------
     elevation, cover : path
-        Single-layer GeoTIFF files in one projected coordinate system in metres.
+        GeoTIFF files in one projected coordinate system in metres.
     legend : path
         CSV with columns ``code, category`` and optionally ``note``; an empty category is no data.
     out : path, optional
@@ -86,9 +49,11 @@ def import_scene(
     cell_m : float, optional
         Side of a cell [m]; the finer of both rasters' if not given.
     temperature : path, optional
-        Single-layer GeoTIFF of the ground's physical temperature [K] in the same system; it reaches at least as far.
+        GeoTIFF of the ground's physical temperature [K] in the same system; it reaches at least as far.
     moisture : path, optional
         The same of the soil's volumetric moisture [m3/m3].
+    bands : Mapping[str, int], optional
+        Band, from 1, of a raster that has several: of ``"elevation"``, ``"cover"``, ``"temperature"``, ``"moisture"``.
     name, licence : str
         Kept in the scene.
 
@@ -101,7 +66,14 @@ def import_scene(
     SceneError
         A file that cannot be read, is in degrees, does not overlap the other, or holds codes the legend lacks.
     """
-    height, kind = read_geotiff(elevation), read_geotiff(cover)
+    chosen = dict(bands or {})
+    given = {"elevation": elevation, "cover": cover, "temperature": temperature, "moisture": moisture}
+    _check_bands(chosen, [layer for layer, file in given.items() if file is not None])
+
+    def read(layer: str) -> Raster:
+        return read_geotiff(str(given[layer]), layer, chosen.get(layer))
+
+    height, kind = read("elevation"), read("cover")
     _same_system(height, kind, str(cover))
     names, notes, category_of = read_legend(legend)
     cell = min(height.step_x, height.step_y, kind.step_x, kind.step_y) if cell_m is None else cell_m
@@ -119,15 +91,15 @@ def import_scene(
     z = _bilinear(height, x, y)
     kelvin = None
     if temperature is not None:
-        warmth = read_geotiff(temperature)
+        warmth = read("temperature")
         _same_system(height, warmth, str(temperature))
         kelvin = _bilinear(warmth, x, y, beyond=np.nan)
     wet = None
     if moisture is not None:
-        soil = read_geotiff(moisture)
+        soil = read("moisture")
         _same_system(height, soil, str(moisture))
         wet = _bilinear(soil, x, y, beyond=np.nan)
-    files = [file for file in (elevation, cover, temperature, moisture) if file is not None]
+    files = [file for file in given.values() if file is not None]
     scene = Scene(
         elevation_m=z,
         cover=indices,
@@ -149,65 +121,22 @@ def import_scene(
     return scene
 
 
+def _check_bands(chosen: Mapping[str, int], layers: list[str]) -> None:
+    """Refuse a band of a raster that is not there."""
+    problems = [
+        Problem("no such raster is given", f"Name one of {', '.join(layers)}", field="--band", value=layer)
+        for layer in chosen
+        if layer not in layers
+    ]
+    if problems:
+        raise SceneError(*problems)
+
+
 def _same_system(one: Raster, other: Raster, file: str) -> None:
     if None not in (one.epsg, other.epsg) and one.epsg != other.epsg:
         remedy = f"Bring all to one, for instance: gdalwarp -t_srs EPSG:{one.epsg} {file} projected.tif"
         text = f"the rasters differ in coordinate system: EPSG {one.epsg} and EPSG {other.epsg}"
         raise SceneError(Problem(text, remedy, file=file))
-
-
-def read_geotiff(path: str | Path) -> Raster:
-    """First layer of a GeoTIFF in a projected coordinate system.
-
-    Raises
-    ------
-    SceneError
-        Not readable, not placed, rotated, in degrees or in feet, or too large.
-    """
-    import tifffile
-
-    file = str(path)
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what is wrong is told below, once
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            page: Any = tiff.pages[0]
-            tags = {tag.code: tag.value for tag in page.tags.values()}
-            if math.prod(page.shape) > 4 * MAX_CELLS:
-                raise SceneError(Problem(f"more than {4 * MAX_CELLS} cells", "Cut or coarsen the raster", file))
-            values = np.asarray(page.asarray())
-    except FileNotFoundError as error:
-        raise SceneError(Problem("no such raster", file=file)) from error
-    except SceneError:
-        raise
-    except Exception as error:  # a damaged file makes tifffile and its codecs raise whatever comes to hand
-        raise SceneError(Problem(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file)) from error
-    if values.ndim == 3:
-        values = values[..., 0] if values.shape[-1] <= 4 else values[0]
-    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
-        text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
-        raise SceneError(Problem(text, "Convert it with gdal_translate", file))
-    try:
-        keys = _geo_keys(tags.get(_GEO_KEYS))
-        left, top, step_x, step_y = _placement(tags, keys, file)
-    except (TypeError, ValueError, IndexError, OverflowError) as error:
-        remedy = "Write it anew, for instance with gdal_translate"
-        raise SceneError(Problem(f"the file's georeference is damaged: {error}", remedy, file)) from error
-    if not all(math.isfinite(value) for value in (left, top, step_x, step_y)):
-        raise SceneError(Problem("the file's georeference is damaged", "Write it anew with gdal_translate", file))
-    if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
-        zone = int((left + 0.5 * values.shape[1] * step_x + 180.0) // 6.0) + 1
-        utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)
-        remedy = f"Project it to metres first, for instance: gdalwarp -t_srs EPSG:{utm} -r near {file} projected.tif"
-        raise SceneError(Problem("the raster is in degrees", remedy, file, field="coordinate system"))
-    if keys.get(_LINEAR_UNITS, _METRE) != _METRE:
-        remedy = "Project it to a system in metres with gdalwarp -t_srs"
-        raise SceneError(Problem("the raster is not in metres", remedy, file, field="coordinate system"))
-    epsg = keys.get(_PROJECTED_CS)
-    try:
-        nodata = float(str(tags[_NODATA]).strip("\x00 ")) if _NODATA in tags else None
-    except ValueError:
-        nodata = None
-    return Raster(values, left, top, step_x, step_y, None if epsg in (None, 0, _USER_DEFINED) else epsg, nodata)
 
 
 def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict[int, int]]:
@@ -253,32 +182,6 @@ def read_legend(path: str | Path) -> tuple[tuple[str, ...], dict[str, str], dict
     if problems:
         raise SceneError(*problems)
     return tuple(names), notes, codes
-
-
-def _geo_keys(directory: Any) -> dict[int, int]:
-    """Short values of the GeoTIFF key directory."""
-    words = [int(w) for w in directory] if directory is not None else []
-    return {words[k]: words[k + 3] for k in range(4, len(words) - 3, 4) if words[k + 1] == 0}
-
-
-def _placement(tags: Mapping[int, Any], keys: Mapping[int, int], file: str) -> tuple[float, float, float, float]:
-    """Outer corner left and top, and cell sizes."""
-    if _PIXEL_SCALE in tags and _TIEPOINT in tags:
-        step_x, step_y = (float(v) for v in tags[_PIXEL_SCALE][:2])
-        i, j, _, x, y = (float(v) for v in tags[_TIEPOINT][:5])
-        left, top = x - i * step_x, y + j * step_y
-    elif _TRANSFORM in tags:
-        a = [float(v) for v in tags[_TRANSFORM]]
-        if a[1] or a[4]:
-            raise SceneError(Problem("the raster is rotated", "Straighten it with gdalwarp", file))
-        step_x, step_y, left, top = a[0], -a[5], a[3], a[7]
-    else:
-        raise SceneError(Problem("the file does not say where it lies", "Give a GeoTIFF with its georeference", file))
-    if step_x <= 0.0 or step_y <= 0.0:
-        raise SceneError(Problem("the raster is not north up", "Straighten it with gdalwarp", file))
-    if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT:
-        left, top = left - 0.5 * step_x, top + 0.5 * step_y
-    return left, top, step_x, step_y
 
 
 def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float, int, int]:
@@ -343,6 +246,8 @@ def _bilinear_rows(raster: Raster, x: FloatArray, y: FloatArray) -> FloatArray:
             part = found.astype(np.float64)
             if raster.nodata is not None:
                 part[found == raster.nodata] = np.nan
+            if (raster.scale, raster.offset) != (1.0, 0.0):
+                part = part * raster.scale + raster.offset
             # A neighbour without weight may be without data.
             out += np.where(weight > 0.0, weight * part, 0.0)
     return out

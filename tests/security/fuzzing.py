@@ -29,7 +29,8 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import SeqrsmError
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scene.raster import read_geotiff, read_legend
+from seqrsm.scene.geotiff import read_geotiff
+from seqrsm.scene.raster import read_legend
 from seqrsm.scene.scene import load_scene, save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cells import FactorColumn, Measure
@@ -340,7 +341,7 @@ def targets(folder: Path) -> dict[str, Target]:
             "geotiff",
             (_tiff_bytes(None), _tiff_bytes("zlib")),
             spoil_bytes,
-            lambda data, at: read_geotiff(_file(data, at, "raster.tif")),
+            lambda data, at: read_geotiff(_file(data, at, "raster.tif"), "elevation"),
         ),
         Target("legend", (LEGEND.encode(),), text("csv"), lambda data, at: read_legend(_file(data, at, "legend.csv"))),
         Target("sigma0", (SIGMA0.encode(),), text("csv"), lambda data, at: load_sigma0_table(_file(data, at, "s.csv"))),

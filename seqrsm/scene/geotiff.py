@@ -1,0 +1,234 @@
+"""Reading a GeoTIFF: one band of numbers, and where it lies on a projected grid in metres."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.scene.scene import MAX_CELLS
+
+_PIXEL_SCALE, _TIEPOINT, _TRANSFORM, _GEO_KEYS, _NODATA = 33550, 33922, 34264, 34735, 42113
+_MODEL_TYPE, _RASTER_TYPE, _PROJECTED_CS, _LINEAR_UNITS = 1024, 1025, 3072, 3076
+_GEOGRAPHIC, _PIXEL_IS_POINT, _METRE = 2, 2, 9001
+_VERTICAL_UNITS, _GDAL_METADATA = 4099, 42112
+_USER_DEFINED: Final = 32767
+_FEET: Final = (9002, 9003)
+_WHITE_IS_ZERO, _RGB = 0, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Raster:
+    """One layer of a GeoTIFF.
+
+    Attributes
+    ----------
+    values : array (rows, cols)
+        Row 0 in the north.
+    left, top : float
+        Outer corner of the first cell [m].
+    step_x, step_y : float
+        Size of a cell [m], both > 0.
+    epsg : int or None
+        Code of the projected coordinate system.
+    nodata : float or None
+        Value that stands for none.
+    scale, offset : float
+        A number of the file times ``scale`` plus ``offset`` is what is meant; codes do without.
+    """
+
+    values: AnyArray
+    left: float
+    top: float
+    step_x: float
+    step_y: float
+    epsg: int | None
+    nodata: float | None
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Left, bottom, right, top [m]."""
+        rows, cols = self.values.shape
+        return self.left, self.top - rows * self.step_y, self.left + cols * self.step_x, self.top
+
+
+def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raster:
+    """One band of a GeoTIFF in a projected coordinate system.
+
+    Parameters
+    ----------
+    path : path
+    layer : str
+        What the raster is for, as ``--band`` names it.
+    band : int, optional
+        From 1; needed where the file has several.
+
+    Returns
+    -------
+    Raster
+        The colours of a palette are left aside: its values are the places in it.
+
+    Raises
+    ------
+    SceneError
+        Not readable, of several bands none of which was chosen, not placed, rotated, in degrees or in feet, or too
+        large.
+    """
+    import tifffile
+
+    file = str(path)
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what is wrong is told below, once
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            every: list[Any] = list(tiff.pages)
+            # Overviews and masks are no bands.
+            pages = [page for page in every if not (page.is_reduced or page.is_mask)] or every[:1]
+            tags = {tag.code: tag.value for tag in pages[0].tags.values()}
+            if math.prod(pages[0].shape) > 4 * MAX_CELLS:
+                raise SceneError(Problem(f"more than {4 * MAX_CELLS} cells", "Cut or coarsen the raster", file))
+            page, place = _band(pages, file, layer, band)
+            if page is not pages[0]:
+                tags |= {tag.code: tag.value for tag in page.tags.values()}
+            values = _values(page, place, file)
+    except FileNotFoundError as error:
+        raise SceneError(Problem("no such raster", file=file)) from error
+    except SceneError:
+        raise
+    except Exception as error:  # a damaged file makes tifffile and its codecs raise whatever comes to hand
+        raise SceneError(Problem(f"not a readable GeoTIFF: {error}", "Convert it with gdal_translate", file)) from error
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        text = f"the raster has no layer of numbers (shape {values.shape}, {values.dtype})"
+        raise SceneError(Problem(text, "Convert it with gdal_translate", file))
+    try:
+        keys = _geo_keys(tags.get(_GEO_KEYS))
+        left, top, step_x, step_y = _placement(tags, keys, file)
+    except (TypeError, ValueError, IndexError, OverflowError) as error:
+        remedy = "Write it anew, for instance with gdal_translate"
+        raise SceneError(Problem(f"the file's georeference is damaged: {error}", remedy, file)) from error
+    if not all(math.isfinite(value) for value in (left, top, step_x, step_y)):
+        raise SceneError(Problem("the file's georeference is damaged", "Write it anew with gdal_translate", file))
+    if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
+        zone = int((left + 0.5 * values.shape[1] * step_x + 180.0) // 6.0) + 1
+        utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)
+        remedy = f"Project it to metres first, for instance: gdalwarp -t_srs EPSG:{utm} -r near {file} projected.tif"
+        raise SceneError(Problem("the raster is in degrees", remedy, file, field="coordinate system"))
+    if keys.get(_LINEAR_UNITS, _METRE) != _METRE:
+        remedy = "Project it to a system in metres with gdalwarp -t_srs"
+        raise SceneError(Problem("the raster is not in metres", remedy, file, field="coordinate system"))
+    item = _gdal_items(tags.get(_GDAL_METADATA), place)
+    unit = item.get("unittype", "").strip().lower()
+    if layer == "elevation" and (keys.get(_VERTICAL_UNITS) in _FEET or unit.startswith(("ft", "foot", "feet"))):
+        remedy = f"Turn them into metres, for instance: gdal_calc.py -A {file} --calc=A*0.3048 --outfile metres.tif"
+        raise SceneError(Problem("the elevations are not in metres", remedy, file, field="vertical unit"))
+    epsg = keys.get(_PROJECTED_CS)
+    return Raster(
+        values=values,
+        left=left,
+        top=top,
+        step_x=step_x,
+        step_y=step_y,
+        epsg=None if epsg in (None, 0, _USER_DEFINED) else epsg,
+        nodata=_number(tags.get(_NODATA)),
+        scale=_number(item.get("scale")) or 1.0,
+        offset=_number(item.get("offset")) or 0.0,
+    )
+
+
+def _number(text: Any) -> float | None:
+    try:
+        return float(str(text).strip("\x00 "))
+    except ValueError:
+        return None
+
+
+def _band(pages: list[Any], file: str, layer: str, band: int | None) -> tuple[Any, int]:
+    """Page of a file that holds the band asked for, and the place of the band in it, from 0."""
+    counts = [int(page.samplesperpixel) for page in pages]
+    n = sum(counts)
+    if band is None and n == 1:
+        return pages[0], 0
+    if band is not None and 1 <= band <= n:
+        number, k = band - 1, 0
+        while number >= counts[k]:
+            number -= counts[k]
+            k += 1
+        return pages[k], number
+    if band is not None:
+        remedy = f"Choose one from 1 to {n}" if n > 1 else f"Leave --band {layer} out"
+        raise SceneError(Problem(f"the raster has {n} band{'s' * (n > 1)}", remedy, file, value=f"{layer}={band}"))
+    text, choose = f"the raster has {n} bands, and {layer} is one", f"Choose it, as in --band {layer}=1"
+    if layer == "cover" and pages[0].photometric == _RGB:
+        text = f"the raster has {n} bands, the colours of a picture; cover is one band of codes"
+        choose = f"Give the raster of codes that the picture was drawn from; or choose a band, as in --band {layer}=1"
+    raise SceneError(Problem(text, f"{choose}, or cut it out: gdal_translate -b 1 {file} one.tif", file))
+
+
+def _values(page: Any, place: int, file: str) -> AnyArray:
+    """Numbers of one band of a page; of one whose compression tifffile cannot undo alone, by way of Pillow."""
+    try:
+        values = np.asarray(page.asarray())
+    except (KeyError, ValueError, ImportError) as error:
+        if "imagecodecs" not in str(error) and not isinstance(error, ImportError):
+            raise
+        from PIL import Image
+
+        Image.MAX_IMAGE_PIXELS = None  # the size was looked at before
+        try:
+            if page.photometric == _WHITE_IS_ZERO:
+                raise ValueError("it would come out inverted")
+            with Image.open(file) as picture:
+                picture.seek(page.index)
+                values = np.asarray(picture)
+        except (OSError, EOFError, ValueError) as other:
+            remedy = f"Write it anew, for instance: gdal_translate -co COMPRESS=DEFLATE {file} plain.tif"
+            name = getattr(page.compression, "name", page.compression)
+            raise SceneError(Problem(f"compression {name} cannot be undone: {other}", remedy, file)) from error
+        axes = "YX" if values.ndim == 2 else "YXS"
+    else:
+        axes = page.axes
+    if "S" in axes:
+        values = np.take(values, place, axis=axes.index("S"))
+    return values.astype(np.uint8) if values.dtype == np.bool_ else values
+
+
+def _gdal_items(text: Any, place: int) -> dict[str, str]:
+    """Entries of the metadata that GDAL keeps for a band, by their role."""
+    found = re.findall(r"<Item ([^>]*)>([^<]*)<", str(text or ""))
+    items = [(dict(re.findall(r'(\w+)="([^"]*)"', attributes)), value) for attributes, value in found]
+    return {own["role"]: value for own, value in items if own.get("sample") == str(place) and "role" in own}
+
+
+def _geo_keys(directory: Any) -> dict[int, int]:
+    """Short values of the GeoTIFF key directory."""
+    words = [int(w) for w in directory] if directory is not None else []
+    return {words[k]: words[k + 3] for k in range(4, len(words) - 3, 4) if words[k + 1] == 0}
+
+
+def _placement(tags: Mapping[int, Any], keys: Mapping[int, int], file: str) -> tuple[float, float, float, float]:
+    """Outer corner left and top, and cell sizes."""
+    if _PIXEL_SCALE in tags and _TIEPOINT in tags:
+        step_x, step_y = (float(v) for v in tags[_PIXEL_SCALE][:2])
+        i, j, _, x, y = (float(v) for v in tags[_TIEPOINT][:5])
+        left, top = x - i * step_x, y + j * step_y
+    elif _TRANSFORM in tags:
+        a = [float(v) for v in tags[_TRANSFORM]]
+        if a[1] or a[4]:
+            raise SceneError(Problem("the raster is rotated", "Straighten it with gdalwarp", file))
+        step_x, step_y, left, top = a[0], -a[5], a[3], a[7]
+    else:
+        raise SceneError(Problem("the file does not say where it lies", "Give a GeoTIFF with its georeference", file))
+    if step_x <= 0.0 or step_y <= 0.0:
+        raise SceneError(Problem("the raster is not north up", "Straighten it with gdalwarp", file))
+    if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT:
+        left, top = left - 0.5 * step_x, top + 0.5 * step_y
+    return left, top, step_x, step_y
