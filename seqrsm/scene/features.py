@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.scene.fields import hash_uniform
+from seqrsm.scene.terrain import strips
 
 _COARSE_CELLS = 120
 """Cells a side at most of the grid on which paths are sought."""
@@ -65,15 +66,16 @@ def town_centres(rows: int, cols: int, count: int, *, seed: int) -> list[Cell]:
 
 def town_mask(shape: tuple[int, int], centres: Sequence[Cell], radius_cells: float, *, seed: int) -> BoolArray:
     """Ground of towns: rounds of the radius, give or take a third, with bays and spurs."""
-    row, col = np.ogrid[0 : shape[0], 0 : shape[1]]
     mask = np.zeros(shape, dtype=np.bool_)
-    for k, (i, j) in enumerate(centres):
-        draw = hash_uniform(np.arange(8) + 8 * k, seed)
-        bearing = np.arctan2(row - i, col - j)
-        border = radius_cells * (0.7 + 0.6 * draw[0])
-        for wave in range(2, 5):
-            border = border * (1.0 + 0.15 * np.cos(wave * bearing + 2.0 * math.pi * draw[wave]))
-        mask |= np.hypot(row - i, col - j) <= border
+    for own in strips(*shape):
+        row, col = np.ogrid[own, 0 : shape[1]]
+        for k, (i, j) in enumerate(centres):
+            draw = hash_uniform(np.arange(8) + 8 * k, seed)
+            bearing = np.arctan2(row - i, col - j)
+            border = radius_cells * (0.7 + 0.6 * draw[0])
+            for wave in range(2, 5):
+                border = border * (1.0 + 0.15 * np.cos(wave * bearing + 2.0 * math.pi * draw[wave]))
+            mask[own] |= np.hypot(row - i, col - j) <= border
     return mask
 
 
@@ -88,7 +90,7 @@ def road_mask(
     rows, cols = coarse.shape
     along, across = np.gradient(coarse, cell_m * step) if min(rows, cols) > 1 else (coarse * 0.0, coarse * 0.0)
     noise = hash_uniform(np.arange(rows * cols), seed).reshape(rows, cols)
-    wet = _coarse(river.astype(np.float64))[0] > 0.0
+    wet = _coarse(river)[0] > 0.0
     cost = 1.0 + 60.0 * (along**2 + across**2) + 0.3 * noise + 4.0 * wet
     at = [(min(i // step, rows - 1), min(j // step, cols - 1)) for i, j in centres]
     start = at[0] if at else (rows // 2, cols // 2)
@@ -148,4 +150,13 @@ def _drawn(path: IntArray, step: int, shape: tuple[int, int], width_cells: float
     cells = np.rint(np.concatenate(parts)).astype(np.int64)
     free = np.ones(shape, dtype=np.bool_)
     free[cells[:, 0], cells[:, 1]] = False
-    return np.asarray(distance_transform_edt(free) < 0.5 * max(width_cells, 1.0))
+    half = 0.5 * max(width_cells, 1.0)
+    reach = math.ceil(half)
+    mask = np.zeros(shape, dtype=np.bool_)
+    for own in strips(*shape):
+        # What lies further away than the reach does not matter to the strip.
+        first = max(own.start - reach, 0)
+        around = free[first : own.stop + reach]
+        if not around.all():
+            mask[own] = (distance_transform_edt(around) < half)[own.start - first : own.stop - first]
+    return mask

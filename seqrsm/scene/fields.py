@@ -48,7 +48,7 @@ def _mix(z: NDArray[np.uint64] | np.uint64) -> NDArray[np.uint64]:
     return np.asarray(z ^ (z >> np.uint64(31)))
 
 
-def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> IntArray:
+def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> NDArray[np.int32]:
     """Voronoi pieces around one drawn centre in each square of ``spacing`` cells.
 
     Parameters
@@ -62,7 +62,7 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> IntArray
 
     Returns
     -------
-    int64 array (rows, cols)
+    int32 array (rows, cols)
         Number of the piece. A piece may fall apart where a mask cuts it; see `connected_patches`.
     """
     n_rows, n_cols = -(-rows // spacing) + 4, -(-cols // spacing) + 4
@@ -70,7 +70,7 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> IntArray
     square_row, square_col = np.divmod(number, n_cols)
     centre_row = (square_row - 2) * spacing + np.floor(hash_uniform(2 * number, seed) * spacing).astype(np.int64)
     centre_col = (square_col - 2) * spacing + np.floor(hash_uniform(2 * number + 1, seed) * spacing).astype(np.int64)
-    label = np.zeros((rows, cols), dtype=np.int64)
+    label = np.zeros((rows, cols), dtype=np.int32)
     for first in range(0, rows, _ROWS_AT_ONCE):
         row, col = np.ogrid[first : min(first + _ROWS_AT_ONCE, rows), 0:cols]
         part = label[first : first + _ROWS_AT_ONCE]
@@ -85,11 +85,11 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> IntArray
     return label
 
 
-def rectangle_labels(rows: int, cols: int, height: int, width: int) -> IntArray:
-    """Rectangles of ``height`` x ``width`` cells, numbered row by row: int64 array (rows, cols)."""
+def rectangle_labels(rows: int, cols: int, height: int, width: int) -> NDArray[np.int32]:
+    """Rectangles of ``height`` x ``width`` cells, numbered row by row: int32 array (rows, cols)."""
     across = -(-cols // width)
-    row, col = np.ogrid[0:rows, 0:cols]
-    return np.asarray((row // height) * across + col // width, dtype=np.int64)
+    row, col = np.arange(rows, dtype=np.int32)[:, None], np.arange(cols, dtype=np.int32)[None, :]
+    return np.asarray((row // np.int32(height)) * np.int32(across) + col // np.int32(width))
 
 
 def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
@@ -112,7 +112,8 @@ def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
     for key in keys:
         starts[:, 1:] |= key[:, 1:] != key[:, :-1]
         down &= key[1:] == key[:-1]
-    run = np.cumsum(starts.ravel(), dtype=np.int32).reshape(rows, cols) - np.int32(1)
+    run = np.cumsum(starts.ravel(), dtype=np.int32).reshape(rows, cols)
+    run -= np.int32(1)
     # Two runs that touch do so from where one of them starts.
     down &= starts[1:] | starts[:-1]
     n_runs = int(run[-1, -1]) + 1
@@ -121,7 +122,10 @@ def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     order = np.empty(first.size, dtype=np.int32)
     order[np.argsort(first)] = np.arange(first.size, dtype=np.int32)
-    return np.asarray(order[inverse][run])
+    numbers = order[inverse]
+    for row in run:
+        row[:] = numbers[row]
+    return run
 
 
 def draw_index(keys: ArrayLike, shares: Sequence[float], *, seed: int) -> IntArray:

@@ -81,11 +81,11 @@ def import_scene(
     x: FloatArray = left + (np.arange(cols, dtype=np.float64) + 0.5) * float(cell)
     y: FloatArray = top - (np.arange(rows, dtype=np.float64) + 0.5) * float(cell)
     codes, known = _nearest(kind, x, y)
-    if (codes != np.rint(codes)).any():
-        text = "cover codes must be whole numbers"
-        remedy = "Is this the raster of ground cover?"
-        raise SceneError(Problem(text, remedy, str(cover), value=float(codes[codes != np.rint(codes)][0])))
-    if codes.dtype.kind not in "iu":
+    if codes.dtype.kind == "f":
+        if (codes != np.rint(codes)).any():
+            text = "cover codes must be whole numbers"
+            remedy = "Is this the raster of ground cover?"
+            raise SceneError(Problem(text, remedy, str(cover), value=float(codes[codes != np.rint(codes)][0])))
         codes = codes.astype(np.int64)
     indices = _categories(codes, known, category_of, str(legend))
     z = _bilinear(height, x, y)

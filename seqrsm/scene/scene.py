@@ -278,18 +278,24 @@ def save_scene(scene: Scene, path: str | Path) -> None:
 
 def _packed_elevation(elevation_m: Float32Array) -> dict[str, AnyArray]:
     """Elevation as 16-bit centimetres where that gives back the same float32 values, else as it is."""
-    known = np.isfinite(elevation_m)
-    centimetres = np.round(np.where(known, elevation_m, 0.0).astype(np.float64) * 100.0)
-    if np.abs(centimetres).max() < -_NO_CENTIMETRES:
-        packed = np.where(known, centimetres, _NO_CENTIMETRES).astype(np.int16)
-        if np.array_equal(_unpacked_elevation(packed), elevation_m, equal_nan=True):
-            return {"elevation_cm": packed}
-    return {"elevation_m": elevation_m}
+    packed = np.empty(elevation_m.shape, dtype=np.int16)
+    # Row by row: the work space of a large scene would be many times the scene.
+    for metres, own in zip(elevation_m, packed, strict=True):
+        known = np.isfinite(metres)
+        centimetres = np.round(np.where(known, metres, 0.0).astype(np.float64) * 100.0)
+        if not np.abs(centimetres).max() < -_NO_CENTIMETRES:
+            return {"elevation_m": elevation_m}
+        own[:] = np.where(known, centimetres, _NO_CENTIMETRES)
+        if not np.array_equal(_unpacked_elevation(own[None])[0], metres, equal_nan=True):
+            return {"elevation_m": elevation_m}
+    return {"elevation_cm": packed}
 
 
 def _unpacked_elevation(centimetres: AnyArray) -> Float32Array:
-    metres = (centimetres.astype(np.float64) / 100.0).astype(np.float32)
-    metres[centimetres == _NO_CENTIMETRES] = np.nan
+    metres = np.empty(centimetres.shape, dtype=np.float32)
+    for own, row in zip(metres, centimetres, strict=True):
+        own[:] = row / 100.0
+        own[row == _NO_CENTIMETRES] = np.nan
     return metres
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.scene.terrain import rms_slope, slopes
+from seqrsm.scene.terrain import known_slopes, rms_slope, root_mean_square, strips
 
 _VERSION: Final = 2
 """Of the statistics' definitions: those kept by another version are computed anew."""
@@ -101,11 +101,11 @@ def _fingerprint(scene: Scene) -> str:
 
 
 def _computed(scene: Scene) -> SceneStatistics:
-    count = np.bincount(scene.cover.ravel(), minlength=NO_COVER + 1)[: len(scene.categories)]
+    count = _counts(scene.cover, NO_COVER + 1)[: len(scene.categories)]
     known = max(int(count.sum()), 1)
-    of_scored = np.bincount(scene.cover[scene.scored], minlength=NO_COVER + 1)[: len(scene.categories)]
+    of_scored = _counts(scene.cover, NO_COVER + 1, scene.scored)[: len(scene.categories)]
     tested = max(int(of_scored.sum()), 1)
-    size = np.bincount(scene.field_id.ravel())
+    size = _counts(scene.field_id, scene.n_fields)
     size = np.sort(size[size > 0])
     half = int(np.searchsorted(np.cumsum(size), 0.5 * scene.field_id.size))
     z = scene.elevation_m
@@ -130,6 +130,14 @@ def _computed(scene: Scene) -> SceneStatistics:
     )
 
 
+def _counts(layer: AnyArray, n: int, kept: AnyArray | None = None) -> AnyArray:
+    """How many cells hold each of the numbers 0 .. n - 1, among those kept."""
+    total = np.zeros(n, dtype=np.int64)
+    for own in strips(*layer.shape):
+        total += np.bincount((layer[own] if kept is None else layer[own][kept[own]]).ravel(), minlength=n)
+    return total
+
+
 def aggregated(layer: AnyArray, factor: int) -> AnyArray:
     """Mean of the known values of every ``factor`` x ``factor`` cells; what is left over at the edges is dropped."""
     rows, cols = layer.shape[0] // factor, layer.shape[1] // factor
@@ -146,26 +154,26 @@ def aggregated(layer: AnyArray, factor: int) -> AnyArray:
 
 def _rms_along(z: AnyArray, cell_m: float) -> tuple[float, float]:
     """Root-mean-square slope towards east and towards north; 0 where no slope is known."""
-    found = []
-    for layer in slopes(z, cell_m):
-        known = layer[np.isfinite(layer)]
-        found.append(float(np.sqrt(np.mean(np.square(known)))) if known.size else 0.0)
-    return found[0], found[1]
+    return (
+        root_mean_square(east for east, _ in known_slopes(z, cell_m)),
+        root_mean_square(north for _, north in known_slopes(z, cell_m)),
+    )
 
 
 def _largest_slope(z: AnyArray, cell_m: float) -> float:
     """Largest slope along one axis; 0 where no slope is known."""
-    slope = np.abs(slopes(z, cell_m))
-    known = slope[np.isfinite(slope)]
-    return float(known.max()) if known.size else 0.0
+    return max((float(np.abs(part).max(initial=0.0)) for both in known_slopes(z, cell_m) for part in both), default=0.0)
 
 
 def _largest_step(z: AnyArray, axis: int) -> float:
     """Largest difference between neighbours along an axis; a step over unknown cells counts as the whole relief."""
-    step = np.abs(np.diff(z, axis=axis))
-    known = step[np.isfinite(step)]
-    largest = float(known.max()) if known.size else 0.0
-    if known.size == step.size:
+    largest, unknown = 0.0, False
+    for own in strips(*z.shape):
+        step = np.abs(np.diff(z[own.start : own.stop + (axis == 0)], axis=axis))
+        known = step[np.isfinite(step)]
+        largest = max(largest, float(known.max(initial=0.0)))
+        unknown = unknown or known.size < step.size
+    if not unknown:
         return largest
     low, high = _ends(z)
     return high - low

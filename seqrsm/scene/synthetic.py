@@ -108,26 +108,33 @@ def synthetic_scene(
     ]
     if wrong or town_m <= 0.0:
         raise SceneError(*(wrong or [Problem("must be above zero", field="town_m", value=town_m)]))
-    cover = draw_index(piece, shares, seed=seed + 1).astype(np.uint8)
-    names, part = list(categories), np.zeros((rows, cols), dtype=np.int64)
+    # A draw for each piece, not for each of its cells.
+    cover = draw_index(np.arange(int(piece.max()) + 1), shares, seed=seed + 1).astype(np.uint8)[piece]
+    names, part = list(categories), np.zeros((rows, cols), dtype=np.int32)
     river = river_mask(relief, rivers, river_m / cell_m, seed=seed + 2)
     centres = town_centres(rows, cols, towns, seed=seed + 3)
     if towns:
         town = town_mask((rows, cols), centres, town_m / cell_m, seed=seed + 4)
         block = voronoi_labels(rows, cols, max(round(_BLOCK_M / cell_m), 1), seed=seed + 5)
-        kind = np.array([_number(names, name) for name in _TOWN])[draw_index(block, _TOWN_SHARES, seed=seed + 6)]
-        cover[town], part[town] = kind[town], 1 + block[town]
+        drawn = draw_index(np.arange(int(block.max()) + 1), _TOWN_SHARES, seed=seed + 6)
+        kind = np.array([_number(names, name) for name in _TOWN], dtype=np.uint8)[drawn]
+        cover[town], part[town] = kind[block[town]], 1 + block[town]
+        del block, town
     if rivers:
         cover[river], part[river] = _number(names, "Water"), -1
     if roads:
         road = road_mask(relief, cell_m, centres, river, road_m / cell_m, seed=seed + 7)
         cover[road], part[road] = _number(names, "Asphalt"), -2
+    elevation = np.empty((rows, cols), dtype=np.float32)
+    np.add(base_m, relief, out=elevation, casting="same_kind")
+    del relief
+    piece[part != 0] = -1
     features = "".join(f", {text}" for text, made in _features(rivers, towns, roads) if made)
     return Scene(
-        elevation_m=(base_m + relief).astype(np.float32),
+        elevation_m=elevation,
         cover=cover,
         categories=tuple(names),
-        field_id=connected_patches(np.where(part == 0, piece, -1), part, cover),
+        field_id=connected_patches(piece, part, cover),
         scored=np.ones((rows, cols), dtype=bool),
         cell_m=cell_m,
         name=f"synthetic {rows} x {cols}, seed {seed}",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from scipy.optimize import brentq
 
@@ -9,6 +11,15 @@ from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
 
 _EXPONENTS = (0.0, 12.0)
+
+_CELLS_AT_ONCE = 4_000_000
+"""Cells of a large terrain worked on at a time: the work space of all of them would be many times their own."""
+
+
+def strips(rows: int, cols: int) -> Iterator[slice]:
+    """Rows of a large layer by and by."""
+    step = max(_CELLS_AT_ONCE // max(cols, 1), 1)
+    return (slice(first, min(first + step, rows)) for first in range(0, rows, step))
 
 
 def slopes(elevation_m: AnyArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
@@ -32,14 +43,31 @@ def slopes(elevation_m: AnyArray, cell_m: float) -> tuple[FloatArray, FloatArray
     return np.asarray(east), np.asarray(-south)
 
 
+def known_slopes(elevation_m: AnyArray, cell_m: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """`slopes` of some rows at a time; cells beside unknown ones left out, so each is a flat array."""
+    rows, cols = elevation_m.shape
+    for own in strips(rows, cols):
+        first = max(own.start - 1, 0)
+        around = slopes(elevation_m[first : own.stop + 1], cell_m)
+        east, north = (slope[own.start - first : own.stop - first] for slope in around)
+        yield east[np.isfinite(east)], north[np.isfinite(north)]
+
+
 def rms_slope(elevation_m: AnyArray, cell_m: float) -> float:
     """Root of the mean squared slope [1] along one axis, over both axes; cells beside unknown ones left out.
 
     0 where no slope is known.
     """
-    slope = np.asarray(slopes(elevation_m, cell_m))
-    known = slope[np.isfinite(slope)]
-    return float(np.sqrt(np.mean(np.square(known)))) if known.size else 0.0
+    return root_mean_square(np.concatenate(both) for both in known_slopes(elevation_m, cell_m))
+
+
+def root_mean_square(parts: Iterable[FloatArray]) -> float:
+    """Root of the mean square of numbers that come in parts; 0 of none."""
+    total, n = 0.0, 0
+    for part in parts:
+        total += float(np.add.reduce(np.square(part)))
+        n += part.size
+    return float(np.sqrt(total / n)) if n else 0.0
 
 
 def fractal_terrain(
@@ -93,33 +121,57 @@ def fractal_terrain(
     synthesis = _Synthesis(rows, cols, seed)
     if rms_slope is not None:
         exponent = _exponent_of_slope(synthesis, cell_m, relief_m, rms_slope)
-    return relief_m * synthesis.unit_terrain(exponent, last=True)
+    terrain = synthesis.unit_terrain(exponent, last=True)
+    terrain *= relief_m
+    return terrain
 
 
 class _Synthesis:
-    """Random phases of one terrain, from which it can be made with any exponent."""
+    """Random phases of one terrain, from which it can be made with any exponent.
+
+    The spectrum of white noise, of twice the rows and columns, is kept in blocks of its columns, and every transform is
+    done along one axis of some rows or of one block: a large one is never held twice.
+    """
 
     def __init__(self, rows: int, cols: int, seed: int) -> None:
         self.rows, self.cols = rows, cols
-        noise = np.random.default_rng(seed).standard_normal((2 * rows, 2 * cols))
-        self.spectrum = np.fft.rfft2(noise)
-        k_row, k_col = np.fft.fftfreq(2 * rows), np.fft.rfftfreq(2 * cols)
-        self.wavenumber = np.hypot(k_row[:, np.newaxis], k_col[np.newaxis, :])
-        self.wavenumber[0, 0] = np.inf
+        self.k_row, self.k_col = np.fft.fftfreq(2 * rows), np.fft.rfftfreq(2 * cols)
+        width = max(_CELLS_AT_ONCE // (2 * rows), 1)
+        self.columns = [slice(k, min(k + width, cols + 1)) for k in range(0, cols + 1, width)]
+        self.blocks = [np.empty((2 * rows, own.stop - own.start), dtype=np.complex128) for own in self.columns]
+        draw = np.random.default_rng(seed)
+        for own in strips(2 * rows, 2 * cols):
+            noise = np.fft.rfft(draw.standard_normal((own.stop - own.start, 2 * cols)), axis=1)
+            for block, part in zip(self.blocks, self.columns, strict=True):
+                block[own] = noise[:, part]
+        for block in self.blocks:
+            block[:] = np.fft.fft(block, axis=0)
+        # The least is along an axis: there are no shorter waves' numbers than one period.
+        self.longest = min(float(np.abs(self.k_row[1])), float(self.k_col[1]))
 
     def unit_terrain(self, exponent: float, *, last: bool = False) -> FloatArray:
         """Terrain between 0 and 1; the last one uses the phases up, which saves a large one half of its memory."""
-        amplitude = self.wavenumber / self.wavenumber.min()
-        amplitude **= -0.5 * exponent
-        shaped = self.spectrum if last else self.spectrum.copy()
-        shaped *= amplitude
-        del amplitude
-        if last:
-            del self.spectrum, self.wavenumber
-        terrain = np.fft.irfft2(shaped, s=(2 * self.rows, 2 * self.cols))
-        del shaped
-        terrain = terrain[: self.rows, : self.cols]
-        return np.asarray((terrain - terrain.min()) / np.ptp(terrain))
+        shaped = []
+        for k, part in enumerate(self.columns):
+            amplitude = np.hypot(self.k_row[:, np.newaxis], self.k_col[np.newaxis, part])
+            if part.start == 0:
+                amplitude[0, 0] = np.inf
+            amplitude /= self.longest
+            amplitude **= -0.5 * exponent
+            amplitude = self.blocks[k] * amplitude
+            if last:
+                self.blocks[k] = np.empty((0, 0), dtype=np.complex128)
+            # Only the rows that are wanted go on.
+            shaped.append(np.fft.ifft(amplitude, axis=0)[: self.rows].copy())
+        terrain = np.empty((self.rows, self.cols))
+        for own in strips(self.rows, 2 * self.cols):
+            rows = np.concatenate([block[own] for block in shaped], axis=1)
+            terrain[own] = np.fft.irfft(rows, 2 * self.cols, axis=1)[:, : self.cols]
+        lowest = terrain.min()
+        spread = terrain.max() - lowest
+        terrain -= lowest
+        terrain /= spread
+        return terrain
 
 
 def _exponent_of_slope(synthesis: _Synthesis, cell_m: float, relief_m: float, wanted: float) -> float:
