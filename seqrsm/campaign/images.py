@@ -75,7 +75,7 @@ def write_image(
         )
         raise type(error)(*problems) from error
     picture = picture_of(image)
-    share = None
+    share, remarks = None, ""
     if mask:
         layer = np.asarray(picture.arrays[mask], dtype=np.bool_)
         share = float(layer.mean())
@@ -83,6 +83,7 @@ def write_image(
     else:
         writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
         writer(out, picture, scene, settings)
+        remarks = "".join(f"; {remark}" for remark in _remarks(picture, out))
     shape = picture.values.shape
     del picture  # of a large scene, much memory that scoring can use
     scores = {
@@ -99,9 +100,25 @@ def write_image(
         "scores": scores,
         "notes": list(image.notes),
         "summary": f"{shown}; {shape[1]} x {shape[2]} pixels; {found}"
-        + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else ""),
+        + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else remarks),
         **({} if share is None else {"mask": mask, "mask_share": share}),
     }
+
+
+def _remarks(picture: Picture, out: Path) -> list[str]:
+    """What a look at the file would not tell: channels left out, grey tones that are all the same."""
+    remarks = []
+    if out.suffix.lower() == ".png" and len(picture.channels) == 2:
+        remarks.append(f"shown is {picture.channels[0]}, the .tif and the .npz hold {' and '.join(picture.channels)}")
+    levels = picture.levels
+    for channel, plane in zip(picture.channels, () if levels is None else levels, strict=False):
+        if plane.size > 1 and plane.min() == plane.max():
+            power = picture.arrays["intensity_w"][picture.channels.index(channel)]
+            remarks.append(
+                f"every pixel of {channel} has the grey tone {plane.flat[0]}: the calibration does not fit intensities "
+                f"of {power.min():.3g} to {power.max():.3g} W"
+            )
+    return remarks
 
 
 def explain_image(campaign: Campaign, assignments: Sequence[str], run_id: int) -> dict[str, Any]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -99,13 +100,20 @@ def import_scene(
         soil = read("moisture")
         _same_system(height, soil, str(moisture))
         wet = _bilinear(soil, x, y, beyond=np.nan)
+    scored = np.isfinite(z) & (indices != NO_COVER)
+    if not scored.any():
+        text = "no cell has both an elevation and a category"
+        remedy = f"Look for what stands for no data in it and in {cover}, and at the legend's empty categories"
+        raise SceneError(Problem(text, remedy, str(elevation)))
     files = [file for file in given.values() if file is not None]
-    scene = Scene(
+    scene = _scene(
+        given,
+        height,
         elevation_m=z,
         cover=indices,
         categories=names,
         field_id=connected_patches(np.where(known, codes, 0), indices),
-        scored=np.isfinite(z) & (indices != NO_COVER),
+        scored=scored,
         cell_m=float(cell),
         epsg=height.epsg if height.epsg is not None else kind.epsg,
         bounds=(left, top - rows * cell, left + cols * cell, top),
@@ -119,6 +127,35 @@ def import_scene(
     if out is not None:
         save_scene(scene, out)
     return scene
+
+
+_LAYERS: Final = {"elevation_m": "elevation", "temperature_k": "temperature", "soil_moisture": "moisture"}
+
+
+def _scene(given: Mapping[str, str | Path | None], height: Raster, **layers: Any) -> Scene:
+    """`Scene` whose problems name the raster that they come from."""
+    try:
+        return Scene(**layers)
+    except SceneError as error:
+        problems = []
+        for problem in error.problems:
+            layer = _LAYERS.get(problem.field or "")
+            file = str(given.get(layer)) if layer else None
+            if layer == "elevation":
+                wild = _wildest(height)
+                remedy = (
+                    f"Say in the file what stands for no data, for instance: gdal_edit.py -a_nodata {wild:g} {file}"
+                )
+                problem = replace(problem, remedy=remedy, value=wild)
+            problems.append(replace(problem, file=file) if file else problem)
+        raise SceneError(*problems) from None
+
+
+def _wildest(raster: Raster) -> float:
+    """Number of a raster of elevations that is furthest from any, as it stands in the file."""
+    known = raster.values if raster.nodata is None else raster.values[raster.values != raster.nodata]
+    ends = (float(np.fmin.reduce(known, axis=None)), float(np.fmax.reduce(known, axis=None)))
+    return max(ends, key=abs)
 
 
 def _check_bands(chosen: Mapping[str, int], layers: list[str]) -> None:

@@ -112,7 +112,14 @@ def pattern_file_text(path: str, problems: list[Problem]) -> str:
         line = wrong[0] if wrong and rows[0] == ["look_deg", "gain_db"] else 1
         problems.append(Problem("not a pattern", remedy, file=Path(path).name, line=line, field="pattern_file"))
         return "0:0, 90:0"
-    return ", ".join(f"{look}:{gain}" for look, gain in rows[1:])
+    text = ", ".join(f"{look}:{gain}" for look, gain in rows[1:])
+    try:
+        pattern_points(text)
+    except ConfigurationError:
+        remedy = "Give two lines or more of rising look angles [deg] with gains [dB] of at most 0"
+        problems.append(Problem("not a pattern", remedy, file=Path(path).name, field="pattern_file"))
+        return "0:0, 90:0"
+    return text
 
 
 def pattern_points(text: str) -> tuple[tuple[float, float], ...]:

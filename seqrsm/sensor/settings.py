@@ -44,7 +44,8 @@ def collect(
         if target not in by_field:
             problems.append(Problem(f"no such {kind} parameter", f"Known: {', '.join(known)}", field=name, value=value))
         elif target in given:
-            problems.append(Problem("given twice", "Give it as a factor or as fixed, not both", field=name))
+            remedy = "Give it once: as a factor or as fixed, and by one of its names"
+            problems.append(Problem("given twice", remedy, field=name))
         else:
             given[target] = value
     for name, field in by_field.items():

@@ -311,6 +311,14 @@ def refuse_gaussian(radar: RadarConfiguration, looks: FloatArray) -> None:
         raise ConfigurationError(Problem(text, remedy, field="fading", value=radar.fading))
 
 
+def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
+    """What is to be said of pixels finer than a data base's cells [m]."""
+    return (
+        f"pixels finer than the ground: the data base has nothing smaller than its cells of {cell_m:g} m, so pixels of "
+        f"{radar.pixel_spacing_m:g} m show no more detail and have fewer looks"
+    )
+
+
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:
     """Assumptions of the engine that matter for this image."""
     notes = [
@@ -321,6 +329,8 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     ]
     if radar.finer_pixels:
         notes[0] = "fading is correlated over the resolution cell and independent between channels"
+    if radar.pixel_spacing_m < frame.cell_m:
+        notes.append(finer_than_cells(radar, frame.cell_m))
     if radar.texture_db > 0.0:
         notes.append(
             f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)"

@@ -349,3 +349,28 @@ def test_a_scene_of_one_cell_one_row_or_one_column_has_an_image_in_every_format(
     for kind in ("png", "tif"):
         call("image", folder, "--out", folder / f"i.{kind}")
     call("image", folder, "--out", folder / "m.png", "--mask", "shadow")
+
+
+def test_a_calibration_beside_the_intensities_and_a_channel_left_out_are_told(campaign):
+    folder = campaign("i_min_w = 1e-3\n")
+    told = call("image", folder, "--out", folder / "i.png").stderr
+    found = arrays(folder)["intensity_w"]
+    assert (
+        f"every pixel of HH has the grey tone 0: the calibration does not fit intensities of {found.min():.3g}" in told
+    )
+    both = ("--set", "polarization=HH+HV")
+    assert "shown is HH, the .tif" in call("image", campaign(), "--out", folder / "i.png", *both).stderr
+    for suffix, more in (("npz", both), ("png", ())):
+        quiet = call("image", campaign(), "--out", folder / f"i.{suffix}", *more).stderr
+        assert "shown is" not in quiet
+        assert "every pixel" not in quiet
+
+
+def test_pixels_finer_than_the_cells_are_told(campaign):
+    folder = campaign()
+    cell = load_scene(folder / "scene.npz").cell_m
+    save_scene(dataclasses.replace(load_scene(folder / "scene.npz"), cell_m=30.0, bounds=None), folder / "scene.npz")
+    notes = json.loads(call("image", folder, "--out", folder / "i.npz", "--json").stdout)["notes"]
+    assert any("nothing smaller than its cells of 30 m, so pixels of 24.4" in note for note in notes)
+    assert "pixels finer than the ground at 4 of 6 settings" in call("check", folder).stdout
+    assert cell <= 10.0

@@ -223,3 +223,23 @@ def test_a_single_known_cell_has_statistics_and_a_legends_faults_are_told_by_the
     files["legend"].write_text("# by hand\n\ncode,category\nx,Wheat\n# more\n2,Trees\n2,Trees\n", encoding="utf-8")
     with pytest.raises(SceneError, match=r"csv:4: .*not a whole number[\s\S]*csv:7: .*given twice"):
         import_scene(**files)
+
+
+def test_problems_of_a_layer_name_its_raster(files, tmp_path):
+    values = tifffile.imread(files["elevation"])
+    values[3, 4] = -32768.0
+    files["elevation"] = write(tmp_path / "void.tif", values, 10.0)
+    with pytest.raises(
+        SceneError, match=r"void\.tif: elevation_m: .*no data, for instance: gdal_edit\.py -a_nodata -32768"
+    ):
+        import_scene(**files)
+    files["elevation"] = write(tmp_path / "z.tif", np.abs(values) % 50, 10.0)
+    with pytest.raises(SceneError, match=r"z\.tif: soil_moisture"):
+        import_scene(**files, moisture=files["elevation"])
+
+
+def test_nothing_known_is_refused(files, tmp_path):
+    files["elevation"] = write(tmp_path / "none.tif", np.full((30, 40), np.nan, np.float32), 10.0)
+    with pytest.raises(SceneError, match=r"none\.tif: no cell has both an elevation and a category"):
+        import_scene(**files, out=tmp_path / "s.npz")
+    assert not (tmp_path / "s.npz").exists()
