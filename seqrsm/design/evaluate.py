@@ -217,11 +217,12 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
 
 
 def largest_variance(
-    model: QuadraticModel, region: Region, inverse: FloatArray, ascents: int = _ASCENTS
+    model: QuadraticModel, region: Region, inverse: FloatArray, ascents: int = _ASCENTS, sweeps: int = _SWEEPS
 ) -> tuple[float, FloatArray]:
     """Largest z'Dz over the region for D (p, p), and the places (m, k) of its highest maxima.
 
-    Best candidates, at most ``ascents`` of them, then coordinate ascent along feasible intervals.
+    Best candidates, at most ``ascents`` of them, then coordinate ascent along feasible intervals, at most ``sweeps``
+    times each.
     """
     points = region.candidates(_COVER_LEVELS.get(len(region.continuous), 5), limit=20_000)
     rows = model.matrix(points)
@@ -229,7 +230,7 @@ def largest_variance(
     # One ascent from everywhere, then from the places that these ended at: the best candidates alone may share a hill.
     points = points[np.argsort(-values, kind="stable")[:ascents]].copy()
     best = float(values.max())
-    for number in range(_SWEEPS):
+    for number in range(sweeps):
         before, start = best, points.copy()
         for j in region.continuous:
             spans, counts = region.line_intervals_of(points, j)

@@ -1,10 +1,10 @@
 """Search for G-optimal designs: the smallest largest prediction variance over the region.
 
 The largest z'Dz over the region, D = (Z'Z + R)^-1, is shared by many places at an optimum, so that moves of one
-coordinate at a time jam. All coordinates therefore move together: first downhill on a soft maximum, the mean of
-(z'Dz)^q to the power 1/q with q growing, then by a sequence of linear programmes that lower all of the highest places
-at once (Madsen 1975, J. Inst. Maths Applics 16, 321-328). Levels of discrete and categorical factors, which cannot move
-by steps, are exchanged.
+coordinate at a time jam. All continuous coordinates therefore move together, downhill on a soft maximum: the mean of
+(z'Dz)^q to the power 1/q over places that cover the region, with q growing, and with the highest places of all added
+once q is so large that the gaps of the cover count. Levels of discrete and categorical factors, which cannot move by
+steps, are exchanged on the same soft maximum.
 """
 
 from __future__ import annotations
@@ -12,24 +12,27 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import linprog, minimize
 
 from seqrsm.arrays import FloatArray
+from seqrsm.design import kernels_minimax as kernels
 from seqrsm.design import search
-from seqrsm.design.exchange import smallest_eigenvalue
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.progress import tell
 
-_POWERS = (4.0, 16.0, 64.0)
-_PLACES = 1200
-_STEP = 0.25  # the model is a quadratic: central differences of any step are exact
-_ITERATIONS = 60
-_PROGRAMMES = 30
-_HIGH = 0.9
-_MOST_PLACES = 160
-_TRUST, _LEAST_TRUST = 0.2, 1e-4
-_PASSES = 3
-_GAIN = 1e-6
+# Low powers first lead to optima of one kind, high ones at once to others: the starts take turns.
+_ROUGH = ((4.0, 16.0, 64.0), (16.0, 64.0), (32.0,))
+_FINE = 256.0  # tells which designs are better; these alone are finished
+_LAST, _FINISHED = (512.0, 2048.0, 16384.0), 6
+_QUICK, _THOROUGH = (100, 1e-5), (300, 1e-7)  # iterations and the gain that ends them
+_PLACES = 2500
+_HIGH, _MOST_HIGH, _SWEEPS = 0.85, 200, 30
+_RADIUS = 1e-5  # places nearer to each other than this are one
+_RISE = 1e-6
+_DIFFERENCE, _RETURNS = 1e-6, 6
+_PASSES = 3  # of exchanges of levels, and of these and the descent in turn
+_FEW_TERMS = 10
+_SAME = 1e-3
 
 
 class MinimaxSearch:
@@ -41,7 +44,7 @@ class MinimaxSearch:
     precision : ndarray (p, p)
         What the prior and fixed runs bring to M.
     largest : callable
-        Exact largest z'Dz over the region for D (p, p), and the places (m, k) where it is high.
+        Largest z'Dz over a region with constraints for D (p, p), and the places (m, k) where it is high.
     """
 
     def __init__(
@@ -52,136 +55,121 @@ class MinimaxSearch:
         largest: Callable[[FloatArray], tuple[float, FloatArray]],
     ) -> None:
         self.model, self.region, self.precision, self.largest = model, region, precision, largest
-        places = region.candidates(limit=_PLACES)
-        self.places = model.matrix(places[:: max(1, -(-len(places) // _PLACES))])
         self.free = list(region.continuous)
+        self.held = [j for j in range(region.k) if j not in self.free]
+        self.columns = np.array([model.columns[j].start for j in self.free], dtype=np.int64)
+        places = region.candidates(3 if region.is_box else 5, limit=_PLACES)
+        self.bases = model.base(places[:: max(1, -(-len(places) // (2 * _PLACES)))])
+        self.places = self._rows(self.bases)
 
-    def covariance(self, points: FloatArray) -> FloatArray | None:
-        """(Z'Z + R)^-1, or None where it is singular."""
-        Z = self.model.matrix(points)
-        M = self.precision + Z.T @ Z
-        if smallest_eigenvalue(M) < 1e-9:
-            return None
-        scale = 1.0 / np.sqrt(np.diag(M))
-        return np.asarray(np.linalg.inv(M * np.outer(scale, scale)) * np.outer(scale, scale))
+    def _rows(self, bases: FloatArray) -> FloatArray:
+        return np.ascontiguousarray(bases[:, self.model.first] * bases[:, self.model.second])
 
-    def _slopes(self, points: FloatArray) -> FloatArray:
-        """Derivatives (n, c, p) of the model rows in the continuous coordinates."""
-        found = np.empty((len(points), len(self.free), self.model.p))
-        for c, j in enumerate(self.free):
-            ahead, behind = points.copy(), points.copy()
-            ahead[:, j] += _STEP
-            behind[:, j] -= _STEP
-            found[:, c] = (self.model.matrix(ahead) - self.model.matrix(behind)) / (2.0 * _STEP)
-        return found
+    def _heights(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(Z'Z + R)^-1 of a design and its variance at the places."""
+        D = kernels.covariance(self.model.matrix(points), self.precision)
+        return D, np.einsum("ij,ij->i", self.places @ D, self.places)
 
-    def _soft(self, flat: FloatArray, points: FloatArray, power: float) -> tuple[float, FloatArray]:
-        """Logarithm of the soft maximum and its gradient."""
-        moved = points.copy()
-        moved[:, self.free] = flat.reshape(len(points), -1)
-        D = self.covariance(moved)
-        if D is None:
-            return 1e3, np.zeros_like(flat)
-        P = self.places @ D
-        variance = np.einsum("ij,ij->i", P, self.places)
-        top = float(variance.max())
-        share = (variance / top) ** power
-        value = np.log(top) + np.log(share.mean()) / power
-        weight = share / variance / share.sum()
-        lowered = (P * weight[:, None]).T @ P  # D W D
-        rows = self.model.matrix(moved) @ lowered
-        gradient = -2.0 * np.einsum("ip,icp->ic", rows, self._slopes(moved))
-        return value, gradient.ravel()
+    def _highest(self, points: FloatArray) -> tuple[float, FloatArray]:
+        """Largest variance of a design over the box, and the model rows (m, p) of its highest places."""
+        D, heights = self._heights(points)
+        order = np.argsort(-heights, kind="stable")[:_MOST_HIGH]
+        tops = self.bases[order[heights[order] > _HIGH * heights[order[0]]]].copy()
+        values = np.empty(len(tops))
+        kernels.climb(tops, self.columns, self.model.first, self.model.second, D, _SWEEPS, values)
+        # Told apart by one number each: rows of a table are sorted far more slowly.
+        marks = np.rint(tops / _RADIUS) @ np.sqrt(np.arange(2.0, 2.0 + tops.shape[1]))
+        distinct = np.unique(np.rint(marks), return_index=True)[1]
+        return max(float(values.max()), float(heights[order[0]])), self._rows(tops[distinct])
+
+    def value(self, points: FloatArray, best: float) -> float:
+        """Largest variance of a design; where constraints make that dear, only as far as needed to exceed ``best``.
+
+        What rises between the places then joins them, so that later designs are judged there, too.
+        """
+        if self.region.is_box:
+            return self._highest(points)[0]
+        D, heights = self._heights(points)
+        top = float(heights.max())
+        if top > best:
+            return top
+        value, where = self.largest(D)
+        if value > top * (1.0 + _RISE):
+            self.places = np.vstack([self.places, self.model.matrix(where)])
+        return max(value, top)
+
+    def _half_spaces(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Constraints about the runs (n, k), normals x <= offsets: normals (n, h, c) of length one, offsets (n, h)."""
+        n, c, h = len(points), len(self.free), len(self.region.constraints)
+        if self.region.is_box:
+            return np.zeros((n, 0, c)), np.zeros((n, 0))
+        slacks = self.region.slacks(points)
+        slopes = np.empty((n, h, c))
+        for column, j in enumerate(self.free):
+            # Backwards in the upper half, so that a logarithm or root is not asked beyond the bound.
+            step = np.where(points[:, j] > 0.0, -_DIFFERENCE, _DIFFERENCE)
+            moved = points.copy()
+            moved[:, j] += step
+            slopes[:, :, column] = (self.region.slacks(moved) - slacks) / step[:, None]
+        lengths = np.linalg.norm(slopes, axis=2)
+        usable = np.isfinite(lengths) & np.isfinite(slacks) & (lengths > 1e-9)
+        safe = np.where(usable, lengths, 1.0)
+        normals = np.where(usable[:, :, None], -slopes / safe[:, :, None], 0.0)
+        reach = np.einsum("nhc,nc->nh", normals, points[:, self.free])
+        return normals, np.where(usable, reach + slacks / safe, 1e9)
 
     def _back(self, moved: FloatArray, start: FloatArray) -> FloatArray:
-        """``moved`` (n, k) with runs that left the region brought back to its edge."""
+        """``moved`` (n, k) with runs that left the region brought back to its edge, near to where they are."""
         if self.region.is_box:
             return moved
-        out = ~self.region.feasible(moved, tol=0.0)
-        if out.any():
-            moved[out] = search.bisect(start[out], moved[out], self.region.slack)
+        for _ in range(_RETURNS):
+            out = np.flatnonzero(self.region.slack(moved) < 0.0)
+            if not out.size:
+                return moved
+            normals, offsets = self._half_spaces(moved[out])
+            beyond = np.einsum("nhc,nc->nh", normals, moved[out][:, self.free]) - offsets
+            worst = np.argmax(beyond, axis=1)
+            step = beyond[np.arange(out.size), worst] + 1e-9
+            step = np.where(beyond.max(axis=1) > 0.0, step, 0.0)
+            back = moved[out][:, self.free] - step[:, None] * normals[np.arange(out.size), worst]
+            moved[out[:, None], self.free] = np.clip(back, -1.0, 1.0)
+        out = np.flatnonzero(self.region.slack(moved) < 0.0)
+        moved[out] = search.bisect(start[out], moved[out], self.region.slack)
         return moved
 
-    def smooth(self, points: FloatArray, powers: tuple[float, ...] = _POWERS) -> FloatArray:
-        """Downhill on soft maxima of growing power."""
-        for power in powers:
-            found = minimize(
-                self._soft,
-                points[:, self.free].ravel(),
-                args=(points, power),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=[(-1.0, 1.0)] * (len(points) * len(self.free)),
-                options={"maxiter": _ITERATIONS},
-            )
-            moved = points.copy()
-            moved[:, self.free] = np.clip(found.x.reshape(len(points), -1), -1.0, 1.0)
-            points = self._back(moved, points)
-        return points
+    def lower(self, points: FloatArray, power: float, effort: tuple[int, float]) -> FloatArray:
+        """Continuous coordinates downhill on the soft maximum."""
+        if not self.free:
+            return points
+        places = self.places
+        if power >= _FINE and self.region.is_box:
+            places = np.vstack([places, self._highest(points)[1]])
+        base = self.model.base(points)
+        kernels.descend(
+            base,
+            self.columns,
+            self.model.first,
+            self.model.second,
+            self.precision,
+            places,
+            *self._half_spaces(points),
+            power,
+            *effort,
+        )
+        moved = points.copy()
+        moved[:, self.free] = base[:, self.columns]
+        return self._back(moved, points)
 
-    def value(self, points: FloatArray) -> tuple[float, FloatArray]:
-        """Largest variance over the region, exact, and places where it is high; inf where the design is singular."""
-        D = self.covariance(points)
-        return (np.inf, np.empty((0, self.region.k))) if D is None else self.largest(D)
-
-    def sharpen(self, points: FloatArray) -> tuple[FloatArray, float]:
-        """Sequential linear programmes on the highest places; the design and its largest variance."""
-        value, where = self.value(points)
-        if not np.isfinite(value) or not self.free:
-            return points, value
-        trust, n, c = _TRUST, len(points), len(self.free)
-        for _ in range(_PROGRAMMES):
-            D = self.covariance(points)
-            if D is None:
-                break
-            rows = np.vstack([self.model.matrix(where), self.places])
-            P = rows @ D
-            variance = np.einsum("ij,ij->i", P, rows)
-            high = np.argsort(-variance, kind="stable")[:_MOST_PLACES]
-            high = high[variance[high] > _HIGH * value]
-            pull = P[high] @ self.model.matrix(points).T
-            change = np.einsum("mp,icp->mic", P[high], self._slopes(points))
-            slope = (-2.0 * pull[:, :, None] * change).reshape(len(high), n * c)
-            at = points[:, self.free].ravel()
-            bounds = [(max(-trust, -1.0 - x), min(trust, 1.0 - x)) for x in at]
-            step = linprog(
-                np.append(np.zeros(n * c), 1.0),
-                A_ub=np.column_stack([slope / value, -np.ones(len(high))]),
-                b_ub=-variance[high] / value,
-                bounds=[*bounds, (0.0, None)],
-                method="highs",
-            )
-            if step.x is None:
-                break
-            moved = points.copy()
-            moved[:, self.free] = np.clip(at + step.x[:-1], -1.0, 1.0).reshape(n, c)
-            moved = self._back(moved, points)
-            reached, there = self.value(moved)
-            if reached < value:
-                gained = 1.0 - reached / value
-                points, value, where = moved, reached, there
-                trust = min(1.5 * trust, 0.5)
-                if gained < _GAIN and trust < 10.0 * _LEAST_TRUST:
-                    break
-            else:
-                trust *= 0.3
-                if trust < _LEAST_TRUST:
-                    break
-        return points, value
-
-    def exchange(self, points: FloatArray) -> FloatArray:
-        """Exchange the levels of discrete and categorical factors, one run at a time, on the largest variance."""
+    def exchange(self, points: FloatArray, power: float) -> FloatArray:
+        """Exchange the levels of discrete and categorical factors, one run at a time, on the soft maximum."""
         points = points.copy()
-        held = [j for j in range(self.region.k) if j not in self.free]
-        for _ in range(_PASSES if held else 0):
+        for _ in range(_PASSES if self.held else 0):
             before = points.copy()
             for i in range(len(points)):
-                Z = self.model.matrix(np.delete(points, i, axis=0))
-                M = self.precision + Z.T @ Z
-                D = np.linalg.inv(M + 1e-9 * float(np.trace(M)) / len(M) * np.eye(len(M)))
+                D = kernels.covariance(self.model.matrix(np.delete(points, i, axis=0)), self.precision)
                 P = self.places @ D
                 rest = np.einsum("ij,ij->i", P, self.places)
-                for j in held:
+                for j in self.held:
                     levels = self.region.axes[j]
                     assert levels is not None
                     rows = np.repeat(points[i : i + 1], len(levels), axis=0)
@@ -189,31 +177,53 @@ class MinimaxSearch:
                     rows = rows[self.region.feasible(rows)]
                     f = self.model.matrix(rows)
                     share = 1.0 + np.einsum("ij,jk,ik->i", f, D, f)
-                    worst = np.max(rest[:, None] - (P @ f.T) ** 2 / share, axis=0)
-                    points[i] = rows[int(np.argmin(worst))]
+                    left = np.maximum(rest[:, None] - (P @ f.T) ** 2 / share, 0.0)
+                    top = left.max(axis=0)
+                    soft = np.log(top) + np.log(np.mean((left / top) ** power, axis=0)) / power
+                    points[i] = rows[int(np.argmin(soft))]
             if np.array_equal(points, before):
                 break
         return points
 
-    def search(self, starts: list[FloatArray], rounds: int, rng: np.random.Generator) -> tuple[FloatArray, float]:
-        """Best design from several, then from ``rounds`` others in which some runs of the best lie elsewhere.
+    def _searched(self, start: FloatArray, powers: tuple[float, ...], best: float) -> tuple[float, FloatArray]:
+        points = start
+        for power in (*powers, _FINE):
+            for _ in range(_PASSES):
+                before = points
+                points = self.lower(self.exchange(points, power), power, _QUICK)
+                if np.array_equal(before[:, self.held], points[:, self.held]):
+                    break
+        return self.value(points, best), points
 
-        Only the more promising third of the starts is sharpened.
+    def _finished(self, points: FloatArray) -> tuple[float, FloatArray]:
+        ends = []
+        for power in _LAST:
+            points = self.lower(points, power, _THOROUGH)
+            ends.append((self.value(points, np.inf), points))
+        return min(ends, key=_value)
+
+    def search(self, starts: list[FloatArray], kicks: int, rng: np.random.Generator) -> tuple[FloatArray, int]:
+        """Best design from several starts, then from ``kicks`` others in which some runs of the best lie elsewhere.
+
+        Returns it and how many of the searches came within a thousandth of the best one's largest variance.
         """
-        soft = sorted((self._smoothed(start, i % 2 == 1) for i, start in enumerate(starts)), key=lambda pair: pair[0])
-        sharp = [self.sharpen(points) for _, points in soft[: max(1, (len(soft) + 2) // 3)]]
-        points, value = min(sharp, key=lambda pair: pair[1])
-        for _ in range(rounds):
-            other = points.copy()
-            chosen = rng.choice(len(points), min(len(points), 1 + int(rng.integers(3))), replace=False)
+        total = len(starts) + kicks
+        turns = _ROUGH[:1] if self.held else _ROUGH[1:] if self.model.p <= _FEW_TERMS else _ROUGH
+        found: list[tuple[float, FloatArray]] = []
+        for i in range(total):
+            tell("searching the design", i, total)
+            best = min(found, key=_value, default=(np.inf, starts[0]))
+            if i < len(starts):
+                found.append(self._searched(starts[i], turns[i % len(turns)], best[0]))
+                continue
+            other = best[1].copy()
+            chosen = rng.choice(len(other), min(len(other), 1 + int(rng.integers(3))), replace=False)
             other[chosen] = self.region.sample(len(chosen), rng)
-            found, reached = self.sharpen(self._smoothed(other, True)[1])
-            if reached < value:
-                points, value = found, reached
-        return points, value
+            found.append(self._searched(other, turns[-1], best[0]))
+        found.sort(key=_value)
+        hits = sum(value < found[0][0] * (1.0 + _SAME) for value, _ in found)
+        return min((self._finished(points) for _, points in found[:_FINISHED]), key=_value)[1], hits
 
-    def _smoothed(self, start: FloatArray, steep: bool) -> tuple[float, FloatArray]:
-        """From low powers optima of one kind are found; from high ones others, too."""
-        points = self.exchange(start)
-        points = self.smooth(points, _POWERS[1:] if steep else _POWERS) if self.free else points
-        return self.value(points)[0], points
+
+def _value(pair: tuple[float, FloatArray]) -> float:
+    return pair[0]

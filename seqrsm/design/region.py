@@ -89,9 +89,9 @@ class Region:
         problems = _declaration_problems(self.factors, self.constraints)
         if problems:
             raise RegionError(*problems)
-        anchors = np.empty((0, self.k)) if self.is_box else search.feasible_anchors(self.axes, self._slacks)
+        anchors = np.empty((0, self.k)) if self.is_box else search.feasible_anchors(self.axes, self.slacks)
         if not self.is_box and anchors.shape[0] == 0:
-            conflict = search.conflicting(self.axes, self._slacks, len(self.constraints))
+            conflict = search.conflicting(self.axes, self.slacks, len(self.constraints))
             raise RegionError(
                 *(
                     Problem(
@@ -193,12 +193,20 @@ class Region:
             for row in zip(*columns, strict=True)
         ]
 
+    def slacks(self, points: FloatArray) -> FloatArray:
+        """Slack of every constraint at points (m, k), shape (m, constraints); >= 0 where it holds."""
+        settings = self._natural(points)
+        slacks = np.empty((points.shape[0], len(self.constraints)))
+        for column, constraint in enumerate(self.constraints):
+            slacks[:, column] = constraint.slack(settings)
+        return slacks
+
     def slack(self, points: FloatArray) -> FloatArray:
         """Smallest slack over the constraints, shape (n,), >= 0 where all hold; +inf for a box. Levels must be levels.
 
         Bounds and discrete levels are not looked at: see :meth:`feasible`.
         """
-        slacks = self._slacks(np.atleast_2d(points))
+        slacks = self.slacks(np.atleast_2d(points))
         smallest: FloatArray = np.min(slacks, axis=1, initial=np.inf)
         return smallest
 
@@ -308,13 +316,6 @@ class Region:
             else:
                 natural[factor.name] = factor.decode(points[:, column])
         return natural
-
-    def _slacks(self, points: FloatArray) -> FloatArray:
-        settings = self._natural(points)
-        slacks = np.empty((points.shape[0], len(self.constraints)))
-        for column, constraint in enumerate(self.constraints):
-            slacks[:, column] = constraint.slack(settings)
-        return slacks
 
     def _line_slack(self, points: FloatArray) -> FloatArray:
         return np.full(points.shape[0], np.inf) if self.is_box else self.slack(points)

@@ -10,25 +10,12 @@ import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.region import Region
 from seqrsm.fit.faces import quadratic_values
 
 _ROOT_STEPS = 9
 _FIRST_STEP, _LAST_STEP = 0.3, 1e-4
 _DIFFERENCE, _NEARLY_ACTIVE = 1e-6, 1e-3
-
-
-def constraint_slacks(region: Region, points: FloatArray) -> FloatArray:
-    """Slack of every constraint at coded points (n, k), shape (n, constraints); >= 0 is feasible."""
-    settings: dict[str, np.ndarray] = {}
-    for column, factor in enumerate(region.factors):
-        values = points[:, column]
-        if isinstance(factor, CategoricalFactor):
-            settings[factor.name] = np.array(factor.levels)[values.astype(np.intp)]
-        else:
-            settings[factor.name] = factor.decode(values)
-    return np.stack([constraint.slack(settings) for constraint in region.constraints], axis=1)
 
 
 def retract(region: Region, points: FloatArray, anchors: FloatArray) -> FloatArray:
@@ -147,7 +134,7 @@ def _tangent(region: Region, points: FloatArray, free: list[int], gradient: Floa
     shifted = np.repeat(points[None, :, :], c + 1, axis=0)
     for column, j in enumerate(free):
         shifted[column, :, j] += sign[:, column] * _DIFFERENCE
-    slacks = constraint_slacks(region, shifted.reshape((c + 1) * m, -1)).reshape(c + 1, m, -1)
+    slacks = region.slacks(shifted.reshape((c + 1) * m, -1)).reshape(c + 1, m, -1)
     slopes = (slacks[:-1] - slacks[-1]) * (sign / _DIFFERENCE).T[:, :, None]
     normals = np.where(np.isfinite(slopes), slopes, 0.0).transpose(2, 1, 0)
     active = np.where(slacks[-1] < _NEARLY_ACTIVE, 1.0, 0.0).T
@@ -251,7 +238,7 @@ def polish(
         return point
 
     def slacks(x: FloatArray) -> FloatArray:
-        found: FloatArray = constraint_slacks(region, full(x)[None, :])[0]
+        found: FloatArray = region.slacks(full(x)[None, :])[0]
         return found
 
     def loss(x: FloatArray) -> float:

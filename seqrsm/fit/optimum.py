@@ -15,7 +15,7 @@ import numpy as np
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.constrained import climb, constraint_slacks, line_ascent, polish
+from seqrsm.fit.constrained import climb, line_ascent, polish
 from seqrsm.fit.faces import cube_maxima, face_maxima, well_curved
 from seqrsm.fit.slices import Slice, deepest, feasible_cover, full_points, slices, stack
 
@@ -99,7 +99,7 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
         point, value, ties, flat, exact = _constrained_optimum(model, region, signed)
     active: tuple[str, ...] = ()
     if not region.is_box:
-        slack = constraint_slacks(region, point[None, :])[0]
+        slack = region.slacks(point[None, :])[0]
         active = tuple(c.expr for c, value_ in zip(region.constraints, slack, strict=True) if value_ < 1e-6)
     return Optimum(
         point=point,

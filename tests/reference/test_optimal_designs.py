@@ -158,23 +158,26 @@ def test_g_efficiency_of_a_known_design(k, n):
     assert 100.0 * report.g_efficiency == pytest.approx(float(row["G_eff_of_D_best_pct"]), abs=2e-3)
 
 
-G_ROWS = [row for row in cases((1, 2)) if (row.values[0]["k"], row.values[0]["N"]) in {("1", "8"), ("2", "9")}]
+def long_known(row):
+    """Rows whose optimum was sought for its own sake: all of up to three factors, two of five."""
+    return int(row["k"]) <= 3 or (row["k"], row["N"]) in {("4", "24"), ("5", "30")}
 
 
-@pytest.mark.parametrize("row", G_ROWS)
-def test_g_optimal_designs_come_within_half_a_point_of_the_best_known(row):
+@pytest.mark.parametrize("row", cases((1, 2, 3, 4, 5), long_known))
+def test_g_optimal_designs_reach_the_best_known(row):
     k, n = int(row["k"]), int(row["N"])
     design = optimal_design(*build(k), n, "G", seed=1)
-    # By a grid of its own, and by a local ascent from its best places: the largest variance of all.
-    axis = np.linspace(-1.0, 1.0, 41)
+    # By a grid of its own: nowhere is the variance larger than it is told, and somewhere nearly as large.
+    axis = np.linspace(-1.0, 1.0, {1: 401, 2: 41, 3: 21}.get(k, 7))
     places = np.stack([m.ravel() for m in np.meshgrid(*[axis] * k, indexing="ij")], axis=1)
     Z = direct(design.points)
     inverse = np.linalg.inv(Z.T @ Z)
     rows = direct(places)
     largest = float(np.max(np.sum((rows @ inverse) * rows, axis=1)))
-    assert design.value >= largest * (1.0 - 1e-12)
-    assert design.value <= largest * 1.01
-    assert 100.0 * Z.shape[1] / (n * design.value) >= float(row["G_eff_best_pct"]) - 0.5
+    assert np.max(np.abs(design.points)) <= 1.0
+    assert largest * (1.0 - 1e-12) <= design.value <= largest * 1.01
+    allowed = 0.5 if k <= 3 else 2.0
+    assert 100.0 * Z.shape[1] / (n * design.value) >= float(row["G_eff_best_pct"]) - allowed
 
 
 def test_g_optimal_designs_with_levels_and_constraints():
