@@ -6,6 +6,7 @@ What the published formulas do not say near nadir and near grazing is settled by
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -70,6 +71,8 @@ class Curve:
         Source and assumptions, without the category's name.
     rows : tuple of str
         File, line and status of every row used.
+    as_given : bool
+        A user's own numbers, which `limit_db` leaves alone.
     """
 
     category: str
@@ -85,6 +88,7 @@ class Curve:
     sources: tuple[str, ...]
     notes: tuple[str, ...]
     rows: tuple[str, ...]
+    as_given: bool = False
 
 
 # Most at HH, HV, VV over land, and over water.
@@ -117,6 +121,14 @@ def limit_db(value_db: FloatArray, *, surface: bool, water: bool) -> FloatArray:
             value[..., 1, :], np.fmin(value[..., 0, :], value[..., 2, :]) - _CROSS_BELOW_CO_DB
         )
     return np.asarray(np.maximum(value, FLOOR_DB))
+
+
+def continued_db(value_db: FloatArray, last_deg: float) -> FloatArray:
+    """Curve (91,) [dB] with constant gamma beyond 75 deg and the last angle that is known, and a floor there."""
+    held = max(math.ceil(last_deg), _GRAZING_DEG)
+    fall = _GRAZING_FALL_DB[held - _GRAZING_DEG :] - _GRAZING_FALL_DB[held - _GRAZING_DEG]
+    beyond = np.minimum(value_db[held], np.maximum(value_db[held] + fall, FLOOR_DB))
+    return np.concatenate([value_db[:held], beyond])
 
 
 def moisture_change_db(frequency_ghz: float, rms_height_m: float, moisture: float, reference: float) -> FloatArray:

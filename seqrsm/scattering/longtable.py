@@ -3,6 +3,8 @@
 Columns ``quantity, category, frequency_ghz, polarization, theta_deg, value, unit, status, source`` are required;
 ``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]) and ``wind_m_s`` are optional, and so
 are ``moisture`` and ``snow_cm``, which must be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
+Between the angles given sigma0 is linear in dB; it is held before the first, and after the last up to 75 degrees, from
+where on gamma is.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db
+from seqrsm.scattering.curves import THETA_DEG, Curve, continued_db
 from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, read_rows
 
 REQUIRED: Final = (
@@ -26,6 +28,7 @@ OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd")
 
 _SEASONS: Final = ("spring_summer", "fall", "winter")
 _NO_WIND: Final = 0.0
+_MOST_TOLD: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,9 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
         problems.append(Problem("the table has no rows", f"Columns: {', '.join(REQUIRED)}", str(path)))
     curves = {key: curve for key, group in groups.items() if (curve := _curve(key, group, problems)) is not None}
     if problems:
-        raise ScatteringDataError(*problems)
+        more = len(problems) - _MOST_TOLD
+        rest = [Problem(f"{more} more problems like these", file=str(path))] if more > 0 else []
+        raise ScatteringDataError(*problems[:_MOST_TOLD], *rest)
     spread: dict[tuple[str, str], list[float]] = defaultdict(list)
     for node in nodes:
         if np.isfinite(node.sd_db):
@@ -113,15 +118,14 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
     if len(problems) > before:
         return None
     sources = sorted({f"{n.row.text('status')}: {n.row.text('source')}" for n in nodes})
-    water = key[0] == "Water"
     return Curve(
         category=key[0],
         season=key[1],
         frequency_ghz=np.array(frequencies),
         wind_m_s=np.array(winds),
-        value_db=limit_db(value, surface=False, water=water),
+        value_db=value,
         surface=False,
-        water=water,
+        water=False,
         soil_rms_height_m=None,
         reference_moisture=0.2,
         status=tuple(
@@ -131,11 +135,12 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
         sources=tuple(dict.fromkeys(n.row.text("source") for n in nodes)),
         notes=(f"rows of {Path(nodes[0].row.file).name} ({'; '.join(sources)})",),
         rows=tuple(f"{Path(n.row.file).name}:{n.row.line} ({n.row.text('status')})" for n in nodes),
+        as_given=True,
     )
 
 
 def _resampled(block: list[_Node], file: str, at: str, problems: list[Problem]) -> FloatArray:
-    """Values on the 1-degree grid, linear in dB, held at the ends."""
+    """Values on the 1-degree grid, linear in dB, held at the ends; gamma held beyond 75 deg and the last angle."""
     angles = [node.theta_deg for node in block]
     if len(angles) < 2:
         message = f"{at}: {len(angles)} incidence angles, at least 2 are needed"
@@ -147,4 +152,5 @@ def _resampled(block: list[_Node], file: str, at: str, problems: list[Problem]) 
         if angles.count(node.theta_deg) > 1
     ]
     order = np.argsort(angles)
-    return np.asarray(np.interp(THETA_DEG, np.array(angles)[order], np.array([node.value_db for node in block])[order]))
+    value = np.interp(THETA_DEG, np.array(angles)[order], np.array([node.value_db for node in block])[order])
+    return continued_db(np.asarray(value), max(angles))

@@ -272,7 +272,8 @@ def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
         value, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
         notes.append(note)
         status = max(status, "computed", key=STATUSES.index)
-    at_channel = limit_db(value, surface=curve.surface, water=curve.water)[POLARIZATIONS.index(channel)]
+    limited = value if curve.as_given else limit_db(value, surface=curve.surface, water=curve.water)
+    at_channel = limited[POLARIZATIONS.index(channel)]
     if np.isnan(at_channel).any():
         raise ScatteringDataError(
             Problem(f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization")

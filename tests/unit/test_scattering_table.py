@@ -255,3 +255,33 @@ def test_missing_channel_of_a_user_table(tmp_path: Path) -> None:
     assert table.lookup(["Wheat"], 5.0, "HH").sigma0[0, 30] == pytest.approx(0.1)
     with pytest.raises(ScatteringDataError, match="no HV of Wheat"):
         table.lookup(["Wheat"], 5.0, "HV")
+
+
+def test_a_users_numbers_stand_as_they_are(tmp_path: Path) -> None:
+    # Above what the shipped models are capped at, and beyond 75 degrees, where these end.
+    values = {"HH": {0: 18.0, 40: 14.0, 75: 2.0, 85: -3.0}, "HV": {0: 6.0, 40: 1.0}, "VV": {10: -80.0, 80: -90.0}}
+    rows = "".join(
+        f"sigma0,Wheat,5.0,{p},,{t},{v},,dB,measured,me\n" for p, nodes in values.items() for t, v in nodes.items()
+    )
+    path = tmp_path / "own.csv"
+    path.write_text(HEADER + rows, encoding="utf-8")
+    table = load_sigma0_table(path)
+    for channel, nodes in values.items():
+        found = 10.0 * np.log10(table.lookup(["Wheat"], 5.0, channel).sigma0[0])
+        for angle, value in nodes.items():
+            assert found[angle] == pytest.approx(value, abs=1e-9)
+        if max(nodes) < 75:
+            assert found[max(nodes) : 76] == pytest.approx(nodes[max(nodes)], abs=1e-9)
+        last = max(max(nodes), 75)
+        gamma = found - 10.0 * np.log10(np.cos(np.deg2rad(np.minimum(np.arange(91), 89.9))))
+        if nodes[max(nodes)] > -60.0:
+            assert gamma[last:90] == pytest.approx(gamma[last], abs=1e-6)
+        assert found[90] <= found[last]
+
+
+def test_many_wrong_rows_are_told_with_their_number(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(HEADER + own_rows(unit="1").replace(",0.1,", ",-0.1,") * 10, encoding="utf-8")
+    with pytest.raises(ScatteringDataError, match="70 more problems like these") as caught:
+        load_sigma0_table(path)
+    assert len(caught.value.problems) == 51
