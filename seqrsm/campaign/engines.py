@@ -28,7 +28,7 @@ from seqrsm.simulate.ground import look_up
 from seqrsm.simulate.prm import check_radiometer, meet_radiometer, simulate_radiometer
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.prm_sample import radiometer_sample
-from seqrsm.simulate.psm import Precision, RadarImage, finer_than_cells, simulate_radar
+from seqrsm.simulate.psm import Precision, RadarImage, blind_channels, finer_than_cells, simulate_radar
 from seqrsm.simulate.psm_sample import meet, radar_record, radar_sample
 from seqrsm.simulate.receiver import named_function, transfer_function
 from seqrsm.simulate.sample import Sample
@@ -210,15 +210,16 @@ def _radiometer_image(
 
 
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> tuple[str, ...]:
-    make_frame(scene, sensor, "float32")
+    frame = make_frame(scene, sensor, "float32")
     transfer_function(sensor, 1.0)
     if sensor.processing:
         named_function("processing", sensor.processing)
     check_targets(_targets(sensor.targets_file), scene.shape)
     # Whatever wind and moisture a run draws lies between these.
     for state in ((sensor.soil_moisture_low, sensor.wind_low_m_s), (sensor.soil_moisture_high, sensor.wind_high_m_s)):
-        look_up(scene, sensor, table, state)
-    return (finer_than_cells(sensor, scene.cell_m),) if sensor.pixel_spacing_m < scene.cell_m else ()
+        lookups = look_up(scene, sensor, table, state)
+    notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
+    return (*notes, *blind_channels(sensor, frame, lookups))
 
 
 def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
+from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.feasibility import CHANNELS, GAUSSIAN_LOOKS
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
@@ -37,9 +38,10 @@ from seqrsm.simulate.registration import Registration
 from seqrsm.simulate.row_law import row_law
 from seqrsm.simulate.targets import CulturalTarget, add_targets
 from seqrsm.simulate.threads import block, in_threads
+from seqrsm.units import linear_to_db
 
 if TYPE_CHECKING:
-    from seqrsm.scattering.sigma0 import Sigma0Table
+    from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
     from seqrsm.scene.scene import Scene
 
 Precision = Literal["float32", "float64"]
@@ -317,6 +319,41 @@ def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
         f"pixels finer than the ground: the data base has nothing smaller than its cells of {cell_m:g} m, so pixels of "
         f"{radar.pixel_spacing_m:g} m show no more detail and have fewer looks"
     )
+
+
+def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
+    """Channels in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+    frame : RadarFrame
+    lookups : sequence of Sigma0Lookup
+        One for each channel.
+
+    Returns
+    -------
+    list of str
+        Each as "kind: what"; empty where all is well.
+    """
+    flat = range_geometry(np.array([frame.centre_m]), frame.height_m, frame.curved)
+    theta = flat.incidence_rad
+    noise_db = float(linear_to_db(radar.noise_equivalent_sigma0(theta, flat.slant_range_m, flat.look_rad))[0])
+    level_db = radar.receiver_level_db if radar.receiver == "saturation" else math.inf
+    weak, strong = [], []
+    for channel, lookup in zip(radar.channels, lookups, strict=True):
+        sigma0 = [np.interp(math.degrees(theta[0]), lookup.theta_deg, row) for row in lookup.sigma0]
+        cover_db = linear_to_db(np.array(sigma0))
+        weak += [channel] * bool((cover_db < noise_db).all())
+        strong += [channel] * bool((cover_db > level_db).all())
+    notes = []
+    if weak:
+        text = f"every cover in {' and '.join(weak)}, where noise stands for a sigma0 of {noise_db:.1f} dB"
+        notes.append(f"echo weaker than the receiver's noise: {text}")
+    if strong:
+        text = f"every cover in {' and '.join(strong)} returns more than the level of {level_db:g} dB"
+        notes.append(f"saturated receiver: {text}")
+    return notes
 
 
 def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:

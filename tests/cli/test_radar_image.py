@@ -374,3 +374,17 @@ def test_pixels_finer_than_the_cells_are_told(campaign):
     assert any("nothing smaller than its cells of 30 m, so pixels of 24.4" in note for note in notes)
     assert "pixels finer than the ground at 4 of 6 settings" in call("check", folder).stdout
     assert cell <= 10.0
+
+
+def test_channels_that_see_nothing_are_told_by_check(campaign):
+    def told(more: str) -> str:
+        return call("check", campaign(more)).stdout.partition("What some settings do")[2].partition("What the")[0]
+
+    assert not told("")
+    weak = told("peak_power = 1e-6\n")
+    assert "weaker than the receiver's noise at 6 of 6 settings" in weak
+    assert "every cover in HH" in weak
+    strong = told('receiver = "saturation"\nreceiver_level_db = -60.0\n')
+    assert "saturated receiver at 6 of 6 settings" in strong
+    assert "the level of -60 dB" in strong
+    assert not told("receiver_level_db = -60.0\n")
