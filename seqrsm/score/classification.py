@@ -31,7 +31,8 @@ TILE_M = 250.0
 TRAINING_PURITY = 0.8
 """Least share of one class in a pixel that trains it: training fields are chosen inside fields, not across borders."""
 
-_ENOUGH_PIXELS = 10.0  # a class with fewer pure pixels than this is taught by all pixels that hold it
+ENOUGH_PIXELS = 10.0
+"""A class with fewer pure pixels than this is taught by all pixels that hold it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,8 +176,6 @@ def score_pixels(
     scale: Literal["decibel", "linear"] = "decibel",
     covariates: FloatArray | None = None,
     tile_keys: FloatArray | None = None,
-    pixels_each: float = 1.0,
-    group: IntArray | None = None,
 ) -> UtilityScore:
     """`percent_correct` on bare arrays: pixels with the cells of each class in them.
 
@@ -199,11 +198,6 @@ def score_pixels(
         conditional on them, its mean a straight line in each.
     tile_keys : float64 array (n_tiles,), optional
         The half of the tiles with the smaller keys is one half; drawn if not given.
-    pixels_each : float
-        Pixels of the full image that each of these stands for: teaching counts them as so many.
-    group : int64 array (n_pixels,), optional
-        Number of each pixel's group in a systematic sample, 0, 1, ... in the order of place: the details then hold
-        ``sampling_se``, the standard error of having looked at these groups only.
 
     Returns
     -------
@@ -214,11 +208,8 @@ def score_pixels(
     n_tiles = int(tile.max()) + 1
     if tile_keys is None:
         order = generator(seed, run_id, "training tiles").permutation(n_tiles)
-    else:
-        order = np.argsort(tile_keys)
-    half_of_tile = np.zeros(n_tiles, dtype=np.int64)
-    half_of_tile[order[: n_tiles // 2]] = 1
-    half = half_of_tile[tile]
+        tile_keys = np.argsort(order).astype(np.float64)
+    half = halves(tile_keys)[tile]
     named = np.zeros(len(tile), dtype=np.int64)
     taught = np.zeros(n_classes, dtype=bool)
     features = power if likelihood == "gamma" or scale == "linear" else _decibels(power)
@@ -230,15 +221,15 @@ def score_pixels(
         train = test if n_tiles == 1 else ~test
         if not test.any():
             continue
-        weights = _training_weights(counts[train], training_purity, pixels_each)
+        weights = _training_weights(counts[train], training_purity)
         known = weights.any(axis=0)
         taught |= known
         if likelihood == "gamma":
             log_likelihood = _gamma_log_likelihood(features[train], weights, features[test], looks[test])
         else:
-            log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test], pixels_each)
+            log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
             if covariates is not None:
-                log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test], pixels_each)
+                log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
         if priors == "area":
             area = counts[train].sum(axis=0)
             log_likelihood += np.log(np.maximum(area, 1) / area.sum())
@@ -250,15 +241,17 @@ def score_pixels(
     confusion = np.zeros((n_classes, n_classes), dtype=np.int64)
     for k in range(n_classes):
         confusion[:, k] = counts[named == k].sum(axis=0)
+    details = class_details(confusion, taught)
+    return UtilityScore(100.0 * value, 100.0 * se, int(confusion.sum()), n_tiles, confusion, details)
+
+
+def class_details(confusion: IntArray, taught: AnyArray) -> dict[str, object]:
+    """Share correct by class, and the classes that nothing taught, by number."""
     total = confusion.sum(axis=1)
-    shares = {k: 100.0 * float(confusion[k, k]) / float(total[k]) for k in range(n_classes) if total[k]}
-    details: dict[str, object] = {
+    return {
         "not_predicted": tuple(int(k) for k in np.flatnonzero(~taught & (total > 0))),
-        "per_class_percent": shares,
+        "per_class_percent": {k: 100.0 * float(confusion[k, k]) / float(n) for k, n in enumerate(total) if n},
     }
-    if group is not None:
-        details["sampling_se"] = 100.0 * systematic_se(correct, counts.sum(axis=1), group)
-    return UtilityScore(100.0 * value, 100.0 * se, int(total.sum()), n_tiles, confusion, details)
 
 
 def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tuple[float, float]:
@@ -304,11 +297,20 @@ def systematic_se(correct: AnyArray, cells: AnyArray, group: IntArray) -> float:
 
 
 def tiles(
-    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float, *, seed: int, run_id: int
+    across_m: FloatArray,
+    along_m: FloatArray,
+    extent_m: tuple[float, float],
+    tile_m: float,
+    *,
+    seed: int,
+    run_id: int,
+    sample: bool = False,
 ) -> tuple[IntArray, FloatArray]:
     """Square tile of ground that each pixel belongs to, and the key by which the tiles are split into halves.
 
-    The keys are those of all tiles of the image, whichever are asked for: a part of an image is split as the whole.
+    The keys are those of all tiles of the image, whichever are asked for: a part of an image is split as the whole. For
+    that the narrow tiles at the far edges count, too, which a sample may pass over: without them the middle key is
+    another, and tiles change sides.
 
     Parameters
     ----------
@@ -319,26 +321,40 @@ def tiles(
     tile_m : float
         Side of a tile [m].
     seed, run_id : int
+    sample : bool
+        The pixels are some in equal steps of all that the tiles hold.
 
     Returns
     -------
     tile : int64 array (n_pixels,)
-        Numbered without gaps.
+        Numbered without gaps, but for tiles that a sample passes over.
     keys : float64 array (n_tiles,)
     """
     wide, long = (max(math.floor(size / tile_m), 0) + 1 for size in extent_m)
     away = np.clip(np.floor(across_m / tile_m).astype(np.int64), 0, wide - 1)
     ahead = np.clip(np.floor(along_m / tile_m).astype(np.int64), 0, long - 1)
-    code, tile = np.unique(away * long + ahead, return_inverse=True)
+    code = away * long + ahead
+    seen = np.bincount(code, minlength=wide * long).reshape(wide, long) > 0
+    for lines in (seen, seen.T) if sample else ():
+        # Where there are five lines, both halves keep tiles with pixels.
+        if len(lines) >= 5 and not lines[-1].any():
+            lines[-1] = lines[-2]
     keys = generator(seed, run_id, "training tiles").random(wide * long)
-    return np.asarray(tile, dtype=np.int64).ravel(), keys[code]
+    return (np.cumsum(seen) - 1)[code], keys[seen.ravel()]
 
 
-def _training_weights(counts: AnyArray, purity: float, pixels_each: float) -> FloatArray:
+def halves(tile_keys: FloatArray) -> IntArray:
+    """Half that each tile belongs to, 0 or 1: that with the smaller keys is half 1."""
+    half = np.zeros(len(tile_keys), dtype=np.int64)
+    half[np.argsort(tile_keys)[: len(tile_keys) // 2]] = 1
+    return half
+
+
+def _training_weights(counts: AnyArray, purity: float) -> FloatArray:
     """Cells with which each pixel teaches each class (n_pixels, n_classes)."""
     cells = counts.astype(np.float64)
     pure = np.where(cells >= purity * cells.sum(axis=1, keepdims=True), cells, 0.0)
-    few = pixels_each * _effective_pixels(pure) < _ENOUGH_PIXELS
+    few = _effective_pixels(pure) < ENOUGH_PIXELS
     pure[:, few] = cells[:, few]
     return pure
 
@@ -355,30 +371,45 @@ def _decibels(power: FloatArray) -> FloatArray:
     return np.asarray(10.0 * np.log10(np.maximum(power, np.where(np.isfinite(floor), floor, 1.0))))
 
 
-def _gaussian_log_likelihood(
-    train: FloatArray, weights: FloatArray, test: FloatArray, pixels_each: float
-) -> FloatArray:
-    """Log likelihood (n_test, n_classes) under each class's Gaussian, its moments weighted by cells.
-
-    A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d
-    being the number of channels.
-    """
-    n_classes, d = weights.shape[1], train.shape[1]
+def _gaussian_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray) -> FloatArray:
+    """Log likelihood (n_test, n_classes) under each class's Gaussian, its moments weighted by cells."""
+    n_classes = weights.shape[1]
     total = weights.sum(axis=0)
     safe = np.where(total > 0.0, total, 1.0)
     mean = (weights.T @ train) / safe[:, None]
     second = np.einsum("nk,ni,nj->kij", weights, train, train, optimize=True) / safe[:, None, None]
-    covariance = second - mean[:, :, None] * mean[:, None, :]
-    pooled = np.tensordot(total, covariance, axes=1) / total.sum() + 1e-6 * np.eye(d)
-    effective = pixels_each * _effective_pixels(weights)
-    prior_pixels = 2.0 * (d + 1)
+    roots = covariance_roots(total, mean, second, _effective_pixels(weights))
     out = np.empty((len(test), n_classes))
     for k in range(n_classes):
-        own = (effective[k] * covariance[k] + prior_pixels * pooled) / (effective[k] + prior_pixels)
-        root = np.linalg.cholesky(own)
-        scaled = np.linalg.solve(root, (test - mean[k]).T)
-        out[:, k] = -0.5 * np.einsum("in,in->n", scaled, scaled) - np.log(np.diag(root)).sum()
+        scaled = np.linalg.solve(roots[k], (test - mean[k]).T)
+        out[:, k] = -0.5 * np.einsum("in,in->n", scaled, scaled) - np.log(np.diag(roots[k])).sum()
     return out
+
+
+def covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Cholesky roots (n_classes, d, d) of the covariances of classes.
+
+    A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d
+    being the number of features.
+
+    Parameters
+    ----------
+    total : float64 array (n_classes,)
+        Weight of each class, not all 0.
+    mean, second : float64 arrays (n_classes, d), (n_classes, d, d)
+        First and second moments about 0.
+    pixels : float64 array (n_classes,)
+        That each rests on.
+    """
+    d = mean.shape[1]
+    covariance = second - mean[:, :, None] * mean[:, None, :]
+    pooled = np.tensordot(total, covariance, axes=1) / total.sum() + 1e-6 * np.eye(d)
+    prior_pixels = 2.0 * (d + 1)
+    roots = np.empty_like(covariance)
+    for k in range(len(total)):
+        own = (pixels[k] * covariance[k] + prior_pixels * pooled) / (pixels[k] + prior_pixels)
+        roots[k] = np.linalg.cholesky(own)
+    return roots
 
 
 def _gamma_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray, looks: FloatArray) -> FloatArray:

@@ -7,17 +7,22 @@ at, and each draw of fading or receiver noise for a part of a pixel.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.score import kernels_classify
 from seqrsm.score.classification import (
+    ENOUGH_PIXELS,
     TILE_M,
+    TRAINING_PURITY,
     UtilityScore,
+    class_details,
     cluster_ratio,
-    score_pixels,
+    covariance_roots,
+    halves,
     systematic_se,
     tiles,
     with_names,
@@ -45,32 +50,82 @@ def _percent_correct(
 ) -> UtilityScore:
     n_draws, _, n_pixels = sample.values.shape
     counts = count_classes(sample.pixel_of_cell, sample.cover, sample.scored, n_pixels, len(scene.categories))
-    used = np.flatnonzero(counts.any(axis=1) & np.isfinite(sample.values[0]).all(axis=0))
+    cells = kernels_classify.cells_of_pixels(counts, sample.values)
+    used = np.flatnonzero(cells)
     if used.size == 0:
         text = "no scored cell lies in the pixels that were looked at"
         raise SceneError(Problem(text, 'Set [simulator] fidelity = "F4"', field="scored"))
-    across, along = sample.across_m[used], sample.along_m[used]
-    tile, keys = tiles(across, along, sample.extent_m, tile_m, seed=seed, run_id=run_id)
-    values = sample.values[:, :, used].transpose(0, 2, 1).reshape(n_draws * used.size, -1)
-    group = np.unique(sample.column[used], return_inverse=True)[1].ravel()
-    score = score_pixels(
-        values,
-        np.tile(sample.looks[used], n_draws),
-        np.tile(counts[used], (n_draws, 1)),
-        np.tile(tile, n_draws),
-        seed=seed,
-        run_id=run_id,
-        scale="linear" if linear else "decibel",
-        covariates=None if sample.covariates is None else np.tile(sample.covariates[used], (n_draws, 1)),
-        tile_keys=keys,
-        pixels_each=1.0 / (sample.share * n_draws),
-        group=np.tile(group, n_draws),
-    )
-    spread = score.details["sampling_se"]
-    assert isinstance(spread, float)
-    finite = math.sqrt(1.0 - sample.share)
-    score = replace(score, details={**score.details, "sampling_se": finite * spread}, n_cells=int(counts[used].sum()))
+    place = (sample.across_m[used], sample.along_m[used], sample.extent_m)
+    tile, keys = tiles(*place, tile_m, seed=seed, run_id=run_id, sample=True)
+    half = np.zeros(n_pixels, dtype=np.int64)
+    half[used] = halves(keys)[tile]
+    features = sample.values if linear else _decibels(sample.values, used)
+    known = np.empty((n_pixels, 0)) if sample.covariates is None else sample.covariates
+    pixels = (features, known, counts, cells, half)
+    laws, taught = _laws(pixels, pixels_each=1.0 / (sample.share * n_draws), alone=len(keys) == 1)
+    correct, confusion = kernels_classify.name_classes(*pixels, *laws)
+    size = n_draws * cells[used]
+    value, se = cluster_ratio(correct[used], size, tile)
+    spread = systematic_se(correct[used], size, _numbered(sample.column[used]))
+    details = class_details(confusion, taught)
+    details["sampling_se"] = 100.0 * math.sqrt(1.0 - sample.share) * spread
+    score = UtilityScore(100.0 * value, 100.0 * se, int(cells.sum()), len(keys), confusion, details)
     return with_names(score, scene.categories)
+
+
+def _numbered(code: IntArray) -> IntArray:
+    """Place of each among the numbers >= 0 that occur, in their order: `numpy.unique` without a sort."""
+    return np.asarray((np.cumsum(np.bincount(code) > 0) - 1)[code])
+
+
+def _decibels(values: FloatArray, used: IntArray) -> FloatArray:
+    """Decibels; exact zeros, which only a noiseless radar has, take the least positive value of their channel."""
+    if values.min() > 0.0:
+        return np.asarray(10.0 * np.log10(values))
+    shown = values[:, :, used]
+    floor = np.where(shown > 0.0, shown, np.inf).min(axis=(0, 2))
+    return np.asarray(10.0 * np.log10(np.maximum(values, np.where(np.isfinite(floor), floor, 1.0)[:, None])))
+
+
+def _laws(
+    pixels: tuple[FloatArray, FloatArray, AnyArray, FloatArray, IntArray], *, pixels_each: float, alone: bool
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], AnyArray]:
+    """The classes' laws by the half that they test, for `kernels_classify.name_classes`, and which are taught at all.
+
+    ``pixels_each``: of the full image that each draw of a pixel stands for; ``alone``: a single tile teaches itself.
+    """
+    weight, mean, second = kernels_classify.teach(*pixels, TRAINING_PURITY)
+    d, n_more, n_classes = mean.shape[3], pixels[1].shape[1], mean.shape[2]
+    centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
+    known_scale, constant = np.zeros((2, n_classes, n_more, n_more)), np.full((2, n_classes), -np.inf)
+    for tested in (0, 1):
+        taught_by = tested if alone else 1 - tested
+        few = pixels_each * _effective(weight[taught_by, 0]) < ENOUGH_PIXELS
+        total, first, square = (
+            a[taught_by, 0] + np.where(few.reshape(-1, *[1] * (a.ndim - 3)), a[taught_by, 1], 0.0)
+            for a in (weight, mean, second)
+        )
+        cells = total[:, 0]
+        if not cells.any():
+            continue
+        safe = np.where(cells > 0.0, cells, 1.0)
+        first, square, effective = first / safe[:, None], square / safe[:, None, None], pixels_each * _effective(total)
+        roots = covariance_roots(cells, first, square, effective)
+        centre[tested], scale[tested] = first, np.linalg.inv(roots)
+        constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        if n_more:
+            # A conditional Gaussian is the joint one over that of the covariates alone.
+            own = slice(d - n_more, None)
+            roots = covariance_roots(cells, first[:, own], square[:, own, own], effective)
+            known_scale[tested] = np.linalg.inv(roots)
+            constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        constant[tested, cells == 0.0] = -np.inf
+    return (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0)
+
+
+def _effective(weight: FloatArray) -> FloatArray:
+    """Number of equally weighted pixels that carry as much, of sums of weights and of their squares (n_classes, 2)."""
+    return np.asarray(weight[:, 0] ** 2 / np.where(weight[:, 1] > 0.0, weight[:, 1], 1.0))
 
 
 def soil_moisture_error(sample: Sample, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
@@ -87,8 +142,8 @@ def soil_moisture_error(sample: Sample, scene: Scene, *, seed: int, run_id: int)
     used, index = np.unique(sample.pixel_of_cell[asked], return_inverse=True)
     cells = np.bincount(index).astype(np.float64)
     mean = np.bincount(index, weights=value) / cells
-    across, along = sample.across_m[used], sample.along_m[used]
-    tile, keys = tiles(across, along, sample.extent_m, tile_side_m(scene), seed=seed, run_id=run_id)
+    place = (sample.across_m[used], sample.along_m[used], sample.extent_m)
+    tile, keys = tiles(*place, tile_side_m(scene), seed=seed, run_id=run_id, sample=True)
     assert sample.covariates is not None
     angle = np.tile(sample.covariates[used, 0], n_draws)
     brightness = sample.values[:, :, used].transpose(0, 2, 1).reshape(n_draws * used.size, n_channels)
@@ -100,8 +155,7 @@ def soil_moisture_error(sample: Sample, scene: Scene, *, seed: int, run_id: int)
     square = np.square(error).mean(axis=0) * (1.0 + taught * sample.share) / (1.0 + taught)
     share, se = cluster_ratio(square, np.ones(square.size), tile[index])
     rmse = math.sqrt(share)
-    column = np.unique(sample.column[used], return_inverse=True)[1].ravel()
-    spread = systematic_se(np.bincount(index, weights=square), cells, column)
+    spread = systematic_se(np.bincount(index, weights=square), cells, _numbered(sample.column[used]))
     details: dict[str, object] = {
         "quantity": "soil_moisture",
         "bias": float(error.mean()),

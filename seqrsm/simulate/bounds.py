@@ -11,7 +11,10 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
 from scipy.special import erfc
+
+from seqrsm.arrays import FloatArray, IntArray
 
 DB_OF_FADING: Final = 10.0 / math.log(10.0)
 """Standard deviation of one look in decibels is about this, of N looks this over sqrt(N)."""
@@ -23,7 +26,7 @@ _MOVED: Final = 0.008
 _RAREST: Final = 250.0
 
 
-def shift_bound(rms_shift: float, spread: float) -> float:
+def shift_bound(rms_shift: FloatArray | float, spread: FloatArray | float) -> FloatArray:
     """Share of pixels at most that a random shift moves into another class.
 
     Two classes whose distance is 2 z spreads are told apart rightly with probability Phi(z). A shift of the pixels,
@@ -32,22 +35,20 @@ def shift_bound(rms_shift: float, spread: float) -> float:
 
     Parameters
     ----------
-    rms_shift : float
+    rms_shift : float or float array
         Root-mean-square shift e, >= 0.
-    spread : float
+    spread : float or float array
         Standard deviation s of the pixels of a class without the shift, same unit, >= 0.
 
     Returns
     -------
-    float
+    float64 array, of the arguments' common shape
         0 to 1; 1 where a class has no spread at all.
     """
-    if rms_shift <= 0.0:
-        return 0.0
-    if spread <= 0.0:
-        return 1.0
+    e, s = np.asarray(rms_shift, dtype=np.float64), np.asarray(spread, dtype=np.float64)
     # ln(s'/s) bounds the integral of d ln(s) z phi(z) for any distance, also for large shifts.
-    return min(1.0, _STEEPEST * math.log(math.hypot(spread, rms_shift) / spread))
+    wider = np.log(np.hypot(s, e) / np.where(s > 0.0, s, 1.0))
+    return np.where(e <= 0.0, 0.0, np.where(s <= 0.0, 1.0, np.minimum(_STEEPEST * wider, 1.0)))
 
 
 def quadrature_error(points: float) -> float:
@@ -128,7 +129,12 @@ def mixed_share(boundary_density_1_m: float, along_m: float, across_m: float) ->
     float
         0 to 1.
     """
-    return float(-math.expm1(-2.0 / math.pi * boundary_density_1_m * max(along_m + across_m, 0.0)))
+    return float(-math.expm1(-crossings(boundary_density_1_m, along_m, across_m)))
+
+
+def crossings(boundary_density_1_m: float, along_m: float, across_m: float) -> float:
+    """Mean number of boundaries that a resolution cell meets; arguments as in `mixed_share`."""
+    return 2.0 / math.pi * boundary_density_1_m * max(along_m + across_m, 0.0)
 
 
 def aggregation_shift_db(slope_db_deg: float, cot_incidence: float, lost_across: float, lost_along: float) -> float:
@@ -154,7 +160,7 @@ def aggregation_shift_db(slope_db_deg: float, cot_incidence: float, lost_across:
     return abs(-2.17 * ((k * k - k * cot_incidence + 1.0) * lost_across + lost_along))
 
 
-def sampling_variance(length_m: float, n: int, step_m: float, extent_m: float) -> tuple[float, float]:
+def sampling_variance(length_m: float, n: IntArray | int, extent_m: float) -> tuple[FloatArray, FloatArray]:
     """Variance of means along a line, over that of one point: of ``n`` equally spaced points, and of the whole line.
 
     For an exponential correlation of length l, and a random start: coth(h / 2 l) / n with h the step, and
@@ -165,21 +171,23 @@ def sampling_variance(length_m: float, n: int, step_m: float, extent_m: float) -
     ----------
     length_m : float
         Correlation length [m], >= 0.
-    n : int
-        Points.
-    step_m, extent_m : float
-        Between points; of the line [m].
+    n : int or int array
+        Points, >= 1.
+    extent_m : float
+        Of the line [m].
 
     Returns
     -------
-    tuple of float
+    tuple of two float64 arrays of the shape of `n`
+        The second is no more than the first.
     """
+    count = np.asarray(n, dtype=np.float64)
     if length_m <= 0.0:
-        return 1.0 / n, 0.0
+        return 1.0 / count, np.zeros_like(count)
     if math.isinf(length_m):
-        return 1.0, 1.0
-    points = min(1.0 / math.tanh(0.5 * step_m / length_m) / n, 1.0)
-    return points, min(2.0 * length_m / extent_m, points)
+        return np.ones_like(count), np.ones_like(count)
+    points = np.minimum(1.0 / (np.tanh(0.5 * extent_m / (count * length_m)) * count), 1.0)
+    return points, np.minimum(2.0 * length_m / extent_m, points)
 
 
 def correlation_length_m(boundary_density_1_m: float) -> float:
@@ -187,18 +195,21 @@ def correlation_length_m(boundary_density_1_m: float) -> float:
     return 0.5 * math.pi / boundary_density_1_m if boundary_density_1_m > 0.0 else math.inf
 
 
-def teaching_factor(shares: Sequence[float]) -> float:
+def teaching_factor(shares: Sequence[float], covariates: int = 0) -> float:
     """How much more a classifier's score errs because the sample that is tested also teaches.
 
     The mean of a class of share p is known from a sample as that of all pixels is, less well by 1 / sqrt(p); a class's
     borders move with it, and what they pass over changes its name. With independent classes the variances add up:
     1 + c sum(1 / p), where c is the square of the share of ground that one spread of a class's mean moves. Classes so
-    rare that they have no pixels of their own count as a 250th of the ground.
+    rare that they have no pixels of their own count as a 250th of the ground. A mean that is a straight line in
+    covariates is known as well as from so many fewer pixels: its variance is 1 + their number times larger, on average.
 
     Parameters
     ----------
     shares : sequence of float
         Of the ground, one for each class, 0 to 1.
+    covariates : int
+        That each class's mean is a line in.
 
     Returns
     -------
@@ -210,7 +221,7 @@ def teaching_factor(shares: Sequence[float]) -> float:
     c = 0.008 covers the samples of six synthetic and four real grounds of two to ten classes
     (`tests/statistical/test_fidelity.py`; where shares are equal the factor is 1.1, at Langegracht 1.9).
     """
-    return math.sqrt(1.0 + _MOVED * math.fsum(min(1.0 / p, _RAREST) for p in shares if p > 0.0))
+    return math.sqrt(1.0 + _MOVED * (1 + covariates) * math.fsum(min(1.0 / p, _RAREST) for p in shares if p > 0.0))
 
 
 def taught_by_pixels(classes: int, channels: int, covariates: int = 0) -> int:

@@ -21,11 +21,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, Literal
+from functools import lru_cache
+from typing import Any, Final, Literal, NamedTuple
 
+import numpy as np
+
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import generator
-from seqrsm.simulate.bounds import sampling_variance
+from seqrsm.simulate import bounds
 
 Rung = Literal["F0", "F1", "F2", "F3", "F4"]
 Verdict = Literal["exact", "bounded", "needed"]
@@ -40,7 +44,7 @@ MEANINGS: Final[Mapping[str, str]] = {
     "F4": "the whole image with everything drawn once",
 }
 
-DRAWS: Final = (1, 2, 4)
+DRAWS: Final = (1, 2, 4, 8)
 """How often fading may be drawn in the cheaper rungs."""
 
 FULL_DRAWS: Final = 8
@@ -49,7 +53,7 @@ FULL_DRAWS: Final = 8
 WORTHWHILE: Final = 0.7
 """A cheaper rung is taken where it is expected to need no more of the full simulation's time than this part."""
 
-QUIET: Final = 0.2
+QUIET: Final = 0.4
 """Part of the tolerance that the draws of a whole image may leave."""
 
 CHECKED_SHARE: Final = 0.05
@@ -67,6 +71,9 @@ ground from the others or none, by chance, and the score jumps with it."""
 
 LEAST_COLUMNS: Final = 8
 """Fewest strips: their scatter is known to a third."""
+
+_CHOICES: Final = 300
+"""Most numbers of columns that are weighed against each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,46 +353,64 @@ class Ground:
     def sampling_error(self, rows: int, columns: int, draws: int) -> float:
         """Standard error of a score from so many rows and columns of pixels against that of all [score units].
 
-        Three parts, of which a pixel's variance is divided between the first and the last: fields that the sample
-        gives too much or too little room; pixels on borders, which vary among themselves; and the draws of fading.
+        A pixel of one field shares its luck with that field, which the sample may give too much or too little room; one
+        on a border has its own, none of it where all pixels are taken; and of either the draws of fading have a part.
         Few pixels also teach worse: with q parameters by q / n of the error, q half of those of a classifier's classes.
         """
-        pixels = rows * columns
+        return float(self.sampling_errors(np.array([rows]), np.array([columns]), np.array([draws]))[0])
+
+    def sampling_errors(self, rows: IntArray, columns: IntArray, draws: IntArray) -> FloatArray:
+        """`sampling_error` of arrays of one shape."""
+        pixels = (rows * columns).astype(np.float64)
         part = pixels / (self.n_rows * self.n_columns)
-        if part < 1.0 and self._short(pixels):
-            return math.inf
-        axes = ((columns, self.n_columns, self.along_m), (rows, self.n_rows, self.across_m))
-        points, whole = 1.0, 1.0
-        for n, full, extent in axes:
-            at_points, over_line = sampling_variance(self.correlation_m, n, extent / n, extent)
-            points *= over_line if n >= full else at_points
+        points, whole = np.ones(pixels.shape), np.ones(pixels.shape)
+        for n, full, extent in ((columns, self.n_columns, self.along_m), (rows, self.n_rows, self.across_m)):
+            at_points, over_line = bounds.sampling_variance(self.correlation_m, n, extent)
+            points *= np.where(n >= full, over_line, at_points)
             whole *= over_line
-        places = max(points - whole, 0.0)
+        places = np.maximum(points - whole, 0.0)
+        borders = np.maximum((1.0 - part) / pixels, places)
         fading = 1.0 / (pixels * draws)
-        own = places + self.drawn * max(fading - places, 0.0)
-        scatter = math.sqrt((own + self.mixed * (1.0 - part) / pixels) / self.scored)
-        return self.spread * (self.teaching * scatter + self.taught * (1.0 - part) / (pixels * self.scored))
+        pure, mixed = (x + self.drawn * np.maximum(fading - x, 0.0) for x in (places, borders))
+        scatter = np.sqrt(((1.0 - self.mixed) * pure + self.mixed * mixed) / self.scored)
+        error = self.spread * (self.teaching * scatter + self.taught * (1.0 - part) / (pixels * self.scored))
+        return np.asarray(np.where((part < 1.0) & self._short(pixels), np.inf, error))
 
     def refusal(self) -> str:
         """Why no part of the ground can stand for it; "" where it can."""
         n = self.n_rows * self.n_columns * self.scored
         if n < LEAST_SCORED:
             return f"only {n:.2g} pixels are scored"
-        return f"the rarest cover fills {n * self.rarest:.2g} pixels only" if self._short(n / self.scored) else ""
+        short = self._short(np.array([n / self.scored]))[0]
+        return f"the rarest cover fills {n * self.rarest:.2g} pixels only" if short else ""
 
-    def _short(self, pixels: float) -> bool:
+    def _short(self, pixels: FloatArray) -> BoolArray:
         scored = pixels * self.scored
-        return scored < LEAST_SCORED or (self.rarest < 1.0 and scored * self.rarest < LEAST_OF_CLASS)
+        rare = scored * self.rarest < LEAST_OF_CLASS if self.rarest < 1.0 else np.zeros(pixels.shape, dtype=np.bool_)
+        return np.asarray((scored < LEAST_SCORED) | rare)
 
     def draw_error(self, pixels: int, draws: int) -> float:
         """Standard error that so many draws of fading on so many pixels leave [score units]."""
         return self.teaching * self.spread * math.sqrt(self.drawn / (pixels * draws * self.scored))
 
 
-def smallest(
-    ground: Ground, allowed: float, effort: Callable[[int, int, int], float], *, square: bool
-) -> tuple[int, int, int]:
-    """Rows, columns and draws of least effort whose sampling error is allowed.
+class Size(NamedTuple):
+    """Part of the ground that a rung takes; time as estimated [s], sampling error in score units."""
+
+    effort: float
+    rows: int
+    columns: int
+    draws: int
+    sampling: float
+
+    def plan(self, rung: Rung, bias: float, **more: Any) -> RungPlan:
+        """Plan of the rung that takes it; ``more``: other fields."""
+        size: dict[str, Any] = self._asdict()
+        return RungPlan(rung, bias, **size, **more)
+
+
+def smallest(ground: Ground, allowed: float, effort: Callable[[int, int, int], float], *, square: bool) -> Size:
+    """Part of the ground of least effort whose sampling error is allowed.
 
     Parameters
     ----------
@@ -399,26 +424,30 @@ def smallest(
 
     Returns
     -------
-    tuple of int
-        Rows, columns, draws; all of them where nothing less will do.
+    Size
+        All rows and columns where nothing less will do.
     """
-    found = []
-    for draws in DRAWS if ground.drawn > 0.0 else (1,):
+    rows, columns, draws, errors = _errors(ground, square)
+    enough = errors <= allowed
+    enough[:, -1] = True
+    found: list[Size] = []
+    for k, (at, d) in enumerate(zip(enough.argmax(axis=1).tolist(), draws, strict=True)):
+        r, c = int(rows[at]), int(columns[at])
+        found.append(Size(effort(r, c, d), r, c, d, float(errors[k, at])))
+    return min(found)
 
-        def sizes(columns: int) -> tuple[int, int]:
-            if not square:
-                return ground.n_rows, columns
-            step = ground.along_m / columns
-            return max(min(round(ground.across_m / step), ground.n_rows), 1), columns
 
-        low, high = min(LEAST_COLUMNS, ground.n_columns), ground.n_columns
-        while low < high:
-            middle = (low + high) // 2
-            if ground.sampling_error(*sizes(middle), draws) <= allowed:
-                high = middle
-            else:
-                low = middle + 1
-        rows, columns = sizes(low)
-        found.append((effort(rows, columns, draws), rows, columns, draws))
-    _, rows, columns, draws = min(found)
-    return rows, columns, draws
+@lru_cache(maxsize=8)
+def _errors(ground: Ground, square: bool) -> tuple[IntArray, IntArray, tuple[int, ...], FloatArray]:
+    """Rows, columns, draws that may be taken, and the sampling error of each (n_draws, n), falling along the last axis.
+
+    All numbers of columns there are, or `_CHOICES` in equal ratios.
+    """
+    least, most = min(LEAST_COLUMNS, ground.n_columns), ground.n_columns
+    columns = np.unique(np.rint(np.geomspace(least, most, _CHOICES)).astype(np.int64))
+    rows = np.full(columns.shape, ground.n_rows)
+    if square:
+        wanted = np.rint(columns * (ground.across_m / ground.along_m)).astype(np.int64)
+        rows = np.clip(wanted, 1, ground.n_rows)
+    draws = DRAWS if ground.drawn > 0.0 else (1,)
+    return rows, columns, draws, ground.sampling_errors(rows, columns, np.array(draws)[:, None])

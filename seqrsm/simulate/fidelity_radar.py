@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -42,7 +43,11 @@ _BOX_FOR_BEAM: Final = 0.24
 _SPREAD_ON_BORDERS: Final = 0.25
 """Least standard deviation of a border's share of a pixel over the places where it may lie; 0.29 if straight."""
 
-_NS_A_CELL, _NS_A_PIXEL, _NS_A_CLASS, _NS_A_RUN = 4.5, 40.0, 45.0, 3e6
+_NS_A_RUN, _NS_A_CELL, _NS_A_SHOWN, _NS_A_NAMED = 3e6, 2.8, 40.0, 65.0
+_NS_A_GATHERED, _NS_A_POINT, _NS_A_DRAW, _NS_A_CLASS = 1.5, 5.0, 30.0, 9.0
+_HALO: Final = 3.5
+"""Cells on both sides of a strip that are made and not seen."""
+
 _LEAST_SHARE: Final = 0.001
 _POINTWISE: Final = ("linear", "square_law", "saturation", "compression")
 
@@ -93,34 +98,22 @@ def plan_radar(
     rungs = []
     flat = common or _why_not_flat(radar)
     bias = min(sum(e.bound for e in relief), 100.0)
-    rows, columns, draws = smallest(ground, tolerance - bias, view.flat_effort, square=True)
-    rungs.append(
-        RungPlan(
-            "F0",
-            bias,
-            ground.sampling_error(rows, columns, draws),
-            view.flat_effort(rows, columns, draws),
-            columns,
-            rows,
-            draws,
-            left_out=tuple(e.name for e in relief),
-            refused=flat,
-        )
-    )
-    coarser = [view.strips_plan("F1", ground, tolerance, factor, common) for factor in PYRAMID[1:]]
-    usable = [plan for plan in coarser if not plan.refused]
-    within = [plan for plan in usable if plan.bound <= tolerance]
+    size = smallest(ground, tolerance - bias, view.flat_effort, square=True)
+    rungs.append(size.plan("F0", bias, left_out=tuple(e.name for e in relief), refused=flat))
+    factors = [factor for factor in PYRAMID[1:] if not view.coarse_refusal(factor)] or PYRAMID[1:2]
+    coarser = [view.strips_plan("F1", ground, tolerance, factor, common) for factor in factors]
+    within = [plan for plan in coarser if plan.bound <= tolerance]
     if within:
         rungs.append(min(within, key=lambda plan: plan.effort))
     else:
-        rungs.append(min(usable or coarser[:1], key=lambda plan: plan.bound))
+        rungs.append(min(coarser, key=lambda plan: plan.bound))
     rungs.append(view.strips_plan("F2", ground, tolerance, 1, common))
     coarse = view.coarse_effect(rungs[1].coarse, tolerance)
     draws = full_draws(ground, tolerance)
     integrated = ground.draw_error(n_all, draws)
     whole_effort = view.effort(1.0, n_all, draws, 1)
     rungs.append(RungPlan("F3", 0.0, integrated, whole_effort, ground.n_columns, ground.n_rows, draws, refused=common))
-    whole_effort, once = view.effort(1.0, n_all, 1, 1), ground.draw_error(n_all, 1)
+    whole_effort, once = view.whole_effort(n_all), ground.draw_error(n_all, 1)
     rungs.append(RungPlan("F4", 0.0, 0.0, whole_effort, ground.n_columns, ground.n_rows, scatter=once))
     seen = sampled_effect(rungs[2], ground, tolerance, "ground between the strips", "columns of pixels")
     drawn = effect("one draw of fading", once, tolerance, "scatter of the whole image's score; F3 integrates it out")
@@ -187,6 +180,7 @@ class _View:
         """Incidence angle at the near and the far edge [rad]."""
         return self.geometry.incidence_rad
 
+    @cached_property
     def slope_of_curves(self) -> FloatArray:
         """Steepest change of each category's sigma0 over the swath, the worst channel [dB/deg]."""
         low, high = np.rad2deg(self.theta)
@@ -197,6 +191,7 @@ class _View:
             found.append(np.abs(np.diff(curve, axis=1)).max(axis=1))
         return np.asarray(np.max(found, axis=0))
 
+    @cached_property
     def spread_db(self) -> FloatArray:
         """Least scatter of each category's pixels [dB]: among fields, and of fading."""
         looks = float(self.radar.looks_used(self.theta).max())
@@ -206,9 +201,7 @@ class _View:
 
     def shifted(self, shift_db: FloatArray | float) -> float:
         """Percent of pixels at most that a shift of each category's power moves into another class."""
-        shifts = np.broadcast_to(shift_db, self.kept.shape)
-        pairs = zip(shifts, self.spread_db(), self.kept, strict=True)
-        return 100.0 * math.fsum(float(k) * bounds.shift_bound(float(e), float(s)) for e, s, k in pairs if k > 0.0)
+        return 100.0 * float(bounds.shift_bound(shift_db, self.spread_db) @ self.kept)
 
     def pixel_slope(self) -> float:
         """Root-mean-square range slope at the scale of a pixel."""
@@ -217,7 +210,7 @@ class _View:
 
     def relief_effects(self, tolerance: float) -> tuple[Effect, ...]:
         """What F0 leaves out."""
-        theta, slope = self.theta, self.slope_of_curves()
+        theta, slope = self.theta, self.slope_of_curves
         top = self.statistics.high_m - self.statistics.low_m
         grazing = (self.height_m - top) / float(self.geometry.ground_range_m[1])
         near_tan = math.tan(float(theta[0]))
@@ -255,20 +248,11 @@ class _View:
         def effort(r: int, c: int, d: int) -> float:
             return self.effort(c / ground.n_columns, r * c, d, factor)
 
-        rows, columns, draws = smallest(ground, tolerance - bias, effort, square=False)
-        names = tuple(e.name for e in left) + (("ground between the strips",) if columns < ground.n_columns else ())
-        return RungPlan(
-            rung,
-            bias,
-            ground.sampling_error(rows, columns, draws),
-            effort(rows, columns, draws),
-            columns,
-            rows,
-            draws,
-            factor,
-            left_out=names,
-            refused=refused or (self.coarse_refusal(factor) if factor > 1 else ""),
-        )
+        size = smallest(ground, tolerance - bias, effort, square=False)
+        names = tuple(e.name for e in left)
+        names += ("ground between the strips",) if size.columns < ground.n_columns else ()
+        refused = refused or (self.coarse_refusal(factor) if factor > 1 else "")
+        return size.plan(rung, bias, coarse=factor, left_out=names, refused=refused)
 
     def coarse_effect(self, factor: int, tolerance: float) -> Effect:
         """What F1 leaves out.
@@ -279,11 +263,11 @@ class _View:
         level = PYRAMID.index(factor)
         lost = [max(rms[0] ** 2 - rms[level] ** 2, 0.0) for rms in (self.across, self.along)]
         cot = 1.0 / math.tan(float(self.theta[0]))
-        shift = np.array([bounds.aggregation_shift_db(float(g), cot, *lost) for g in self.slope_of_curves()])
+        shift = np.array([bounds.aggregation_shift_db(float(g), cot, *lost) for g in self.slope_of_curves])
         shadows = [bounds.smith_shadow(self.across[k], float(self.theta[1])) for k in (0, level)]
         cells = max((self.radar.pixel_spacing_m / (factor * self.cell_m)) ** 2, 1.0)
         place = bounds.quadrature_error(cells)
-        mixed = 100.0 * self.mixed() * bounds.shift_bound(place, _SPREAD_ON_BORDERS)
+        mixed = 100.0 * self.mixed() * float(bounds.shift_bound(place, _SPREAD_ON_BORDERS))
         bound = self.shifted(shift) + 100.0 * abs(shadows[0] - shadows[1]) + mixed
         text = (
             f"{factor} x {factor} cells as one: {float(shift @ self.kept):.2g} dB of slope, {mixed:.2g} % for the "
@@ -385,20 +369,30 @@ class _View:
         pairs = zip(field, self.kept, strict=True)
         return math.fsum(float(k) * bounds.undecided_share(fading, float(s)) for s, k in pairs if k > 0.0)
 
+    def whole_effort(self, pixels: float) -> float:
+        """Estimated time of the whole image with everything on [s]."""
+        channels = len(self.lookups)
+        cells = self.n_rows * self.m * channels * _NS_A_CELL
+        each = _NS_A_SHOWN * channels + _NS_A_NAMED * len(self.scene.categories)
+        return 1e-9 * (_NS_A_RUN + cells + pixels * each)
+
     def effort(self, share: float, pixels: float, draws: int, coarse: int) -> float:
-        """Estimated time of a strip or image [s]."""
-        channels, classes = len(self.lookups), len(self.scene.categories)
-        halo = (1.0 + 2.0 * coarse * self.cell_m / self.radar.pixel_spacing_m) if share < 1.0 else 1.0
+        """Estimated time of strips, or of all columns as strips [s]."""
+        channels = len(self.lookups)
+        halo = (1.0 + _HALO * coarse * self.cell_m / self.radar.pixel_spacing_m) if share < 1.0 else 1.0
         cells = self.n_rows * self.m * min(share * halo, 1.0) / coarse**2
-        each = _NS_A_PIXEL * channels + _NS_A_CLASS * classes
-        return 1e-9 * (_NS_A_RUN + cells * channels * _NS_A_CELL + pixels * draws * each)
+        each = _NS_A_GATHERED + channels * _NS_A_CELL
+        return 1e-9 * (_NS_A_RUN + cells * each + pixels * draws * self._drawn_ns())
 
     def flat_effort(self, rows: int, columns: int, draws: int) -> float:
         """Estimated time of flat pixels [s]."""
-        channels, classes = len(self.lookups), len(self.scene.categories)
         points = min(math.floor(self.radar.pixel_spacing_m / self.cell_m) + 2, 8) ** 2
-        each = points * (15.0 + 9.0 * channels) + draws * (_NS_A_PIXEL * channels + _NS_A_CLASS * classes)
+        each = points * (_NS_A_POINT + _NS_A_CELL * len(self.lookups)) + draws * self._drawn_ns()
         return 1e-9 * (_NS_A_RUN + rows * columns * each)
+
+    def _drawn_ns(self) -> float:
+        """Time of drawing and naming a pixel of a sample once [ns]."""
+        return _NS_A_DRAW * len(self.lookups) + _NS_A_CLASS * len(self.scene.categories)
 
 
 def _rare(rms_slope: float, limit: float) -> float:

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from seqrsm.arrays import FloatArray
 from seqrsm.scattering.emissivity import MOISTURE_NODES
@@ -32,14 +33,17 @@ from seqrsm.simulate.fidelity import (
 from seqrsm.simulate.prm import Meeting
 from seqrsm.simulate.prm_sample import BEAM_POINTS
 
-_NS_A_CELL, _NS_A_SWEEP, _NS_A_FOOTPRINT, _NS_A_RUN = 35.0, 9.0, 300.0, 5e6
-_NS_A_POINT, _NS_A_FLAT_POINT, _NS_A_CHANNEL, _NS_A_LABEL, _NS_A_SAMPLE = 30.0, 20.0, 5.0, 1200.0, 6e6
+_NS_A_CELL, _NS_A_SWEEP, _NS_A_FOOTPRINT, _NS_A_DRAW, _NS_A_RUN = 44.0, 3.4, 1000.0, 120.0, 5e6
+_NS_A_POINT, _NS_A_FLAT_POINT, _NS_A_CHANNEL, _NS_A_LABEL, _NS_A_SAMPLE = 30.0, 18.0, 5.0, 500.0, 4e6
 
 _BEAM_REACH: Final = 2.4
 """Widths about a footprint in which a border counts: twice those of `bounds.quadrature_error`."""
 
 _SPREAD_ON_BORDERS: Final = 0.25
 """Standard deviation of the share of a beam beyond a border that passes anywhere within its reach: 0.38 if straight."""
+
+_PLACES: Final = 24
+"""Places from nadir to the edge at which the steepness of the emissivity curves is looked up."""
 
 _NO_STRIPS: Final = "beams reach over several lines, so that a strip needs more ground than it scores"
 
@@ -82,9 +86,13 @@ def plan_radiometer(
     common = ground.refusal() if pixelwise else "the utility needs the whole image"
     common = common or ("the report's own simulation has no noise" if radiometer.mode == "report" else "")
     hidden = view.blocked_effect(tolerance)
+    beams = [view.points_effect(n, tolerance) for n in BEAM_POINTS]
     choices: tuple[tuple[Rung, tuple[Effect, ...]], ...] = (("F0", (hidden, *relief)), ("F2", (hidden,)))
     for rung, left in choices:
-        found = [view.points_plan(rung, left, ground, tolerance, n) for n in BEAM_POINTS]
+        found = [
+            view.points_plan(rung, (*left, beam), ground, tolerance, n)
+            for n, beam in zip(BEAM_POINTS, beams, strict=True)
+        ]
         good = [plan for plan in found if plan.bound <= tolerance]
         best = min(good, key=lambda plan: plan.effort) if good else min(found, key=lambda plan: plan.bound)
         rungs.append(replace(best, refused=common))
@@ -92,9 +100,21 @@ def plan_radiometer(
     draws = full_draws(ground, tolerance)
     n_all = ground.n_rows * ground.n_columns
     quiet = ground.draw_error(n_all, draws)
-    rungs.append(RungPlan("F3", 0.0, quiet, view.effort(draws), ground.n_columns, ground.n_rows, draws, refused=common))
     rungs.append(
-        RungPlan("F4", 0.0, 0.0, view.effort(1), ground.n_columns, ground.n_rows, scatter=ground.draw_error(n_all, 1))
+        RungPlan(
+            "F3", 0.0, quiet, view.effort(draws * _NS_A_DRAW), ground.n_columns, ground.n_rows, draws, refused=common
+        )
+    )
+    rungs.append(
+        RungPlan(
+            "F4",
+            0.0,
+            0.0,
+            view.effort(_NS_A_FOOTPRINT),
+            ground.n_columns,
+            ground.n_rows,
+            scatter=ground.draw_error(n_all, 1),
+        )
     )
     beam = view.points_effect(rungs[2].points, tolerance)
     seen = sampled_effect(rungs[2], ground, tolerance, "ground between the footprints", "lines")
@@ -128,17 +148,25 @@ class _View:
 
     @cached_property
     def slope_of_curves(self) -> FloatArray:
-        """Steepest change of each category's brightness over the sweep [K/deg]."""
-        last = min(math.ceil(math.degrees(self.edge)) + 5, 90)
-        changes = [np.abs(np.diff(look.emissivity[:, :, : last + 1], axis=2)) for look in self.met.lookups]
-        return self.warm_k * np.asarray(np.max([change.max(axis=(1, 2)) for change in changes], axis=0))
+        """Change of each category's brightness with angle, the worst channel (n_places, n_categories) [K/deg].
 
+        At places equally far apart on the ground from nadir to the edge, the steepest within 2 degrees of each: what
+        many places give is their mean.
+        """
+        changes = np.max([np.abs(np.diff(look.emissivity, axis=2)).max(axis=1) for look in self.met.lookups], axis=0)
+        steepest = maximum_filter1d(changes, 5, axis=1, mode="nearest")
+        far = math.tan(self.edge) * (np.arange(_PLACES) + 0.5) / _PLACES
+        degree = np.minimum(np.rad2deg(np.arctan(far)).astype(np.int64), changes.shape[1] - 1)
+        return np.asarray(self.warm_k * steepest[:, degree].T)
+
+    @cached_property
     def spread_k(self) -> FloatArray:
         """Least scatter of each category's footprints [K]."""
         nedt = float(self.radiometer.nedt_k(self.warm_k))
         field = self.warm_k * np.min([look.field_sd for look in self.met.lookups], axis=0)
         return np.asarray(np.sqrt(field**2 + nedt**2 + (0.5 * self.radiometer.temperature_field_sd_k) ** 2))
 
+    @cached_property
     def sensitivity_k(self) -> float:
         """Change of brightness with a percent of moisture, the least over its range [K]."""
         last = math.ceil(math.degrees(self.edge))
@@ -159,14 +187,17 @@ class _View:
         return max(found)
 
     def percent(self, shift_k: FloatArray | float) -> float:
-        """Percent of footprints at most that a shift of each category's brightness moves into another class."""
-        pairs = zip(np.broadcast_to(shift_k, self.kept.shape), self.spread_k(), self.kept, strict=True)
-        return 100.0 * math.fsum(float(k) * bounds.shift_bound(float(e), float(s)) for e, s, k in pairs if k > 0.0)
+        """Percent of footprints at most that a shift of each category's brightness moves into another class.
+
+        (n_categories,) or, at places equally far apart on the ground, (n_places, n_categories).
+        """
+        return 100.0 * float((np.atleast_2d(bounds.shift_bound(shift_k, self.spread_k)) @ self.kept).mean())
 
     def moisture(self, shift_k: FloatArray | float) -> float:
         """Percent of moisture that a shift of each category's brightness looks like."""
-        least = self.sensitivity_k()
-        return float(np.broadcast_to(shift_k, self.kept.shape) @ self.kept) / least if least > 0.0 else math.inf
+        least = self.sensitivity_k
+        shifts = np.atleast_2d(np.broadcast_to(shift_k, np.broadcast_shapes(np.shape(shift_k), self.kept.shape)))
+        return math.sqrt(float(np.square(shifts @ self.kept).mean())) / least if least > 0.0 else math.inf
 
     def blocked_effect(self, tolerance: float) -> Effect:
         """What F0 and F2 leave out: ground that hides other ground."""
@@ -184,10 +215,10 @@ class _View:
         """What F0 leaves out besides."""
         slope, top = self.slope_of_curves, self.statistics.high_m - self.statistics.low_m
         tilt = self.tilt_k(self.radiometer.resolution_m)
-        text = f"rms slope over a footprint: {float(tilt @ self.kept):.2g} K"
+        text = f"rms slope over a footprint: {float((tilt @ self.kept).mean()):.2g} K"
         found = [effect("local incidence", self.shifted(tilt), tolerance, text)]
         lift = math.degrees(0.5 * top / self.met.frame.height_m * math.sin(self.edge) * math.cos(self.edge)) * slope
-        text = f"{top:.0f} m of relief: {float(lift @ self.kept):.2g} K"
+        text = f"{top:.0f} m of relief: {float((lift @ self.kept).mean()):.2g} K"
         found.append(effect("angle of raised ground", self.shifted(lift), tolerance, text))
         return tuple(found)
 
@@ -215,27 +246,25 @@ class _View:
         pure = np.hypot(fields, tilt)
         found = [0.0]
         if PERCENT_CORRECT in self.utilities:
-            found.append(100.0 * mixed * bounds.shift_bound(part, _SPREAD_ON_BORDERS) + self.percent(pure))
+            found.append(100.0 * mixed * float(bounds.shift_bound(part, _SPREAD_ON_BORDERS)) + self.percent(pure))
         if any(name != PERCENT_CORRECT for name in self.utilities):
-            found.append(self.moisture(np.hypot(pure, math.sqrt(2.0 * mixed) * part * self.contrast_k())))
+            found.append(self.moisture(np.hypot(pure, math.sqrt(2.0 * mixed) * part * self.contrast_k)))
         text = f"{points} points stand for the beam, {100 * mixed:.0f} % mixed footprints"
         return effect("beam by points", max(found), tolerance, text)
 
     def points_plan(
         self, rung: Rung, left: Sequence[Effect], ground: Ground, tolerance: float, points: int
     ) -> RungPlan:
-        """F0 or F2 with so many points for a beam."""
-        left = (*left, self.points_effect(points, tolerance))
+        """F0 or F2 with so many points for a beam, ``left`` being what it leaves out."""
         bias = sum(e.bound for e in left)
 
         def effort(rows: int, columns: int, draws: int) -> float:
             return self.points_effort(rows * columns, draws, points, relief=rung != "F0")
 
-        rows, columns, draws = smallest(ground, tolerance - bias, effort, square=True)
-        sampling, time = ground.sampling_error(rows, columns, draws), effort(rows, columns, draws)
-        names = tuple(e.name for e in left if e.verdict != "exact")
-        return RungPlan(rung, bias, sampling, time, columns, rows, draws, points=points, left_out=names)
+        size = smallest(ground, tolerance - bias, effort, square=True)
+        return size.plan(rung, bias, points=points, left_out=tuple(e.name for e in left if e.verdict != "exact"))
 
+    @cached_property
     def contrast_k(self) -> float:
         """Standard deviation of brightness among the covers [K]."""
         mean = np.mean([look.emissivity[:, :, 0].mean(axis=1) for look in self.met.lookups], axis=0)
@@ -289,23 +318,35 @@ class _View:
             n_rows=len(scan.look_rad),
             n_columns=scan.n_lines,
             spread=spread,
-            drawn=1.0 if self.radiometer.nedt_k(self.warm_k) > 0.0 else 0.0,
+            drawn=self.drawn(),
             scored=max(self.statistics.scored_fraction, 1e-9),
-            teaching=bounds.teaching_factor(self.tested),
+            teaching=bounds.teaching_factor(self.tested, covariates=1),
             rarest=min(self.tested, default=1.0) if PERCENT_CORRECT in self.utilities else 1.0,
             taught=self.taught(),
         )
 
-    def effort(self, draws: int) -> float:
-        """Estimated time of the whole image [s]."""
+    def drawn(self) -> float:
+        """Part of the footprints' variance that noise has, at most; the rest is that of fields and borders.
+
+        Where several fields share a footprint their mean varies less than each does.
+        """
+        width = self.radiometer.resolution_m
+        fields = 1.0 + bounds.crossings(self.statistics.field_boundary_density_1_m, width, width)
+        noise = float(self.radiometer.nedt_k(self.warm_k))
+        own = np.sqrt(np.maximum(self.spread_k**2 - noise**2, 0.0) / fields)
+        pairs = zip(own, self.kept, strict=True)
+        return math.fsum(float(k) * bounds.undecided_share(noise, float(s)) for s, k in pairs if k > 0.0)
+
+    def effort(self, footprint_ns: float) -> float:
+        """Estimated time of the whole image, noise and score of a footprint taking so many nanoseconds [s]."""
         scan = self.met.scan
-        footprints = len(scan.look_rad) * scan.n_lines * draws
+        footprints = len(scan.look_rad) * scan.n_lines
         reach_m = (len(scan.along) - 1) / BEAM_STEPS_A_WIDTH * self.radiometer.resolution_m
         sweeps = min(reach_m / scan.sweep_advance_m, scan.n_sweeps)
         cells = self.met.frame.elevation_m.size
-        return 1e-9 * (_NS_A_RUN + cells * (_NS_A_CELL + sweeps * _NS_A_SWEEP) + footprints * _NS_A_FOOTPRINT)
+        return 1e-9 * (_NS_A_RUN + cells * (_NS_A_CELL + sweeps * _NS_A_SWEEP) + footprints * footprint_ns)
 
     def points_effort(self, footprints: int, draws: int, points: int, *, relief: bool) -> float:
         """Estimated time of single footprints [s]."""
         point = (_NS_A_POINT if relief else _NS_A_FLAT_POINT) + _NS_A_CHANNEL * len(self.met.lookups)
-        return 1e-9 * (_NS_A_SAMPLE + footprints * (points * point + _NS_A_LABEL + draws * _NS_A_FOOTPRINT))
+        return 1e-9 * (_NS_A_SAMPLE + footprints * (points * point + _NS_A_LABEL + draws * _NS_A_DRAW))

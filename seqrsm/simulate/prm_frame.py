@@ -122,7 +122,7 @@ def surface_temperature_k(
     if radiometer.temperature == "layer":
         layer = temperature_layer(scene)
         base = np.rot90(np.where(np.isfinite(layer), layer, np.nanmean(layer)), frame.quarter_turns)
-        base = base if at is None else base.ravel()[at]
+        base = base if at is None else np.take(base, at)
     elif radiometer.temperature == "constant":
         base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
     else:
@@ -132,12 +132,12 @@ def surface_temperature_k(
         if radiometer.mode == "full":
             heating[: len(lookup.heating)] = lookup.heating
         base = physical_temperature_k(
-            exposure if at is None else exposure.ravel()[at],
-            heating[frame.cover],
+            exposure if at is None else np.take(exposure, at),
+            np.take(heating, frame.cover),
             radiometer.temperature_low_k,
             radiometer.temperature_high_k,
         )
-    departure = (occasion.temperature_offset_k + occasion.field_temperature_k)[frame.field]
+    departure = np.take(occasion.temperature_offset_k + occasion.field_temperature_k, frame.field)
     return np.ascontiguousarray(np.maximum(base + departure, 1.0), dtype=frame.elevation_m.dtype)
 
 

@@ -22,7 +22,7 @@ from seqrsm.scattering.emissivity import EmissivityTable
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH
-from seqrsm.simulate import kernels_prm
+from seqrsm.simulate import kernels_prm, kernels_sample
 from seqrsm.simulate.fidelity import RungPlan
 from seqrsm.simulate.prm import Meeting, emission_tables, row_geometry, simulate_radiometer
 from seqrsm.simulate.prm_frame import RadiometerFrame, surface_temperature_k
@@ -31,9 +31,6 @@ from seqrsm.simulate.sample import Sample, places
 
 BEAM_POINTS: Final = (21, 34, 55, 89, 144, 233, 377)
 """Points of equal weight that may stand for a beam: Fibonacci's numbers."""
-
-_LEAST_CELLS = 4
-"""Along the shortest side of the ground that a footprint stands for."""
 
 
 def radiometer_sample(
@@ -113,12 +110,13 @@ def _point_sample(
     # A line is the mean of its sweeps: each takes its part of the points.
     sweep = np.minimum(line * scan.sweeps_a_line + np.arange(n_p)[:, None] % scan.sweeps_a_line, scan.n_sweeps - 1)
     part = np.clip(0.5 + 0.5 * angle / scan.half_angle_rad, 0.0, 1.0)[:, :, None]
-    along = scan.sweep_advance_m * (sweep + np.where(sweep % 2 == 0, part, 1.0 - part))
+    back = sweep % 2 == 1  # every other sweep runs the other way
+    along = np.where(back, -scan.sweep_advance_m, scan.sweep_advance_m) * part + scan.sweep_advance_m * (sweep + back)
     along += (radiometer.resolution_m / np.cos(angle) * _quantiles(scan.along, v))[:, :, None]
     at, seen = _seen(frame, met, point_m, along.reshape(n_s * n_p, n_l), relief=relief)
     antenna = _radiation(scene, radiometer, met, point_m, at, seen, relief=relief)
     sums = antenna.reshape(-1, n_s, n_p, n_l).sum(axis=2, dtype=np.float64)
-    points = seen.reshape(n_s, n_p, n_l).sum(axis=1)
+    points = seen.reshape(n_s, n_p, n_l).sum(axis=1, dtype=np.int32)
     mean = np.where(points > 0, sums / np.maximum(points, 1), np.nan)
     if met.planck_k > 0.0:
         mean = met.planck_k / np.log1p(met.planck_k / mean)
@@ -129,23 +127,42 @@ def _point_sample(
     right = np.where(sample == len(scan.look_rad) - 1, np.maximum(look + half, past), look + half)
     low, high = (frame.height_m * np.tan(np.clip(edge, -1.5, 1.5)) for edge in (left, right))
     phase = draw.random(2)
-    rows, inside_rows = _boxed(low, high, frame, 0, float(phase[0]))
-    columns, inside_columns = _boxed(line * scan.advance_m, (line + 1) * scan.advance_m, frame, 1, float(phase[1]))
+    cells = math.ceil(math.sqrt(n_p))  # along each side, so that shares of covers are known as well as the beam's
+    rows, inside_rows = _boxed(low, high, frame, 0, cells, float(phase[0]))
+    ahead = (line * scan.advance_m, (line + 1) * scan.advance_m)
+    columns, inside_columns = _boxed(*ahead, frame, 1, cells, float(phase[1]))
     of_row, of_column = (np.nonzero(inside)[0] for inside in (inside_rows, inside_columns))
-    row, column = rows[inside_rows], columns[inside_columns]
-    row_m = np.asarray((row + 0.5 - 0.5 * len(frame.elevation_m)) * frame.cell_m, dtype=np.float64)
-    column_m = np.broadcast_to((column + 0.5) * frame.cell_m, (row.size, column.size))
-    own, known = _seen(frame, met, row_m, column_m, relief=relief)
-    number = of_row[:, None] * n_l + of_column
+    shape = (of_row.size, of_column.size)
+    cover, field = np.empty(shape, dtype=frame.cover.dtype), np.empty(shape, dtype=frame.field.dtype)
+    scored, pixel = np.empty(shape, dtype=np.bool_), np.empty(shape, dtype=np.int32)
+    kernels_sample.label_cells(
+        frame.elevation_m,
+        frame.cover,
+        frame.field,
+        np.ascontiguousarray(np.rot90(scene.scored, frame.quarter_turns)),
+        len(met.lookups[0].categories),
+        frame.height_m,
+        frame.cell_m,
+        relief,
+        rows[inside_rows],
+        columns[inside_columns],
+        of_row,
+        of_column,
+        n_l,
+        cover,
+        field,
+        scored,
+        pixel,
+    )
     return Sample(
         values=_noisy(mean, radiometer, rung.draws, seed, run_id),
         **_grid(met, np.repeat(sample, n_l), np.tile(line, n_s)),
         column=np.arange(n_s * n_l),
         share=n_s * n_l / (len(scan.look_rad) * scan.n_lines),
-        pixel_of_cell=np.where(known, number, -1).astype(np.int32),
-        cover=frame.cover[own],
-        field=frame.field[own],
-        scored=np.rot90(scene.scored, frame.quarter_turns)[own],
+        pixel_of_cell=pixel,
+        cover=cover,
+        field=field,
+        scored=scored,
         moist=met.lookups[0].moist,
         occasion=met.occasion,
         record=_record(scene, radiometer, met, mean),
@@ -225,13 +242,16 @@ def _quantiles(integral: FloatArray, share: FloatArray) -> FloatArray:
 
 
 def _boxed(
-    low_m: AnyArray, high_m: AnyArray, frame: RadiometerFrame, axis: int, phase: float
+    low_m: AnyArray, high_m: AnyArray, frame: RadiometerFrame, axis: int, least: int, phase: float
 ) -> tuple[IntArray, BoolArray]:
-    """Cells whose middle lies nearest to each footprint: of all or of every so many-th, so that each counts alike."""
+    """Cells whose middle lies nearest to each footprint: of all or of every so many-th, so that each counts alike.
+
+    ``least``: cells along the shortest side at least, where there are so many.
+    """
     size = frame.elevation_m.shape[axis]
     middle = 0.5 * size if axis == 0 else 0.0
     low, high = low_m / frame.cell_m + middle, high_m / frame.cell_m + middle
-    step = max(math.floor(float((high - low).min()) / _LEAST_CELLS), 1)
+    step = max(math.floor(float((high - low).min()) / least), 1)
     start = math.floor(phase * step)
     count = math.ceil(float((high - low).max()) / step) + 1
     first = start + step * np.ceil((low - 0.5 - start) / step).astype(np.int64)

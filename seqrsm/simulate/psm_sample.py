@@ -21,7 +21,7 @@ from seqrsm.scene.statistics import aggregated
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.feasibility import CHANNELS
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels
+from seqrsm.simulate import kernels, kernels_sample
 from seqrsm.simulate.echo import LUT_STEPS, EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.fading import add_fading
 from seqrsm.simulate.fidelity import RungPlan
@@ -141,16 +141,16 @@ def radar_strips(
         take = layout.cells.ravel()
         gathered = replace(
             frame,
-            elevation_m=np.ascontiguousarray(frame.elevation_m[:, take]),
-            cover=np.ascontiguousarray(frame.cover[:, take]),
-            field=np.ascontiguousarray(frame.field[:, take]),
+            elevation_m=_taken(frame.elevation_m, take),
+            cover=_taken(frame.cover, take),
+            field=_taken(frame.field, take),
         )
-        scored = scored[:, take]
+        scored = _taken(scored, take)
     sums = echo_sums(gathered, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion))
     mean = _pixels(sums, law, per_pixel, n_pixels, layout)
     pixel = _registration(gathered, radar, grid, len(scene.categories), per_pixel, mean.shape[2], layout)
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
-    rows = frame.source[own]
+    rows = slice(int(frame.source[own][0]), int(frame.source[own][-1]) + 1)
     values = faded_draws(mean, law.noise_w, law.looks, law.calibration_w, law.reference_w, radar, seed, run_id, draws)
     column = np.arange(n_pixels) if layout is None else layout.column
     n_columns = mean.shape[2]
@@ -165,12 +165,17 @@ def radar_strips(
         pixel_of_cell=pixel[own],
         cover=gathered.cover[rows],
         field=gathered.field[rows],
-        scored=np.ascontiguousarray(scored[rows]),
+        scored=scored[rows],
         covariates=None,
         moist=None,
         occasion=occasion,
         record=radar_record(radar, scene, law.looks, law.noise_w / law.calibration_w, occasion),
     )
+
+
+def _taken(layer: AnyArray, columns: IntArray) -> AnyArray:
+    """Some columns of a layer of the frame."""
+    return np.take(layer, columns, axis=1)
 
 
 def radar_record(
@@ -319,18 +324,27 @@ def radar_flat_sample(
     across, weight_across, inside_across = _points(row * per_pixel, per_pixel, law.range_width, n)
     along, weight_along, inside_along = _points(column * per_pixel, per_pixel, np.ones(len(column)), m)
     first = int(frame.source[frame.pad_near])
-    at = np.ix_((across + first).ravel(), along.ravel())
-    cover, field = frame.cover[at], frame.field[at]
-    mean = _flat_power(frame, lookups, occasion, across.ravel(), cover, field)
-    shape = (len(lookups), *across.shape, *along.shape)
-    mean = np.einsum("crakb,ra,kb->crk", mean.reshape(shape), weight_across, weight_along, optimize=True)
-    inside = inside_across.ravel()[:, None] & inside_along.ravel()[None, :]
-    number = np.repeat(np.arange(len(row)), across.shape[1])[:, None] * len(column)
-    pixel = np.where(inside, number + np.repeat(np.arange(len(column)), along.shape[1])[None, :], -1).astype(np.int32)
-    nesz = law.noise_w / law.calibration_w
-    values = faded_draws(
-        np.ascontiguousarray(mean), nesz, law.looks, np.ones(len(row)), law.reference_w, radar, seed, run_id, draws
+    size = (across.size, along.size)
+    cover, field = np.empty(size, dtype=frame.cover.dtype), np.empty(size, dtype=frame.field.dtype)
+    pixel, mean = np.empty(size, dtype=np.int32), np.empty((len(lookups), len(row), len(column)))
+    kernels_sample.flat_pixels(
+        frame.cover,
+        frame.field,
+        across + first,
+        along,
+        weight_across,
+        weight_along,
+        inside_across,
+        inside_along,
+        _flat_curves(frame, lookups, occasion, across),
+        field_factors(occasion),
+        cover,
+        field,
+        pixel,
+        mean,
     )
+    nesz = law.noise_w / law.calibration_w
+    values = faded_draws(mean, nesz, law.looks, np.ones(len(row)), law.reference_w, radar, seed, run_id, draws)
     k = len(column)
     return Sample(
         values=values,
@@ -343,7 +357,7 @@ def radar_flat_sample(
         pixel_of_cell=pixel,
         cover=cover,
         field=field,
-        scored=np.rot90(scene.scored, frame.quarter_turns)[at],
+        scored=_taken(np.rot90(scene.scored, frame.quarter_turns)[(across + first).ravel()], along.ravel()),
         covariates=None,
         moist=None,
         occasion=occasion,
@@ -394,29 +408,13 @@ def _points(low: AnyArray, size: float, width: FloatArray, n: int) -> tuple[IntA
     return np.clip(cell, 0, n - 1), weight / np.where(total > 0.0, total, 1.0), inside
 
 
-def _flat_power(
-    frame: RadarFrame,
-    lookups: list[Sigma0Lookup],
-    occasion: Occasion,
-    rows: IntArray,
-    cover: AnyArray,
-    field: AnyArray,
-) -> FloatArray:
-    """sigma0 of cells at the incidence of flat ground (n_channels, rows, columns); 0 where the category is unknown."""
+def _flat_curves(frame: RadarFrame, lookups: list[Sigma0Lookup], occasion: Occasion, rows: IntArray) -> FloatArray:
+    """sigma0 of each category (n_channels, n_categories + 1, a, p) at the incidence of flat ground; 0 for none."""
     near = frame.ground_range_m[frame.pad_near]
-    theta = range_geometry(near + rows * frame.cell_m, frame.height_m, frame.curved).incidence_rad
+    theta = range_geometry(near + rows.ravel() * frame.cell_m, frame.height_m, frame.curved).incidence_rad
     place = np.sin(0.5 * theta) * (LUT_STEPS / math.sqrt(0.5))
     step = np.minimum(place.astype(np.int64), LUT_STEPS - 1)
     part = place - step
     lut = sigma0_lut(lookups, occasion)
     curve = lut[:, :, step] * (1.0 - part) + lut[:, :, step + 1] * part
-    curve = np.concatenate([curve, np.zeros_like(curve[:, :1])], axis=1)
-    kind = np.minimum(cover, curve.shape[1] - 1).astype(np.int64)
-    index = kind * len(rows) + np.arange(len(rows))[:, None]
-    factor = field_factors(occasion)
-    out = np.empty((len(lookups), *cover.shape))
-    for c in range(len(lookups)):
-        out[c] = np.take(curve[c].ravel(), index)
-        if factor.shape[1]:
-            out[c] *= factor[c][field]
-    return out
+    return np.concatenate([curve, np.zeros_like(curve[:, :1])], axis=1).reshape(*lut.shape[:1], -1, *rows.shape)

@@ -203,8 +203,45 @@ def test_radiometer_rungs_err_by_no_more_than_their_bound(kind: str, rung: str) 
     difference = cheap - true
     error = difference.std(ddof=1) / np.sqrt(len(difference))
     assert abs(difference.mean()) <= made.bias + 0.5 * made.sampling + 3.0 * error
-    assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, 1.0)
+    once = plan(scene, radiometer(), 1, rung, 3.0, "prm")[0].of("F4").scatter
+    assert difference.std(ddof=1) <= 1.45 * np.hypot(made.bias + made.sampling, once)
     assert cheap.std(ddof=1) > 0.5 * true.std(ddof=1)
+
+
+def test_noise_has_no_more_of_the_variance_than_the_bound_says() -> None:
+    """One draw of the whole image against eight: quiet receivers decide few footprints, and the bound knows it."""
+    from seqrsm.score.sampled import percent_correct_radiometer
+
+    scene, scatter = ground("flat", LAND, 30.0), []
+    for run in RUNS:
+        chosen, make = plan(scene, radiometer(), run, "F3", 3.0, "prm")
+        found = []
+        for draws in (1, 8):
+            sample = make(replace(chosen.chosen, draws=draws))
+            found.append(percent_correct_radiometer(sample, scene, seed=SEED, run_id=run).value)
+        scatter.append(found[0] - found[1])
+    bound = chosen.of("F4").scatter
+    assert bound < 50.0 * (chosen.of("F4").rows * chosen.of("F4").columns) ** -0.5
+    assert 0.2 * bound < np.std(scatter, ddof=1) < 1.3 * bound
+
+
+def test_relief_counts_by_the_mean_over_the_swath() -> None:
+    """The emissivity curves are steep at the edge of the sweep only: the bound takes each place's own steepness."""
+    from seqrsm.campaign.engines import statistics_of
+    from seqrsm.simulate.fidelity_radiometer import _View
+    from seqrsm.simulate.prm import meet_radiometer
+
+    scene, sensor = ground("rolling", LAND, 30.0), radiometer()
+    met = meet_radiometer(scene, sensor, ENGINES["prm"].table(""), seed=SEED, run_id=1)
+    view = _View(scene, statistics_of(scene), sensor, met, ("percent_correct",))
+    slopes = view.slope_of_curves
+    places = [view.percent(row) for row in slopes]
+    assert view.percent(slopes) == pytest.approx(np.mean(places), rel=1e-12)
+    assert min(places) < view.percent(slopes) < max(places) <= view.percent(slopes.max(axis=0))
+    curves = np.concatenate([look.emissivity for look in met.lookups], axis=1)
+    degree = int(np.degrees(view.edge))
+    steep = view.warm_k * np.abs(np.diff(curves[:, :, : degree + 1], axis=2)).max(axis=(1, 2))
+    assert (slopes.max(axis=0) >= 0.95 * steep).all()
 
 
 @pytest.mark.parametrize("rung", ["F0", "F2"])
