@@ -11,6 +11,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate import kernels
 from seqrsm.simulate.ppi import bilinear, polar_layers
@@ -183,10 +184,16 @@ def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], m
     """Layer (n, m) of the frame in the scene's own extent and orientation; ``missing`` outside the swath."""
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
     first = int(frame.source[frame.pad_near])
+    if frame.cell_of_scene is not None:
+        seen, m = layer[own].ravel(), layer.shape[1]
+        out = np.full(scene_shape, missing, dtype=layer.dtype)
+        for row, place in zip(out, frame.cell_of_scene.reshape(scene_shape), strict=True):
+            k = place - first * m
+            inside = (k >= 0) & (k < seen.size)
+            row[inside] = seen[k[inside]]
+        return out
     whole = np.full(frame.elevation_m.shape, missing, dtype=layer.dtype)
     whole[first : first + frame.n_rows] = layer[own]
-    if frame.cell_of_scene is not None:
-        return np.asarray(whole.ravel()[frame.cell_of_scene].reshape(scene_shape))
     return np.ascontiguousarray(np.rot90(whole, -frame.quarter_turns))
 
 
@@ -211,8 +218,7 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
         cover = np.ascontiguousarray(np.rot90(layers[1], turns))
         field = np.ascontiguousarray(np.rot90(layers[2], turns))
     else:
-        elevation, cover, field, place = _rotated(scene, math.radians(heading_deg))
-        elevation = elevation.astype(precision)
+        elevation, cover, field, place = _rotated(scene, math.radians(heading_deg), precision)
     elevation -= elevation.dtype.type(mean)
     if known < scene.elevation_m.size or place is not None:
         cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
@@ -225,7 +231,7 @@ def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
     return _Turned(elevation, cover, field, mean, highest, lowest, top, np.maximum(top, -lowest), turns, place)
 
 
-def _rotated(scene: Scene, heading_rad: float) -> tuple[AnyArray, AnyArray, AnyArray, IntArray]:
+def _rotated(scene: Scene, heading_rad: float, precision: str) -> tuple[AnyArray, AnyArray, AnyArray, IntArray]:
     """Layers on a grid along the heading, of the scene's cell size and wide enough for all of it."""
     rows, cols = scene.shape
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
@@ -234,19 +240,29 @@ def _rotated(scene: Scene, heading_rad: float) -> tuple[AnyArray, AnyArray, AnyA
     if max(m, n) == 2:
         # One cell: the middle of the grid must be the middle of a cell, or all of them miss it.
         m, n = 3, 3
-    # Range (to the right of the heading) and azimuth of each frame cell from the centre, then east and south of it.
-    away = (np.arange(n) - 0.5 * (n - 1))[:, None]
-    along = (np.arange(m) - 0.5 * (m - 1))[None, :]
-    col = 0.5 * (cols - 1) + along * sine + away * cosine
-    row = 0.5 * (rows - 1) - along * cosine + away * sine
-    inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
-    i, j = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64), np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
-    cover = np.where(inside, scene.cover[i, j], np.uint8(NO_COVER))
-    elevation = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
-    own_row, own_col = np.arange(rows)[:, None] - 0.5 * (rows - 1), np.arange(cols)[None, :] - 0.5 * (cols - 1)
-    a = np.rint(own_col * sine - own_row * cosine + 0.5 * (m - 1)).astype(np.int64)
-    r = np.rint(own_col * cosine + own_row * sine + 0.5 * (n - 1)).astype(np.int64)
-    return elevation, cover, scene.field_id[i, j], np.clip(r, 0, n - 1) * m + np.clip(a, 0, m - 1)
+    elevation = np.empty((n, m), dtype=precision)
+    cover, field = np.empty((n, m), dtype=np.uint8), np.empty((n, m), dtype=np.int32)
+    # Some rows at a time: whole arrays of positions would take many times the memory of the layers.
+    for part in strips(n, m):
+        # Range (to the right of the heading) and azimuth of each frame cell from the centre, then east and south of it.
+        away = (np.arange(part.start, part.stop) - 0.5 * (n - 1))[:, None]
+        along = (np.arange(m) - 0.5 * (m - 1))[None, :]
+        col = 0.5 * (cols - 1) + along * sine + away * cosine
+        row = 0.5 * (rows - 1) - along * cosine + away * sine
+        inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)
+        i = np.rint(np.clip(row, 0, rows - 1)).astype(np.int64)
+        j = np.rint(np.clip(col, 0, cols - 1)).astype(np.int64)
+        elevation[part] = np.where(inside, bilinear(scene.elevation_m, row, col), np.nan)
+        cover[part] = np.where(inside, scene.cover[i, j], np.uint8(NO_COVER))
+        field[part] = scene.field_id[i, j]
+    place = np.empty((rows, cols), dtype=np.int64)
+    own_col = np.arange(cols)[None, :] - 0.5 * (cols - 1)
+    for part in strips(rows, cols):
+        own_row = np.arange(part.start, part.stop)[:, None] - 0.5 * (rows - 1)
+        a = np.rint(own_col * sine - own_row * cosine + 0.5 * (m - 1)).astype(np.int64)
+        r = np.rint(own_col * cosine + own_row * sine + 0.5 * (n - 1)).astype(np.int64)
+        place[part] = np.clip(r, 0, n - 1) * m + np.clip(a, 0, m - 1)
+    return elevation, cover, field, place
 
 
 def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, resolution_m: float) -> tuple[int, int]:

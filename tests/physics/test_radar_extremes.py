@@ -7,6 +7,7 @@ import pytest
 from psm_cases import Table, mapped, radar, scene
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.scene import terrain
 from seqrsm.simulate import kernels
 from seqrsm.simulate.psm import simulate_radar
 from seqrsm.simulate.receiver import picture
@@ -207,3 +208,22 @@ def test_a_swath_that_reaches_behind_nadir_is_refused_with_the_angle_that_does()
     with pytest.raises(ConfigurationError, match=r"behind nadir.*less than 78.69 deg"):
         quiet(s, radar(depression_angle_deg=85.0, **changes))
     assert np.isfinite(quiet(s, radar(depression_angle_deg=78.6, **changes)).intensity).all()
+
+
+@pytest.mark.parametrize("near", [0.0, 44.9])
+def test_a_large_scene_turned_in_strips_is_the_same(monkeypatch, near):
+    rng = np.random.default_rng(3)
+    cover = np.kron(rng.integers(0, 3, (8, 9)), np.ones((10, 10), dtype=int))
+
+    def made():
+        z = np.random.default_rng(4).normal(0.0, 1.0, cover.shape)
+        r = radar(heading_deg=37.0, near_incidence_deg=near, resolution_m=15.0)
+        return simulate_radar(scene(z, cover=cover), r, Table((-8.0, -10.0, -12.0)), seed=1, run_id=1)
+
+    whole = made()
+    monkeypatch.setattr(terrain, "_CELLS_AT_ONCE", 250)
+    parts = made()
+    for name in ("intensity", "pixel_of_cell", "shadow", "layover"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    outside = (whole.pixel_of_cell < 0).mean()
+    assert 0.2 < outside < 0.8 if near else outside < 0.02
