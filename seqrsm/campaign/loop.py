@@ -17,7 +17,7 @@ from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.heartbeat import heartbeat
-from seqrsm.campaign.next_runs import next_batch, start_batch
+from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.campaign.occasions import occasion_of, share_occasions
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
@@ -135,7 +135,7 @@ class Campaign:
         csv: Path | None = None,
         analyses: Sequence[Analysis] | None = None,
     ) -> tuple[RunRecord, ...]:
-        """Issue the next runs; the first call issues the start design.
+        """Issue the next runs, flights in random order; the first call issues the start design.
 
         Parameters
         ----------
@@ -161,7 +161,8 @@ class Campaign:
             raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
         if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
             raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
-        runs = self._proposals(n or self.spec.batch, source, analyses)
+        proposed = self._proposals(n or self.spec.batch, source, analyses)
+        runs = in_random_order(proposed, self.spec.seed, len(self.store.runs()))
         size, region = self.spec.runs_an_occasion, self.spec.region
         deal = None if size is None else partial(share_occasions, size=size, region=region)
         ids = self.store.add_batch(runs, issue=True, deal=deal)

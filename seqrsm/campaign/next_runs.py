@@ -22,6 +22,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.blocks import block_columns
 from seqrsm.propose.batch import Proposal, Rows, propose_batch
+from seqrsm.rng import generator
 
 START = "start"
 CENTRE_REPEATS = 3
@@ -319,6 +320,29 @@ def next_batch(
             if source != "best":
                 done.append(_Made(setting, chosen, ""))
     return made
+
+
+def in_random_order(runs: Sequence[NewRun], seed: int, n_made: int) -> list[NewRun]:
+    """The runs with their flights in random order, each simulation in its place.
+
+    What drifts while they are flown (the season, a calibration) is then no longer mixed up with the settings, and
+    repeats are not flown one after the other, which would make them look alike (Box, Hunter & Hunter 2005, Statistics
+    for Experimenters, 3.1). A simulation's score does not depend on its place.
+
+    Parameters
+    ----------
+    runs : sequence of NewRun
+        A batch, flown on one occasion.
+    seed : int
+        Of the campaign.
+    n_made : int
+        Runs before this batch, so that each has an order of its own.
+    """
+    places = [index for index, run in enumerate(runs) if run.source == "flight"]
+    found = list(runs)
+    for place, index in zip(places, generator(seed, n_made, "order of flights").permutation(places), strict=True):
+        found[place] = runs[index]
+    return found
 
 
 def _best_source(

@@ -44,9 +44,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
     flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region shrinks towards the
     optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one application and fixed with
     several, whose surfaces must be known over one region to be weighed, and with common random numbers;
-    ``discrepancy_sd``: prior standard deviation of
-    the difference between flight and simulation in every coded coefficient, in score units, by default the standard
-    deviation of the scores over 5.
+    ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
+    coefficient of first order, in score units (half of it for products and squares), by default the standard deviation
+    of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
     sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted

@@ -21,6 +21,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.design.split_plot import FIXED_BLOCKS, plot_sizes, split_plot_design
 from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
+from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
 CLASSICAL: dict[str, str] = {
@@ -72,6 +73,8 @@ class DesignRequest:
     if_possible : float or None
         Prior standard deviation, in those of a run, of the terms of second order, which are then estimated if possible.
     seed : int
+    random_order : bool
+        Rows in random order, plots or blocks and the runs in them apart; else as the design is made.
     """
 
     factors: int | None = None
@@ -89,6 +92,7 @@ class DesignRequest:
     variance_ratio: float = 1.0
     if_possible: float | None = None
     seed: int = 1979
+    random_order: bool = False
 
 
 def _wrong(message: str, remedy: str, field: str, value: object = None) -> UserError:
@@ -308,10 +312,22 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
                     value=request.kind,
                 )
             )
+    if request.random_order:
+        points, plots = _in_random_order(points, plots, request.seed)
     if out is not None:
         _write(out, region, points, plots, "block" if request.blocks else "plot")
     report = evaluate_design(model, region, np.vstack([prior, points]))
     return _document(request, model, region, points, plots, prior, report, told)
+
+
+def _in_random_order(points: FloatArray, plots: IntArray, seed: int) -> tuple[FloatArray, IntArray]:
+    """Runs in random order; plots, which stay whole, are shuffled and numbered anew, and the runs within each."""
+    rng = generator(seed, 0, "order of runs")
+    if not len(plots):
+        return points[rng.permutation(len(points))], plots
+    place = rng.permutation(int(plots.max()) + 1)[plots]
+    order = np.lexsort((rng.random(len(points)), place))
+    return points[order], place[order]
 
 
 def _document(
@@ -342,6 +358,7 @@ def _document(
         "terms": model.p,
         "design": request.kind,
         "criterion": request.criterion.upper() if request.kind == "optimal" else None,
+        "run_order": "random" if request.random_order else "standard",
         "points": points.tolist(),
         "settings": region.decode(points),
         "block" if request.blocks else "plot": (plots + 1).tolist() if len(plots) else None,
@@ -376,7 +393,7 @@ def _write(out: Path, region: Region, points: FloatArray, plots: IntArray, colum
             writer.writerow([*([column] if len(plots) else []), *names])
             for i, settings in enumerate(region.decode(points)):
                 cells = [settings[name] for name in names]
-                row = [cell if isinstance(cell, str) else repr(float(cell)) for cell in cells]
+                row = [cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells]
                 writer.writerow([*([int(plots[i]) + 1] if len(plots) else []), *row])
     except OSError as error:
         raise UserError(Problem(f"cannot write the file: {error.strerror}", file=str(out))) from error

@@ -47,7 +47,10 @@ def design(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Prediction variance over the region (.png, .svg, .pdf).")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1979,
+    random_order: Annotated[
+        bool, typer.Option("--random-order", help="Rows in the order to carry them out: random, plots kept whole.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the search and of the random order.")] = 1979,
     as_json: AsJson = False,
 ) -> None:
     """Search a stand-alone optimal design for the quadratic model, or make a classical one, and judge it."""
@@ -56,7 +59,7 @@ def design(
 
     request = DesignRequest(
         factors, tuple(factor or ()), tuple(constraint or ()), runs, kind, criterion, order, centre, prior_runs,
-        blocks, plots, tuple(hard or ()), variance_ratio, if_possible, seed,
+        blocks, plots, tuple(hard or ()), variance_ratio, if_possible, seed, random_order,
     )  # fmt: skip
     with display("searching"):
         result: dict[str, Any] = standalone_design(request, csv)

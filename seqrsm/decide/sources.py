@@ -1,10 +1,12 @@
 """Simulation and flight together: the flight's surface is the simulation's plus a linear discrepancy.
 
 Kennedy and O'Hagan (2001), J. R. Statist. Soc. B 63, 425-464, with the discrepancy in its linear form: simulated runs
-have the model row [z, 0], flights [z, d], where d holds the terms of first order. The discrepancy has a normal prior
-around zero, so that few flights correct the simulation and do not replace it, and each source has its own variance.
-Everything is conjugate given the ratio of the variances; the ratio has a posterior of its own, on a grid, and intervals
-and draws are mixtures over it.
+have the model row [z, 0], flights [z, z]. The discrepancy has a normal prior around zero, so that few flights correct
+the simulation and do not replace it, its terms of second order half as wide as those of first, since effects mostly
+differ less the higher their order; and each source has its own variance. Without the terms of second order the flight's
+optimum would have the simulation's curvature, however much the flights say otherwise: on real scores the intervals then
+cover too little (reports/validation/flevoland_flights.md). Everything is conjugate given the ratio of the variances;
+the ratio has a posterior of its own, on a grid, and intervals and draws are mixtures over it.
 """
 
 from __future__ import annotations
@@ -28,16 +30,17 @@ FEW_FLIGHTS = 4
 _RATIO_RUNS = 2.0  # degrees of freedom that the guess of equal variances is worth
 _RATIOS = np.exp(np.linspace(np.log(0.01), np.log(100.0), 25))  # variance of a simulation over that of a flight
 _DUST = 1e-6  # of the likeliest ratio's probability: what has less is left out
+_SECOND_ORDER = 0.5  # prior standard deviation of a product or square of the discrepancy, over a linear term's
 _FIRST_ORDER = ("intercept", "linear", "category")
 
 
-def discrepancy_terms(model: QuadraticModel) -> IntArray:
-    """Indices of the model's terms that the discrepancy has: intercept, linear terms, contrasts."""
-    return np.array([t for t, term in enumerate(model.terms) if term.kind in _FIRST_ORDER], dtype=np.int64)
+def discrepancy_sd(model: QuadraticModel, prior_sd: float) -> FloatArray:
+    """Prior standard deviation (p,) of each term of the discrepancy: ``prior_sd``, half of it for second order."""
+    return np.where([term.kind in _FIRST_ORDER for term in model.terms], prior_sd, _SECOND_ORDER * prior_sd)
 
 
 def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray) -> FloatArray:
-    """Rows [z, d] of flights and [z, 0] of simulations.
+    """Rows [z, z] of flights and [z, 0] of simulations.
 
     Parameters
     ----------
@@ -48,15 +51,15 @@ def stacked_rows(model: QuadraticModel, points: FloatArray, is_flight: BoolArray
 
     Returns
     -------
-    ndarray (n, p + q)
+    ndarray (n, 2 p)
     """
     Z = model.matrix(points)
-    return np.hstack([Z, Z[:, discrepancy_terms(model)] * np.asarray(is_flight)[:, None]])
+    return np.hstack([Z, Z * np.asarray(is_flight)[:, None]])
 
 
 @dataclass(frozen=True, slots=True)
 class StackedRuns:
-    """Rows [z, d, blocks] (n, c), scores (n,), relative weights within a source (n,), and which runs are flights."""
+    """Rows [z, discrepancy, blocks] (n, c), scores, relative weights within a source, which runs are flights: (n,)."""
 
     Z: FloatArray
     y: FloatArray
@@ -91,11 +94,12 @@ class SourceFit:
         Degrees of freedom of ``s``: those of the flights' own residuals, with the guess.
     n_flights, n_simulations : int
     prior_sd : float
-        Prior standard deviation of each coefficient of the discrepancy, score units.
+        Prior standard deviation of each first-order coefficient of the discrepancy, score units.
     prior_share : float
-        Mean share of the discrepancy's prior variance that is left: 1 before the first flight, near 0 after many.
+        Share of the discrepancy's prior variance, over all its terms, that is left: 1 before the first flight, near 0
+        after many.
     posterior : ConjugatePosterior
-        Of all coefficients, [z, d] and then blocks.
+        Of all coefficients, [z, discrepancy] and then blocks.
     model : QuadraticModel
     runs : StackedRuns
         What was fitted.
@@ -130,9 +134,7 @@ class SourceFit:
     def flight_rows(self, rows: FloatArray) -> FloatArray:
         """Rows of all coefficients from model rows (m, p) of flights, at the mean block."""
         full = np.zeros((len(rows), len(self.posterior.mean)))
-        terms = discrepancy_terms(self.model)
-        full[:, : self.model.p] = rows
-        full[:, self.model.p : self.model.p + len(terms)] = rows[:, terms]
+        full[:, : 2 * self.model.p] = np.hstack([rows, rows])
         return full
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
@@ -185,9 +187,8 @@ class SourceFit:
 
     def discrepancy(self, row: FloatArray, level: float = 0.95) -> tuple[float, float, float]:
         """Flight less simulation at a model row (p,), and the ends of its credible interval."""
-        terms = discrepancy_terms(self.model)
         full = np.zeros((1, len(self.posterior.mean)))
-        full[0, self.model.p : self.model.p + len(terms)] = row[terms]
+        full[0, self.model.p : 2 * self.model.p] = row
         mean = float(full[0] @ self.posterior.mean)
         se = self.posterior.scale * float(np.sqrt(self.posterior.variance_unscaled(full)[0]))
         half = float(student_quantile(self.posterior.df, level)) * se
@@ -233,7 +234,7 @@ def _by_ratio(
     The prior of the ratio has equal variances as its middle and is worth two runs of each. A surface through every
     score says nothing of variances: there the likeliest stands alone.
     """
-    n_extra = runs.Z.shape[1] - model.p - len(discrepancy_terms(model))
+    n_extra = runs.Z.shape[1] - 2 * model.p
     prior = source_prior(model, n_extra, prior_sd, likeliest.scale, base)
     given = [posterior(runs.Z, runs.y, np.where(runs.flights, r, 1.0) * runs.weights, prior) for r in _RATIOS]
     if any(one.b <= 0.0 for one in given):
@@ -247,17 +248,14 @@ def _by_ratio(
 
 
 def to_flight(model: QuadraticModel, coefficients: FloatArray) -> FloatArray:
-    """Coefficients (m, p) of the flight's surface from those (m, p + q + e) of the stacked model."""
-    found = np.array(coefficients[:, : model.p])
-    terms = discrepancy_terms(model)
-    found[:, terms] += coefficients[:, model.p : model.p + len(terms)]
-    return found
+    """Coefficients (m, p) of the flight's surface from those (m, 2 p + e) of the stacked model."""
+    return np.asarray(coefficients[:, : model.p] + coefficients[:, model.p : 2 * model.p])
 
 
 def source_prior(
     model: QuadraticModel, n_extra: int, prior_sd: float, sigma: float, base: NormalInverseGamma | None = None
 ) -> NormalInverseGamma:
-    """Prior of the stacked model: the discrepancy around zero with ``prior_sd``, ``base`` for the rest.
+    """Prior of the stacked model: the discrepancy around zero with `discrepancy_sd`, ``base`` for the rest.
 
     Parameters
     ----------
@@ -265,11 +263,11 @@ def source_prior(
     n_extra : int
         Columns of blocks.
     prior_sd, sigma : float
-        Score units, > 0: of each coefficient of the discrepancy, and of one simulated run.
+        Score units, > 0: of each first-order coefficient of the discrepancy, and of one simulated run.
     base : NormalInverseGamma, optional
         Prior of the p model terms; flat by default.
     """
-    of_discrepancy = np.full(len(discrepancy_terms(model)), (sigma / prior_sd) ** 2)
+    of_discrepancy = (sigma / discrepancy_sd(model, prior_sd)) ** 2
     return with_further(Flat() if base is None else base, model.p, np.append(of_discrepancy, np.zeros(n_extra)))
 
 
@@ -303,7 +301,8 @@ def fit_sources(
     extra : ndarray (n, e), optional
         Columns of blocks.
     prior_sd : float, optional
-        Of each coefficient of the discrepancy, score units; a fifth of the standard deviation of the scores by default.
+        Of each first-order coefficient of the discrepancy, score units, half of it for second order; a fifth of the
+        standard deviation of the scores by default.
     base : NormalInverseGamma, optional
         Prior of the model terms.
     rounds : int
@@ -343,8 +342,7 @@ def fit_sources(
             break
     w = np.where(flights, own * ratio, own)
     found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma, base))
-    terms = discrepancy_terms(model)
-    left = np.sum(found.factor[model.p : model.p + len(terms)] ** 2, axis=1) * found.scale**2 / sd**2
+    left = found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / np.sum(discrepancy_sd(model, sd) ** 2)
     runs = StackedRuns(Z, y, own, flights)
     return SourceFit(
         estimate=to_flight(model, found.mean[None, :])[0],
@@ -355,7 +353,7 @@ def fit_sources(
         n_flights=int(np.count_nonzero(flights)),
         n_simulations=int(np.count_nonzero(~flights)),
         prior_sd=float(sd),
-        prior_share=float(np.clip(np.mean(left), 0.0, 1.0)),
+        prior_share=float(np.clip(left, 0.0, 1.0)),
         posterior=found,
         model=model,
         runs=runs,

@@ -1,11 +1,11 @@
-"""Simulation and flights together, on real scores: 24 AIRSAR scores correct 196 simulated ones over Flevoland.
+"""Simulation and flights together, on real scores: 24 AIRSAR scores correct the simulated ones over Flevoland.
 
     OPENBLAS_NUM_THREADS=1 python tests/benchmarks/flevoland_flights.py [--repeats 20]
 
 Simulated and real scores of the same 196 configurations stand in ``reports/validation/flevoland_scores.csv`` (column
-"measured": simulated from measured class means). A campaign takes all simulated scores in, then real ones four at a
-time, as ``seqrsm propose --source flight`` asks for them (the nearest configuration not flown yet). The real scores
-that are left test the prediction interval of a flight. Writes ``reports/validation/flevoland_flights.md``.
+"measured": simulated from measured class means). A campaign takes all simulated scores of its region in, then real ones
+four at a time, as ``seqrsm propose --source flight`` asks for them (the nearest configuration not flown yet). The real
+scores that are left test the prediction interval of a flight. Writes ``reports/validation/flevoland_flights.md``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import csv
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +25,17 @@ from seqrsm.campaign.records import IngestedRun, NewScore
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation" / "flevoland_flights.md"
 BATCH, FLIGHTS, LEVEL, NEAR = 4, 24, 0.95, 0.5
+
+
+class Region(NamedTuple):
+    """Ranges of looks, and of resolution [m]."""
+
+    looks: tuple[float, float]
+    resolution_m: tuple[float, float]
+
+
+DESCRIBED = Region((16.0, 400.0), (24.2, 121.0))
+WHOLE = Region((4.0, 2304.0), (12.1, 290.4))
 SPEC = """
 [campaign]
 name = "flevoland-both"
@@ -34,14 +46,14 @@ name = "polarization"
 levels = ["HH", "HV", "VV", "HH+HV", "HV+VV", "HH+VV", "HH+HV+VV"]
 [[factor]]
 name = "looks"
-low = 4
-high = 2304
+low = {looks[0]}
+high = {looks[1]}
 scale = "log"
 [[factor]]
 name = "resolution"
 unit = "m"
-low = 12.1
-high = 290.4
+low = {resolution_m[0]}
+high = {resolution_m[1]}
 scale = "log"
 [[constraint]]
 expr = "looks <= 4.01 * (resolution / 12.1) ** 2"
@@ -55,10 +67,12 @@ max_runs = 400
 """
 
 
-def table() -> tuple[list[dict[str, float | str]], np.ndarray, np.ndarray]:
-    """Settings, simulated and real scores."""
+def table(region: Region) -> tuple[list[dict[str, float | str]], np.ndarray, np.ndarray]:
+    """Settings, simulated and real scores of the configurations in a region."""
     with (ROOT / "reports/validation/flevoland_scores.csv").open(newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
+    (fewest, most), (finest, coarsest) = region
+    rows = [r for r in rows if fewest <= float(r["looks"]) <= most and finest <= float(r["resolution_m"]) <= coarsest]
     settings = [
         {"polarization": r["polarization"], "looks": float(r["looks"]), "resolution": float(r["resolution_m"])}
         for r in rows
@@ -105,13 +119,13 @@ def look(campaign: Campaign, points: np.ndarray, real: np.ndarray, flown: list[i
     }
 
 
-def campaign(seed: int, asked: bool) -> list[dict[str, float]]:
+def campaign(seed: int, asked: bool, region: Region) -> list[dict[str, float]]:
     """Looks after 0, 4 ... 24 flights; flights as proposed, or drawn at random."""
-    settings, simulated, real = table()
+    settings, simulated, real = table(region)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "c"
         place.mkdir()
-        (place / "campaign.toml").write_text(SPEC.format(seed=1979 + seed), encoding="utf-8")
+        (place / "campaign.toml").write_text(SPEC.format(seed=1979 + seed, **region._asdict()), encoding="utf-8")
         made = Campaign.open(place)
         points = made.spec.region.code(settings)
         take_in(made, settings, simulated, "simulation", "simulated")
@@ -137,14 +151,19 @@ def campaign(seed: int, asked: bool) -> list[dict[str, float]]:
 
 HEAD = """# Simulation and flights together: Flevoland
 
-Written by `python tests/benchmarks/flevoland_flights.py --repeats {repeats}`. All 196 simulated scores (from measured
-class means; reports/validation/flevoland.md) are taken in, then real AIRSAR scores four at a time. The model is the
-flight's surface = the simulation's + a discrepancy of first order, each source with its own variance; all intervals are
-for flights. *Half-width* is that of the 95 % prediction interval of one flight at the recommended settings, and behind
-it that of the confidence interval of the mean; *lost* is the best real score less the real score of the configuration
-nearest to the recommendation; *covered* counts the real scores in the fitted region that were not taken in, and behind
-it those of the recommended channels within half of the coded range; *prior* is what is left of the discrepancy's prior
-variance.
+Written by `python tests/benchmarks/flevoland_flights.py --repeats {repeats}`. All simulated scores of the region (from
+measured class means; reports/validation/flevoland.md) are taken in, then real AIRSAR scores four at a time. The model
+is the flight's surface = the simulation's + a discrepancy with the same terms, those of second order with half the
+prior standard deviation, each source with its own variance; all intervals are for flights. Figures are means of
+{repeats} campaigns with seeds of their own. *Half-width* is that of the 95 % prediction interval of one flight at the
+recommended settings, and behind it that of the confidence interval of the mean; *lost* is the best real score less the
+real score of the configuration nearest to the recommendation; *covered* counts the real scores in the fitted region
+that were not taken in, and behind it those of the recommended channels within half of the coded range; *prior* is what
+is left of the discrepancy's prior variance.
+
+The region is the one in which the simulated scores alone show no departure from the quadratic: 16 to 400 looks and 24.2
+to 121 m, 77 configurations. Over all 196 (4 to 2304 looks, 12.1 to 290 m) the program sees one from the first look on
+(evidence 220, limit 3), does not let the campaign stop and says so; that case stands last.
 """
 COLUMNS = """
 | flights | half-width | of the mean | predicted | real there | lost | covered | of | near the optimum | of | prior |
@@ -176,12 +195,15 @@ def lines(looks: list[list[dict[str, float]]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=20, help="campaigns with flights drawn at random")
+    parser.add_argument("--repeats", type=int, default=20, help="campaigns of each kind")
     repeats = parser.parse_args().repeats
     text = HEAD.format(repeats=repeats)
-    text += "\n## Flights as proposed\n" + lines([campaign(0, True)])
-    text += f"\n## Flights drawn at random, means of {repeats} campaigns\n"
-    text += lines([campaign(seed, False) for seed in range(repeats)])
+    for title, asked, region in (
+        ("Flights as proposed", True, DESCRIBED),
+        ("Flights drawn at random", False, DESCRIBED),
+        ("Flights as proposed, over all configurations, where the quadratic does not hold", True, WHOLE),
+    ):
+        text += f"\n## {title}\n" + lines([campaign(seed, asked, region) for seed in range(repeats)])
     notes = OUT.with_name("flevoland_flights_notes.md")
     text += "\n" + notes.read_text(encoding="utf-8") if notes.exists() else ""
     OUT.write_text(text, encoding="utf-8")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from statistics_cases import COMPARED, LEVEL, Row, surface
 
-from seqrsm.decide.sources import discrepancy_terms, fit_sources
+from seqrsm.decide.sources import discrepancy_sd, fit_sources
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.least_squares import fit_least_squares
@@ -49,9 +49,8 @@ def days(model: QuadraticModel, points: np.ndarray, beta: np.ndarray, rng: np.ra
 
 def flights(model: QuadraticModel, points: np.ndarray, beta: np.ndarray, rng: np.random.Generator) -> Case:
     """Sixteen simulations and eight flights, whose surface differs by draws from the prior of the discrepancy."""
-    flown, terms, Z = np.arange(RUNS) % 3 == 0, discrepancy_terms(model), model.matrix(points)
-    truth = beta.copy()
-    truth[terms] += DISCREPANCY_SD * rng.normal(size=len(terms))
+    flown, Z = np.arange(RUNS) % 3 == 0, model.matrix(points)
+    truth = beta + discrepancy_sd(model, DISCREPANCY_SD) * rng.normal(size=model.p)
     y = np.where(flown, Z @ truth, Z @ beta) + SIGMA * rng.normal(size=RUNS)
     found = fit_sources(model, points, y, flown, prior_sd=DISCREPANCY_SD)
     betas, sigma = found.draws(DRAWS, rng)

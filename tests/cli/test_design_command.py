@@ -101,6 +101,30 @@ def test_blocks_and_flights() -> None:
         call("--factors", 2, "--runs", 12, *options, code=2)
 
 
+def test_random_order_keeps_the_design_and_its_plots(tmp_path) -> None:
+    """The same runs in other places, by the seed; each flight stays whole; the file has the rows of the screen."""
+    plain = made("--factors", 2, "--design", "factorial3")
+    mixed = made("--factors", 2, "--design", "factorial3", "--random-order", "--csv", tmp_path / "runs.csv")
+    assert (plain["run_order"], mixed["run_order"]) == ("standard", "random")
+    assert sorted(plain["points"]) == sorted(mixed["points"])
+    assert plain["points"] != mixed["points"]
+    assert mixed["d_value"] == pytest.approx(plain["d_value"], rel=1e-12)
+    with (tmp_path / "runs.csv").open(encoding="utf-8") as stream:
+        assert [[float(cell) for cell in row] for row in list(csv.reader(stream))[1:]] == mixed["points"]
+    assert made("--factors", 2, "--design", "factorial3", "--random-order", "--seed", 4)["points"] != mixed["points"]
+    moved = False
+    for seed in range(4):
+        options = ("--factors", 3, "--order", 1, "--runs", 7, "--plots", 3, "--hard", "x1", "--seed", seed)
+        kept, flown = made(*options), made(*options, "--random-order")
+        assert sorted(flown["plot"]) == flown["plot"]
+        flights = [[p for p, plot in zip(one["points"], one["plot"], strict=True) if plot == n]
+                   for one in (kept, flown) for n in (1, 2, 3)]  # fmt: skip
+        assert sorted(sorted(runs) for runs in flights[:3]) == sorted(sorted(runs) for runs in flights[3:])
+        assert all(len({x[0] for x in runs}) == 1 for runs in flights[3:])
+        moved |= sorted(flights[0]) != sorted(flights[3])
+    assert moved  # another flight comes first
+
+
 def test_terms_if_possible_need_fewer_runs() -> None:
     call("--factors", 3, "--runs", 6, code=2)
     found = made("--factors", 3, "--runs", 6, "--if-possible", 1.0)

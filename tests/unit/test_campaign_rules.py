@@ -9,12 +9,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from seqrsm.campaign.analyse import analyse
 from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.campaign.next_runs import _ties_wanted
-from seqrsm.campaign.records import LookRecord
+from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
+from seqrsm.campaign.records import LookRecord, NewRun
 from seqrsm.campaign.spec import load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.campaign.store_connection import _cut_off
@@ -156,3 +157,16 @@ def test_two_looks_count_for_the_same_region_alone(tmp_path: Path) -> None:
     assert stops(conditions_hold=True, region={"ranges": here})
     assert not stops(conditions_hold=False, region={"ranges": here})
     assert not stops(conditions_hold=True, region={"ranges": here | {"x": [0.0, 1.0]}})
+
+
+def test_flights_of_a_batch_come_in_random_order() -> None:
+    """Each of the six orders of three flights as often as the others (chi-squared, one in a thousand)."""
+    batch = [NewRun({"x": i}, source="simulation" if i in (1, 4) else "flight") for i in range(5)]
+    found = [[run.settings["x"] for run in in_random_order(batch, 7, n)] for n in range(600)]
+    assert {(order[1], order[4]) for order in found} == {(1, 4)}
+    orders = [tuple(order[i] for i in (0, 2, 3)) for order in found]
+    counts = [orders.count(order) for order in sorted(set(orders))]
+    assert len(counts) == 6
+    assert stats.chisquare(counts).pvalue > 1e-3
+    assert found == [[run.settings["x"] for run in in_random_order(batch, 7, n)] for n in range(600)]
+    assert found != [[run.settings["x"] for run in in_random_order(batch, 8, n)] for n in range(600)]
