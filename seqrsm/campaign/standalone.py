@@ -229,6 +229,9 @@ def _optimal(
     """Points, plot of each run (empty without plots), and what the search tells."""
     if request.runs is None:
         raise _wrong("the number of runs is missing", f"Give --runs, {model.p} or more.", "--runs")
+    if (request.centre or 0) >= request.runs:
+        remedy = "Give fewer, or more --runs: these count the runs at the centre."
+        raise _wrong("no run is left beside those at the centre", remedy, "--centre", request.centre)
     criterion, none = _criterion(request.criterion), np.empty(0, dtype=np.int64)
     n_plots = request.blocks or request.plots
     if not n_plots:

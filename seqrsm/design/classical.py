@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -88,6 +89,7 @@ def fractional_factorial(generators: str) -> FloatArray:
     return points
 
 
+@lru_cache(maxsize=1)
 def minimum_aberration(k: int, runs: int) -> tuple[FloatArray, tuple[tuple[int, ...], ...]]:
     """Two-level fraction of k factors whose defining relation has the fewest short words.
 
@@ -136,7 +138,9 @@ def minimum_aberration(k: int, runs: int) -> tuple[FloatArray, tuple[tuple[int, 
         np.prod(cube[:, [j for j in range(basic) if words[2**i - 1] >> j & 1]], axis=1) for i in range(k - basic)
     ]
     relation = (tuple(j for j in range(k) if word >> j & 1) for word in words)
-    return np.column_stack([cube, *columns]), tuple(sorted(relation, key=lambda word: (len(word), word)))
+    points = np.column_stack([cube, *columns])
+    points.setflags(write=False)  # it is kept: whoever tells the relation asks again
+    return points, tuple(sorted(relation, key=lambda word: (len(word), word)))
 
 
 def central_composite(

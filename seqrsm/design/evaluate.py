@@ -51,7 +51,8 @@ class DesignReport:
     d_efficiency, i_efficiency : float or None
         Against the best continuous design, where tabulated and all runs lie in the region.
     g_efficiency : float
-        p over the largest scaled prediction variance, in (0, 1].
+        p over the largest scaled prediction variance, in (0, 1]; nan where runs lie outside the region, as these can
+        do better in it than any design within.
     fraction_of_design_space : ndarray (101,)
         Scaled prediction variance that 0, 1 ... 100 % of the region does not exceed.
     leverage : ndarray (N,)
@@ -194,7 +195,8 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
     sample = region.sample(_SAMPLE, np.random.default_rng(_SEED))
     curve = np.quantile(prediction_variance(model, points, sample), np.linspace(0.0, 1.0, 101))
     d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
-    comparable = region.is_box and bool(np.all(region.feasible(points)))
+    inside = bool(np.all(region.feasible(points)))
+    comparable = region.is_box and inside
     return DesignReport(
         n_runs=n,
         n_terms=p,
@@ -208,7 +210,7 @@ def evaluate_design(model: QuadraticModel, region: Region, points: FloatArray) -
         g_value=g_value,
         d_efficiency=d_value / d_bound if d_bound is not None and comparable else None,
         i_efficiency=i_bound / i_value if i_bound is not None and comparable else None,
-        g_efficiency=p / g_value,
+        g_efficiency=p / g_value if inside else float("nan"),
         fraction_of_design_space=curve,
         leverage=np.sum((Z @ inverse_root) ** 2, axis=1),
         n_distinct=distinct,

@@ -54,7 +54,8 @@ class MinimaxSearch:
         precision: FloatArray,
         largest: Callable[[FloatArray], tuple[float, FloatArray]],
     ) -> None:
-        self.model, self.region, self.precision, self.largest = model, region, precision, largest
+        self.model, self.region, self.largest = model, region, largest
+        self.precision = np.ascontiguousarray(precision)  # kernels are compiled for one layout
         self.free = list(region.continuous)
         self.held = [j for j in range(region.k) if j not in self.free]
         self.columns = np.array([model.columns[j].start for j in self.free], dtype=np.int64)

@@ -253,8 +253,9 @@ def _effort(model: QuadraticModel, starts: int | None, linear: bool, n_runs: int
         return (min(2 + spare // 4, 5) if linear else 6), 20, 250
     # The landscape of six factors has deep, narrow optima: many short chains find what few long ones miss. Runs as many
     # as terms make each search slower and the optima fewer.
-    chains, moves = (min(round(5.0 * n_runs / p), 8), 300) if linear else (min(40 + 4 * spare, 60), 100)
-    return max(int(chains * min(1.0, (28.0 / p) ** 3)), 1), 20, moves
+    if linear:
+        return max(int(min(16 + spare, 32) * min(1.0, (28.0 / p) ** 3)), 1), 10, 50
+    return max(int(min(40 + 4 * spare, 60) * min(1.0, (28.0 / p) ** 3)), 1), 20, 100
 
 
 def _checked_prior(model: QuadraticModel, region: Region, prior: FloatArray | None) -> FloatArray:

@@ -93,7 +93,7 @@ def split_plot_design(
     DesignError
         Too few runs or plots for the model's terms.
     """
-    _check(model, plots, hard)
+    _check(model, plots, hard, eta)
     rng = np.random.default_rng([seed, 3])
     engine = _Plots(model, region, np.asarray(plots), hard, eta)
     found: FloatArray = _search_box(engine, rng) if region.is_box else _search_constrained(engine, rng)
@@ -194,12 +194,22 @@ def _best(values: FloatArray, count: int) -> IntArray:
     return found
 
 
-def _check(model: QuadraticModel, plots: IntArray, hard: tuple[int, ...]) -> None:
+def _check(model: QuadraticModel, plots: IntArray, hard: tuple[int, ...], eta: float) -> None:
+    n_plots = len(np.unique(plots))
     if len(plots) < model.p:
         raise DesignError(Problem(f"{len(plots)} runs cannot estimate {model.p} terms", f"Ask for {model.p} or more."))
+    needed = model.p + n_plots - 1
+    if eta >= FIXED_BLOCKS and not hard and len(plots) < needed:
+        raise DesignError(
+            Problem(
+                f"{len(plots)} runs cannot estimate {model.p} terms and the differences of {n_plots} blocks",
+                f"Ask for {needed} runs or more, or for fewer blocks.",
+                field="blocks",
+                value=n_plots,
+            )
+        )
     names = [model.factors[j].name for j in hard]
     alone = [t for t in model.terms if t.kind == "intercept" or all(name in names for name in t.factors)]
-    n_plots = len(np.unique(plots))
     if hard and n_plots < len(alone):
         raise DesignError(
             Problem(

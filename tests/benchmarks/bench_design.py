@@ -177,6 +177,9 @@ def main() -> None:
     done = {tuple(row[name] for name in FIELDS[:6]) for row in rows}
     optimal_design(*build(2), 6, starts=2)
     optimal_design(*build(1, "2"), 6, "I", starts=2)
+    for k in (1, 2):
+        optimal_design(*build(k), 7, "G", starts=2)
+    split_plot_design(*build(1), np.repeat(np.arange(4), 2), (0,))
     with path.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, FIELDS)
         if not rows:

@@ -220,3 +220,25 @@ def test_mistakes_are_named(options, named) -> None:
     message = call(*options, code=2).stderr
     assert named in message
     assert "Traceback" not in message
+
+
+def test_blocks_leave_runs_for_the_terms() -> None:
+    """Twelve runs carry ten terms and the differences of three blocks, not of four: a block each says nothing."""
+    found = made("--factors", 3, "--runs", 12, "--blocks", 3)
+    blocks = np.array(found["block"])
+    assert np.linalg.matrix_rank(np.column_stack([quadratic(found["points"]), blocks == 2, blocks == 3])) == 12
+    for blocks_asked in (4, 12):
+        message = call("--factors", 3, "--runs", 12, "--blocks", blocks_asked, code=2).stderr
+        assert f"{10 + blocks_asked - 1} runs or more" in message
+
+
+def test_the_centre_leaves_runs_to_choose() -> None:
+    for centre in (3, 9):
+        assert "--centre" in call("--factors", 1, "--runs", 3, "--centre", centre, code=2).stderr
+
+
+def test_runs_beyond_the_bounds_have_no_efficiency_in_the_region() -> None:
+    found = made("--factors", 8, "--design", "ccd-rotatable")
+    assert found["g_efficiency"] is None
+    assert found["d_efficiency"] is None
+    assert 45.0 / found["g_value"] > 1.0
