@@ -353,6 +353,8 @@ def swath_problems(
     horizon = horizon_ground_range_m(height_m)
     if far > horizon:
         text = f"the far edge of the swath at {far / 1e3:.4g} km lies beyond the horizon at {horizon / 1e3:.4g} km"
+        if not radar.curved:
+            text += ", which the real Earth has also where it is taken as flat"
         problems.append(Problem(text, "Use a larger depression angle", field="depression_angle"))
     if problems:
         return problems
