@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,11 +12,11 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import (
     Analysis,
     Confirmation,
-    DepartureIntervals,
     FactorImportance,
     Interval,
     OptimumEstimate,
 )
+from seqrsm.campaign.departed import departed_optimum_of, departed_text, departures_of, of_both, with_departure
 from seqrsm.campaign.fitted import (
     CONFIRMATION,
     Fitted,
@@ -41,7 +43,7 @@ from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.study import study_fit
 from seqrsm.campaign.surface import block_labels, shared_loadings
-from seqrsm.decide.allowance import Allowance, departure_allowance
+from seqrsm.decide.allowance import Departures
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.stopping import Decision, StopRule, decide
@@ -54,7 +56,6 @@ from seqrsm.fit.importance import variance_shares
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
-from seqrsm.fit.shared_error import shared_error
 from seqrsm.plain import known
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
@@ -117,11 +118,17 @@ def analyse(
     region, model, fit = fitted.region, fitted.model, fitted.fit
     best = optimum(model, region, fitted.beta, goal)
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
-    estimate = _estimate(spec, fitted, best, draws)
+    departures = departures_of(fitted)
+    of_quadratic = estimate = _estimate(spec, fitted, departures, best, draws)
+    departed = departed_optimum_of(spec, fitted, departures, best)
+    if departed is not None:
+        estimate = _estimate(spec, fitted, departures, departed, draws, chosen=True)
     lack = fit.lack_of_fit()
     confirmation, agreement = _confirmation(spec, application, fitted, runs)
     decision = _decision(spec, application, fitted, estimate, lack, looks, agreement)
-    posterior = summarise_posterior(spec, fitted, estimate, draws, goal=goal)
+    posterior = summarise_posterior(spec, fitted, of_quadratic, draws, goal=goal)
+    if departed is not None:  # what the settings may lose is not the quadratic's to say
+        posterior = replace(posterior, expected_regret=math.nan, p_regret_above=math.nan)
     stationary = _stationary(model, region, fitted.beta, best)
     return Analysis(
         application=application.name,
@@ -136,22 +143,33 @@ def analyse(
         lack_of_fit=lack,
         importance=tuple(_importance(model, fit, fitted.beta)),
         stationary=stationary,
-        optimum=estimate,
+        optimum=estimate if departed is None else of_both(estimate, best),
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
+        warnings=tuple(
+            ([] if departed is None else [departed_text(spec, fitted, best)])
+            + _warnings(spec, application, fitted, best if departed is None else departed)
+            + effects_left_out(application, posterior)
+        ),
         n_scored=fitted.n_scored,
         beta=fitted.beta,
         region_state=fitted.state,
         region_history=region_history(spec, fitted.state),
         sources=compare_sources(fitted, best.point, spec.stop.level),
         dropped=fitted.dropped,
-        study=study_fit(spec, fitted, estimate, stationary, draws) if thorough else None,
+        study=study_fit(spec, fitted, of_quadratic, stationary, draws) if thorough else None,
     )
 
 
-def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -> OptimumEstimate:
+def _estimate(
+    spec: CampaignSpec,
+    fitted: Fitted,
+    departures: Departures | None,
+    best: Optimum,
+    draws: Draws,
+    chosen: bool = False,
+) -> OptimumEstimate:
     stop, scale = spec.stop, fitted.scale
     row = fitted.model.matrix(best.point[None, :])
     one = fitted.predict(row, stop.level, weight := scale.weight_at(fitted.predict(row).mean))
@@ -172,6 +190,7 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
         prediction_mean = prediction_mean.around(confidence)
         prediction = prediction.around(prediction_mean)
     hard = outer_bounds(spec.region, fitted.state.box, best.point)
+    plain = (confidence, prediction, prediction_mean)
     return OptimumEstimate(
         settings=spec.region.decode(hard.point)[0],
         point=best.point,
@@ -182,46 +201,11 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -
         prediction_mean=prediction_mean,
         replicates=stop.replicates,
         level=stop.level,
-        with_departure=_with_departure(spec, fitted, best, confidence, prediction, prediction_mean),
+        with_departure=with_departure(spec, fitted, departures, best, plain, chosen),
         ties=tuple(fitted.region.decode(best.ties)) if len(best.ties) else (),
         ridge=best.flat,
         exact=best.exact,
     )
-
-
-def _with_departure(
-    spec: CampaignSpec, fitted: Fitted, best: Optimum, *intervals: Interval
-) -> DepartureIntervals | None:
-    """Confidence, prediction and prediction interval of the mean of several with a departure allowed for."""
-    fit, scale = fitted.fit, fitted.scale
-    if fitted.sources is not None or not fit.s > 0.0:
-        return None
-    row = fit.rows_with_mean_block(fitted.model.matrix(best.point[None, :]))[0]
-    loadings, _ = shared_loadings(fitted.data, scale)
-    shared = shared_error(fit.Z, fit.y, fit.weights, loadings, row)
-    allowance = departure_allowance(
-        fitted.model,
-        fitted.region,
-        fitted.data.points,
-        fit.Z,
-        fit.y - loadings @ shared.errors,
-        best.point,
-        row,
-        fit.weights,
-    )
-    allowance = Allowance(allowance.shift + shared.shift, allowance.variance + shared.variance)
-    mean = float(row @ fit.estimate)
-    found, widening = [], 1.0
-    for kind, interval in zip(("confidence", "prediction", "prediction_mean"), intervals, strict=True):
-        # On the scale of the fit, where the interval of the quadratic is (nearly) symmetric.
-        low, high = scale.of_score(np.array([interval.low, interval.high]))
-        ends = allowance.ends(mean, 0.5 * float(high - low), fit.df_residual, spec.stop.level)
-        scores = scale.to_score(np.array(ends))
-        found.append(Interval(float(scores[0]), float(scores[1])))
-        if kind == spec.stop.interval:
-            widening = (ends[1] - ends[0]) / float(high - low)
-    shifted = float(scale.to_score(np.array([mean + allowance.shift]))[0])
-    return DepartureIntervals(shifted, found[0], found[1], found[2], widening)
 
 
 def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -> list[FactorImportance]:

@@ -143,7 +143,10 @@ class OptimumEstimate:
     ridge : bool
         Those between two tied ones are as good as well: the optimum is no point.
     exact : bool
-        Found by enumeration, hence certain; else the best of many climbs under constraints.
+        Found by enumeration, hence certain; else the best of many climbs.
+    quadratic : ndarray (k,) or None
+        Optimum of the quadratic alone, coded, where a departure from it is seen: settings, mean and intervals are then
+        those of both together, as in ``with_departure``. None where they are the quadratic's.
     """
 
     settings: dict[str, float | str]
@@ -159,6 +162,7 @@ class OptimumEstimate:
     ties: tuple[dict[str, float | str], ...] = ()
     ridge: bool = False
     exact: bool = True
+    quadratic: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,7 +207,10 @@ class _Chooser:
         return whole
 
     def target(self) -> FloatArray:
-        return self.region.centre() if self.filling else self.analysis.optimum.point
+        best = self.analysis.optimum
+        if self.filling:
+            return self.region.centre()
+        return best.point if best.quadratic is None else best.quadratic
 
     def targets(self) -> FloatArray:
         if self.filling:

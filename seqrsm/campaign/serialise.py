@@ -138,6 +138,7 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "ties": list(best.ties),
         "ridge": best.ridge,
         "exact": best.exact,
+        "of_quadratic": None if best.quadratic is None else analysis.region.decode(best.quadratic)[0],
         "with_departure": None
         if allowed is None
         else {

@@ -16,6 +16,7 @@ from seqrsm.report.phrases import (
     loss_text,
     mean_text,
     no_error_estimate,
+    of_quadratic,
     optimum_setting_text,
     setting_posterior,
     setting_range_text,
@@ -164,7 +165,7 @@ def show_optimum(analysis: Analysis) -> None:
                 "" if math.isnan(at_bound) else format_share(at_bound),
             ]
         )
-    columns = ["factor", "recommended", f"{level} credible", "at a bound"]
+    columns = ["factor", "recommended", f"{level} credible{of_quadratic(analysis)}", "at a bound"]
     show_table(columns, rows, title=f"Optimum of {analysis.application}")
     line(f"Mean score there: {mean_text(analysis)}")
     missing = no_error_estimate(analysis)
@@ -178,7 +179,7 @@ def show_optimum(analysis: Analysis) -> None:
         ):
             half = format_significant(interval.half_width, 2)
             line(f"{level} {name}: {interval_text(analysis, interval)} (\u00b1\u00a0{half})", 2)
-        if best.with_departure is not None:
+        if best.with_departure is not None and best.quadratic is None:
             allowed = best.with_departure
             half = format_significant(allowed.prediction.half_width, 2)
             line(

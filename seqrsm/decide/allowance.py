@@ -10,17 +10,22 @@ its expectation follows from the residuals, and its variance is what these leave
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.discrepancy import LENGTHS, MAX_RUNS, VARIANCES, smooth_covariance
+from seqrsm.decide.discrepancy import LENGTHS, MAX_RUNS, VARIANCES, climb_from_cover, smooth_covariance
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.fit.optimum import Goal
+
+Rows = Callable[[FloatArray], FloatArray]
+"""Model rows (m, p) of coded points (m, k)."""
 
 _LEAST_SIGNAL = 0.1
 
@@ -39,6 +44,15 @@ class Allowance:
 
     shift: float
     variance: float
+
+    @property
+    def of_chosen(self) -> Allowance:
+        """The same at settings chosen because the departure is good there, as :func:`departed_optimum` does.
+
+        The largest of many estimated departures is estimated too large. The scores cannot say by how much, so that the
+        departure itself counts as an error of its size.
+        """
+        return Allowance(self.shift, self.variance + self.shift**2)
 
     def ends(self, mean: float, half_width: float, df: float, level: float) -> tuple[float, float]:
         """Interval with the departure allowed for, from the one of the quadratic alone.
@@ -91,17 +105,97 @@ def _signal(model: QuadraticModel, region: Region, beta: FloatArray, C: FloatArr
     return max(found / s2, _LEAST_SIGNAL)
 
 
-def departure_allowance(
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """One kind of departure of each of `VARIANCES`, as the contrasts of the scores show it.
+
+    Attributes
+    ----------
+    K : ndarray (n, n)
+        Covariance at the runs, for variance 1.
+    turn, seen : ndarray (m, m), (m,)
+        Directions in which contrasts are independent, and the contrasts in them.
+    scale : ndarray (sizes, m)
+        Their variances over that of the noise.
+    s2, weight : ndarray (sizes,)
+        Variance of the noise; probability of this kind and size.
+    """
+
+    K: FloatArray
+    turn: FloatArray
+    seen: FloatArray
+    scale: FloatArray
+    s2: FloatArray
+    weight: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Departures:
+    """Departures from the quadratic, weighed by what the scores say of each: see :func:`weigh_departures`.
+
+    Attributes
+    ----------
+    model : QuadraticModel
+    points : ndarray (n, k)
+        Coded settings of the runs.
+    root : ndarray (n,)
+        Square roots of their weights.
+    counts : ndarray (n, p)
+        What each score counts in each least-squares coefficient.
+    free : ndarray (n, m)
+        Contrasts of the scores that the quadratic cannot follow.
+    kinds : tuple of _Kind
+    s2 : float
+        Variance of the noise where there is no departure.
+    """
+
+    model: QuadraticModel
+    points: FloatArray
+    root: FloatArray
+    counts: FloatArray
+    free: FloatArray
+    kinds: tuple[_Kind, ...]
+    s2: float
+
+    def allowance(self, point: FloatArray, row: FloatArray) -> Allowance:
+        """Average at settings ``point`` (k,) with the model row ``row`` (p,)."""
+        at = point[None, :]
+        use = self.counts @ row
+        h = float(np.sum((use / self.root) ** 2))
+        ratio = np.asarray(VARIANCES)[:, None]
+        own = [float(k00[0, 0]) for k00, _ in _kinds(self.model, at, at)]
+        cross = [k0[:, 0] for k0, _ in _kinds(self.model, self.points, at)]
+        mean, square = 0.0, 0.0
+        for kind, k00, k0 in zip(self.kinds, own, cross, strict=True):
+            pull = kind.turn.T @ (self.free.T @ (k0 - kind.K @ use))
+            missed = float(use @ kind.K @ use - 2.0 * use @ k0) + k00  # mean square of fitted less true mean
+            shift = np.sum(ratio * pull * kind.seen / kind.scale, axis=1)
+            left = ratio[:, 0] * missed - np.sum(ratio**2 * pull**2 / kind.scale, axis=1)
+            variance = kind.s2 * (h + np.maximum(left, 0.0))
+            mean += float(kind.weight @ shift)
+            square += float(kind.weight @ (variance + shift**2))
+        return Allowance(mean, max(square - mean**2 - self.s2 * h, 0.0))
+
+    def shifts(self, at: FloatArray, rows: FloatArray) -> FloatArray:
+        """Shift of :meth:`allowance` at many settings (m, k) with model rows (m, p): (m,)."""
+        use = rows @ self.counts.T
+        ratio = np.asarray(VARIANCES)
+        found: FloatArray = np.zeros(len(at))
+        for kind, (k0, _) in zip(self.kinds, _kinds(self.model, at, self.points), strict=True):
+            pull = self.free @ (kind.turn @ ((kind.weight * ratio) @ (kind.seen / kind.scale)))
+            found += k0 @ pull - use @ (kind.K @ pull)
+        return found
+
+
+def weigh_departures(
     model: QuadraticModel,
     region: Region,
     points: FloatArray,
     Z: FloatArray,
     y: FloatArray,
-    point: FloatArray,
-    row: FloatArray,
     weights: FloatArray | None = None,
-) -> Allowance:
-    """Average over departures from the quadratic at the recommended settings.
+) -> Departures | None:
+    """What departures from the quadratic the scores speak for.
 
     A departure is either a stationary Gaussian process of one of `LENGTHS`, or a bend of third order along each factor
     (even chances); its variance v is one of `VARIANCES` times that of the noise. Before the scores are seen all of
@@ -118,16 +212,12 @@ def departure_allowance(
         Model rows, with e columns for blocks.
     y : ndarray (n,)
         Scores on the scale of the fit.
-    point : ndarray (k,)
-        Recommended settings, coded.
-    row : ndarray (p + e,)
-        Model row there.
     weights : ndarray (n,), optional
         Inverse relative variances.
 
     Returns
     -------
-    Allowance
+    Departures or None
         None with fewer than three residual degrees of freedom or where least squares leaves nothing over.
     """
     # Of very many runs every so many-th: fewer contrasts rule out less, so the allowance is rather too wide.
@@ -136,44 +226,67 @@ def departure_allowance(
     n, p = Z.shape
     root = np.ones(n) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64)[::step])
     if n < p + 3:
-        return NO_ALLOWANCE
+        return None
     Q, R = np.linalg.qr(Z * root[:, None], mode="complete")
     diagonal = np.abs(np.diag(R))
     if diagonal.min() <= 1e-10 * diagonal.max():
-        return NO_ALLOWANCE
+        return None
     free = Q[:, p:] * root[:, None]  # contrasts of the scores that the quadratic cannot follow
     contrasts = free.T @ y
     if float(contrasts @ contrasts) <= 1e-24 * max(1.0, float(np.sum((root * y) ** 2))):
-        return NO_ALLOWANCE
-    use = root * (Q[:, :p] @ np.linalg.solve(R[:p].T, row))  # what each score counts in the fitted mean
-    h = float(np.sum((use / root) ** 2))
-    estimate = np.linalg.solve(R[:p], Q[:, :p].T @ (root * y))
+        return None
     inverse = np.linalg.inv(R[:p])
-    s2_alone = float(contrasts @ contrasts) / (n - p)
-    signal = _signal(model, region, estimate[: model.p], (inverse @ inverse.T)[: model.p, : model.p], s2_alone)
-    ratio = np.asarray(VARIANCES)[:, None]
-    likely = 1.0 / (1.0 + (ratio[:, 0] / signal) ** 2)
+    counts = root[:, None] * (Q[:, :p] @ inverse.T)
+    s2 = float(contrasts @ contrasts) / (n - p)
+    signal = _signal(model, region, (counts.T @ y)[: model.p], (inverse @ inverse.T)[: model.p, : model.p], s2)
+    ratio = np.asarray(VARIANCES)
+    likely = 1.0 / (1.0 + (ratio / signal) ** 2)
     likely /= likely.sum()
-    table = []
-    at = point[None, :]
-    own = [float(K[0, 0]) for K, _ in _kinds(model, at, at)]
-    cross = [K[:, 0] for K, _ in _kinds(model, points, at)]
-    for (K, share), k00, k0 in zip(_kinds(model, points, points), own, cross, strict=True):
+    kinds, chances = [], []
+    for K, share in _kinds(model, points, points):
         spread, turn = np.linalg.eigh(free.T @ K @ free)
         seen = turn.T @ contrasts
-        pull = turn.T @ (free.T @ (k0 - K @ use))
-        missed = float(use @ K @ use - 2.0 * use @ k0) + k00  # mean square of fitted less true mean, per variance
-        scale = 1.0 + ratio * np.maximum(spread, 0.0)
+        scale = 1.0 + ratio[:, None] * np.maximum(spread, 0.0)
         rss = np.sum(seen**2 / scale, axis=1)
-        s2 = rss / (n - p)
         log_likelihood = -0.5 * (np.sum(np.log(scale), axis=1) + (n - p) * np.log(rss))
-        shift = np.sum(ratio * pull * seen / scale, axis=1)
-        left = ratio[:, 0] * missed - np.sum(ratio**2 * pull**2 / scale, axis=1)
-        variance = s2 * (h + np.maximum(left, 0.0))
-        table.append(np.column_stack([log_likelihood, share * likely, shift, variance]))
-    likelihood, prior, shift, variance = np.vstack(table).T
-    weight = prior * np.exp(likelihood - likelihood.max())
-    weight /= weight.sum()
-    mean = float(weight @ shift)
-    total = float(weight @ (variance + shift**2)) - mean**2
-    return Allowance(mean, max(total - s2_alone * h, 0.0))
+        kinds.append(_Kind(K, turn, seen, scale, rss / (n - p), log_likelihood))
+        chances.append(np.log(share * likely) + log_likelihood)
+    chance = np.exp(np.array(chances) - np.max(chances))
+    chance /= chance.sum()
+    weighed = tuple(replace(kind, weight=weight) for kind, weight in zip(kinds, chance, strict=True))
+    return Departures(model, points, root, counts, free, weighed, s2)
+
+
+def departed_optimum(
+    departures: Departures, region: Region, rows: Rows, estimate: FloatArray, goal: Goal = "maximize", seed: int = 0
+) -> FloatArray:
+    """Where quadratic and averaged departure together are best: the centre of the interval is highest there.
+
+    For surfaces that are seen to be no quadratic: the quadratic's own optimum may then lie far from the best settings,
+    and a smaller box, in which a quadratic does, takes 2 runs for each term first.
+
+    Parameters
+    ----------
+    departures : Departures
+    region : Region
+        That of the departures.
+    rows : callable
+        Model rows (m, p + e) of coded points (m, k).
+    estimate : ndarray (p + e,)
+        Coefficients of the quadratic.
+    goal : "maximize" or "minimize"
+    seed : int
+        Of the search; equal inputs give an equal point.
+
+    Returns
+    -------
+    ndarray (k,)
+        Coded, feasible.
+    """
+    sign = 1.0 if goal == "maximize" else -1.0
+
+    def value(at: FloatArray) -> FloatArray:
+        Z = rows(at)
+        return sign * (Z @ estimate + departures.shifts(at, Z))
+
+    return climb_from_cover(region, departures.points, value, seed)

@@ -16,6 +16,7 @@ Sacks, Welch, Mitchell & Wynn (1989), Statistical Science 4, 409-423 (kriging wi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -248,6 +249,16 @@ def likely_optimum(
         mean: FloatArray = model.matrix(at) @ beta[: model.p] + smooth_covariance(model, at, points, length) @ pull
         return sign * mean
 
+    return climb_from_cover(region, points, value, seed)
+
+
+def climb_from_cover(
+    region: Region, points: FloatArray, value: Callable[[FloatArray], FloatArray], seed: int = 0
+) -> FloatArray:
+    """Feasible point (k,) of the largest ``value``, from a cover of the region and the feasible ones of ``points``.
+
+    ``value`` takes coded points (m, k) and gives (m,); equal inputs give an equal point.
+    """
     rng = np.random.default_rng(seed)
     inside = points[region.feasible(points)]
     pool = np.vstack([region.candidates(limit=_COVER), region.sample(_COVER, rng), inside])

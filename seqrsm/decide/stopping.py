@@ -128,6 +128,11 @@ class Departure:
     noise_evidence: float = 0.0
     noise_ratio: float = 1.0
 
+    @property
+    def seen(self) -> bool:
+        """Whether there is lack of fit, whatever pure error says: no rule holds then."""
+        return self.evidence > self.limit
+
 
 def decide(
     rule: StopRule,
@@ -305,7 +310,7 @@ def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float
     """
     if departure is None or not np.isfinite(p):
         return p
-    if departure.evidence > departure.limit:
+    if departure.seen:
         return 0.0
     unlikely = p < NO_CHANCE and departure.noise_evidence < UNEQUAL_NOISE
     excused = p < rule.alpha_lack_of_fit and departure.evidence < NO_DEPARTURE and not unlikely
@@ -314,7 +319,7 @@ def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float
 
 def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str, departure: Departure | None) -> Check:
     seen = "" if departure is None else f"evidence {departure.evidence:.1f}, limit {departure.limit:.1f}"
-    if departure is not None and departure.evidence > departure.limit:
+    if departure is not None and departure.seen:
         text = f"The quadratic does not describe this region: a smooth departure from it is seen ({seen})."
         return Check("lack_of_fit", False, text)
     if p is None or not np.isfinite(p):

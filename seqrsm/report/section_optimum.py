@@ -39,6 +39,7 @@ from seqrsm.report.phrases import (
     level_phrase,
     no_error_estimate,
     number_cell,
+    of_quadratic,
     optimum_setting_text,
     score_text,
     setting_posterior,
@@ -70,7 +71,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
             (f"Prediction: mean of {optimum.replicates} future runs", optimum.prediction_mean),
         )
     )
-    allowed = optimum.with_departure
+    allowed = optimum.with_departure if optimum.quadratic is None else None
     if allowed is not None:
         rows += tuple(
             (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
@@ -81,15 +82,29 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
             )
         )
     columns = (Column("Interval"), Column("From, to"), Column("Half-width", align="right"))
-    blocks: list[Block] = [
-        Paragraph(
-            f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. The prediction interval of "
-            "one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in print; z\u2080 is the full "
-            "model row) is"
-        ),
-        PREDICTION_EQUATION,
-        Table(columns, rows, f"Intervals at the optimum, {level}"),
-    ]
+    table = Table(columns, rows, f"Intervals at the optimum, {level}")
+    mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
+    blocks: list[Block]
+    if optimum.quadratic is None:
+        blocks = [
+            Paragraph(
+                mean + "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is "
+                "missing in print; z\u2080 is the full model row) is"
+            ),
+            PREDICTION_EQUATION,
+            table,
+        ]
+    else:
+        blocks = [
+            Paragraph(
+                mean
+                + "A departure from the quadratic is seen. Settings, mean and intervals are those of the quadratic "
+                "and a smooth departure together, all sizes of which that the scores do not exclude are averaged over, "
+                "with the weight that the scores give to each. The settings were chosen because the departure is good "
+                "there, so it counts as an error of its own size. The stop rule watches these intervals."
+            ),
+            table,
+        ]
     if allowed is not None:
         blocks.append(
             Paragraph(
@@ -288,18 +303,19 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
                 Cell(at_bound),
             )
         )
-    level = level_phrase(analysis)
+    level, there = level_phrase(analysis), "there" if of_quadratic(analysis) else "at the recommended settings"
     columns = (
         Column("Factor"),
         Column("Mean", align="right"),
-        Column(f"{level} interval, or probability of each level"),
+        Column(f"{level} interval, or probability of each level{of_quadratic(analysis)}"),
         Column("Probability at a bound", align="right"),
     )
     blocks: list[Block] = [
         Paragraph(
-            f"Posterior mean of the score at the optimum: {score_text(analysis, posterior.mean)}; credible interval "
-            f"({level}): {interval_text(analysis, posterior.credible)}; one future score at the recommended settings "
-            f"({level}): {interval_text(analysis, posterior.predictive)}."
+            f"Posterior mean of the score at the optimum{of_quadratic(analysis)}: "
+            f"{score_text(analysis, posterior.mean)}; credible interval ({level}): "
+            f"{interval_text(analysis, posterior.credible)}; one future score {there} ({level}): "
+            f"{interval_text(analysis, posterior.predictive)}."
         ),
         *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
         Table(columns, tuple(rows), "Posterior of the optimal settings"),

@@ -14,6 +14,7 @@ from seqrsm.report.phrases import (
     loss_text,
     mean_text,
     no_error_estimate,
+    of_quadratic,
     optimum_setting_text,
     score_text,
     setting_posterior,
@@ -170,7 +171,7 @@ def _settings_table(analysis: Analysis) -> Table:
     columns = (
         Column("Factor"),
         Column("Setting", align="right"),
-        Column(f"Credible interval {level_phrase(analysis)} of the optimal setting"),
+        Column(f"Credible interval {level_phrase(analysis)} of the optimal setting{of_quadratic(analysis)}"),
         Column("Probability at a bound", align="right"),
     )
     return Table(columns, tuple(rows), f"Recommended settings for {analysis.application}")

@@ -7,7 +7,7 @@ the same start runs. Scores are percentages in size: tens of points over the reg
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.response import ResponseScale
-from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, departure_allowance
+from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, departed_optimum, weigh_departures
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.intervals import IntervalKind, half_width
 from seqrsm.decide.moving import Plan, RegionState, evidence_limit, look, whole_box
@@ -141,8 +141,8 @@ class Fitted:
 
     told: Told
     point: FloatArray  # recommended, coded in the whole region
-    local: FloatArray
-    row: FloatArray
+    quadratic: FloatArray  # optimum of the quadratic, coded in the box
+    row: FloatArray  # of the recommended settings
     fit: LeastSquaresFit
     model: QuadraticModel
     weight: float  # of a run at the recommended settings
@@ -237,23 +237,32 @@ def fit_box(
     y: FloatArray,
     told: Told = NORMAL,
     least: int = 0,
+    moving: bool = True,
 ) -> Fitted:
-    """The fit in the box of ``state``, as ``seqrsm`` makes it; departures are looked for from ``least`` runs on."""
+    """The fit in the box of ``state``, as ``seqrsm`` makes it; departures are looked for from ``least`` runs on.
+
+    ``moving`` False recommends the quadratic's optimum even where a departure is seen, as ``region = "fixed"`` does.
+    """
     inside = state.box.contains(X)
     local = state.box.local(X[inside])
     values, Z = y[inside], model.matrix(local)
     weights = told.weights(Z, values)
     ids = [tuple(row) for row in np.round(local, 9) + 0.0]
     fit = fit_least_squares(Z, values, model.terms, weights=weights, setting_ids=ids)
-    best = optimum(model, region, fit.estimate).point
-    row = model.matrix(best[None, :])[0]
-    allowance, seen = NO_ALLOWANCE, 0.0
+    best = quadratic = optimum(model, region, fit.estimate).point
+    departure, departures = Departure(0.0, evidence_limit(fit.df_residual)), None
     if len(values) >= least:
-        allowance = departure_allowance(model, region, local, Z, values, best, row, weights)
-        seen = find_discrepancy(model, local, Z, values, weights).evidence
-    departure = Departure(seen, evidence_limit(fit.df_residual))
+        departure = replace(departure, evidence=find_discrepancy(model, local, Z, values, weights).evidence)
+        departures = weigh_departures(model, region, local, Z, values, weights)
+    chosen = moving and departures is not None and departure.seen
+    if chosen:
+        best = departed_optimum(departures, region, model.matrix, fit.estimate)
+    row = model.matrix(best[None, :])[0]
+    allowance = NO_ALLOWANCE if departures is None else departures.allowance(best, row)
+    if chosen:
+        allowance = allowance.of_chosen
     weight = told.weight_at(Z, values, float(row @ fit.estimate))
-    return Fitted(told, state.box.outwards(best), best, row, fit, model, weight, allowance, departure)
+    return Fitted(told, state.box.outwards(best), quadratic, row, fit, model, weight, allowance, departure)
 
 
 def next_points(
@@ -269,7 +278,7 @@ def next_points(
         sigma = fit.s * np.sqrt(df / rng.chisquare(df, size=(64, 1)))
         draws = fit.estimate + sigma * (rng.standard_normal((64, model.p)) @ fit.factor.T)
         options = {
-            "x_hat": found.local,
+            "x_hat": found.quadratic,
             "target_points": optimum_draws(model, region, draws)[0],
             "df_pure_error": pure_error(found),
         }

@@ -39,7 +39,7 @@ def campaign(surface, k: int, sigma: float, n_runs: int, seed: int, moving: bool
     best, rows, batch = surfaces.true_optimum(surface, k), [], 1
     while True:
         state = surfaces.step(plan, state, X, y, batch)
-        found = surfaces.fit_box(state, model, region, X, y)
+        found = surfaces.fit_box(state, model, region, X, y, moving=moving)
         if any(c <= len(X) < c + 4 for c in CHECKPOINTS):
             truth = float(surface(found.point))
             fresh = truth + sigma * eyes.standard_normal(400)

@@ -16,10 +16,14 @@ from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_file
 from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
 from seqrsm.campaign.records import LookRecord, NewRun
+from seqrsm.campaign.serialise import optimum_to_json
 from seqrsm.campaign.spec import load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.campaign.store_connection import _cut_off
 from seqrsm.campaign.tradeoff import _rank_correlation
+from seqrsm.decide.intervals import t_quantile
+from seqrsm.fit.optimum import optimum
+from seqrsm.report.phrases import mean_text
 
 
 def scored(run_id: int, rung: str, bound: float, *, source: str = "simulation", state: str = "scored", **more: float):
@@ -115,9 +119,14 @@ def bowl(x: float, y: float) -> float:
     return 70.0 - 10.0 * ((x - 0.3) ** 2 + (y - 0.4) ** 2)
 
 
-def measured(folder: Path, interval: str, surface: Callable[[float, float], float]):
+def levelling(x: float, y: float) -> float:
+    """Rises steeply from x = -1 and levels off; its top is at x = log(280 / 10) / 4 - 1 = -0.167."""
+    return 20.0 + 70.0 * (1.0 - float(np.exp(-4.0 * (x + 1.0)))) - 10.0 * (x + 1.0) - 5.0 * (y - 0.4) ** 2
+
+
+def measured(folder: Path, interval: str, surface: Callable[[float, float], float], more: str = ""):
     """A campaign of thirty scores of a surface, six of them repeats."""
-    (folder / "campaign.toml").write_text(SPEC.format(interval=interval), encoding="utf-8")
+    (folder / "campaign.toml").write_text(SPEC.format(interval=interval) + more, encoding="utf-8")
     rng = np.random.default_rng(4)
     rows = []
     for k, (x, y) in enumerate([*rng.uniform(-1.0, 1.0, (24, 2)), *[(0.5, 0.5)] * 6]):
@@ -144,6 +153,53 @@ def test_the_rule_watches_the_widening_of_its_own_interval(tmp_path: Path, inter
     assert widening["confidence"] > 1.1 * widening["prediction"]  # or the test could not tell them apart
     assert allowed.widening == pytest.approx(widening[interval])
     assert found.decision.half_width == pytest.approx(getattr(allowed, interval).half_width)
+
+
+@pytest.mark.parametrize("goal", ["maximize", "minimize"])
+def test_where_a_departure_is_seen_the_settings_are_the_best_of_both_together(tmp_path: Path, goal: str) -> None:
+    sign = 1.0 if goal == "maximize" else -1.0
+
+    def surface(x: float, y: float) -> float:
+        return levelling(x, y) if goal == "maximize" else 110.0 - levelling(x, y)
+
+    spec, runs = measured(tmp_path, "prediction", surface)
+    application = spec.applications[0].model_copy(update={"goal": goal})
+    found = analyse(spec, application, runs, [])
+    best, model = found.optimum, found.model
+    assert found.region_state.box.whole
+    assert best.quadratic is not None
+    np.testing.assert_allclose(best.quadratic, optimum(model, found.region, found.beta, goal).point)
+    loss = [levelling(-0.167, 0.4) - levelling(*point) for point in (best.point, best.quadratic)]
+    assert loss[0] < 0.5 * loss[1]
+    allowed = best.with_departure
+    assert allowed is not None
+    assert (best.mean, best.confidence, best.prediction) == (allowed.mean, allowed.confidence, allowed.prediction)
+    row = model.matrix(best.point[None, :])[0]
+    shift = best.mean - float(row @ found.beta)  # against eq. 2-23 at these settings
+    assert sign * shift > 0.0
+    assert best.confidence.low < surface(*best.point) < best.confidence.high
+    plain = found.fit.predict(row[None, :], best.level).confidence
+    half = 0.5 * float(plain.high[0] - plain.low[0])
+    least = np.hypot(half, t_quantile(found.fit.df_residual, best.level) * abs(shift))
+    assert best.confidence.half_width >= least  # chosen for it: the departure counts as an error of its size
+    assert not found.decision.held
+    assert {check.name: check.holds for check in found.decision.checks}["lack_of_fit"] is False
+    assert found.decision.half_width == pytest.approx(allowed.prediction.half_width)
+    assert "against a quadratic here" in found.warnings[0]
+    told = optimum_to_json(found)
+    assert told["of_quadratic"] == spec.region.decode(best.quadratic)[0]
+    assert mean_text(found).startswith(f"{allowed.mean:.1f}")
+
+
+def test_the_quadratic_has_the_word_where_none_is_seen_or_the_region_is_fixed(tmp_path: Path) -> None:
+    for surface, more in ((bowl, ""), (levelling, '[model]\nregion = "fixed"\n')):
+        folder = tmp_path / surface.__name__
+        folder.mkdir()
+        spec, runs = measured(folder, "prediction", surface, more)
+        found = analyse(spec, spec.applications[0], runs, [])
+        assert found.optimum.quadratic is None
+        assert optimum_to_json(found)["of_quadratic"] is None
+        np.testing.assert_allclose(found.optimum.point, optimum(found.model, found.region, found.beta).point)
 
 
 def test_two_looks_count_for_the_same_region_alone(tmp_path: Path) -> None:
