@@ -377,7 +377,9 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
             data=partial(optimum_values_data, analysis),
         )
     )
-    caption = (
-        "Posterior of the optimal setting of every factor and of the mean score there. Dashed: least-squares estimate."
+    caption = "Posterior of the optimal setting of every factor and of the mean score there" + (
+        f"{of_quadratic(analysis)}. Dashed: what is recommended, by quadratic and departure together."
+        if of_quadratic(analysis)
+        else ". Dashed: least-squares estimate."
     )
     return FigureBlock(tuple(panels), caption)
