@@ -55,12 +55,13 @@ class MinimaxSearch:
         largest: Callable[[FloatArray], tuple[float, FloatArray]],
     ) -> None:
         self.model, self.region, self.largest = model, region, largest
-        self.precision = np.ascontiguousarray(precision)  # kernels are compiled for one layout
+        self.precision = np.ascontiguousarray(precision)
         self.free = list(region.continuous)
         self.held = [j for j in range(region.k) if j not in self.free]
         self.columns = np.array([model.columns[j].start for j in self.free], dtype=np.int64)
         places = region.candidates(3 if region.is_box else 5, limit=_PLACES)
-        self.bases = model.base(places[:: max(1, -(-len(places) // (2 * _PLACES)))])
+        # All arrays row by row: kernels are compiled anew for another layout.
+        self.bases = np.ascontiguousarray(model.base(places[:: max(1, -(-len(places) // (2 * _PLACES)))]))
         self.places = self._rows(self.bases)
 
     def _rows(self, bases: FloatArray) -> FloatArray:
@@ -68,7 +69,7 @@ class MinimaxSearch:
 
     def _heights(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(Z'Z + R)^-1 of a design and its variance at the places."""
-        D = kernels.covariance(self.model.matrix(points), self.precision)
+        D = kernels.covariance(np.ascontiguousarray(self.model.matrix(points)), self.precision)
         return D, np.einsum("ij,ij->i", self.places @ D, self.places)
 
     def _highest(self, points: FloatArray) -> tuple[float, FloatArray]:
@@ -145,7 +146,7 @@ class MinimaxSearch:
         places = self.places
         if power >= _FINE and self.region.is_box:
             places = np.vstack([places, self._highest(points)[1]])
-        base = self.model.base(points)
+        base = np.ascontiguousarray(self.model.base(points))
         kernels.descend(
             base,
             self.columns,
@@ -167,7 +168,8 @@ class MinimaxSearch:
         for _ in range(_PASSES if self.held else 0):
             before = points.copy()
             for i in range(len(points)):
-                D = kernels.covariance(self.model.matrix(np.delete(points, i, axis=0)), self.precision)
+                rest_of = np.ascontiguousarray(self.model.matrix(np.delete(points, i, axis=0)))
+                D = kernels.covariance(rest_of, self.precision)
                 P = self.places @ D
                 rest = np.einsum("ij,ij->i", P, self.places)
                 for j in self.held:

@@ -132,7 +132,8 @@ def _search_box(engine: _Plots, rng: np.random.Generator) -> FloatArray:
         held[list(model.columns[j])] = True
     ends: list[tuple[float, FloatArray]] = []
     for chain in range(chains):
-        fresh = model.base(engine.start(searches, rng).reshape(-1, region.k)).reshape(searches, n, -1)
+        fresh = model.base(engine.start(searches, rng).reshape(-1, region.k))
+        fresh = np.ascontiguousarray(fresh).reshape(searches, n, -1)
         best, current = (-np.inf, fresh[0]), (-np.inf, fresh[0])
         for count in range(searches):
             tell("searching the design", chain * searches + count, chains * searches)
