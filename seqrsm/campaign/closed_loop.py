@@ -122,14 +122,14 @@ class ClosedLoop:
             for analysis in analyses:
                 self.on_look(analysis)
             if all(analysis.decision.held for analysis in analyses):
-                return self._finish("stop")
+                return self._finish("stop", analyses)
             if any(analysis.decision.wants_confirmation for analysis in analyses):
                 self._add_confirmation(analyses)
                 continue
             if left <= 0:
-                return self._finish("budget spent")
+                return self._finish("budget spent", analyses)
             if spec.stop.futility == "stop" and self._futile(analyses):
-                return self._finish("futility")
+                return self._finish("futility", analyses)
             with self._timed("propose"):
                 campaign.propose(min(batch, left), analyses=analyses)
 
@@ -199,9 +199,9 @@ class ClosedLoop:
                 return False
         return True
 
-    def _finish(self, kind: Ending) -> Outcome:
-        campaign, store = self.campaign, self.campaign.store
-        analyses, held = campaign.analyse_all(), kind == "stop"
+    def _finish(self, kind: Ending, analyses: Sequence[Analysis]) -> Outcome:
+        """Confirm what the last look's ``analyses`` recommend, where nothing has yet, and sample the posterior."""
+        campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
         if held and campaign.spec.simulator is not None and any(a.confirmation is None for a in analyses):
             self._add_confirmation(analyses)
             with self._timed("simulate"):

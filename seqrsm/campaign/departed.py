@@ -15,7 +15,7 @@ from seqrsm.campaign.surface import shared_loadings
 from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, Departures, departed_optimum, weigh_departures
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.factors import setting_text
-from seqrsm.fit.optimum import Optimum, at_bound
+from seqrsm.fit.optimum import Optimum, active_constraints, at_bound
 from seqrsm.fit.shared_error import SharedError, shared_error
 
 
@@ -93,13 +93,12 @@ def departed_optimum_of(
         fitted.application.goal,
         spec.seed % 2**32,
     )
-    slack = region.slacks(point[None, :])[0]
     return replace(
         best,
         point=point,
         value=float(model.matrix(point[None, :])[0] @ fitted.beta),
         at_bound=at_bound(region, point),
-        active_constraints=tuple(c.expr for c, left in zip(region.constraints, slack, strict=True) if left < 1e-6),
+        active_constraints=active_constraints(region, point),
         ties=np.empty((0, region.k)),
         flat=False,
         exact=False,

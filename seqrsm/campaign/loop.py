@@ -161,8 +161,9 @@ class Campaign:
             raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
         if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
             raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
-        proposed = self._proposals(n or self.spec.batch, source, analyses)
-        runs = in_random_order(proposed, self.spec.seed, len(self.store.runs()))
+        made = self.store.runs()
+        proposed = self._proposals(made, n or self.spec.batch, source, analyses)
+        runs = in_random_order(proposed, self.spec.seed, len(made))
         size, region = self.spec.runs_an_occasion, self.spec.region
         deal = None if size is None else partial(share_occasions, size=size, region=region)
         ids = self.store.add_batch(runs, issue=True, deal=deal)
@@ -173,8 +174,9 @@ class Campaign:
             write_form(csv, self.spec, records)
         return records
 
-    def _proposals(self, n: int, source: str, analyses: Sequence[Analysis] | None) -> list[NewRun]:
-        runs = self.store.runs()
+    def _proposals(
+        self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
+    ) -> list[NewRun]:
         active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
         fitted = n_fitted(self.spec, runs)

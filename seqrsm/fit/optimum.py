@@ -97,15 +97,11 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
         exact = True
     else:
         point, value, ties, flat, exact = _constrained_optimum(model, region, signed)
-    active: tuple[str, ...] = ()
-    if not region.is_box:
-        slack = region.slacks(point[None, :])[0]
-        active = tuple(c.expr for c, value_ in zip(region.constraints, slack, strict=True) if value_ < 1e-6)
     return Optimum(
         point=point,
         value=value if goal == "maximize" else -value,
         at_bound=at_bound(region, point),
-        active_constraints=active,
+        active_constraints=active_constraints(region, point),
         ties=ties,
         flat=flat,
         exact=exact,
@@ -117,6 +113,12 @@ def at_bound(region: Region, point: FloatArray) -> tuple[str, ...]:
     """Numeric factors of ``point`` (k,) that lie at an end of their range, such as "frequency (low)"."""
     ends = [j for j in region.numeric if abs(point[j]) >= 1.0 - 1e-9]
     return tuple(f"{region.names[j]} ({'high' if point[j] > 0.0 else 'low'})" for j in ends)
+
+
+def active_constraints(region: Region, point: FloatArray) -> tuple[str, ...]:
+    """Expressions of the constraints that hold with equality at ``point`` (k,)."""
+    slacks = region.slacks(point[None, :])[0]
+    return tuple(c.expr for c, slack in zip(region.constraints, slacks, strict=True) if slack < 1e-6)
 
 
 def _tolerance(signed: FloatArray) -> float:

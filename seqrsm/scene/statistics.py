@@ -12,7 +12,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.scene.terrain import known_slopes, rms_slope, root_mean_square, strips
+from seqrsm.scene.terrain import known_slopes, rms_slope, strips
 
 _VERSION: Final = 2
 """Of the statistics' definitions: those kept by another version are computed anew."""
@@ -154,10 +154,12 @@ def aggregated(layer: AnyArray, factor: int) -> AnyArray:
 
 def _rms_along(z: AnyArray, cell_m: float) -> tuple[float, float]:
     """Root-mean-square slope towards east and towards north; 0 where no slope is known."""
-    return (
-        root_mean_square(east for east, _ in known_slopes(z, cell_m)),
-        root_mean_square(north for _, north in known_slopes(z, cell_m)),
-    )
+    total, n = np.zeros(2), np.zeros(2)
+    for both in known_slopes(z, cell_m):
+        total += [np.add.reduce(np.square(slope)) for slope in both]
+        n += [slope.size for slope in both]
+    east, north = np.sqrt(total / np.maximum(n, 1.0))
+    return float(east), float(north)
 
 
 def _largest_slope(z: AnyArray, cell_m: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.optimize import brentq
@@ -58,15 +58,11 @@ def rms_slope(elevation_m: AnyArray, cell_m: float) -> float:
 
     0 where no slope is known.
     """
-    return root_mean_square(np.concatenate(both) for both in known_slopes(elevation_m, cell_m))
-
-
-def root_mean_square(parts: Iterable[FloatArray]) -> float:
-    """Root of the mean square of numbers that come in parts; 0 of none."""
     total, n = 0.0, 0
-    for part in parts:
-        total += float(np.add.reduce(np.square(part)))
-        n += part.size
+    for both in known_slopes(elevation_m, cell_m):
+        slope = np.concatenate(both)
+        total += float(np.add.reduce(np.square(slope)))
+        n += slope.size
     return float(np.sqrt(total / n)) if n else 0.0
 
 

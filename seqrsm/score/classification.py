@@ -212,7 +212,7 @@ def score_pixels(
     half = halves(tile_keys)[tile]
     named = np.zeros(len(tile), dtype=np.int64)
     taught = np.zeros(n_classes, dtype=bool)
-    features = power if likelihood == "gamma" or scale == "linear" else _decibels(power)
+    features = power if likelihood == "gamma" or scale == "linear" else decibels(power)
     # A conditional Gaussian is the joint one over that of the covariates alone.
     joint = features if covariates is None else np.column_stack([features, covariates])
     for tested in (0, 1):
@@ -360,14 +360,24 @@ def _training_weights(counts: AnyArray, purity: float) -> FloatArray:
 
 
 def _effective_pixels(weights: FloatArray) -> FloatArray:
-    """Number of equally weighted pixels that carry as much, (sum w)**2 / sum w**2, for each class."""
-    squares = (weights**2).sum(axis=0)
-    return np.asarray(weights.sum(axis=0) ** 2 / np.where(squares > 0.0, squares, 1.0))
+    """`effective_pixels` of weights (n_pixels, n_classes)."""
+    return effective_pixels(weights.sum(axis=0), (weights**2).sum(axis=0))
 
 
-def _decibels(power: FloatArray) -> FloatArray:
-    """Decibels; exact zeros, which only a noiseless radar has, take the least positive value of their channel."""
-    floor = np.where(power > 0.0, power, np.inf).min(axis=0)
+def effective_pixels(total: FloatArray, squares: FloatArray) -> FloatArray:
+    """Number of equally weighted pixels that carry as much, from the sums of the weights and of their squares."""
+    return np.asarray(total**2 / np.where(squares > 0.0, squares, 1.0))
+
+
+def decibels(power: FloatArray, axis: int | tuple[int, ...] = 0, pixels: IntArray | None = None) -> FloatArray:
+    """Decibels; exact zeros, which only a noiseless radar has, take the least positive value of their channel.
+
+    ``axis``: all axes but the channels'; ``pixels``: along the last axis, those among which that value is looked for.
+    """
+    if power.min() > 0.0:
+        return np.asarray(10.0 * np.log10(power))
+    seen = power if pixels is None else power[..., pixels]
+    floor = np.where(seen > 0.0, seen, np.inf).min(axis=axis, keepdims=True)
     return np.asarray(10.0 * np.log10(np.maximum(power, np.where(np.isfinite(floor), floor, 1.0))))
 
 

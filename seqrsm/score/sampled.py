@@ -22,6 +22,8 @@ from seqrsm.score.classification import (
     class_details,
     cluster_ratio,
     covariance_roots,
+    decibels,
+    effective_pixels,
     halves,
     systematic_se,
     tiles,
@@ -59,7 +61,7 @@ def _percent_correct(
     tile, keys = tiles(*place, tile_m, seed=seed, run_id=run_id, sample=True)
     half = np.zeros(n_pixels, dtype=np.int64)
     half[used] = halves(keys)[tile]
-    features = sample.values if linear else _decibels(sample.values, used)
+    features = sample.values if linear else decibels(sample.values, (0, 2), used)
     known = np.empty((n_pixels, 0)) if sample.covariates is None else sample.covariates
     pixels = (features, known, counts, cells, half)
     laws, taught = _laws(pixels, pixels_each=1.0 / (sample.share * n_draws), alone=len(keys) == 1)
@@ -78,15 +80,6 @@ def _numbered(code: IntArray) -> IntArray:
     return np.asarray((np.cumsum(np.bincount(code) > 0) - 1)[code])
 
 
-def _decibels(values: FloatArray, used: IntArray) -> FloatArray:
-    """Decibels; exact zeros, which only a noiseless radar has, take the least positive value of their channel."""
-    if values.min() > 0.0:
-        return np.asarray(10.0 * np.log10(values))
-    shown = values[:, :, used]
-    floor = np.where(shown > 0.0, shown, np.inf).min(axis=(0, 2))
-    return np.asarray(10.0 * np.log10(np.maximum(values, np.where(np.isfinite(floor), floor, 1.0)[:, None])))
-
-
 def _laws(
     pixels: tuple[FloatArray, FloatArray, AnyArray, FloatArray, IntArray], *, pixels_each: float, alone: bool
 ) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], AnyArray]:
@@ -100,7 +93,7 @@ def _laws(
     known_scale, constant = np.zeros((2, n_classes, n_more, n_more)), np.full((2, n_classes), -np.inf)
     for tested in (0, 1):
         taught_by = tested if alone else 1 - tested
-        few = pixels_each * _effective(weight[taught_by, 0]) < ENOUGH_PIXELS
+        few = pixels_each * effective_pixels(*weight[taught_by, 0].T) < ENOUGH_PIXELS
         total, first, square = (
             a[taught_by, 0] + np.where(few.reshape(-1, *[1] * (a.ndim - 3)), a[taught_by, 1], 0.0)
             for a in (weight, mean, second)
@@ -109,7 +102,11 @@ def _laws(
         if not cells.any():
             continue
         safe = np.where(cells > 0.0, cells, 1.0)
-        first, square, effective = first / safe[:, None], square / safe[:, None, None], pixels_each * _effective(total)
+        first, square, effective = (
+            first / safe[:, None],
+            square / safe[:, None, None],
+            pixels_each * effective_pixels(*total.T),
+        )
         roots = covariance_roots(cells, first, square, effective)
         centre[tested], scale[tested] = first, np.linalg.inv(roots)
         constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
@@ -121,11 +118,6 @@ def _laws(
             constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         constant[tested, cells == 0.0] = -np.inf
     return (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0)
-
-
-def _effective(weight: FloatArray) -> FloatArray:
-    """Number of equally weighted pixels that carry as much, of sums of weights and of their squares (n_classes, 2)."""
-    return np.asarray(weight[:, 0] ** 2 / np.where(weight[:, 1] > 0.0, weight[:, 1], 1.0))
 
 
 def soil_moisture_error(sample: Sample, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
