@@ -111,6 +111,9 @@ def test_random_order_keeps_the_design_and_its_plots(tmp_path) -> None:
     assert mixed["d_value"] == pytest.approx(plain["d_value"], rel=1e-12)
     with (tmp_path / "runs.csv").open(encoding="utf-8") as stream:
         assert [[float(cell) for cell in row] for row in list(csv.reader(stream))[1:]] == mixed["points"]
+    made("--factors", 3, "--runs", 12, "--plots", 4, "--hard", "x1", "--csv", tmp_path / "steps.csv")
+    cells = (tmp_path / "steps.csv").read_text(encoding="utf-8").replace("\n", ",").split(",")
+    assert max(len(cell) for cell in cells) <= len("-0.123456789012")  # no dust such as 0.6000000000000001
     assert made("--factors", 2, "--design", "factorial3", "--random-order", "--seed", 4)["points"] != mixed["points"]
     moved = False
     for seed in range(4):

@@ -23,7 +23,8 @@ from seqrsm.campaign.store_connection import _cut_off
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.fit.optimum import optimum
-from seqrsm.report.phrases import mean_text
+from seqrsm.report.phrases import mean_text, of_quadratic
+from seqrsm.report.study_text import searched_text
 
 
 def scored(run_id: int, rung: str, bound: float, *, source: str = "simulation", state: str = "scored", **more: float):
@@ -189,6 +190,16 @@ def test_where_a_departure_is_seen_the_settings_are_the_best_of_both_together(tm
     told = optimum_to_json(found)
     assert told["of_quadratic"] == spec.region.decode(best.quadratic)[0]
     assert mean_text(found).startswith(f"{allowed.mean:.1f}")
+    # What draws of the quadratic say is of its own optimum, and said to be so; of these settings they know no loss.
+    (tmp_path / "fixed").mkdir()
+    fixed, _ = measured(tmp_path / "fixed", "prediction", surface, '[model]\nregion = "fixed"\n')
+    alone = analyse(fixed, application, runs, [])
+    assert found.posterior.predictive == alone.posterior.predictive
+    assert np.isnan([found.posterior.expected_regret, found.posterior.p_regret_above]).all()
+    assert of_quadratic(found) == ", by the quadratic alone"
+    study = analyse(spec, application, runs, [], thorough=True).study
+    assert study is not None
+    assert searched_text(found, study).startswith("At the optimum of the quadratic alone. ")
 
 
 def test_the_quadratic_has_the_word_where_none_is_seen_or_the_region_is_fixed(tmp_path: Path) -> None:
@@ -199,6 +210,8 @@ def test_the_quadratic_has_the_word_where_none_is_seen_or_the_region_is_fixed(tm
         found = analyse(spec, spec.applications[0], runs, [])
         assert found.optimum.quadratic is None
         assert optimum_to_json(found)["of_quadratic"] is None
+        assert of_quadratic(found) == ""
+        assert np.isfinite(found.posterior.expected_regret)
         np.testing.assert_allclose(found.optimum.point, optimum(found.model, found.region, found.beta).point)
 
 

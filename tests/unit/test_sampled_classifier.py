@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.score import sampled
-from seqrsm.score.classification import halves, score_pixels, systematic_se, tiles
+from seqrsm.score.classification import decibels, halves, score_pixels, systematic_se, tiles
 
 
 def sample(n=3000, n_channels=2, n_classes=5, draws=1, covariates=False, rare=False, seed=0):
@@ -118,3 +118,13 @@ def test_both_halves_of_a_small_sample_keep_pixels():
 
 def test_systematic_error_of_groups_that_agree_is_zero():
     assert systematic_se(np.full(20, 3.0), np.full(20, 6.0), np.arange(20) // 4) == 0.0
+
+
+def test_zeros_take_the_least_power_among_the_pixels_asked_for() -> None:
+    """In decibels, channel by channel; a pixel left out does not set the floor."""
+    power = np.array([[[1.0, 0.0, 10.0, 1e-9], [100.0, 1000.0, 0.0, 1e-9]]])
+    found = decibels(power, (0, 2), np.array([0, 1, 2]))
+    np.testing.assert_allclose(found[0], [[0.0, 0.0, 10.0, 0.0], [20.0, 30.0, 20.0, 20.0]])
+    np.testing.assert_allclose(decibels(power, (0, 2))[0], [[0.0, -90.0, 10.0, -90.0], [20.0, 30.0, -90.0, -90.0]])
+    np.testing.assert_allclose(decibels(power[0].T), decibels(power, (0, 2))[0].T)
+    np.testing.assert_allclose(decibels(np.array([[0.01], [10.0]])), [[-20.0], [10.0]])

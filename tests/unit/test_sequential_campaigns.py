@@ -419,3 +419,14 @@ def test_one_run_of_each_template_is_scored(template, tmp_path) -> None:
     assert runs[0].state == "scored"
     names = {score.application for score in runs[0].scores}
     assert names == {application.name for application in made.spec.applications}
+
+
+def test_flights_of_the_start_design_are_not_flown_in_the_order_of_the_search(campaign) -> None:
+    """The same runs as for a simulator, whose first three are repeats at the centre, in other places."""
+    orders = []
+    for source in ("simulation", "flight"):
+        made = campaign(spec_text(numeric(2), "half_width = 2.0\nmax_runs = 30"), bowl, source)
+        orders.append([tuple(run.proposed.values()) for run in made.propose(source=source)])
+    assert orders[0][:3] == [(0.0, 0.0)] * 3
+    assert sorted(orders[0]) == sorted(orders[1])
+    assert orders[0] != orders[1]
