@@ -9,6 +9,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
 from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table
 from seqrsm.report.literature import Literature, literature, system_of
+from seqrsm.report.phrases import of_quadratic
 from seqrsm.report.wording import counted, listing, readable
 
 MAX_NAMED = 2
@@ -87,7 +88,10 @@ def _comparison_table(found: Literature, analysis: Analysis) -> Table:
         Column("Agreement"),
         Column("Tables"),
     )
-    caption = f"{analysis.application}: recommended settings (with credible interval or all levels) and the literature"
+    alone = ", by the quadratic alone," if of_quadratic(analysis) else ""
+    caption = (
+        f"{analysis.application}: recommended settings (with credible interval{alone} or all levels) and the literature"
+    )
     return Table(columns, rows, caption)
 
 
