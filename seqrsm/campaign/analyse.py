@@ -40,7 +40,6 @@ from seqrsm.campaign.posterior import (
 )
 from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.response import ResponseScale
-from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.study import study_fit
 from seqrsm.campaign.surface import block_labels, shared_loadings
 from seqrsm.decide.allowance import Departures
@@ -57,6 +56,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
+from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 

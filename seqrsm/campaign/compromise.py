@@ -10,11 +10,11 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import Analysis, Interval
-from seqrsm.campaign.spec import CampaignSpec, ConsiderationSpec
 from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
 from seqrsm.plain import known
+from seqrsm.spec.read import CampaignSpec, ConsiderationSpec
 
 DRAWS = 200
 """Posterior draws of each surface that the compromise is found for."""

@@ -10,13 +10,13 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import DepartureIntervals, Interval, OptimumEstimate
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.posterior import outer_bounds
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.surface import shared_loadings
 from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, Departures, departed_optimum, weigh_departures
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.factors import setting_text
 from seqrsm.fit.optimum import Optimum, active_constraints, at_bound
 from seqrsm.fit.shared_error import SharedError, shared_error
+from seqrsm.spec.read import CampaignSpec
 
 
 def departures_of(fitted: Fitted) -> Departures | None:

@@ -10,7 +10,7 @@ from seqrsm.arrays import AnyArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.compromise import CompromiseEstimate
 from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.spec.read import CampaignSpec
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,9 @@ from pathlib import Path
 from seqrsm import __version__
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
-from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.campaign.store import Store
 from seqrsm.errors import Problem, StoreError
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 
 FORMAT = "seqrsm-export-1"
 MAX_ATTACHED = 20_000_000

@@ -7,7 +7,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.records import EventRecord, RunRecord
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.spec.read import CampaignSpec
 
 if TYPE_CHECKING:
     from seqrsm.campaign.simulation import FidelityCheck

@@ -12,7 +12,6 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Interval, RegionChange, ScoredRuns, SourceComparison
 from seqrsm.campaign.records import CONFIRMATION, RunRecord
 from seqrsm.campaign.response import ResponseScale
-from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.campaign.surface import (
     block_labels,
     columns_within_sources,
@@ -34,6 +33,7 @@ from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.random_blocks import RandomBlockPosterior
 from seqrsm.fit.robust import student_weights
+from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 
 
 def confirmation_reason(application: str) -> str:

@@ -18,13 +18,13 @@ from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.occasions import occasion_of
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
-from seqrsm.campaign.spec import CampaignSpec, fixed_problem
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
 from seqrsm.progress import tell
 from seqrsm.score.classification import UtilityScore
+from seqrsm.spec.read import CampaignSpec, fixed_problem
 
 if TYPE_CHECKING:
     from seqrsm.campaign.analysis import Analysis

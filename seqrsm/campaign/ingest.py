@@ -25,12 +25,12 @@ from seqrsm.campaign.records import (
     RankingSummary,
     Settings,
 )
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.store import Store
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
+from seqrsm.spec.read import CampaignSpec
 
 
 @dataclass(frozen=True, slots=True)

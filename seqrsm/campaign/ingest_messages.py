@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from seqrsm.campaign.records import IngestedRun, IngestOutcome, RankingSummary
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.score.flight import ScoresFile
+from seqrsm.spec.read import CampaignSpec
 
 
 def file_messages(

@@ -9,14 +9,14 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import PosteriorSummary
-from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
-from seqrsm.campaign.spec_tables import ExpectedOptimum, KnowledgeSpec
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import NormalInverseGamma
 from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
 from seqrsm.fit.transforms import logit_scores
+from seqrsm.spec.read import ApplicationSpec, CampaignSpec
+from seqrsm.spec.tables import ExpectedOptimum, KnowledgeSpec
 
 
 def stated_prior(

@@ -22,11 +22,11 @@ from seqrsm.campaign.occasions import occasion_of, share_occasions
 from seqrsm.campaign.posterior import Sampler
 from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.serialise import look_summary
-from seqrsm.campaign.spec import CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.campaign.surface import block_labels, occasions_shared
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.spec.read import CampaignSpec, load_spec
 
 if TYPE_CHECKING:
     from seqrsm.campaign.closed_loop import Outcome

@@ -13,7 +13,6 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import EffectBound, Interval, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.knowledge import EffectBounds, precision_of, stated_bounds, stated_prior
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.surface import columns_within_sources, counts_of, shared_loadings
 from seqrsm.decide.moving import Box
 from seqrsm.decide.sources import source_prior, stacked_rows, to_flight
@@ -27,6 +26,7 @@ from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
 from seqrsm.fit.robust import STUDENT_DF, student_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.rng import generator
+from seqrsm.spec.read import CampaignSpec
 
 if TYPE_CHECKING:
     from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior

@@ -15,10 +15,10 @@ from seqrsm import __version__
 from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
 from seqrsm.campaign.occasions import sharing
 from seqrsm.campaign.records import LookRecord, RunRecord
-from seqrsm.campaign.spec import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.campaign.store import Store
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
+from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 
 
 def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:

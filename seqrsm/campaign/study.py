@@ -22,7 +22,6 @@ from seqrsm.campaign.findings import (
 from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.interval import Interval
 from seqrsm.campaign.posterior import Draws, future_noise
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.campaign.surface import block_labels, random_blocks
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
@@ -37,6 +36,7 @@ from seqrsm.fit.residuals import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.ridge import steepest_path
 from seqrsm.fit.selection import average_models
 from seqrsm.propose.steepest import ascent_path
+from seqrsm.spec.read import CampaignSpec
 
 _STEP = 0.25  # coded distance between the points of a ridge path
 _PATH_POINTS = 12

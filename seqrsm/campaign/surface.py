@@ -8,7 +8,6 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.analysis import ScoredRuns
 from seqrsm.campaign.occasions import occasion_of, shared_occasions, similarity
 from seqrsm.campaign.response import ResponseScale
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -21,6 +20,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.random_blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.robust import student_weights
 from seqrsm.fit.selection import average_models
+from seqrsm.spec.read import CampaignSpec
 
 _SAME_SETTING_DECIMALS = 9
 _LISTED_RUNS = 8

@@ -88,7 +88,7 @@ def init(
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
     """Make a campaign folder from a template, from what the literature asks for, or from an export."""
-    from seqrsm.campaign.templates import copy_template, templates
+    from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
         from seqrsm.cli.show import show_templates
@@ -113,7 +113,7 @@ def init(
         say(f"made {folder} from {source}; next: seqrsm status {folder}")
         return
     if application is not None:
-        from seqrsm.campaign.from_catalog import init_from_catalog, tables_text
+        from seqrsm.spec.from_catalog import init_from_catalog, tables_text
 
         application = " ".join((application, *(more or ())))
         found = init_from_catalog(application, folder)
@@ -316,9 +316,9 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Runs by state, optimum and intervals so far, stop or go on and why; of a folder of campaigns, a line for each."""
-    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.status import campaign_status, campaigns_in, overview
     from seqrsm.cli.show import show_overview, show_status
+    from seqrsm.spec.read import load_spec
 
     if folders := campaigns_in(folder):
         if history:
@@ -360,9 +360,9 @@ def tradeoff(
     as_json: AsJson = False,
 ) -> None:
     """Measure speed against accuracy of this campaign's simulations and numbers; goes on after an interruption."""
-    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.show_fidelity import show_tradeoff
+    from seqrsm.spec.read import load_spec
 
     with display("measuring", inner=False) as shown:
         result = measure_tradeoff(

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from seqrsm.campaign.closed_loop import Outcome
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.campaign.records import RunRecord
-    from seqrsm.campaign.spec import CampaignSpec
     from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
+    from seqrsm.spec.read import CampaignSpec
 
 
 # -- run ----------------------------------------------------------------------------------------------------------

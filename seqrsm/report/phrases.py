@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from seqrsm.campaign.analysis import Analysis, EffectBound, Interval, SettingPosterior
-from seqrsm.campaign.spec import StopSpec
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.report.blocks import Cell
 from seqrsm.report.rounding import (
@@ -23,6 +22,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.report.wording import format_setting, level_labels, level_text, listing, readable, with_unit
+from seqrsm.spec.read import StopSpec
 
 
 def number_cell(text: str, value: float) -> Cell:

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.spec import StopSpec
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.report.blocks import (
     Block,
@@ -51,6 +50,7 @@ from seqrsm.report.rounding import format_number, format_share, format_significa
 from seqrsm.report.section_study import searched_blocks
 from seqrsm.report.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
 from seqrsm.report.wording import axis_label, format_setting, listing, readable, readable_text, slug, with_unit
+from seqrsm.spec.read import StopSpec
 
 PREDICTION_EQUATION = Equation(
     "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",

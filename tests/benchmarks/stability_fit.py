@@ -20,10 +20,10 @@ import test_nist as nist
 from seqrsm.campaign.analyse import analyse
 from seqrsm.campaign.records import RunRecord, ScoreRecord
 from seqrsm.campaign.serialise import analysis_to_json
-from seqrsm.campaign.spec import CampaignSpec, load_spec
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import UserError
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.spec.read import CampaignSpec, load_spec
 
 MEASURES = ("coefficients", "standard errors", "prediction half-width", "optimum")
 LEVEL = 0.95

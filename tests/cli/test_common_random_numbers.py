@@ -18,9 +18,9 @@ from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.posterior import draw_coefficients
 from seqrsm.campaign.records import CONFIRMATION
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
-from seqrsm.campaign.spec import load_spec
 from seqrsm.campaign.tradeoff_numerics import sampler_rows
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
 
 SHARED = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ncommon_random_numbers = 4')
 

@@ -19,7 +19,6 @@ from report_dossiers import load, make_analysis, runs_of, truth_score
 from seqrsm.campaign.analysis import Confirmation, Interval
 from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.campaign.spec_tables import StopSpec
 from seqrsm.cli.show_fit import decision_heading
 from seqrsm.report import drawing, figures_study, write_report
 from seqrsm.report.blocks import (
@@ -40,6 +39,7 @@ from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.section_data import question_section
 from seqrsm.report.wording import counted
+from seqrsm.spec.tables import StopSpec
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 

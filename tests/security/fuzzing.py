@@ -23,7 +23,6 @@ import numpy as np
 import tifffile
 
 from seqrsm.campaign.rebuild import rebuild
-from seqrsm.campaign.spec import load_spec
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
@@ -36,6 +35,7 @@ from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
+from seqrsm.spec.read import load_spec
 
 LIMIT_S = 10.0
 """Processor time [s] that reading an input may take; ten times as much on the clock."""

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any, Literal, Protocol
 
-from seqrsm.campaign.spec_tables import ApplicationSpec
-from seqrsm.campaign.toml_lines import Path, line_of
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
+from seqrsm.spec.tables import ApplicationSpec
+from seqrsm.spec.toml_lines import Path, line_of
 from seqrsm.units import PARAMETER_UNITS
 
 RADAR = ("frequency", "polarization", "resolution", "looks", "bandwidth", "peak_power", "depression_angle")
@@ -43,7 +43,7 @@ class Reporter:
     file : str
         Name of the file.
     lines : dict
-        From `seqrsm.campaign.toml_lines.key_lines`.
+        From `seqrsm.spec.toml_lines.key_lines`.
     """
 
     def __init__(self, file: str, lines: dict[Path, int]) -> None:

@@ -1,4 +1,4 @@
-"""The tables of ``campaign.toml`` and the types of their keys; :mod:`seqrsm.campaign.spec` says what each key means."""
+"""The tables of ``campaign.toml`` and the types of their keys; :mod:`seqrsm.spec.read` says what each key means."""
 
 from __future__ import annotations
 

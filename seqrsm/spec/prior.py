@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf, isfinite
 
-from seqrsm.campaign.spec_checks import Reporter
-from seqrsm.campaign.spec_tables import ApplicationSpec, ModelSpec
-from seqrsm.campaign.toml_lines import Path
 from seqrsm.design.factors import CategoricalFactor, Factor, span
+from seqrsm.spec.checks import Reporter
+from seqrsm.spec.tables import ApplicationSpec, ModelSpec
+from seqrsm.spec.toml_lines import Path
 
 
 def knowledge(

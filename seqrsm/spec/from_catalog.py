@@ -13,12 +13,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from seqrsm.campaign.spec import SPEC_NAME
-from seqrsm.campaign.templates import new_folder, template_folder
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
+from seqrsm.spec.read import SPEC_NAME
+from seqrsm.spec.templates import new_folder, template_folder
 
 SCENE_TEMPLATE = "langegracht-radar"
 """Template whose data base the new campaign takes."""

@@ -83,9 +83,14 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from seqrsm.campaign import spec_checks, spec_prior
-from seqrsm.campaign.spec_checks import Reporter
-from seqrsm.campaign.spec_tables import (
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import Factor
+from seqrsm.design.region import Region
+from seqrsm.errors import Problem, SpecError
+from seqrsm.spec import checks as spec_checks
+from seqrsm.spec import prior as spec_prior
+from seqrsm.spec.checks import Reporter
+from seqrsm.spec.tables import (
     UTILITIES,
     ApplicationSpec,
     CampaignTable,
@@ -101,11 +106,7 @@ from seqrsm.campaign.spec_tables import (
     StoreTable,
     Table,
 )
-from seqrsm.campaign.toml_lines import key_lines
-from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import Factor
-from seqrsm.design.region import Region
-from seqrsm.errors import Problem, SpecError
+from seqrsm.spec.toml_lines import key_lines
 
 __all__ = [
     "MAX_BYTES",
