@@ -38,7 +38,6 @@ from seqrsm.campaign.posterior import (
     outer_bounds,
     summarise_posterior,
 )
-from seqrsm.campaign.records import LookRecord, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.study import study_fit
 from seqrsm.campaign.surface import block_labels, shared_loadings
@@ -57,6 +56,7 @@ from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
+from seqrsm.store.records import LookRecord, RunRecord
 
 __all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
 

@@ -16,12 +16,12 @@ from seqrsm.campaign.analyse import stop_rule
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_at, task_of
-from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.decide.stopping import target_problem
 from seqrsm.design.factors import setting_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem, load_spec
+from seqrsm.store.store import STORE_NAME, Store
 
 PROBES = 4
 """Simulations at the centre of the region, for each level of the categorical factors, that measure noise and time; they

@@ -14,9 +14,9 @@ from seqrsm.campaign.compromise import CompromiseEstimate
 from seqrsm.campaign.fitted import confirmation_reason
 from seqrsm.campaign.loop import WAITING, Campaign, n_fitted
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.store.records import NewRun, RunRecord
 
 Ending = Literal["stop", "budget spent", "futility"]
 

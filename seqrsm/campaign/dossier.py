@@ -9,8 +9,8 @@ from typing import Any
 from seqrsm.arrays import AnyArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.compromise import CompromiseEstimate
-from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 
 
 @dataclass(frozen=True, slots=True)

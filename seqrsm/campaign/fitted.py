@@ -10,7 +10,6 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.campaign.analysis import Interval, RegionChange, ScoredRuns, SourceComparison
-from seqrsm.campaign.records import CONFIRMATION, RunRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.campaign.surface import (
     block_labels,
@@ -34,6 +33,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.random_blocks import RandomBlockPosterior
 from seqrsm.fit.robust import student_weights
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
+from seqrsm.store.records import CONFIRMATION, RunRecord
 
 
 def confirmation_reason(application: str) -> str:

@@ -16,7 +16,12 @@ from typing import Any
 
 from seqrsm.campaign.form import factor_columns
 from seqrsm.campaign.ingest_messages import file_messages, outcome_messages, outside_messages
-from seqrsm.campaign.records import (
+from seqrsm.errors import Problem, RegionError, ScoresFileError
+from seqrsm.score.cells import Measure
+from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
+from seqrsm.score.ranking_file import is_rankings_file, read_rankings
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import (
     FileRecord,
     IngestedFile,
     IngestedRun,
@@ -25,12 +30,7 @@ from seqrsm.campaign.records import (
     RankingSummary,
     Settings,
 )
-from seqrsm.campaign.store import Store
-from seqrsm.errors import Problem, RegionError, ScoresFileError
-from seqrsm.score.cells import Measure
-from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
-from seqrsm.score.ranking_file import is_rankings_file, read_rankings
-from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.store import Store
 
 
 @dataclass(frozen=True, slots=True)

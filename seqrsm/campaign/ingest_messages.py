@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from seqrsm.campaign.records import IngestedRun, IngestOutcome, RankingSummary
 from seqrsm.score.flight import ScoresFile
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import IngestedRun, IngestOutcome, RankingSummary
 
 
 def file_messages(

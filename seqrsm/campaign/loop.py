@@ -16,17 +16,17 @@ from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
-from seqrsm.campaign.heartbeat import heartbeat
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.campaign.occasions import occasion_of, share_occasions
 from seqrsm.campaign.posterior import Sampler
-from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.campaign.serialise import look_summary
-from seqrsm.campaign.store import Store
 from seqrsm.campaign.surface import block_labels, occasions_shared
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.spec.read import CampaignSpec, load_spec
+from seqrsm.store.heartbeat import heartbeat
+from seqrsm.store.records import NewRun, RunRecord
+from seqrsm.store.store import Store
 
 if TYPE_CHECKING:
     from seqrsm.campaign.closed_loop import Outcome

@@ -12,7 +12,6 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.fitted import range_text
 from seqrsm.campaign.knowledge import stated_prior
-from seqrsm.campaign.records import NewRun, RunRecord
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
@@ -23,6 +22,7 @@ from seqrsm.fit.blocks import block_columns
 from seqrsm.propose.batch import Proposal, Rows, propose_batch
 from seqrsm.rng import generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.store.records import NewRun, RunRecord
 
 START = "start"
 CENTRE_REPEATS = 3

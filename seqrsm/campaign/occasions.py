@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.records import CONFIRMATION, NewRun, RunRecord
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.design.region import Region
+from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
 
 STREAM_0 = 10**9
 """Occasion n draws what a run of this id + n would: no run of a campaign comes near it."""

@@ -11,7 +11,6 @@ from typing import Any
 
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.campaign.occasions import STREAM_0
-from seqrsm.campaign.records import NewScore
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scene.scene import Scene, load_scene
@@ -21,6 +20,7 @@ from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference
 from seqrsm.simulate.psm import Precision
 from seqrsm.simulate.sample import Sample
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import NewScore
 
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""

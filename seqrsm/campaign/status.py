@@ -14,11 +14,11 @@ from typing import Any
 from seqrsm import __version__
 from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
 from seqrsm.campaign.occasions import sharing
-from seqrsm.campaign.records import LookRecord, RunRecord
-from seqrsm.campaign.store import Store
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
 from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
+from seqrsm.store.records import LookRecord, RunRecord
+from seqrsm.store.store import Store
 
 
 def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from seqrsm.campaign.check import CheckResult
     from seqrsm.campaign.closed_loop import Outcome
     from seqrsm.campaign.ingest import IngestReport
-    from seqrsm.campaign.records import RunRecord
     from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
     from seqrsm.spec.read import CampaignSpec
+    from seqrsm.store.records import RunRecord
 
 
 # -- run ----------------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from seqrsm.campaign.analysis import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.occasions import sharing
-from seqrsm.campaign.records import RunRecord
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Align, Block, Bullets, Cell, Column, Definitions, Details, Paragraph, Section, Table
 from seqrsm.report.phrases import number_cell, run_decimals, watched_interval, whole_cell
@@ -25,6 +24,7 @@ from seqrsm.report.wording import (
     readable,
     with_unit,
 )
+from seqrsm.store.records import RunRecord
 
 MOST_RUNS = 2000
 """Rows of the table of runs; more would be hundreds of pages that nobody turns."""

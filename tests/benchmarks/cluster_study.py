@@ -18,8 +18,8 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "cli
 import cluster_jobs  # noqa: E402
 from reliability_report import machine, write_section  # noqa: E402
 
-from seqrsm.campaign.store import NewRun, Store  # noqa: E402
 from seqrsm.simulate.runner import run_many  # noqa: E402
+from seqrsm.store.store import NewRun, Store  # noqa: E402
 
 BUSY_S, RUNS = 0.5, 40
 SMALL = 1000

@@ -21,12 +21,12 @@ import speed_accuracy_study as study
 from speed_accuracy_study import CROPS, LAND, PASSIVE, PERCENT, RADAR, RADAR_FACTORS, RADIOMETER, Site, synthetic
 
 from seqrsm.campaign.occasions import REACH, occasion_of, share_occasions, similarity
-from seqrsm.campaign.records import NewRun
 from seqrsm.campaign.simulation import score_by
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.random_blocks import fit_random_blocks
+from seqrsm.store.records import NewRun
 
 OUT = study.OUT / "common-random-numbers.md"
 KEPT = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-common-random-numbers.json"

@@ -20,7 +20,7 @@ import numpy as np
 
 from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.records import IngestedRun, NewScore
+from seqrsm.store.records import IngestedRun, NewScore
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation" / "flevoland_flights.md"

@@ -18,12 +18,12 @@ import stability_exact as ex
 import test_nist as nist
 
 from seqrsm.campaign.analyse import analyse
-from seqrsm.campaign.records import RunRecord, ScoreRecord
 from seqrsm.campaign.serialise import analysis_to_json
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import UserError
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.spec.read import CampaignSpec, load_spec
+from seqrsm.store.records import RunRecord, ScoreRecord
 
 MEASURES = ("coefficients", "standard errors", "prediction half-width", "optimum")
 LEVEL = 0.95

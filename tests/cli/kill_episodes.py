@@ -25,9 +25,9 @@ from typer.testing import CliRunner
 
 from seqrsm.campaign.export import export
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
+from seqrsm.store.store import STORE_NAME, Store
 
 COMMANDS = ("run", "ingest", "void", "report")
 

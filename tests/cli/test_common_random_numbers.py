@@ -16,11 +16,11 @@ from seqrsm.campaign import rehearsal
 from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.posterior import draw_coefficients
-from seqrsm.campaign.records import CONFIRMATION
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
 from seqrsm.campaign.tradeoff_numerics import sampler_rows
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
+from seqrsm.store.records import CONFIRMATION
 
 SHARED = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ncommon_random_numbers = 4')
 

@@ -15,7 +15,7 @@ from seqrsm.campaign.analyse import analyse
 from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.posterior import draw_coefficients
-from seqrsm.campaign.records import RunRecord
+from seqrsm.store.records import RunRecord
 
 BOUND = 4.0
 

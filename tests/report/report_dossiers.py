@@ -19,7 +19,6 @@ from seqrsm.campaign.analysis import (
     SettingPosterior,
 )
 from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
-from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord, ScoreRecord
 from seqrsm.campaign.response import ResponseScale
 from seqrsm.decide.stopping import StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
@@ -31,6 +30,7 @@ from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.spec.read import CampaignSpec, SimulatorSpec, load_spec
+from seqrsm.store.records import EventRecord, LookRecord, RunRecord, ScoreRecord
 
 START = datetime(2024, 5, 1, 8, 0, tzinfo=UTC)
 

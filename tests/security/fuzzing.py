@@ -308,7 +308,7 @@ def _tiff_bytes(compression: str | None) -> bytes:
 def _export_bytes(folder: Path) -> bytes:
     from seqrsm.campaign.export import export
     from seqrsm.campaign.ingest import ingest_file
-    from seqrsm.campaign.store import Store
+    from seqrsm.store.store import Store
 
     place = folder / "campaign"
     place.mkdir()

@@ -13,12 +13,12 @@ import pytest
 from seqrsm.campaign import check, simulation
 from seqrsm.campaign.fitted import scored_runs
 from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.records import IngestedRun, NewRun, NewScore
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
 from seqrsm.simulate import runner
 from seqrsm.spec.read import load_spec
+from seqrsm.store.records import IngestedRun, NewRun, NewScore
 
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
 APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'

@@ -21,7 +21,11 @@ from typing import Any, Self
 
 import sqlalchemy as sa
 
-from seqrsm.campaign.records import (
+from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
+from seqrsm.store.database import Database, utc_now
+from seqrsm.store.ledger import Ledger, restore
+from seqrsm.store.records import (
     EventRecord,
     FileRecord,
     IngestedFile,
@@ -34,14 +38,8 @@ from seqrsm.campaign.records import (
     RunRecord,
     ScoreRecord,
 )
-from seqrsm.campaign.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
-from seqrsm.campaign.store_connection import Database, utc_now
-from seqrsm.campaign.store_ingest import ingest_files
-from seqrsm.campaign.store_ledger import Ledger
-from seqrsm.campaign.store_rankings import rescore_without, stored_rankings, void_ranking
-from seqrsm.campaign.store_restore import restore
-from seqrsm.errors import Problem, StoreError
-from seqrsm.plain import plain
+from seqrsm.store.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
+from seqrsm.store.take_in import ingest_files, rescore_without, stored_rankings, void_ranking
 
 __all__ = [
     "STORE_NAME",

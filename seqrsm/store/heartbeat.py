@@ -6,11 +6,11 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from seqrsm.campaign.store import Store
 from seqrsm.errors import StoreError
+from seqrsm.store.store import Store
 
 BEAT_S = 60.0
-"""Much less than `seqrsm.campaign.store.LEASE_S`."""
+"""Much less than `seqrsm.store.store.LEASE_S`."""
 
 
 @contextmanager

@@ -20,9 +20,9 @@ import sqlalchemy as sa
 from sqlalchemy import event, exc
 
 from seqrsm import __version__
-from seqrsm.campaign.schema import HEAD, META, METADATA, REVISIONS
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
+from seqrsm.store.schema import HEAD, META, METADATA, REVISIONS
 
 BUSY_TIMEOUT_S = 30.0
 MIGRATIONS = Path(__file__).parent / "migrations"
