@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
+from seqrsm.analysis.conclude import stop_rule
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analyse import stop_rule
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_at, task_of

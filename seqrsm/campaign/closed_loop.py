@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from seqrsm.campaign.analyse import CONFIRMATION
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.compromise import CompromiseEstimate
-from seqrsm.campaign.fitted import confirmation_reason
+from seqrsm.analysis.compromise import CompromiseEstimate
+from seqrsm.analysis.conclude import CONFIRMATION
+from seqrsm.analysis.fitted import confirmation_reason
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.loop import WAITING, Campaign, n_fitted
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.design.quadratic import QuadraticModel
@@ -50,7 +50,7 @@ class Outcome:
 
     def to_json(self) -> dict[str, Any]:
         """Outcome as a JSON document."""
-        from seqrsm.campaign.serialise import analysis_to_json
+        from seqrsm.analysis.to_json import analysis_to_json
 
         return {
             "held": self.held,

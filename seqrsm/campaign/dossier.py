@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from seqrsm.analysis.compromise import CompromiseEstimate
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.compromise import CompromiseEstimate
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 

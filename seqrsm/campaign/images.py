@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seqrsm.analysis.occasions import occasion_of
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of
 from seqrsm.campaign.image_files import write_geotiff, write_mask, write_npz, write_png
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.occasions import occasion_of
 from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
 from seqrsm.campaign.status import latest_look
@@ -27,7 +27,7 @@ from seqrsm.score.classification import UtilityScore
 from seqrsm.spec.read import CampaignSpec, fixed_problem
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
+    from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.loop import Campaign
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")

@@ -12,15 +12,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.analysis.conclude import CONFIRMATION, analyse, scored_runs
+from seqrsm.analysis.occasions import occasion_of, share_occasions
+from seqrsm.analysis.posterior import Sampler
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.surface import block_labels, occasions_shared
+from seqrsm.analysis.to_json import look_summary
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
-from seqrsm.campaign.occasions import occasion_of, share_occasions
-from seqrsm.campaign.posterior import Sampler
-from seqrsm.campaign.serialise import look_summary
-from seqrsm.campaign.surface import block_labels, occasions_shared
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.spec.read import CampaignSpec, load_spec

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.fitted import range_text
+from seqrsm.analysis.posterior import stated_prior
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.fitted import range_text
-from seqrsm.campaign.knowledge import stated_prior
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting

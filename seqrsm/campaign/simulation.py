@@ -9,8 +9,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from seqrsm.analysis.occasions import STREAM_0
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
-from seqrsm.campaign.occasions import STREAM_0
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scene.scene import Scene, load_scene

@@ -17,8 +17,8 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm import __version__
+from seqrsm.analysis.fitted import fit_application
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.simulation import plan_of, score_by, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
 from seqrsm.errors import FitError, UserError

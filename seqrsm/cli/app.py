@@ -21,7 +21,7 @@ from seqrsm.cli.standalone import catalog, design, doctor
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
+    from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.loop import Campaign
 
 app = typer.Typer(
@@ -282,9 +282,8 @@ def fit(
     as_json: AsJson = False,
 ) -> None:
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
-    from seqrsm.campaign.serialise import analysis_to_json
-    from seqrsm.campaign.serialise_study import tests_to_json
-    from seqrsm.campaign.term_tests import term_tests
+    from seqrsm.analysis.study import term_tests
+    from seqrsm.analysis.to_json import analysis_to_json, tests_to_json
     from seqrsm.cli.show_fit import show_compromise, show_fit
     from seqrsm.cli.show_study import show_tests
 

@@ -9,7 +9,7 @@ from seqrsm.cli.console import heading, line, number, say, show_table
 from seqrsm.design.factors import setting_with_unit, settings_text
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
+    from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.check import CheckResult
     from seqrsm.campaign.closed_loop import Outcome
     from seqrsm.campaign.ingest import IngestReport

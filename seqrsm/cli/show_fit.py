@@ -35,8 +35,8 @@ from seqrsm.report.surfaces import ranked_factors
 from seqrsm.report.wording import with_unit
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
-    from seqrsm.campaign.compromise import CompromiseEstimate
+    from seqrsm.analysis.compromise import CompromiseEstimate
+    from seqrsm.analysis.results import Analysis
     from seqrsm.design.factors import Factor
 
 

@@ -22,9 +22,8 @@ from seqrsm.report.study_text import (
 )
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
-    from seqrsm.campaign.findings import Study, TermChoice
-    from seqrsm.campaign.term_tests import TermTest
+    from seqrsm.analysis.results import Analysis, Study, TermChoice
+    from seqrsm.analysis.study import TermTest
 
 _SHOWN_RUNS = 5
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TypeVar
 
 import seqrsm
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.progress import tell
 from seqrsm.report.blocks import Report, Section

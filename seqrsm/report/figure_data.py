@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import thinned

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
 from seqrsm.report import drawing
 from seqrsm.report.surfaces import Line, Ridge, Surface, numeric_factor

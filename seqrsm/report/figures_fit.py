@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtri
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report import drawing
 from seqrsm.report.figures import run_texts, score_label, set_numeric_axis

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import span
 from seqrsm.fit.location import LocationRegion
 from seqrsm.report import drawing

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.design.factors import CategoricalFactor, Factor, span

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from seqrsm.campaign.analysis import Analysis, EffectBound, Interval, SettingPosterior
+from seqrsm.analysis.results import Analysis, EffectBound, Interval, SettingPosterior
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.report.blocks import Cell
 from seqrsm.report.rounding import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
+from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table

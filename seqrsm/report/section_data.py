@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.occasions import sharing
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.campaign.occasions import sharing
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Align, Block, Bullets, Cell, Column, Definitions, Details, Paragraph, Section, Table
 from seqrsm.report.phrases import number_cell, run_decimals, watched_interval, whole_cell

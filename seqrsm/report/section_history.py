@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from functools import partial
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, FigureBlock, Panel, Paragraph, Section, Table

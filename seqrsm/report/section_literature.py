@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
 from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table

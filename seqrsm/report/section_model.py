@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.report.blocks import (
     Block,

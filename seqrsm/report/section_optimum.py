@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.report.blocks import (
     Block,

@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.findings import BlockStudy, PathPoint, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockStudy, PathPoint, Study, TermChoice
 from seqrsm.fit.location import LocationRegion
 from seqrsm.report.blocks import (
     Block,

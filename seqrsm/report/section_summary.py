@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, KeyFigure, KeyFigures, Paragraph, Section, Table
 from seqrsm.report.phrases import (

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.campaign.analysis import Analysis
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.ridge import Goal, ridge_path

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seqrsm.campaign.fitted import fit_application
+from seqrsm.analysis.fitted import fit_application
 from seqrsm.campaign.loop import Campaign
 from seqrsm.store.records import IngestedRun, NewScore
 

@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import minimize
 
+from seqrsm.analysis.scale import ResponseScale
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.response import ResponseScale
 from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, departed_optimum, weigh_departures
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.intervals import IntervalKind, half_width

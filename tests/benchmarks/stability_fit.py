@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
 import stability_exact as ex
 import test_nist as nist
 
-from seqrsm.campaign.analyse import analyse
-from seqrsm.campaign.serialise import analysis_to_json
+from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import UserError
 from seqrsm.fit.least_squares import fit_least_squares

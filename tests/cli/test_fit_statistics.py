@@ -11,8 +11,8 @@ import statsmodels.api as sm
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
+from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.serialise import analysis_to_json
 from seqrsm.cli.app import app
 from seqrsm.errors import FitError, SpecError
 
@@ -477,7 +477,7 @@ def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) ->
     flat = " ".join(output.split())
     assert "cannot tell these terms apart" in flat
     assert "x:frequency" in flat
-    from seqrsm.campaign.fitted import scored_runs
+    from seqrsm.analysis.fitted import scored_runs
     from seqrsm.design.quadratic import QuadraticModel
     from seqrsm.fit.estimability import missing_runs
 

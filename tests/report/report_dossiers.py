@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seqrsm.campaign.analysis import (
+from seqrsm.analysis.results import (
     Analysis,
     Confirmation,
     FactorImportance,
@@ -18,8 +18,8 @@ from seqrsm.campaign.analysis import (
     ScoredRuns,
     SettingPosterior,
 )
+from seqrsm.analysis.scale import ResponseScale
 from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
-from seqrsm.campaign.response import ResponseScale
 from seqrsm.decide.stopping import StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel

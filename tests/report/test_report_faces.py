@@ -16,8 +16,8 @@ import pytest
 from pypdf import PdfReader
 from report_dossiers import load, make_analysis, runs_of, truth_score
 
-from seqrsm.campaign.analysis import Confirmation, Interval
-from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
+from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
+from seqrsm.analysis.results import Confirmation, Interval
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.cli.show_fit import decision_heading
 from seqrsm.report import drawing, figures_study, write_report

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.campaign.analyse import analyse
+from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.to_json import optimum_to_json
 from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_file
 from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
-from seqrsm.campaign.serialise import optimum_to_json
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.fit.optimum import optimum

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seqrsm.campaign.fitted import student_weights
+from seqrsm.analysis.fitted import student_weights
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from seqrsm.analysis.fitted import scored_runs
 from seqrsm.campaign import check, simulation
-from seqrsm.campaign.fitted import scored_runs
 from seqrsm.campaign.loop import Campaign
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError

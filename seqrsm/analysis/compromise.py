@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from seqrsm.analysis.results import Analysis, Interval
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analysis import Analysis, Interval
 from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.campaign.analysis import Interval, RegionChange, ScoredRuns, SourceComparison
-from seqrsm.campaign.response import ResponseScale
-from seqrsm.campaign.surface import (
+from seqrsm.analysis.results import Interval, RegionChange, ScoredRuns, SourceComparison
+from seqrsm.analysis.scale import ResponseScale
+from seqrsm.analysis.surface import (
     block_labels,
     columns_within_sources,
     fit_surface,
@@ -20,6 +19,7 @@ from seqrsm.campaign.surface import (
     response_scale,
     select_terms,
 )
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
 from seqrsm.decide.sources import SourceFit, fit_sources

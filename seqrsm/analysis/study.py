@@ -5,29 +5,31 @@ Each part is made for the model it is right for; a sentence stands for what cann
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analysis import OptimumEstimate
-from seqrsm.campaign.findings import (
+from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.posterior import Draws, future_noise
+from seqrsm.analysis.results import (
+    Analysis,
     BlockResponse,
     BlockStudy,
+    Interval,
+    OptimumEstimate,
     PathPoint,
     SearchedOptimum,
     Study,
     TermChoice,
 )
-from seqrsm.campaign.fitted import Fitted
-from seqrsm.campaign.interval import Interval
-from seqrsm.campaign.posterior import Draws, future_noise
-from seqrsm.campaign.surface import block_labels, random_blocks
+from seqrsm.analysis.surface import block_labels, random_blocks
+from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import FitError
+from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.canonical import StationaryPoint
-from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.intervals import FTest, Prediction
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal
 from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
@@ -318,3 +320,74 @@ def _path(fitted: Fitted, points: FloatArray, distance: FloatArray, inside: Floa
             distance, fitted.region.decode(points), points, means, inside, strict=True
         )
     )
+
+
+GROUPS = {
+    "first order": ("linear", "category"),
+    "linear": ("linear",),
+    "categories": ("category",),
+    "second order": ("interaction", "square"),
+    "interactions": ("interaction",),
+    "squares": ("square",),
+    "blocks": ("block",),
+    "all": ("linear", "category", "interaction", "square"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TermTest:
+    """What was asked for, the terms that it means, and the test that all of their coefficients are zero."""
+
+    asked: str
+    terms: tuple[str, ...]
+    test: FTest
+
+
+def term_tests(analysis: Analysis, asked: Sequence[str]) -> tuple[TermTest, ...]:
+    """Partial F test of each group asked for.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    asked : sequence of str
+        Each a list, joined by commas, of factors (all terms that hold them), terms, and `GROUPS`. Where a factor and a
+        term have the same name the factor is meant; ``term:NAME`` means the term.
+
+    Raises
+    ------
+    UserError
+        A name that is none of these.
+    """
+    return tuple(_one(analysis, text) for text in asked)
+
+
+def _one(analysis: Analysis, text: str) -> TermTest:
+    fit, chosen = analysis.fit, set[int]()
+    for name in (part.strip() for part in text.split(",")):
+        found = _places(analysis, name)
+        if not found:
+            factors = ", ".join(analysis.region.names)
+            raise UserError(
+                Problem(
+                    "no term, factor or group of this name",
+                    f"Factors: {factors}. Groups: {', '.join(GROUPS)}. Terms: {', '.join(fit.names)}.",
+                    field="--test",
+                    value=name,
+                )
+            )
+        chosen.update(found)
+    places = sorted(chosen)
+    return TermTest(text, tuple(fit.names[i] for i in places), fit.partial_f(places))
+
+
+def _places(analysis: Analysis, name: str) -> list[int]:
+    fit = analysis.fit
+    if name.startswith("term:"):
+        return [i for i, term in enumerate(fit.names) if term == name.removeprefix("term:")]
+    if name in analysis.region.names:
+        held: list[int] = np.asarray(analysis.model.factor_terms(name)).tolist()
+        return held
+    kinds = GROUPS.get(name.replace("-", " ").casefold())
+    if kinds is not None:
+        return [i for i, kind in enumerate(fit.kinds) if kind in kinds]
+    return [i for i, term in enumerate(fit.names) if term == name]

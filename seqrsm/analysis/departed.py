@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.posterior import outer_bounds
+from seqrsm.analysis.results import DepartureIntervals, Interval, OptimumEstimate
+from seqrsm.analysis.surface import shared_loadings
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analysis import DepartureIntervals, Interval, OptimumEstimate
-from seqrsm.campaign.fitted import Fitted
-from seqrsm.campaign.posterior import outer_bounds
-from seqrsm.campaign.surface import shared_loadings
 from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, Departures, departed_optimum, weigh_departures
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.factors import setting_text

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from seqrsm.analysis.occasions import occasion_of, shared_occasions, similarity
+from seqrsm.analysis.results import ScoredRuns
+from seqrsm.analysis.scale import ResponseScale
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.campaign.analysis import ScoredRuns
-from seqrsm.campaign.occasions import occasion_of, shared_occasions, similarity
-from seqrsm.campaign.response import ResponseScale
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region

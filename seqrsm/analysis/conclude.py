@@ -8,16 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.campaign.analysis import (
-    Analysis,
-    Confirmation,
-    FactorImportance,
-    Interval,
-    OptimumEstimate,
-)
-from seqrsm.campaign.departed import departed_optimum_of, departed_text, departures_of, of_both, with_departure
-from seqrsm.campaign.fitted import (
+from seqrsm.analysis.departed import departed_optimum_of, departed_text, departures_of, of_both, with_departure
+from seqrsm.analysis.fitted import (
     CONFIRMATION,
     Fitted,
     compare_sources,
@@ -28,19 +20,27 @@ from seqrsm.campaign.fitted import (
     region_history,
     scored_runs,
 )
-from seqrsm.campaign.knowledge import effects_left_out
-from seqrsm.campaign.posterior import (
+from seqrsm.analysis.posterior import (
     Draws,
     Sampler,
     central,
     draw_coefficients,
+    effects_left_out,
     future_scores,
     outer_bounds,
     summarise_posterior,
 )
-from seqrsm.campaign.response import ResponseScale
-from seqrsm.campaign.study import study_fit
-from seqrsm.campaign.surface import block_labels, shared_loadings
+from seqrsm.analysis.results import (
+    Analysis,
+    Confirmation,
+    FactorImportance,
+    Interval,
+    OptimumEstimate,
+)
+from seqrsm.analysis.scale import ResponseScale
+from seqrsm.analysis.study import study_fit
+from seqrsm.analysis.surface import block_labels, shared_loadings
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.allowance import Departures
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
