@@ -28,9 +28,10 @@ from seqrsm.simulate.ground import look_up
 from seqrsm.simulate.prm import check_radiometer, meet_radiometer, simulate_radiometer
 from seqrsm.simulate.prm_image import RadiometerImage
 from seqrsm.simulate.prm_sample import radiometer_sample
-from seqrsm.simulate.psm import Precision, RadarImage, blind_channels, finer_than_cells, simulate_radar
+from seqrsm.simulate.psm import Precision, blind_channels, finer_than_cells, simulate_radar
 from seqrsm.simulate.psm_sample import meet, radar_record, radar_sample
 from seqrsm.simulate.receiver import named_function, transfer_function
+from seqrsm.simulate.result import RadarImage
 from seqrsm.simulate.sample import Sample
 from seqrsm.simulate.targets import CulturalTarget, check_targets, load_targets
 

@@ -20,7 +20,7 @@ from seqrsm.simulate.kernels import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.psm import RadarImage
+    from seqrsm.simulate.result import RadarImage
 
 Likelihood = Literal["gaussian", "gamma"]
 Priors = Literal["equal", "area"]

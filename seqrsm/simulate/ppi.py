@@ -1,8 +1,8 @@
 """Plan-position indicator: a rotating antenna over one point, RSL TR 380-1 section 3.2.3.
 
 The data base is turned from rectangular into polar coordinates, rings of one ground range by columns of one bearing, on
-which the same kernels work as for a side-looking radar; pixels are as wide as the real beam, a constant angle. The
-picture is turned back into rectangular coordinates, north up.
+which the same kernels work as for a side-looking radar; pixels are as wide as the real beam, a constant angle.
+`seqrsm.simulate.result` turns the picture back into rectangular coordinates, north up.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,14 +19,8 @@ from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.simulate import kernels
 
-if TYPE_CHECKING:
-    from seqrsm.simulate.psm import RadarImage
-
 _MOST_CELLS: Final = 400_000_000
 _BLOCK: Final = 2_000_000
-
-_POINTS: Final = 3
-"""Points a side at which a pixel of the rectangular picture looks up the polar image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,49 +141,3 @@ def bilinear(layer: AnyArray, row: FloatArray, col: FloatArray) -> FloatArray:
         nearest = layer[np.rint(r).astype(np.int64), np.rint(c).astype(np.int64)]
         out = np.where(beside, nearest, out)
     return np.asarray(out)
-
-
-def rectangular_pixels(image: RadarImage) -> IntArray:
-    """Polar pixels that each pixel of the rectangular picture looks at, at points spread over it.
-
-    Parameters
-    ----------
-    image : RadarImage
-        Of a plan-position indicator.
-
-    Returns
-    -------
-    int64 array (height, width, points)
-        ``row * n_azimuth + column`` of the image; -1 where it has none. North up, over the scene's extent, pixels of
-        the radar's resolution.
-    """
-    rows, cols = (n * image.cell_m for n in image.scene_shape)
-    size, radar = image.radar.resolution_m, image.radar
-    parts = (np.arange(_POINTS) + 0.5) / _POINTS
-    x = (np.arange(math.ceil(cols / size - 1e-9))[:, None] + parts) * size - 0.5 * cols - radar.antenna_east_m
-    y = 0.5 * rows - radar.antenna_north_m - (np.arange(math.ceil(rows / size - 1e-9))[:, None] + parts) * size
-    east, north = x[None, :, None, :], y[:, None, :, None]
-    ground = image.ground_range_m
-    edges = np.concatenate(([ground[0]], 0.5 * (ground[1:] + ground[:-1]), [ground[-1]]))
-    edges[0] -= (ground[1] - ground[0]) * 0.5 if len(ground) > 1 else 0.5 * size
-    edges[-1] += (ground[-1] - ground[-2]) * 0.5 if len(ground) > 1 else 0.5 * size
-    row = np.searchsorted(edges, np.hypot(east, north), side="right") - 1
-    n_azimuth = image.intensity.shape[2]
-    column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) * (n_azimuth / (2.0 * math.pi))).astype(np.int64)
-    pixel = np.where((row >= 0) & (row < len(ground)), row * n_azimuth + np.minimum(column, n_azimuth - 1), -1)
-    return np.asarray(pixel.reshape(*pixel.shape[:2], -1), dtype=np.int64)
-
-
-def rectangular(layer: AnyArray, pixels: IntArray) -> AnyArray:
-    """Layers (..., n_range, n_azimuth) turned into (..., height, width) by `rectangular_pixels`: means of the points.
-
-    Returns
-    -------
-    float array
-        nan where no point is seen.
-    """
-    flat = layer.reshape(*layer.shape[:-2], -1)
-    seen = pixels >= 0
-    total = np.where(seen, flat[..., np.maximum(pixels, 0)], 0.0).sum(axis=-1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(total / seen.sum(axis=-1))

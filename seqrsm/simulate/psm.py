@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
@@ -35,6 +34,7 @@ from seqrsm.simulate.occasion import (
 )
 from seqrsm.simulate.receiver import received
 from seqrsm.simulate.registration import Registration
+from seqrsm.simulate.result import RadarImage
 from seqrsm.simulate.row_law import row_law
 from seqrsm.simulate.targets import CulturalTarget, add_targets
 from seqrsm.simulate.threads import block, in_threads
@@ -45,93 +45,6 @@ if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
 
 Precision = Literal["float32", "float64"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RadarImage:
-    """Image of a radar, rows of range (near range first), columns along the flight, or of bearing clockwise from north.
-
-    Attributes
-    ----------
-    intensity : float array (n_channels, n_range, n_azimuth)
-        Received power of one look with receiver noise and fading, averaged over the looks, after M, Q and S [W].
-    mean_power : float array, same shape
-        Expectation of the ground's part of it [W].
-    noise_power_w : float64 array (n_range,)
-        Expectation of the receiver's part [W].
-    looks : float64 array (n_range,)
-        Independent samples N in a pixel.
-    calibration_w : float64 array (n_range,)
-        Power of one look from flat ground with sigma0 = 1 [W], eq. (3-20).
-    noise_equivalent_sigma0 : float64 array (n_range,)
-        sigma0 of flat ground that returns as much as the noise, linear.
-    slant_range_m, ground_range_m, incidence_angle_deg : float64 array (n_range,)
-        Of flat ground in the middle of the row [m, m, deg].
-    range_spacing_m, azimuth_spacing_m : float
-        Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that
-        of its rectangular picture.
-    registration : Registration
-        Pixel of each cell of the scene, shadow and layover, made when asked for.
-    radar : RadarConfiguration
-    occasion : Occasion
-        State of the ground in this run.
-    quarter_turns : int
-        ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
-    cell_m, scene_shape : float, tuple of int
-        Side of a cell [m], rows and columns of the scene.
-    notes : tuple of str
-        Assumptions that went into the image.
-    """
-
-    intensity: AnyArray
-    mean_power: AnyArray
-    noise_power_w: FloatArray
-    looks: FloatArray
-    calibration_w: FloatArray
-    noise_equivalent_sigma0: FloatArray
-    slant_range_m: FloatArray
-    ground_range_m: FloatArray
-    incidence_angle_deg: FloatArray
-    range_spacing_m: float
-    azimuth_spacing_m: float
-    registration: Registration
-    radar: RadarConfiguration
-    occasion: Occasion
-    quarter_turns: int
-    cell_m: float
-    scene_shape: tuple[int, int]
-    notes: tuple[str, ...]
-
-    @property
-    def pixel_of_cell(self) -> AnyArray:
-        """Pixel ``row * n_azimuth + column`` of each cell of the scene, int32 (rows, cols); -1 where there is none."""
-        return self.registration.pixel_of_cell
-
-    @property
-    def shadow(self) -> BoolArray:
-        """Cells of the scene (rows, cols) that return nothing for geometry."""
-        return self.registration.shadow
-
-    @property
-    def layover(self) -> BoolArray:
-        """Cells of the scene (rows, cols) whose echo is mixed with other ground in range."""
-        return self.registration.layover
-
-    def apparent_sigma0(self) -> AnyArray:
-        """Intensity over what flat ground of sigma0 = 1 would return: calibrated, noise left in, linear."""
-        return np.asarray(self.intensity / self.calibration_w[None, :, None])
-
-    def place_m(self, row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Centres of pixels on flat ground [m]: across and along the track, or south and east of the antenna."""
-        across = self.ground_range_m[row]
-        if self.radar.scan == "slar":
-            return np.asarray(across), np.asarray((column + 0.5) * self.azimuth_spacing_m)
-        bearing = (column + 0.5) * (2.0 * math.pi / self.intensity.shape[2])
-        return np.asarray(-across * np.cos(bearing)), np.asarray(across * np.sin(bearing))
-
-    def north_up(self, layer: AnyArray) -> AnyArray:
-        """Turn the last two axes of an image layer so that north is up, or as near to it as quarter turns come."""
-        return np.rot90(layer, -self.quarter_turns, axes=(-2, -1))
 
 
 def simulate_radar(

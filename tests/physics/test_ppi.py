@@ -10,8 +10,9 @@ from psm_cases import Table, radar, scene
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.score.classification import percent_correct
-from seqrsm.simulate.ppi import bilinear, polar_layers, rectangular, rectangular_pixels
+from seqrsm.simulate.ppi import bilinear, polar_layers
 from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.result import rectangular, rectangular_pixels
 from seqrsm.simulate.targets import CulturalTarget
 
 
