@@ -21,19 +21,19 @@ from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.fidelity import Plan, RungPlan
-from seqrsm.simulate.fidelity_radar import plan_radar
-from seqrsm.simulate.fidelity_radiometer import plan_radiometer
-from seqrsm.simulate.frame import make_frame
-from seqrsm.simulate.ground import look_up
-from seqrsm.simulate.prm import check_radiometer, meet_radiometer, simulate_radiometer
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.prm_sample import radiometer_sample
-from seqrsm.simulate.psm import Precision, blind_channels, finer_than_cells, simulate_radar
-from seqrsm.simulate.psm_sample import meet, radar_record, radar_sample
-from seqrsm.simulate.receiver import named_function, transfer_function
-from seqrsm.simulate.result import RadarImage
+from seqrsm.simulate.radar.fidelity import plan_radar
+from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.ground import look_up
+from seqrsm.simulate.radar.psm import Precision, blind_channels, finer_than_cells, simulate_radar
+from seqrsm.simulate.radar.receiver import named_function, transfer_function
+from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radar.sample import meet, radar_record, radar_sample
+from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
+from seqrsm.simulate.radiometer.fidelity import plan_radiometer
+from seqrsm.simulate.radiometer.prm import check_radiometer, meet_radiometer, simulate_radiometer
+from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.simulate.radiometer.sample import radiometer_sample
 from seqrsm.simulate.sample import Sample
-from seqrsm.simulate.targets import CulturalTarget, check_targets, load_targets
 
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration

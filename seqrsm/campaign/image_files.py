@@ -13,7 +13,7 @@ from seqrsm.arrays import AnyArray, BoolArray
 from seqrsm.campaign.pictures import Picture, greytones
 from seqrsm.errors import Problem, UserError
 from seqrsm.scene.scene import Scene
-from seqrsm.simulate.result import rectangular
+from seqrsm.simulate.radar.result import rectangular
 
 _MODEL_PIXEL_SCALE, _MODEL_TIEPOINT, _GEO_KEYS = 33550, 33922, 34735
 _PROJECTED_CS_KEY = 3072

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.receiver import film_density, greytone, to_levels
-from seqrsm.simulate.receiver import picture as quantised_picture
-from seqrsm.simulate.result import RadarImage, rectangular, rectangular_pixels
+from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels
+from seqrsm.simulate.radar.receiver import picture as quantised_picture
+from seqrsm.simulate.radar.result import RadarImage, rectangular, rectangular_pixels
+from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.units import linear_to_db
 
 _TAIL = 0.02

@@ -17,7 +17,7 @@ from seqrsm.scene.scene import Scene, load_scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
 from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference
-from seqrsm.simulate.psm import Precision
+from seqrsm.simulate.radar.psm import Precision
 from seqrsm.simulate.sample import Sample
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import NewScore

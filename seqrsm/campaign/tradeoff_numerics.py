@@ -24,8 +24,8 @@ from seqrsm.design.optimal import START_SEARCHES, START_SEARCHES_CONSTRAINED, op
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import DesignError, UserError
 from seqrsm.fit.optimum import optimum, optimum_draws
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.psm import Precision
+from seqrsm.simulate.radar.psm import Precision
+from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 
 Quantity = Literal["future score", "utility at the optimum"]

@@ -25,8 +25,8 @@ from matplotlib import pyplot as plt  # noqa: E402
 from seqrsm.scattering.sigma0 import load_sigma0_table  # noqa: E402
 from seqrsm.scene.scene import Scene, load_scene  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate.psm import simulate_radar  # noqa: E402
-from seqrsm.simulate.receiver import film_density, greytone, to_levels  # noqa: E402
+from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
+from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels  # noqa: E402
 
 OUT = ROOT / "reports" / "appendix-b"
 RESOLUTIONS_M = (25.0, 50.0, 100.0, 250.0)

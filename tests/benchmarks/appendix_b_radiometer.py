@@ -14,9 +14,9 @@ from matplotlib import pyplot as plt
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate.prm import greytones, simulate_radiometer
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.receiver import to_levels
+from seqrsm.simulate.radar.receiver import to_levels
+from seqrsm.simulate.radiometer.prm import greytones, simulate_radiometer
+from seqrsm.simulate.radiometer.result import RadiometerImage
 
 ALTITUDE_M = 3000.0
 HOUR = 9.0

@@ -29,7 +29,7 @@ from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table, load_sigma0_tabl
 from seqrsm.scene.scene import Scene, load_scene  # noqa: E402
 from seqrsm.score.classification import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import from_settings  # noqa: E402
-from seqrsm.simulate.psm import simulate_radar  # noqa: E402
+from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 
 OUT = ROOT / "reports" / "validation"
 SEED = 1979

@@ -19,9 +19,9 @@ from seqrsm.rng import stream_key
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.classification import percent_correct
-from seqrsm.simulate.fading import add_fading
-from seqrsm.simulate.prm import simulate_radiometer
-from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.radar.fading import add_fading
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
 CATEGORIES = ("class 0", "class 1", "class 2")
 SIDE = 200

@@ -36,10 +36,10 @@ from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  #
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.score.classification import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate import ground  # noqa: E402
-from seqrsm.simulate.frame import categories_of_fields  # noqa: E402
-from seqrsm.simulate.occasion import Occasion, draw_occasion  # noqa: E402
-from seqrsm.simulate.psm import simulate_radar  # noqa: E402
+from seqrsm.simulate.radar import ground  # noqa: E402
+from seqrsm.simulate.radar.frame import categories_of_fields  # noqa: E402
+from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402
+from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 
 OUT = ROOT / "reports" / "validation"
 CELL_M = 12.1

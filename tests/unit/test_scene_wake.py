@@ -17,7 +17,7 @@ from seqrsm.scene.scene import NO_COVER, load_scene
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radiometer import from_settings
-from seqrsm.simulate.prm import check_radiometer, simulate_radiometer
+from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "wake-radiometer"
 

@@ -16,7 +16,7 @@ from seqrsm.fit.optimum import optimum
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
-from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.radar.psm import simulate_radar
 
 TEXT = """\
 [campaign]

@@ -67,7 +67,7 @@ def fill_normal(channel: int, table: AnyArray, k0: np.uint32, k1: np.uint32, out
     ----------
     channel : int
     table : complex array
-        Of `seqrsm.simulate.fading.normal_table`.
+        Of `seqrsm.simulate.radar.fading.normal_table`.
     k0, k1 : uint32
         Key.
     out : float64 array (n_range, n_azimuth)
@@ -119,7 +119,7 @@ def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, 
     ----------
     normal : float64 array (n_range, n_azimuth)
     tables : float64 array (n_tables, k)
-        Of `seqrsm.simulate.fading.gamma_tables`.
+        Of `seqrsm.simulate.radar.fading.gamma_tables`.
     which : int64 array (n_range,)
         Table of each row.
     spread : float64 array (n_range,)
@@ -190,7 +190,7 @@ def add_speckle(
     numbers : int64 array (n_channels,)
         Number of each channel in the counter: a channel fades alike whoever is imaged beside it.
     table : complex array
-        Of `seqrsm.simulate.fading.normal_table`.
+        Of `seqrsm.simulate.radar.fading.normal_table`.
     k0, k1 : uint32
         Key of the run's speckle.
     first_row : int

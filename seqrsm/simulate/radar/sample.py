@@ -21,17 +21,18 @@ from seqrsm.scene.statistics import aggregated
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.feasibility import CHANNELS
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels, kernels_sample
-from seqrsm.simulate.echo import LUT_STEPS, EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
-from seqrsm.simulate.fading import add_fading
+from seqrsm.simulate import kernels_sample
 from seqrsm.simulate.fidelity import RungPlan
-from seqrsm.simulate.frame import RadarFrame, make_frame
-from seqrsm.simulate.ground import look_up, met_occasion
-from seqrsm.simulate.occasion import Occasion, draw_ground_state
-from seqrsm.simulate.psm import refuse_gaussian
-from seqrsm.simulate.receiver import received
-from seqrsm.simulate.registration import place_cells
-from seqrsm.simulate.row_law import RowLaw, row_law
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
+from seqrsm.simulate.radar.fading import add_fading
+from seqrsm.simulate.radar.frame import RadarFrame, make_frame
+from seqrsm.simulate.radar.ground import look_up, met_occasion
+from seqrsm.simulate.radar.occasion import Occasion, draw_ground_state
+from seqrsm.simulate.radar.psm import refuse_gaussian
+from seqrsm.simulate.radar.receiver import received
+from seqrsm.simulate.radar.registration import place_cells
+from seqrsm.simulate.radar.row_law import RowLaw, row_law
 from seqrsm.simulate.sample import Sample, places
 
 if TYPE_CHECKING:

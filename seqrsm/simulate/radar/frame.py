@@ -13,9 +13,9 @@ from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels
-from seqrsm.simulate.ppi import bilinear, polar_layers
-from seqrsm.simulate.texture import ground_of
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.ppi import bilinear, polar_layers
+from seqrsm.simulate.radar.texture import ground_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

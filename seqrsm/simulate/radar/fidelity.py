@@ -29,7 +29,7 @@ from seqrsm.simulate.fidelity import (
     sampled_effect,
     smallest,
 )
-from seqrsm.simulate.frame import make_frame
+from seqrsm.simulate.radar.frame import make_frame
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray
-from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import EchoGrid
-from seqrsm.simulate.frame import RadarFrame, to_scene
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import EchoGrid
+from seqrsm.simulate.radar.frame import RadarFrame, to_scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,9 +18,9 @@ from seqrsm.arrays import AnyArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import EchoGrid
-from seqrsm.simulate.frame import RadarFrame
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import EchoGrid
+from seqrsm.simulate.radar.frame import RadarFrame
 
 MOST_DBM2: Final = 120.0
 """Largest cross section either way [dB over 1 m2]: ships and corner reflectors have 80 at most."""

@@ -11,7 +11,7 @@ from seqrsm.arrays import AnyArray
 from seqrsm.scattering.atmosphere import Atmosphere
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate.prm_frame import RadiometerFrame
+from seqrsm.simulate.radiometer.frame import RadiometerFrame
 
 
 def planck_offset_used_k(radiometer: RadiometerConfiguration) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.sensor.earth import ground_range_of_slant, range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.echo import EchoGrid
-from seqrsm.simulate.frame import RadarFrame
+from seqrsm.simulate.radar.echo import EchoGrid
+from seqrsm.simulate.radar.frame import RadarFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,8 +13,8 @@ from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.temperature import physical_temperature_k, time_exposure
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate import kernels
-from seqrsm.simulate.prm_occasion import RadiometerOccasion
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

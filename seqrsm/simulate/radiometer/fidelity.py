@@ -30,8 +30,8 @@ from seqrsm.simulate.fidelity import (
     sampled_effect,
     smallest,
 )
-from seqrsm.simulate.prm import Meeting
-from seqrsm.simulate.prm_sample import BEAM_POINTS
+from seqrsm.simulate.radiometer.prm import Meeting
+from seqrsm.simulate.radiometer.sample import BEAM_POINTS
 
 _NS_A_CELL, _NS_A_SWEEP, _NS_A_FOOTPRINT, _NS_A_DRAW, _NS_A_RUN = 44.0, 3.4, 1000.0, 120.0, 5e6
 _NS_A_POINT, _NS_A_FLAT_POINT, _NS_A_CHANNEL, _NS_A_LABEL, _NS_A_SAMPLE = 30.0, 18.0, 5.0, 500.0, 4e6
@@ -69,7 +69,7 @@ def plan_radiometer(
     scene, statistics, radiometer
         The run's.
     met : Meeting
-        Of `seqrsm.simulate.prm.meet_radiometer`.
+        Of `seqrsm.simulate.radiometer.prm.meet_radiometer`.
     tolerance : float
         Accepted error [percent correct, or percent of moisture].
     utilities : sequence of str

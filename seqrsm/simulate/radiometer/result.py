@@ -11,7 +11,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import ScanGeometry
-from seqrsm.simulate.prm_occasion import RadiometerOccasion
+from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

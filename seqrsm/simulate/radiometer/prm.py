@@ -24,17 +24,23 @@ from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, Emiss
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
-from seqrsm.simulate import kernels, kernels_prm
-from seqrsm.simulate.frame import categories_of_fields, moisture_of_fields
-from seqrsm.simulate.prm_effects import effect_notes, effects_k, planck_offset_used_k
-from seqrsm.simulate.prm_frame import RadiometerFrame, make_radiometer_frame, surface_temperature_k, temperature_layer
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.prm_occasion import (
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
+from seqrsm.simulate.radar.receiver import film_density, greytone
+from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer.effects import effect_notes, effects_k, planck_offset_used_k
+from seqrsm.simulate.radiometer.frame import (
+    RadiometerFrame,
+    make_radiometer_frame,
+    surface_temperature_k,
+    temperature_layer,
+)
+from seqrsm.simulate.radiometer.occasion import (
     RadiometerOccasion,
     draw_radiometer_occasion,
     nominal_radiometer_occasion,
 )
-from seqrsm.simulate.receiver import film_density, greytone
+from seqrsm.simulate.radiometer.result import RadiometerImage
 
 Precision = Literal["float32", "float64"]
 
@@ -468,7 +474,7 @@ def greytones(
     Returns
     -------
     float64 array
-        0 to 2**n_bits - 1; `seqrsm.simulate.receiver.to_levels` rounds it.
+        0 to 2**n_bits - 1; `seqrsm.simulate.radar.receiver.to_levels` rounds it.
     """
     density = film_density(brightness_k, gamma)
     reference = float(film_density(np.asarray(reference_k), gamma))

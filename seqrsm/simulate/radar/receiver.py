@@ -19,7 +19,7 @@ from seqrsm.simulate.threads import block, in_threads
 
 if TYPE_CHECKING:
     from seqrsm.sensor.radar import RadarConfiguration
-    from seqrsm.simulate.result import RadarImage
+    from seqrsm.simulate.radar.result import RadarImage
 
 Transfer = Callable[[FloatArray], FloatArray]
 """Transfer function of one stage: power or intensity in, intensity out, both >= 0."""

@@ -1,8 +1,8 @@
 """Point Scattering Model of a side-looking radar: RSL TR 380-1 chapter 3.2, in the report's two phases.
 
-Phase one (`seqrsm.simulate.echo`, the report's POWER) finds for every data-base element whether it is lit, its local
+Phase one (`seqrsm.simulate.radar.echo`, the report's POWER) finds for every data-base element whether it is lit, its local
 incidence, area and slant range, and from them the mean power it returns, collected into range bins. Phase two here (the
-report's GREY TONE without the film, which is `seqrsm.simulate.receiver`) forms the beam and the pixels, and adds the
+report's GREY TONE without the film, which is `seqrsm.simulate.radar.receiver`) forms the beam and the pixels, and adds the
 receiver's noise, fading and transfer function.
 """
 
@@ -21,22 +21,22 @@ from seqrsm.rng import stream_key
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.feasibility import CHANNELS, GAUSSIAN_LOOKS
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
-from seqrsm.simulate.fading import add_fading, correlated_fading
-from seqrsm.simulate.frame import RadarFrame, categories_of_fields, make_frame
-from seqrsm.simulate.ground import look_up, met_occasion, with_moisture
-from seqrsm.simulate.occasion import (
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
+from seqrsm.simulate.radar.fading import add_fading, correlated_fading
+from seqrsm.simulate.radar.frame import RadarFrame, categories_of_fields, make_frame
+from seqrsm.simulate.radar.ground import look_up, met_occasion, with_moisture
+from seqrsm.simulate.radar.occasion import (
     Occasion,
     draw_ground_state,
     nominal_ground_state,
     nominal_occasion,
 )
-from seqrsm.simulate.receiver import received
-from seqrsm.simulate.registration import Registration
-from seqrsm.simulate.result import RadarImage
-from seqrsm.simulate.row_law import row_law
-from seqrsm.simulate.targets import CulturalTarget, add_targets
+from seqrsm.simulate.radar.receiver import received
+from seqrsm.simulate.radar.registration import Registration
+from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radar.row_law import row_law
+from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.threads import block, in_threads
 from seqrsm.units import linear_to_db
 

@@ -12,9 +12,9 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.frame import categories_of_fields, moisture_of_fields
-from seqrsm.simulate.occasion import Occasion, draw_occasion
-from seqrsm.simulate.texture import with_texture
+from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
+from seqrsm.simulate.radar.occasion import Occasion, draw_occasion
+from seqrsm.simulate.radar.texture import with_texture
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table

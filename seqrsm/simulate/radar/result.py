@@ -10,8 +10,8 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.occasion import Occasion
-from seqrsm.simulate.registration import Registration
+from seqrsm.simulate.radar.occasion import Occasion
+from seqrsm.simulate.radar.registration import Registration
 
 _POINTS: Final = 3
 """Points a side at which a pixel of the rectangular picture looks up the polar image."""

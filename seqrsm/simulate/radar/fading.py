@@ -16,8 +16,8 @@ from numpy.polynomial import chebyshev
 from scipy.special import gammainccinv, gammaincinv, ndtr, ndtri
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
-from seqrsm.simulate import kernels_speckle
-from seqrsm.simulate.kernels_speckle import CUBE_ROOT_REACH, CUBE_ROOT_STEPS, NORMAL_STEPS
+from seqrsm.simulate.radar import kernels_speckle
+from seqrsm.simulate.radar.kernels_speckle import CUBE_ROOT_REACH, CUBE_ROOT_STEPS, NORMAL_STEPS
 
 _ORDER = 16
 """Order of the Chebyshev series of y in 1 / sqrt(N), 0 to 1: it is right to 2e-6."""

@@ -2,7 +2,7 @@
 
 The data base is turned from rectangular into polar coordinates, rings of one ground range by columns of one bearing, on
 which the same kernels work as for a side-looking radar; pixels are as wide as the real beam, a constant angle.
-`seqrsm.simulate.result` turns the picture back into rectangular coordinates, north up.
+`seqrsm.simulate.radar.result` turns the picture back into rectangular coordinates, north up.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.simulate import kernels
+from seqrsm.simulate.radar import kernels
 
 _MOST_CELLS: Final = 400_000_000
 _BLOCK: Final = 2_000_000

@@ -20,7 +20,7 @@ from seqrsm.scene.fields import voronoi_labels
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.feasibility import CHANNELS
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.occasion import Occasion
+from seqrsm.simulate.radar.occasion import Occasion
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
@@ -71,7 +71,7 @@ def with_texture(
     occasion : Occasion
         Of the scene's own fields.
     scene, radar, lookups
-        As in `seqrsm.simulate.occasion.draw_occasion`.
+        As in `seqrsm.simulate.radar.occasion.draw_occasion`.
     seed, run_id : int
         Campaign and run.
     """

@@ -22,11 +22,12 @@ from seqrsm.scattering.emissivity import EmissivityTable
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH
-from seqrsm.simulate import kernels_prm, kernels_sample
+from seqrsm.simulate import kernels_sample
 from seqrsm.simulate.fidelity import RungPlan
-from seqrsm.simulate.prm import Meeting, emission_tables, row_geometry, simulate_radiometer
-from seqrsm.simulate.prm_frame import RadiometerFrame, surface_temperature_k
-from seqrsm.simulate.prm_image import RadiometerImage
+from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer.frame import RadiometerFrame, surface_temperature_k
+from seqrsm.simulate.radiometer.prm import Meeting, emission_tables, row_geometry, simulate_radiometer
+from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.simulate.sample import Sample, places
 
 BEAM_POINTS: Final = (21, 34, 55, 89, 144, 233, 377)

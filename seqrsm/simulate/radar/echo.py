@@ -17,9 +17,9 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate import kernels
-from seqrsm.simulate.frame import RadarFrame
-from seqrsm.simulate.occasion import Occasion
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.frame import RadarFrame
+from seqrsm.simulate.radar.occasion import Occasion
 from seqrsm.simulate.threads import in_threads
 from seqrsm.units import LN10_OVER_10, db_to_linear
 
