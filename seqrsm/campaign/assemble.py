@@ -8,9 +8,9 @@ from importlib.metadata import version
 from typing import Any
 
 from seqrsm import __version__
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import Pictures, explain_image, report_pictures, truth_panel
-from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.simulation import NO_RUN
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.errors import UserError

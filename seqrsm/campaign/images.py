@@ -28,7 +28,7 @@ from seqrsm.spec.read import CampaignSpec, fixed_problem
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
-    from seqrsm.campaign.loop import Campaign
+    from seqrsm.campaign.campaign import Campaign
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 

@@ -22,7 +22,7 @@ from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
-    from seqrsm.campaign.loop import Campaign
+    from seqrsm.campaign.campaign import Campaign
 
 app = typer.Typer(
     name="seqrsm",
@@ -41,7 +41,7 @@ Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of
 
 def _opened(folder: Path) -> Campaign:
     """The campaign in a folder; its data base is closed when the command ends."""
-    from seqrsm.campaign.loop import Campaign
+    from seqrsm.campaign.campaign import Campaign
 
     campaign = Campaign.open(folder)
     at_end(campaign.store.close)
@@ -161,6 +161,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
+    from seqrsm.campaign.loop import run_campaign
     from seqrsm.cli.show import show_look, show_outcome
 
     campaign = _opened(folder)
@@ -176,7 +177,8 @@ def run(
                 say(text)
             shown.step(text)
 
-        outcome = campaign.run(
+        outcome = run_campaign(
+            campaign,
             max_runs=max_runs,
             batch=batch,
             workers=workers,
@@ -339,11 +341,12 @@ def rehearse(
     as_json: AsJson = False,
 ) -> None:
     """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""
+    from seqrsm.campaign.rehearsal import rehearse_campaign
     from seqrsm.cli.show import show_rehearsal
 
     campaign = _opened(folder)
     with display("rehearsing", inner=False) as shown:
-        result = campaign.rehearse(campaigns, on_progress=partial(shown.count, "rehearsing"))
+        result = rehearse_campaign(campaign, campaigns, partial(shown.count, "rehearsing"))
     print_json(result) if as_json else show_rehearsal(result)
 
 

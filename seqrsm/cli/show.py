@@ -11,8 +11,8 @@ from seqrsm.design.factors import setting_with_unit, settings_text
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.check import CheckResult
-    from seqrsm.campaign.closed_loop import Outcome
     from seqrsm.campaign.ingest import IngestReport
+    from seqrsm.campaign.loop import Outcome
     from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
     from seqrsm.spec.read import CampaignSpec

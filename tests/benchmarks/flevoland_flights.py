@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from seqrsm.analysis.fitted import fit_application
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.store.records import IngestedRun, NewScore
 
 ROOT = Path(__file__).parents[2]

@@ -33,7 +33,7 @@ COMMANDS = ("run", "ingest", "void", "report")
 
 CHILD = """
 import sys
-import seqrsm.campaign.ingest, seqrsm.campaign.loop
+import seqrsm.campaign.ingest, seqrsm.campaign.campaign
 from seqrsm.cli.app import app
 if sys.argv[1] == "run":
     import seqrsm.campaign.check, seqrsm.design.optimal, seqrsm.fit.ensemble

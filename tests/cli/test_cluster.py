@@ -17,7 +17,7 @@ import pytest
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.simulate import cluster as cluster_module

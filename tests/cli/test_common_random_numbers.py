@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.campaign import rehearsal
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
 from seqrsm.campaign.tradeoff_numerics import sampler_rows
 from seqrsm.cli.app import app

@@ -10,8 +10,8 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.fidelity_watch import VIOLATED, fidelity_of, violation, widening_of
-from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.simulation import FidelityCheck
 from seqrsm.campaign.tradeoff import FILE, read_tradeoff
 from seqrsm.cli.app import app

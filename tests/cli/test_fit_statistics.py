@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from seqrsm.analysis.to_json import analysis_to_json
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import FitError, SpecError
 

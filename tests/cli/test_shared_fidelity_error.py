@@ -14,7 +14,7 @@ from tiny_campaign import make_tiny
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.analysis.posterior import draw_coefficients
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.store.records import RunRecord
 
 BOUND = 4.0

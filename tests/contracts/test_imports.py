@@ -48,7 +48,7 @@ except SystemExit:
 
 def test_fit_and_status_load_no_engine() -> None:
     """numba and the engines take a quarter of a second that only runs and proposals need."""
-    found = loaded_by("import seqrsm.campaign.loop, seqrsm.analysis.to_json, seqrsm.cli.show_fit")
+    found = loaded_by("import seqrsm.campaign.campaign, seqrsm.analysis.to_json, seqrsm.cli.show_fit")
     assert "sqlalchemy" in found
     assert "numba" not in found
 

@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from seqrsm.campaign import simulation
-from seqrsm.campaign.loop import MAX_ATTEMPTS, Campaign
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign
 from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.simulate import runner
 from seqrsm.simulate.runner import Lost

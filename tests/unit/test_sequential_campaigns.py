@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.fitted import scored_runs
-from seqrsm.campaign import check, simulation
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign import loop, simulation
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.loop import run_campaign
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
@@ -53,7 +54,7 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                 )
 
         monkeypatch.setattr(runner, "run_many", carry)
-        monkeypatch.setattr(check, "check_simulator", lambda spec: None)
+        monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
         monkeypatch.setattr(
             simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
@@ -75,7 +76,7 @@ def bowl(settings: dict, run_id: int) -> float:
 
 def test_one_factor(campaign) -> None:
     made = campaign(spec_text(numeric(1), 'half_width = 2.0\ninterval = "prediction_mean"\nmax_runs = 40'), bowl)
-    outcome = made.run()
+    outcome = run_campaign(made)
     assert outcome.held
     assert outcome.analyses[0].optimum.settings["x0"] == pytest.approx(0.2, abs=0.25)
 
@@ -97,7 +98,7 @@ def test_eight_factors(campaign) -> None:
 def test_budget_below_the_terms_is_refused(campaign) -> None:
     made = campaign(spec_text(numeric(4), "half_width = 2.0\nmax_runs = 10"), bowl)
     with pytest.raises(SpecError, match="10 runs cannot determine 15 terms"):
-        made.run()
+        run_campaign(made)
     assert not made.store.runs()
 
 
@@ -107,7 +108,7 @@ def test_batch_larger_than_the_distinct_settings_repeats_them(campaign) -> None:
         spec_text(factors, "half_width = 0.9\nmax_runs = 60", batch=20),
         lambda s, i: (50.0 - (s["a"] - 2.0) ** 2 + (3.0 if s["b"] == "v" else 0.0)) + 0.1 * noise(i),
     )
-    outcome = made.run()
+    outcome = run_campaign(made)
     assert outcome.held
     assert outcome.analyses[0].optimum.settings == {"a": 2.0, "b": "v"}
     runs = made.store.runs()
@@ -130,7 +131,7 @@ def test_sliver_and_nothing(campaign) -> None:
 
 def test_equal_scores_everywhere(campaign) -> None:
     made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 30"), lambda s, i: 7.0)
-    outcome = made.run()
+    outcome = run_campaign(made)
     (analysis,) = outcome.analyses
     assert analysis.optimum.mean == pytest.approx(7.0)
     assert any("equal" in warning for warning in analysis.warnings)
@@ -169,7 +170,7 @@ def test_source_that_always_fails_ends_at_once(campaign) -> None:
 
     made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 30"), broken)
     with pytest.raises(UserError, match="no licence"):
-        made.run()
+        run_campaign(made)
     assert len(made.store.runs()) == 12  # the start design, once
 
 
@@ -181,7 +182,7 @@ def test_source_that_breaks_later_is_given_up_after_a_few_batches(campaign) -> N
 
     made = campaign(spec_text(numeric(2), "half_width = 0.1\nmax_runs = 60", more="attempts = 2"), breaks)
     with pytest.raises(UserError, match="disk full"):
-        made.run()
+        run_campaign(made)
     assert sum(run.state == "failed" for run in made.store.runs()) <= 3 * 4
 
 
@@ -194,7 +195,7 @@ def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> No
         return bowl(settings, run_id)
 
     made = campaign(spec_text(numeric(2), "half_width = 2.5\nmax_runs = 40"), corner)
-    outcome = made.run()
+    outcome = run_campaign(made)
     failed = np.array([[run.proposed["x0"], run.proposed["x1"]] for run in made.store.runs("failed")])
     assert outcome.n_scored >= 18
     assert len(failed) <= 20
@@ -209,7 +210,7 @@ def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> No
 @pytest.mark.parametrize("criterion", ["D", "I", "thompson", "steepest"])
 def test_criteria_by_name(campaign, criterion: str) -> None:
     made = campaign(spec_text(numeric(2), "half_width = 2.6\nmax_runs = 26", more=f'criterion = "{criterion}"'), bowl)
-    outcome = made.run()
+    outcome = run_campaign(made)
     assert outcome.analyses[0].optimum.mean == pytest.approx(80.0, abs=2.5)
     purposes = {run.purpose for run in made.store.runs() if run.batch > 1}
     wanted = {"D": "spread", "I": "average", "thompson": "thompson", "steepest": "steepest"}[criterion]
@@ -219,7 +220,7 @@ def test_criteria_by_name(campaign, criterion: str) -> None:
 @pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime", "spending"])
 def test_guards_by_name(campaign, guard: str) -> None:
     rule = f'half_width = 2.0\ninterval = "prediction_mean"\nguard = "{guard}"\nmax_runs = 80'
-    outcome = campaign(spec_text(numeric(2), rule), bowl).run()
+    outcome = run_campaign(campaign(spec_text(numeric(2), rule), bowl))
     assert outcome.held
     (analysis,) = outcome.analyses
     assert {check.name for check in analysis.decision.checks} >= {"interval", "pure_error", "lack_of_fit"}
@@ -232,14 +233,16 @@ def test_futility_ends_a_campaign_that_asks_for_it(campaign) -> None:
         "the target": (lambda s, i: bowl(s, i) + 9.0 * noise(i + 7), "half_width = 4.0\nmax_runs = 60"),
     }
     for name, (score, rule) in cases.items():
-        told = campaign(spec_text(numeric(2), rule), score, f"{name} told").run()
-        ended = campaign(spec_text(numeric(2), f'{rule}\nfutility = "stop"'), score, f"{name} ended").run()
+        told = run_campaign(campaign(spec_text(numeric(2), rule), score, f"{name} told"))
+        ended = run_campaign(campaign(spec_text(numeric(2), f'{rule}\nfutility = "stop"'), score, f"{name} ended"))
         assert not told.futile
         assert ended.futile
         assert not ended.held
         assert 16 <= ended.n_scored < min(told.n_scored, 60)  # at two looks in a row
         assert ended.analyses[0].decision.futility
-    goes_on = campaign(spec_text(numeric(2), 'half_width = 3.0\nmax_runs = 60\nfutility = "stop"'), bowl, "fine").run()
+    goes_on = run_campaign(
+        campaign(spec_text(numeric(2), 'half_width = 3.0\nmax_runs = 60\nfutility = "stop"'), bowl, "fine")
+    )
     assert goes_on.held
     assert not goes_on.futile
 
@@ -253,7 +256,7 @@ def two_humps(settings: dict, run_id: int) -> float:
 def test_region_shrinks_and_the_store_says_so(campaign) -> None:
     text = spec_text(numeric(2), 'half_width = 1.5\ninterval = "confidence"\nmax_runs = 60')
     made = campaign(text, two_humps)
-    outcome = made.run()
+    outcome = run_campaign(made)
     (analysis,) = outcome.analyses
     assert [change.kind for change in analysis.region_history][:2] == ["shrink", "filled"]
     assert not analysis.region_state.box.whole
@@ -274,12 +277,12 @@ def test_region_shrinks_and_the_store_says_so(campaign) -> None:
 def test_interrupted_campaign_ends_like_one_that_was_not(campaign) -> None:
     text = spec_text(numeric(2), 'half_width = 1.5\ninterval = "confidence"\nmax_runs = 28')
     whole = campaign(text, two_humps)
-    whole.run()
+    run_campaign(whole)
     broken = campaign(text, two_humps, "broken")
     for budget in (16, 22):
-        broken.run(max_runs=budget)
+        run_campaign(broken, max_runs=budget)
         broken = Campaign.open(broken.folder)
-    broken.run()
+    run_campaign(broken)
 
     def settings(made: Campaign) -> list:
         return [run.proposed for run in made.store.runs() if run.purpose != "confirmation"]
@@ -344,7 +347,7 @@ def test_two_applications_and_a_cost(campaign) -> None:
 def test_simulation_and_flight_share_a_surface(campaign) -> None:
     text = spec_text(numeric(2), "half_width = 3.0\nmax_runs = 80", rest="[cost]\nflight = 20.0\n")
     made = campaign(text, bowl)
-    made.run(max_runs=18)
+    run_campaign(made, max_runs=18)
     before = made.analyse_all()[0]
     assert before.sources is None
     rng = np.random.default_rng(5)

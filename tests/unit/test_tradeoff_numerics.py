@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from seqrsm.analysis.fitted import fit_application
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import NO_RUN, configuration, scene_at, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
 from seqrsm.design.optimal import optimal_design
