@@ -389,7 +389,7 @@ def report(
     ] = None,
 ) -> None:
     """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
-    from seqrsm.campaign.assemble import assemble
+    from seqrsm.campaign.dossier import assemble
     from seqrsm.report import write_report
 
     campaign = _opened(folder)

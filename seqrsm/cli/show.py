@@ -81,7 +81,7 @@ def show_check(result: CheckResult, verbose: bool) -> None:
         for combination in result.combinations:
             line(f"- {combination}")
     if result.notes:
-        from seqrsm.campaign.notes import summarise_notes
+        from seqrsm.campaign.assumptions import summarise_notes
 
         more = "" if verbose else "; all of them with -v or --json"
         heading(f"What the simulation rests on ({len(result.notes)} statements{more})")

@@ -7,8 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
-from seqrsm.campaign.notes import GroupedNotes, group_notes
+from seqrsm.campaign.assumptions import GroupedNotes, group_notes
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.images import ImagePanel, TruthPanel
 from seqrsm.report.blocks import (
     Block,
     Bullets,

@@ -38,7 +38,7 @@ from seqrsm.cli.app import app
 if sys.argv[1] == "run":
     import seqrsm.campaign.check, seqrsm.design.optimal, seqrsm.fit.ensemble
 if sys.argv[1] == "report":
-    import seqrsm.campaign.assemble, seqrsm.report
+    import seqrsm.campaign.dossier, seqrsm.report
 print("ready", flush=True)
 sys.stdin.readline()
 app(sys.argv[1:])

@@ -19,7 +19,8 @@ from seqrsm.analysis.results import (
     SettingPosterior,
 )
 from seqrsm.analysis.scale import ResponseScale
-from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.images import ImagePanel, TruthPanel
 from seqrsm.decide.stopping import StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel

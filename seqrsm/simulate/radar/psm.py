@@ -1,9 +1,9 @@
 """Point Scattering Model of a side-looking radar: RSL TR 380-1 chapter 3.2, in the report's two phases.
 
-Phase one (`seqrsm.simulate.radar.echo`, the report's POWER) finds for every data-base element whether it is lit, its local
-incidence, area and slant range, and from them the mean power it returns, collected into range bins. Phase two here (the
-report's GREY TONE without the film, which is `seqrsm.simulate.radar.receiver`) forms the beam and the pixels, and adds the
-receiver's noise, fading and transfer function.
+Phase one (`seqrsm.simulate.radar.echo`, the report's POWER) finds for every data-base element whether it is lit, its
+local incidence, area and slant range, and from them the mean power it returns, collected into range bins. Phase two
+here (the report's GREY TONE without the film, which is `seqrsm.simulate.radar.receiver`) forms the beam and the pixels,
+and adds the receiver's noise, fading and transfer function.
 """
 
 from __future__ import annotations
