@@ -17,7 +17,8 @@ from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
-from seqrsm.scene.scene import Scene, load_scene
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
 from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference

@@ -35,7 +35,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.optimum import optimum
-from seqrsm.scene.scene import load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 ROOT = Path(__file__).resolve().parents[2]

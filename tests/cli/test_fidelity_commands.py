@@ -15,7 +15,7 @@ from seqrsm.campaign.fidelity_watch import VIOLATED, fidelity_of, violation, wid
 from seqrsm.campaign.simulation import FidelityCheck
 from seqrsm.campaign.tradeoff import FILE, read_tradeoff
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 LOOSE = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 12.0')

@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import Scene, load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.scene import Scene
 from seqrsm.spec.read import load_spec
 
 TOML = """\

@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.spec.read import load_spec
 

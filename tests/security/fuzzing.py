@@ -28,9 +28,9 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import SeqrsmError
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.geotiff import read_geotiff
 from seqrsm.scene.raster import read_legend
-from seqrsm.scene.scene import load_scene, save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import read_scores

@@ -13,7 +13,8 @@ import pytest
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.fields import connected_patches
-from seqrsm.scene.scene import NO_COVER, load_scene
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radiometer import from_settings

@@ -14,7 +14,7 @@ from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.optimum import optimum
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.simulate.radar.psm import simulate_radar
 
