@@ -27,10 +27,9 @@ from seqrsm.decide.stopping import Departure
 from seqrsm.design.factors import ContinuousFactor, setting_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.blocks import RandomBlockPosterior, block_columns
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.random_blocks import RandomBlockPosterior
 from seqrsm.fit.robust import student_weights
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 from seqrsm.store.records import CONFIRMATION, RunRecord

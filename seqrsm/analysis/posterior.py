@@ -19,8 +19,16 @@ from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
-from seqrsm.fit.bounds import LinearBounds, bounded_draws
-from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior, weakly_informative, with_further
+from seqrsm.fit.conjugate import (
+    Flat,
+    LinearBounds,
+    NormalInverseGamma,
+    Prior,
+    bounded_draws,
+    posterior,
+    weakly_informative,
+    with_further,
+)
 from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, at_bound, optimum_draws

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import logit
 
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.counts import share_variance
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
+from seqrsm.fit.weights import share_variance
 
 
 @dataclass(frozen=True, slots=True)

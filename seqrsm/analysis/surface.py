@@ -12,14 +12,12 @@ from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.blocks import block_columns
-from seqrsm.fit.counts import expected_shares
+from seqrsm.fit.blocks import RandomBlockPosterior, block_columns, fit_random_blocks
 from seqrsm.fit.estimability import missing_runs
-from seqrsm.fit.known_variance import own_weights
 from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
-from seqrsm.fit.random_blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.robust import student_weights
 from seqrsm.fit.selection import average_models
+from seqrsm.fit.weights import expected_shares, own_weights
 from seqrsm.spec.read import CampaignSpec
 
 _SAME_SETTING_DECIMALS = 9

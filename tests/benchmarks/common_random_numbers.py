@@ -24,8 +24,8 @@ from seqrsm.analysis.occasions import REACH, occasion_of, share_occasions, simil
 from seqrsm.campaign.simulation import score_by
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.store.records import NewRun
 
 OUT = study.OUT / "common-random-numbers.md"

@@ -18,11 +18,11 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
+from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
 from seqrsm.fit.ensemble import WeakPrior, sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
-from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
 
 Study = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]

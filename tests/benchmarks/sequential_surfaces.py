@@ -25,10 +25,10 @@ from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
-from seqrsm.fit.counts import expected_shares
 from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.robust import student_weights
+from seqrsm.fit.weights import expected_shares
 from seqrsm.propose.batch import propose_batch
 
 Surface = Callable[[FloatArray], FloatArray]

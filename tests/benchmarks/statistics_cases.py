@@ -17,17 +17,15 @@ from seqrsm.design.classical import central_composite
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.blocks import block_columns, fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.location import best_settings, box_hunter_statistic, simulation_set
-from seqrsm.fit.model_space import ModelSpace, hierarchical_models, units_of
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.profile import box_cox_profile, logit_profile
-from seqrsm.fit.random_blocks import fit_random_blocks
-from seqrsm.fit.selection import average_models
+from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
 
 LEVEL = 0.95
 COMPARED = "without the search, to compare"

@@ -9,12 +9,12 @@ from statistics_cases import COMPARED, LEVEL, Row, surface
 
 from seqrsm.decide.sources import discrepancy_sd, fit_sources
 from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.location import simulation_set
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.optimum_interval import searched_from_draws
-from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.fit.robust import STUDENT_DF, student_draws, student_weights
 
 RUNS, SIGMA, DRAWS = 24, 0.5, 800

@@ -12,8 +12,8 @@ from statsmodels.stats.proportion import proportion_confint
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.decide.intervals import counted_confirmation
 from seqrsm.errors import FitError
-from seqrsm.fit.counts import expected_shares, share_variance
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.weights import expected_shares, share_variance
 
 
 def cases(seed: int, n: int = 30):
