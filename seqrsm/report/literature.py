@@ -11,9 +11,14 @@ from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_r
 from seqrsm.catalog.search import words_of
 from seqrsm.design.factors import CategoricalFactor, Factor, span
 from seqrsm.errors import ConfigurationError
-from seqrsm.report.phrases import optimum_setting_text, setting_posterior, setting_range_text
 from seqrsm.report.rounding import NOTHING, format_plain
-from seqrsm.report.wording import describe_factor, with_unit
+from seqrsm.report.wording import (
+    describe_factor,
+    optimum_setting_text,
+    setting_posterior,
+    setting_range_text,
+    with_unit,
+)
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.units import to_parameter_unit
 

@@ -19,8 +19,8 @@ from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.fit.optimum import optimum
-from seqrsm.report.phrases import mean_text, of_quadratic
 from seqrsm.report.study_text import searched_text
+from seqrsm.report.wording import mean_text, of_quadratic
 from seqrsm.spec.read import load_spec
 from seqrsm.store.database import _cut_off
 from seqrsm.store.records import LookRecord, NewRun

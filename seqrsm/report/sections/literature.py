@@ -9,8 +9,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
 from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table
 from seqrsm.report.literature import Literature, literature, system_of
-from seqrsm.report.phrases import of_quadratic
-from seqrsm.report.wording import counted, listing, readable
+from seqrsm.report.wording import counted, listing, of_quadratic, readable
 
 MAX_NAMED = 2
 

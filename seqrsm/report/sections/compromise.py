@@ -8,9 +8,8 @@ from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table
-from seqrsm.report.phrases import number_cell
 from seqrsm.report.rounding import NOTHING, decimals_for, decimals_of_significant, format_number, format_range
-from seqrsm.report.wording import axis_label, format_setting, level_text, listing, readable, with_unit
+from seqrsm.report.wording import axis_label, format_setting, level_text, listing, number_cell, readable, with_unit
 
 MAX_FRONT_ROWS = 20
 

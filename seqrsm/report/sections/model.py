@@ -22,9 +22,9 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.figure_data import coefficient_data, importance_data, residual_data
-from seqrsm.report.figures_fit import MAX_COEFFICIENTS, coefficient_panel, importance_panel, outliers, residual_panels
-from seqrsm.report.phrases import level_phrase, no_error_estimate, number_cell, p_cell, significant_cell, whole_cell
+from seqrsm.report.figures.data import coefficient_data, importance_data, residual_data
+from seqrsm.report.figures.fit import MAX_COEFFICIENTS, coefficient_panel, importance_panel, outliers, residual_panels
+from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import (
     decimals_for,
     decimals_of_significant,
@@ -33,10 +33,23 @@ from seqrsm.report.rounding import (
     format_percent,
     format_significant,
 )
-from seqrsm.report.section_study import largest_vif, term_blocks
+from seqrsm.report.sections.study import largest_vif, term_blocks
 from seqrsm.report.study_text import profile_text
-from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import capital, listing, readable, readable_term, readable_text, slug, with_unit
+from seqrsm.report.wording import (
+    capital,
+    level_phrase,
+    listing,
+    no_error_estimate,
+    number_cell,
+    p_cell,
+    readable,
+    readable_term,
+    readable_text,
+    significant_cell,
+    slug,
+    whole_cell,
+    with_unit,
+)
 
 MODEL_EQUATION = Equation(
     "y = beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2 + epsilon,"

@@ -7,30 +7,34 @@ import math
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, KeyFigure, KeyFigures, Paragraph, Section, Table
-from seqrsm.report.phrases import (
-    half_width_text,
-    interval_text,
-    level_phrase,
-    loss_text,
-    mean_text,
-    no_error_estimate,
-    of_quadratic,
-    optimum_setting_text,
-    score_text,
-    setting_posterior,
-    setting_range_text,
-    settings_sentence,
-    watched_interval,
-)
+from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import (
     format_p,
     format_plain,
     format_share,
     format_significant,
 )
-from seqrsm.report.section_compromise import compromise_summary
-from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import axis_label, listing, readable, readable_text, with_unit
+from seqrsm.report.sections.compromise import compromise_summary
+from seqrsm.report.wording import (
+    axis_label,
+    half_width_text,
+    interval_text,
+    level_phrase,
+    listing,
+    loss_text,
+    mean_text,
+    no_error_estimate,
+    of_quadratic,
+    optimum_setting_text,
+    readable,
+    readable_text,
+    score_text,
+    setting_posterior,
+    setting_range_text,
+    settings_sentence,
+    watched_interval,
+    with_unit,
+)
 
 
 def summary_section(dossier: Dossier) -> Section:

@@ -10,7 +10,6 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Align, Block, Bullets, Cell, Column, Definitions, Details, Paragraph, Section, Table
-from seqrsm.report.phrases import number_cell, run_decimals, watched_interval, whole_cell
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
     axis_label,
@@ -21,7 +20,11 @@ from seqrsm.report.wording import (
     format_value,
     level_text,
     listing,
+    number_cell,
     readable,
+    run_decimals,
+    watched_interval,
+    whole_cell,
     with_unit,
 )
 from seqrsm.store.records import RunRecord

@@ -12,10 +12,10 @@ from scipy.special import ndtri
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.report import drawing
-from seqrsm.report.figures import run_texts, score_label, set_numeric_axis
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.optimum import run_texts, score_label, set_numeric_axis
+from seqrsm.report.figures.surfaces import to_score
 from seqrsm.report.history import Look
-from seqrsm.report.surfaces import to_score
 from seqrsm.report.wording import axis_label, readable, readable_term, shortened
 
 if TYPE_CHECKING:

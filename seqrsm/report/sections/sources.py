@@ -26,7 +26,7 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.figure_data import picture_data
+from seqrsm.report.figures.data import picture_data
 from seqrsm.report.images import (
     NO_DATA,
     bar_length_m,
@@ -38,9 +38,18 @@ from seqrsm.report.images import (
     reduction,
 )
 from seqrsm.report.literature import system_of
-from seqrsm.report.phrases import whole_cell
 from seqrsm.report.rounding import format_plain, format_plus_minus
-from seqrsm.report.wording import capital, counted, format_settings, format_value, listing, readable, slug, with_unit
+from seqrsm.report.wording import (
+    capital,
+    counted,
+    format_settings,
+    format_value,
+    listing,
+    readable,
+    slug,
+    whole_cell,
+    with_unit,
+)
 
 LIMITS = (
     "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from seqrsm.report.blocks import Block, Cell, Column, Table
-from seqrsm.report.phrases import number_cell, whole_cell
 from seqrsm.report.rounding import format_significant
+from seqrsm.report.wording import number_cell, whole_cell
 
 
 def numerics_blocks(numerics: Mapping[str, Any]) -> list[Block]:

@@ -22,8 +22,8 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.figures_study import location_key, location_panel
-from seqrsm.report.phrases import interval_text, level_phrase, number_cell, score_text
+from seqrsm.report.figures.study import location_key, location_panel
+from seqrsm.report.figures.surfaces import MAX_PAIRS, chosen_pairs
 from seqrsm.report.rounding import format_percent
 from seqrsm.report.study_text import (
     LOCATION_METHODS,
@@ -36,8 +36,17 @@ from seqrsm.report.study_text import (
     searched_rows,
     searched_text,
 )
-from seqrsm.report.surfaces import MAX_PAIRS, chosen_pairs
-from seqrsm.report.wording import axis_label, capital, readable, readable_term, slug
+from seqrsm.report.wording import (
+    axis_label,
+    capital,
+    interval_text,
+    level_phrase,
+    number_cell,
+    readable,
+    readable_term,
+    score_text,
+    slug,
+)
 
 
 def searched_blocks(analysis: Analysis) -> list[Block]:

@@ -10,23 +10,27 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import Block, Bullets, Cell, Column, Details, FigureBlock, Panel, Paragraph, Section, Table
-from seqrsm.report.figure_data import look_data
-from seqrsm.report.figures_fit import half_width_panel, mean_history_panel, setting_history_panel
+from seqrsm.report.figures.data import look_data
+from seqrsm.report.figures.fit import half_width_panel, mean_history_panel, setting_history_panel
 from seqrsm.report.history import Look, read_looks
-from seqrsm.report.phrases import (
+from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
+from seqrsm.report.wording import (
+    format_setting,
     half_width_text,
     interval_text,
     level_phrase,
+    listing,
     number_cell,
     optimum_setting_text,
+    readable,
     score_decimals,
     score_text,
     setting_posterior,
     setting_spread,
+    slug,
     whole_cell,
+    with_unit,
 )
-from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
-from seqrsm.report.wording import format_setting, listing, readable, slug, with_unit
 
 
 def history_section(dossier: Dossier, analysis: Analysis, key: str) -> Section:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from seqrsm.errors import Problem, UserError
-from seqrsm.report.drawing import BLUE, GRID, INK
+from seqrsm.report.figures.drawing import BLUE, GRID, INK
 
 _ENDINGS = (".png", ".svg", ".pdf")
 

@@ -12,10 +12,10 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import span
 from seqrsm.fit.location import LocationRegion
-from seqrsm.report import drawing
-from seqrsm.report.figures import set_numeric_axis
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.optimum import set_numeric_axis
+from seqrsm.report.figures.surfaces import numeric_factor
 from seqrsm.report.study_text import LOCATION_METHODS
-from seqrsm.report.surfaces import numeric_factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

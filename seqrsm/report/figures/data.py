@@ -11,9 +11,9 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import PanelData
-from seqrsm.report.figures import thinned
+from seqrsm.report.figures.optimum import thinned
+from seqrsm.report.figures.surfaces import Line, Ridge, Surface, numeric_factor, to_score
 from seqrsm.report.history import Look
-from seqrsm.report.surfaces import Line, Ridge, Surface, numeric_factor, to_score
 
 Row = tuple[float | str, ...]
 

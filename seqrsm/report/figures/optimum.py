@@ -10,8 +10,8 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
-from seqrsm.report import drawing
-from seqrsm.report.surfaces import Line, Ridge, Surface, numeric_factor
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.surfaces import Line, Ridge, Surface, numeric_factor
 from seqrsm.report.wording import axis_label, level_labels, shortened, with_unit
 
 if TYPE_CHECKING:

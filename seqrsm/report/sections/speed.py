@@ -11,7 +11,6 @@ import numpy as np
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.fidelity_watch import VIOLATED, fidelity_of
 from seqrsm.campaign.tradeoff import AUTO
-from seqrsm.report import drawing
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -24,10 +23,10 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.numerics_tables import numerics_blocks
-from seqrsm.report.phrases import number_cell, whole_cell
+from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import format_number, format_plain, format_significant
-from seqrsm.report.wording import listing, slug, with_unit
+from seqrsm.report.sections.numerics import numerics_blocks
+from seqrsm.report.wording import listing, number_cell, slug, whole_cell, with_unit
 from seqrsm.simulate.fidelity import MEANINGS, RUNGS
 
 if TYPE_CHECKING:

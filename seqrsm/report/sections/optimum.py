@@ -23,33 +23,39 @@ from seqrsm.report.blocks import (
     Section,
     Table,
 )
-from seqrsm.report.figure_data import contour_data, optimum_draws_data, optimum_values_data, ridge_data, slice_data
-from seqrsm.report.figures import (
+from seqrsm.report.figures.data import contour_data, optimum_draws_data, optimum_values_data, ridge_data, slice_data
+from seqrsm.report.figures.optimum import (
     contour_panel,
     optimum_posterior_panel,
     optimum_value_panel,
     ridge_panels,
     slice_panel,
 )
-from seqrsm.report.phrases import (
+from seqrsm.report.figures.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
+from seqrsm.report.rounding import format_number, format_share, format_significant
+from seqrsm.report.sections.study import searched_blocks
+from seqrsm.report.wording import (
+    axis_label,
     effects_text,
+    format_setting,
     half_width_text,
     interval_text,
     level_phrase,
+    listing,
     no_error_estimate,
     number_cell,
     of_quadratic,
     optimum_setting_text,
+    readable,
+    readable_text,
     score_text,
     setting_posterior,
     setting_range_text,
     setting_spread,
+    slug,
     watched_interval,
+    with_unit,
 )
-from seqrsm.report.rounding import format_number, format_share, format_significant
-from seqrsm.report.section_study import searched_blocks
-from seqrsm.report.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
-from seqrsm.report.wording import axis_label, format_setting, listing, readable, readable_text, slug, with_unit
 from seqrsm.spec.read import StopSpec
 
 PREDICTION_EQUATION = Equation(
