@@ -1,4 +1,4 @@
-"""Simulation-based calibration of sampled posteriors: ``python tests/benchmarks/sbc_samplers.py [sets [study ...]]``.
+"""Simulation-based calibration of sampled posteriors: ``python tests/studies/sbc_samplers.py [sets [study ...]]``.
 
 Truths are drawn from the prior, scores from the truths, and the ranks of the truths among the posterior draws must be
 uniform. Printed: Kolmogorov-Smirnov p value of every parameter's ranks (each above 0.001 but for chance), and that of

@@ -1,6 +1,6 @@
 """What moving and zooming is worth: final true regret and coverage against the fixed whole-region quadratic.
 
-    python tests/benchmarks/zoom_study.py [--repeats 40] [--runs 80] [--out reports/coverage]
+    python tests/studies/zoom_study.py [--repeats 40] [--runs 80] [--out reports/coverage]
 
 Pairs by seed: both campaigns of a pair see the same surface, start runs and noise stream. Set OPENBLAS_NUM_THREADS=1.
 """
@@ -114,8 +114,8 @@ LINE = (
 )
 HEAD = """# Moving and zooming against the fixed whole-region quadratic
 
-`python tests/benchmarks/zoom_study.py --repeats {repeats} --runs {runs}`: pairs of campaigns on the same randomly drawn
-surface (defined in `tests/benchmarks/sequential_surfaces.py`), start design of p + 6 runs, batches of 4 by the default
+`python tests/studies/zoom_study.py --repeats {repeats} --runs {runs}`: pairs of campaigns on the same randomly drawn
+surface (defined in `tests/studies/sequential_surfaces.py`), start design of p + 6 runs, batches of 4 by the default
 criterion. *Fixed* keeps the quadratic over the whole region; *zoom* is the default of `[model] region = "adaptive"`.
 Regret is the true optimum less the true mean at the recommended settings, in score units (medians, with means in
 brackets); coverage is that of the 95 % prediction interval of one new run there, and of the confidence interval of the

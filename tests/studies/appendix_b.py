@@ -1,6 +1,6 @@
 """The plates of RSL TR 380-1 Appendix B again, on a real site: radar by Table B.1, radiometer of B.15 to B.17.
 
-    python tests/benchmarks/appendix_b.py
+    python tests/studies/appendix_b.py
 
 Every picture of the radar is one run of its engine over the Langegracht catchment (terrain and parcels real, crops
 drawn), grey tones of eq. (3-18) with one calibration pair for all, so that seasons and bands can be compared. Writes
@@ -103,7 +103,7 @@ def main() -> None:
 
 ![plate](plate.png)
 
-Written by `python tests/benchmarks/appendix_b.py`: every simulation of the report's Table B.1, over the Langegracht
+Written by `python tests/studies/appendix_b.py`: every simulation of the report's Table B.1, over the Langegracht
 catchment in Flanders (terrain and parcels real, crops drawn). HH, flight to the east at 6 km looking south, 45 deg
 depression, 20 looks. Grey tones by eq. (3-18): {RANGE_DB:g} dB from black to white, mid-grey at an apparent backscatter
 of {MIDDLE_DB:g} dB in all pictures. All pictures are of one occasion's fields and of independent fading.

@@ -1,6 +1,6 @@
 """What a dask cluster costs: scaling on two workers, and the constants that tell what 1,000 workers saturate first.
 
-    python tests/benchmarks/cluster_study.py
+    python tests/studies/cluster_study.py
 
 Writes its section of reports/reliability.md.
 """
@@ -104,7 +104,7 @@ def main() -> None:
         f"at least {WORKERS * slowest:.1f} s; shorter ones leave workers idle. A batch must hold at least as many runs",
         "as there are workers: `run --batch`.",
         "",
-        f"{machine()} Command: `python tests/benchmarks/cluster_study.py`.",
+        f"{machine()} Command: `python tests/studies/cluster_study.py`.",
     ]
     write_section("3-cluster", "Many machines", lines)
 

@@ -1,6 +1,6 @@
 """Campaigns with the fidelity planner against campaigns with everything on.
 
-    python tests/benchmarks/speed_accuracy_study.py
+    python tests/studies/speed_accuracy_study.py
 
 For each site some campaigns are simulated by the full simulation (F4) and with the planner at some tolerances: the same
 design, the same occasions. A control repeats each full campaign on other occasions. Each gives a fitted surface and its
@@ -332,7 +332,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
 
 HEAD = """# Speed and accuracy of campaigns with the fidelity planner
 
-Written by `python tests/benchmarks/speed_accuracy_study.py` in one run (version {commits}), {n} campaigns of {runs}
+Written by `python tests/studies/speed_accuracy_study.py` in one run (version {commits}), {n} campaigns of {runs}
 runs for each site, over frequency and resolution: once with every run by the full simulation (F4), and once with the
 planner at each tolerance (0.5 is the program's default for percent correct), with the same settings and occasions.
 Times are CPU times of one process, the planner's own decisions and the checks of a twentieth of the runs included, of

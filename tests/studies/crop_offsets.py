@@ -1,6 +1,6 @@
 """What an assumption about crops does to an optimum: their L-band differences carried to other bands in several ways.
 
-    python tests/benchmarks/crop_offsets.py [runs]
+    python tests/studies/crop_offsets.py [runs]
 
 Public backscatter tables know vegetation as one class. The differences between crops come from one L-band flight
 (Flevoland) and are carried to S and C band by a factor (1.25 / f)**0.15, which is an assumption. Here the campaign
@@ -166,7 +166,7 @@ def report(done: dict[tuple, float], runs: int) -> str:
     lines = [
         "# Crops at other bands than the measured one: what the assumption does to the optimum",
         "",
-        "Written by `python tests/benchmarks/crop_offsets.py`. Percent correct of `langegracht-radar` on a grid of",
+        "Written by `python tests/studies/crop_offsets.py`. Percent correct of `langegracht-radar` on a grid of",
         f"its region ({len(grid)} settings x {runs} runs; the runs of all variants share their occasions). Varied is",
         "how the L-band differences between crops, measured over Flevoland, are carried to other frequencies. At L",
         "band (1.25 GHz) nothing changes. Standard errors: of the mean over runs, of differences within runs.",

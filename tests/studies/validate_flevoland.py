@@ -1,7 +1,7 @@
 """Simulated against measured percent correct: the AIRSAR flight over Flevoland, at every configuration of the flight.
 
-    python tests/benchmarks/validate_flevoland.py [runs [--again | --more]]
-    python tests/benchmarks/validate_flevoland.py --fields AIRSAR.npz
+    python tests/studies/validate_flevoland.py [runs [--again | --more]]
+    python tests/studies/validate_flevoland.py --fields AIRSAR.npz
 
 The labelled fields are simulated with the class backscatter and the spread between fields that the flight measured, and
 classified as the flight was. Everything it reads is in the repository; it writes ``reports/validation``: with
@@ -244,7 +244,7 @@ def write_report(settings: list, measured: np.ndarray, results: dict[str, np.nda
     lines = [
         "# Simulated against measured: AIRSAR over Flevoland",
         "",
-        "Written by `python tests/benchmarks/validate_flevoland.py`. One L-band flight, 15 classes of labelled fields,",
+        "Written by `python tests/studies/validate_flevoland.py`. One L-band flight, 15 classes of labelled fields,",
         f"{len(settings)} configurations (7 sets of channels x 28 pairs of resolution and looks; the eighth set of the",
         f"flight uses phases, which this model does not have). Simulated scores are means of {runs} runs. Percent",
         "correct in the flight's own sense; its observation noise is 0.7 to 2.2 points.",

@@ -1,6 +1,6 @@
 """Coverage of the intervals after stopping, over whole campaigns.
 
-    OPENBLAS_NUM_THREADS=1 python tests/benchmarks/coverage_study.py [--campaigns 2000] [--workers 1] [--out DIR]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/coverage_study.py [--campaigns 2000] [--workers 1] [--out DIR]
 
 Every campaign starts from an optimal design, proposes by the default criterion, moves and shrinks its region, and stops
 by the default rule (guard "runs": half-width, 3 runs a term, pure error, no lack of fit, two looks); then it makes five
@@ -229,7 +229,7 @@ def summary(rows: list[dict[str, str]]) -> list[dict[str, object]]:
 
 HEAD = """# Coverage after stopping
 
-`OPENBLAS_NUM_THREADS=1 python tests/benchmarks/coverage_study.py` regenerates this page, goes on where it was, and takes
+`OPENBLAS_NUM_THREADS=1 python tests/studies/coverage_study.py` regenerates this page, goes on where it was, and takes
 `--workers N`. Every campaign has its own random surface and noise. It begins with an optimal design of p + 6 runs,
 makes batches of 4 by the default criterion, may shrink and move its region, and stops by the default rule on the
 prediction interval of the mean of five runs (target 1.3 sigma, budget max(80, 4p)). Then it makes five confirmation

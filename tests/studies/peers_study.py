@@ -1,6 +1,6 @@
 """The same surfaces and budgets for seqrsm and for Bayesian-optimisation packages: ``reports/peers``.
 
-    OMP_NUM_THREADS=1 python tests/benchmarks/bench_peers.py [--repeats 20] [--runs 40] [--peers NAME...] [--out DIR]
+    OMP_NUM_THREADS=1 python tests/studies/peers_study.py [--repeats 20] [--runs 40] [--peers NAME...] [--out DIR]
 
 Packages that are not installed are left out with a word; ``--repeats 0`` only writes the page. Each starts with the
 same 12 Sobol runs (seqrsm with its own start design of p + 6) and then makes batches of 4 with its defaults; its answer
@@ -263,7 +263,7 @@ def campaign(name: str, peer: str, seed: int, n_runs: int, sigma: float) -> dict
 
 HEAD = """# seqrsm beside Bayesian-optimisation packages
 
-`OMP_NUM_THREADS=1 python tests/benchmarks/bench_peers.py --repeats {repeats} --runs {runs} --sigma {sigma:g}`
+`OMP_NUM_THREADS=1 python tests/studies/peers_study.py --repeats {repeats} --runs {runs} --sigma {sigma:g}`
 makes this page (it needs the packages, which seqrsm does not: an optional extra, never part of the
 tests). Every package sees the same randomly drawn surfaces, noise of {sigma:g} points and {runs} runs: 12 Sobol runs
 first (seqrsm: its start design of p + 6), then batches of 4 (Optuna: one at a time). The answer is what its own model

@@ -1,6 +1,6 @@
 """What cheaper models miss, held against the bounds that the planner gives them.
 
-    python tests/benchmarks/fidelity_bounds.py
+    python tests/studies/fidelity_bounds.py
 
 Random settings of random sensors over synthetic sites that nothing was fitted on. Each setting is scored by the rung
 that the planner chooses, by the whole image with fading or noise drawn eight times (F3, which stands for the truth),
@@ -94,7 +94,7 @@ def measured(engine: str, relief: str, tolerance: float, seed: int) -> list[dict
 
 HEAD = """# What cheaper models miss, against their bounds
 
-Written by `python tests/benchmarks/fidelity_bounds.py` (version {version}): {n} settings of sensors at random
+Written by `python tests/studies/fidelity_bounds.py` (version {version}): {n} settings of sensors at random
 (frequency, resolution, polarization, angle or altitude, receiver) over each of {cases} synthetic sites drawn for this
 page, on which nothing was fitted. The error is that of the planner's choice against the whole image with fading or
 noise drawn eight times, same occasion. A bound is what is left out at most and one standard error of looking at a part,

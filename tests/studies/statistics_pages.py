@@ -91,7 +91,7 @@ def page(results: dict, rows: dict[str, list[Row]], lack: str, sbc: str) -> str:
     text = [
         "# Do the intervals, tests and posteriors hold what they say?",
         "",
-        "Written by `OPENBLAS_NUM_THREADS=1 python tests/benchmarks/statistics_study.py`. Every share is that of",
+        "Written by `OPENBLAS_NUM_THREADS=1 python tests/studies/statistics_study.py`. Every share is that of",
         "simulated data sets whose truth is known, on a fixed design of fixed size. An interval or test holds when its",
         "share is within 1 % of nominal (or four Monte Carlo standard errors, where these are more); those marked *at",
         "least* are conservative by construction and may lie above. A control has one thing wrong on purpose.",

@@ -1,7 +1,7 @@
 """Commands killed with SIGKILL at random moments: is anything ever lost, doubled, or changed?
 
-    python tests/benchmarks/kill_study.py            # 200 kills; goes on where it was stopped
-    python tests/benchmarks/kill_study.py --kills 40
+    python tests/studies/kill_study.py            # 200 kills; goes on where it was stopped
+    python tests/studies/kill_study.py --kills 40
 
 Writes reports/reliability/kills.csv, a row for each kill, and its section of reports/reliability.md. Any loss, any
 double, any difference in the end result stops the study with an error.
@@ -117,7 +117,7 @@ def report() -> None:
         moments = sorted(float(r["moment_s"]) / float(r["step_s"]) for r in alive if r["command"] == command)
         median = f"{moments[len(moments) // 2]:.2f}" if moments else "-"
         lines.append(f"| `{command}` | {count[command]} | {campaigns[command]} | {median} |")
-    lines += ["", f"{machine()} Command: `python tests/benchmarks/kill_study.py`."]
+    lines += ["", f"{machine()} Command: `python tests/studies/kill_study.py`."]
     write_section("1-kills", "Killed commands", lines)
 
 

@@ -1,6 +1,6 @@
 """Common random numbers: do intervals cover with occasions fitted as blocks, and without?
 
-    python tests/benchmarks/common_random_numbers.py
+    python tests/studies/common_random_numbers.py
 
 One design is simulated on many occasions, every setting on each, by the full simulation. What a score differs from its
 setting's mean over all occasions is the error of a run, and the errors of one occasion are correlated as the engine
@@ -118,7 +118,7 @@ def coverage(site: Site, errors: np.ndarray) -> Table:
 
 HEAD = """# Common random numbers: intervals with occasions as blocks, and without
 
-Written by `python tests/benchmarks/common_random_numbers.py`. A design of {runs} runs over frequency and resolution was
+Written by `python tests/studies/common_random_numbers.py`. A design of {runs} runs over frequency and resolution was
 simulated on {occasions} occasions, every setting on each, by the full simulation of a small drawn site (200 x 200
 cells). {campaigns} campaigns were drawn from these errors: runs dealt out to occasions of at most {size} by the
 program's own rule (settings that are alike are kept apart), or each on an occasion of its own. New runs meet occasions

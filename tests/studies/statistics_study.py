@@ -1,6 +1,6 @@
 """Coverage of every interval, size of every F test, calibration of every posterior, rates of the lack-of-fit decision.
 
-    python tests/benchmarks/statistics_study.py [--sets 10000] [--sbc 400] [--out reports/statistics] [--only STUDY ...]
+    python tests/studies/statistics_study.py [--sets 10000] [--sbc 400] [--out reports/statistics] [--only STUDY ...]
 
 Finished parts of studies are kept in OUT/results.json and not run again with as many data sets or fewer (delete it to
 start afresh), so an interrupted study goes on. The last step writes OUT/README.md and two pictures. Set

@@ -1,7 +1,7 @@
 """At least 100,000 spoilt inputs for every reader of files that users hand in.
 
-    python tests/benchmarks/fuzz_study.py                  # goes on where it was stopped
-    python tests/benchmarks/fuzz_study.py --inputs 1000000 # further seeds
+    python tests/studies/fuzz_study.py                  # goes on where it was stopped
+    python tests/studies/fuzz_study.py --inputs 1000000 # further seeds
 
 Writes reports/reliability/fuzz.csv, a row for each thousand inputs, and its section of reports/reliability.md. Inputs
 are made from seeds: `fuzzing.spoilt(target, seed)` gives any of them again.
@@ -87,7 +87,7 @@ def report() -> None:
         sums = [sum(int(row[name]) for row in mine) for name in ("inputs", "accepted", "refused", "failures")]
         slowest = max((float(row["slowest_s"]) for row in mine), default=0.0)
         lines.append(f"| {target} | {' | '.join(map(str, sums))} | {slowest:.2f} |")
-    lines += ["", f"{machine()} Command: `python tests/benchmarks/fuzz_study.py`."]
+    lines += ["", f"{machine()} Command: `python tests/studies/fuzz_study.py`."]
     write_section("4-fuzz", "Spoilt inputs", lines)
 
 

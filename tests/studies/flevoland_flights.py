@@ -1,6 +1,6 @@
 """Simulation and flights together, on real scores: 24 AIRSAR scores correct the simulated ones over Flevoland.
 
-    OPENBLAS_NUM_THREADS=1 python tests/benchmarks/flevoland_flights.py [--repeats 20]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/flevoland_flights.py [--repeats 20]
 
 Simulated and real scores of the same 196 configurations stand in ``reports/validation/flevoland_scores.csv`` (column
 "measured": simulated from measured class means). A campaign takes all simulated scores of its region in, then real ones
@@ -151,7 +151,7 @@ def campaign(seed: int, asked: bool, region: Region) -> list[dict[str, float]]:
 
 HEAD = """# Simulation and flights together: Flevoland
 
-Written by `python tests/benchmarks/flevoland_flights.py --repeats {repeats}`. All simulated scores of the region (from
+Written by `python tests/studies/flevoland_flights.py --repeats {repeats}`. All simulated scores of the region (from
 measured class means; reports/validation/flevoland.md) are taken in, then real AIRSAR scores four at a time. The model
 is the flight's surface = the simulation's + a discrepancy with the same terms, those of second order with half the
 prior standard deviation, each source with its own variance; all intervals are for flights. Figures are means of

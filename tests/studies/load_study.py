@@ -1,6 +1,6 @@
 """A campaign of 10,000 runs, and a hundred campaigns in a folder: time and memory of the commands.
 
-    python tests/benchmarks/load_study.py
+    python tests/studies/load_study.py
 
 Writes its section of reports/reliability.md. Times are of the whole command in a process of its own, start of
 Python and imports included; the least of two.
@@ -129,7 +129,7 @@ def main() -> None:
         "",
         missed(rows),
         "",
-        f"{machine()} Command: `python tests/benchmarks/load_study.py`.",
+        f"{machine()} Command: `python tests/studies/load_study.py`.",
     ]
     write_section("5-load", "Load", lines)
 

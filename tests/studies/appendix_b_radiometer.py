@@ -1,6 +1,6 @@
 """Figures B.15 to B.17 of RSL TR 380-1 again: two beamwidths, constant and varying temperature of the ground.
 
-Called by ``python tests/benchmarks/appendix_b.py``.
+Called by ``python tests/studies/appendix_b.py``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Numerical stability at the extremes: digits of the statistics, precision of the engines, NIST's linear sets.
 
-    OPENBLAS_NUM_THREADS=1 python tests/benchmarks/stability_study.py [--out reports/stability]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/stability_study.py [--out reports/stability]
 
 Writes ``README.md``, three plots and ``stability.csv`` with every number. Nothing is timed and nothing depends on the
 load of the machine: the same version gives the same files.
@@ -231,7 +231,7 @@ def plot_engine(studies: dict[str, list[engine.Row]], path: Path) -> None:
 
 HEAD = """# Numerical stability at the extremes
 
-    python tests/benchmarks/stability_study.py
+    python tests/studies/stability_study.py
 
 regenerates this page, its plots and [`stability.csv`](stability.csv), which holds every number. Nothing here is timed.
 
