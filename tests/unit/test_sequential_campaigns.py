@@ -430,3 +430,49 @@ def test_flights_of_the_start_design_are_not_flown_in_the_order_of_the_search(ca
     assert orders[0][:3] == [(0.0, 0.0)] * 3
     assert sorted(orders[0]) == sorted(orders[1])
     assert orders[0] != orders[1]
+
+
+ALL_KINDS = """
+[[factor]]
+name = "frequency"
+low = 1.3
+high = 17.7
+scale = "log"
+[[factor]]
+name = "angle"
+low = 20.0
+high = 70.0
+[[factor]]
+name = "looks"
+values = [1, 2, 4, 8]
+scale = "log"
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV"]
+"""
+
+
+def test_a_proposed_repeat_has_the_settings_that_were_flown(campaign) -> None:
+    """To the last digit, and those of the flight, not those that it was asked for: else it is no repeat of it."""
+    made = campaign(spec_text(ALL_KINDS, "half_width = 1.0\nmax_runs = 90", rest='[model]\nregion = "fixed"\n'), bowl)
+
+    def flown(run_id: int | None, asked: dict) -> IngestedRun:
+        frequency = float(f"{0.93 * asked['frequency'] + 0.2:.4g}")
+        angle = float(f"{0.9 * asked['angle'] + 3.0:.4g}")
+        score = 60.0 - 0.2 * (frequency - 6.0) ** 2 - 0.01 * (angle - 45.0) ** 2 + noise(round(1000 * frequency))
+        settings = asked | {"frequency": frequency, "angle": angle}
+        return IngestedRun(run_id, settings, "flight", "", 1.0, (NewScore("score", score),))
+
+    runs = [flown(run.run_id, run.proposed) for run in made.propose(source="flight")]
+    unasked = made.spec.region.decode(made.spec.region.sample(3, np.random.default_rng(2)))
+    runs += [flown(None, settings) for settings in unasked]
+    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    assert len(runs) == 23  # so that the first of the next runs is one kept for repeats
+    executed = [run.settings for run in runs]
+    batch = made.propose(5, source="flight")
+    repeats = [run.proposed for run in batch if run.purpose == "repeat"]
+    assert len(repeats) == 2
+    assert any(settings in executed for settings in repeats)
+    for run in batch:
+        if run.proposed in repeats and run.proposed not in executed:  # of a run of the same batch, then
+            assert sum(run.proposed == other.proposed for other in batch) > 1
