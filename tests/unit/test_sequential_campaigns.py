@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,17 +12,23 @@ import numpy as np
 import pytest
 
 from seqrsm.campaign import check, simulation
-from seqrsm.campaign.fitted import scored_runs
+from seqrsm.campaign.fitted import confirmation_reason, scored_runs
 from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.records import IngestedRun, NewRun, NewScore
-from seqrsm.campaign.spec import load_spec
+from seqrsm.campaign.records import CONFIRMATION, IngestedRun, NewRun, NewScore
+from seqrsm.campaign.spec import SimulatorSpec, load_spec
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
 from seqrsm.simulate import runner
 
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
-APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
+
+
+def applications(*names: str) -> str:
+    return "".join(f'[[application]]\nname = "{name}"\nutility = "measured"\n' for name in names)
+
+
+APPLICATION = applications("score")
 
 
 def spec_text(factors: str, stop: str, *, batch: int = 4, more: str = "", rest: str = "") -> str:
@@ -32,12 +39,15 @@ def numeric(k: int) -> str:
     return "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(k))
 
 
-Score = Callable[[dict, int], float]
+Score = Callable[[dict, int], float | dict[str, float]]
 
 
 @pytest.fixture
 def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run."""
+    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run.
+
+    The function returns one score, or one for each application by its name.
+    """
 
     def make(text: str, score: Score, folder: str = "c") -> Campaign:
         def carry(_function, tasks, *_rest):
@@ -46,7 +56,8 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                     value, failure = score(task.settings, task.run_id), ""
                 except ValueError as error:
                     value, failure = 0.0, str(error)
-                scores = () if failure else (NewScore("score", float(value)),)
+                named = value if isinstance(value, dict) else {"score": value}
+                scores = () if failure else tuple(NewScore(name, float(one)) for name, one in named.items())
                 yield (
                     index,
                     SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False, check=None),
@@ -339,6 +350,48 @@ def test_two_applications_and_a_cost(campaign) -> None:
     assert cost.own_settings["resolution"] == pytest.approx(50.0)
     assert found.to_json()["pareto_front"]
     assert made.compromise(analyses[:1]) is None
+
+
+def test_fresh_runs_that_one_application_wants_do_not_wait_for_the_other(campaign) -> None:
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        return {"sharp": bowl(settings, run_id), "noisy": bowl(settings, run_id) + 30.0 * noise(1000 + run_id)}
+
+    rule = 'half_width = 3.5\nmax_runs = 18\nguard = "confirmation"\nconfirmation_runs = 3\ninterval = "confidence"'
+    made = campaign(spec_text(numeric(2), rule).replace(APPLICATION, applications("sharp", "noisy")), score)
+    outcome = made.run()
+    sharp, noisy = outcome.analyses
+    assert not outcome.held
+    assert not noisy.decision.conditions_hold
+    assert sharp.confirmation is not None
+    assert sharp.decision.held
+
+
+def test_each_application_without_a_confirmation_gets_one_of_its_own(campaign) -> None:
+    """Fresh runs at the optimum of one of two fail: a second call makes them anew, and those of the other no more."""
+    failing = True
+
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        if failing and made.store.run(run_id).why == confirmation_reason("low"):
+            raise ValueError("a cloud")
+        rest = {"x1": settings["x1"]}
+        return {name: bowl(rest | {"x0": settings["x0"] - at}, run_id) for name, at in (("low", -0.6), ("high", 0.4))}
+
+    def confirmed(name: str) -> list[float]:
+        why = (CONFIRMATION, confirmation_reason(name))
+        return [run.settings["x0"] for run in made.store.runs("scored") if (run.purpose, run.why) == why]
+
+    text = spec_text(numeric(2), "half_width = 4.0\nmax_runs = 40\nconfirmation_runs = 3")
+    made = campaign(text.replace(APPLICATION, applications("low", "high")), score)
+    made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
+    low, high = made.run().analyses
+    assert low.confirmation is None
+    assert confirmed("high") == pytest.approx([high.optimum.settings["x0"]] * 3, abs=1e-3)
+    failing = False
+    low, high = made.run().analyses
+    assert [len(analysis.confirmation.run_ids) for analysis in (low, high)] == [3, 3]
+    assert low.optimum.settings["x0"] < -0.2 < 0.4 < high.optimum.settings["x0"]
+    assert confirmed("low") == pytest.approx([low.optimum.settings["x0"]] * 3, abs=1e-3)
+    assert len(confirmed("high")) == 3
 
 
 def test_simulation_and_flight_share_a_surface(campaign) -> None:
