@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.rounding import decimals_for, format_number, format_plain
-from seqrsm.units import PARAMETER_UNITS
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
 
 
 def capital(text: str) -> str:
@@ -119,39 +119,23 @@ def level_text(level: float) -> str:
     return f"{format_plain(round(100.0 * level, 6))}\u00a0%"
 
 
-_SUFFIXES = {
-    "m": "m", "cm": "cm", "km": "km", "s": "s", "ms": "ms", "us": "\u00b5s", "hz": "Hz", "mhz": "MHz", "ghz": "GHz",
-    "w": "W", "kw": "kW", "k": "K", "db": "dB", "deg": "deg", "mv": "V", "v": "V",
-}  # fmt: skip
-_RATES = {"_m_s": "m/s", "_mm_h": "mm/h"}
-_OF_NAMES = {"hour": "h", "exposure_hours": "h", "cloud_kg_m2": "kg/m\u00b2"}
+_SIGNS = str.maketrans({"u": "\u00b5", "2": "\u00b2", "3": "\u00b3"})  # of "us", "kg/m2", "m3/m3"
+
+
+def _parameter(name: str) -> Parameter | None:
+    return find(RADAR, name) or find(RADIOMETER, name)
 
 
 def fixed_unit(name: str, value: float | str) -> str:
-    """Unit of a sensor parameter by its name: that of Table 1, or the suffix of the name; none for text."""
-    if isinstance(value, str):
-        return ""
-    if name in PARAMETER_UNITS:
-        return PARAMETER_UNITS[name].unit
-    if name in _OF_NAMES:
-        return _OF_NAMES[name]
-    for suffix, unit in _RATES.items():
-        if name.endswith(suffix):
-            return unit
-    if name.startswith("soil_moisture"):
-        return "m\u00b3/m\u00b3"
-    return _SUFFIXES.get(name.rpartition("_")[2], "") if "_" in name else ""
+    """Unit of a sensor parameter by its name; none for text."""
+    parameter = None if isinstance(value, str) else _parameter(name)
+    return "" if parameter is None else parameter.unit.translate(_SIGNS)
 
 
 def fixed_label(name: str) -> str:
     """Name of a sensor parameter without underscores and without the suffix that tells its unit."""
-    if name in PARAMETER_UNITS:
-        return readable(name)
-    for suffix in _RATES:
-        if name.endswith(suffix):
-            return readable(name.removesuffix(suffix))
-    head, _, tail = name.rpartition("_")
-    return readable(head) if head and tail in _SUFFIXES else readable(name)
+    parameter = _parameter(name)
+    return readable(name) if parameter is None else parameter.label
 
 
 def readable_text(text: str, names: Iterable[str]) -> str:

@@ -19,8 +19,7 @@ from seqrsm.rng import generator, stream_key
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import aggregated
 from seqrsm.sensor.earth import range_geometry
-from seqrsm.sensor.feasibility import CHANNELS
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate import kernels, kernels_sample
 from seqrsm.simulate.echo import LUT_STEPS, EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.fading import add_fading
