@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.rounding import decimals_for, format_number, format_plain
-from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, find
 
 
 def capital(text: str) -> str:
@@ -22,8 +22,9 @@ def counted(n: int, one: str, many: str = "") -> str:
 
 
 def readable(name: str) -> str:
-    """Return a factor's name without underscores."""
-    return name.replace("_", " ")
+    """Return a factor's name without underscores; of a sensor parameter, without the suffix that tells its unit."""
+    parameter = RADAR.get(name) or RADIOMETER.get(name)
+    return name.replace("_", " ") if parameter is None else parameter.label
 
 
 def readable_term(name: str) -> str:
@@ -122,20 +123,16 @@ def level_text(level: float) -> str:
 _SIGNS = str.maketrans({"u": "\u00b5", "2": "\u00b2", "3": "\u00b3"})  # of "us", "kg/m2", "m3/m3"
 
 
-def _parameter(name: str) -> Parameter | None:
-    return find(RADAR, name) or find(RADIOMETER, name)
-
-
 def fixed_unit(name: str, value: float | str) -> str:
     """Unit of a sensor parameter by its name; none for text."""
-    parameter = None if isinstance(value, str) else _parameter(name)
+    parameter = None if isinstance(value, str) else find(RADAR, name) or find(RADIOMETER, name)
     return "" if parameter is None else parameter.unit.translate(_SIGNS)
 
 
 def fixed_label(name: str) -> str:
-    """Name of a sensor parameter without underscores and without the suffix that tells its unit."""
-    parameter = _parameter(name)
-    return readable(name) if parameter is None else parameter.label
+    """Name of a sensor parameter, by that of ``campaign.toml`` or of its field, as a reader wants it."""
+    parameter = find(RADAR, name) or find(RADIOMETER, name)
+    return readable(name if parameter is None else parameter.name)
 
 
 def readable_text(text: str, names: Iterable[str]) -> str:

@@ -48,6 +48,8 @@ class Parameter:
         All that a number may be which is not free between its limits [`unit`].
     why_fixed : str
         Why a campaign cannot vary it, "" where it can.
+    said : str
+        Its name in a report, "" for `name` without underscores and without the suffix that tells the unit.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Parameter:
     levels: tuple[str, ...] = ()
     values: tuple[float, ...] = ()
     why_fixed: str = ""
+    said: str = ""
 
     @property
     def numeric(self) -> bool:
@@ -89,8 +92,8 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Its name without underscores and without the suffix that tells the unit, as people read it."""
-        return self.name.removesuffix(f"_{self.unit.lower().replace('/', '_')}").replace("_", " ")
+        """Its name as people read it; no two of a sensor have the same."""
+        return self.said or self.name.removesuffix(f"_{self.unit.lower().replace('/', '_')}").replace("_", " ")
 
     def problem(self, value: object) -> Problem | None:
         """What makes a value of the field's type impossible, whatever the other parameters are; None: nothing."""
@@ -151,9 +154,17 @@ _CODE: Final = "what a function does may change behind its name, and runs of one
 
 
 def _number(
-    field: str, unit: str, low: float, high: float, what: str, *, name: str = "", values: tuple[float, ...] = ()
+    field: str,
+    unit: str,
+    low: float,
+    high: float,
+    what: str,
+    *,
+    name: str = "",
+    values: tuple[float, ...] = (),
+    said: str = "",
 ) -> Parameter:
-    return Parameter(name or field, field, "number", what, unit, low, high, values=values)
+    return Parameter(name or field, field, "number", what, unit, low, high, values=values, said=said)
 
 
 def _whole(field: str, low: float, high: float, what: str) -> Parameter:
@@ -243,7 +254,7 @@ RADAR: Final = _table(
     _number("wind_low_m_s", "m/s", 0.0, 40.0, "least wind speed over water that a run may meet"),
     _number("wind_high_m_s", "m/s", 0.0, 40.0, "largest wind speed over water that a run may meet"),
     _number("texture_db", "dB", 0.0, 20.0, "departure of parts of a field from its mean, standard deviation"),
-    _number("texture_m", "m", 0.1, 1e5, "side of these parts"),
+    _number("texture_m", "m", 0.1, 1e5, "side of these parts", said="texture size"),
     _file("targets_file", "CSV file of cultural targets"),
 )  # fmt: skip
 """Parameters of `RadarConfiguration` by their names in ``campaign.toml``."""

@@ -155,6 +155,12 @@ def test_reports_show_unit_and_label_of_the_row(engine, row):
     assert "_" not in fixed_label(row.name)
 
 
+@each_sensor
+def test_no_two_parameters_have_one_label(engine):
+    labels = Counter(row.label for row in SENSORS[engine][0].values())
+    assert {label for label, count in labels.items() if count > 1} == set()
+
+
 def test_readme_names_parameters_that_there_are():
     part = README[README.index("**More of the radar.**") : README.index("Files are named from")]
     names = {name for row in re.findall(r"^\| (`.*?) \|", part, flags=re.M) for name in re.findall(r"`(\w+)", row)}
