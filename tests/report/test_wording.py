@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from seqrsm.report.wording import fixed_label, fixed_unit, readable, readable_term, readable_text
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.report.wording import (
+    axis_label,
+    fixed_label,
+    fixed_unit,
+    format_settings,
+    readable,
+    readable_term,
+    readable_text,
+)
 
 
 @pytest.mark.parametrize(
@@ -44,6 +53,9 @@ def test_terms_of_sensor_parameters_do_not_look_like_units():
     assert readable_term("season[fall]:pulse_length_us") == "season[fall] \u00d7 pulse length"
     assert readable_text("at altitude_m = 3000", ("altitude_m",)) == "at altitude = 3000"
     assert readable("walking_speed_km_h") == "walking speed km h"
+    altitude = ContinuousFactor("altitude_m", 1000.0, 3000.0, "m")
+    assert axis_label(altitude) == "altitude [m]"
+    assert format_settings((altitude,), {"altitude_m": 2000.0}) == "altitude 2000\u00a0m"
 
 
 def test_factors_are_readable_in_sentences_of_others():
