@@ -1,19 +1,16 @@
-"""The package's only unit conversions: decibel, gigahertz, degrees, and the units of the sensor parameters.
+"""The package's only unit conversions: decibel, gigahertz, degrees, and units of one kind.
 
 Inside the package every float is in the unit its name's suffix tells; conversions happen at the border, here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 from typing import Final, overload
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import ConfigurationError, Problem
 
 LN10_OVER_10: Final = float(np.log(10.0) / 10.0)
 """Natural logarithm of the power ratio that 1 dB stands for [1/dB]."""
@@ -72,65 +69,23 @@ def rad_to_deg(angle_rad: float | FloatArray) -> float | FloatArray:
     return float(result) if np.ndim(angle_rad) == 0 else np.asarray(result)
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterUnit:
-    """Unit of one sensor parameter of RSL TR 380-1 Table 1.
-
-    Attributes
-    ----------
-    unit : str
-        The unit all of seqrsm uses for it; "" for a pure number.
-    accepted : Mapping[str, float]
-        Every accepted unit name with the factor that turns a value in it into ``unit``.
-    """
-
-    unit: str
-    accepted: Mapping[str, float]
-
-
-def _unit(unit: str, **others: float) -> ParameterUnit:
-    return ParameterUnit(unit, MappingProxyType({unit: 1.0, **others}))
-
-
-PARAMETER_UNITS: Final[Mapping[str, ParameterUnit]] = MappingProxyType(
-    {
-        "frequency": _unit("GHz", MHz=1e-3, Hz=1e-9),
-        "polarization": _unit(""),
-        "resolution": _unit("m", km=1e3),
-        "looks": _unit(""),
-        "bandwidth": _unit("MHz", kHz=1e-3, Hz=1e-6, GHz=1e3),
-        "peak_power": _unit("W", kW=1e3),
-        "depression_angle": _unit("deg", rad=180.0 / np.pi),
-        "integration_time": _unit("ms", s=1e3, us=1e-3),
-        "noise_temperature": _unit("K"),
-        "scan_period": _unit("s", ms=1e-3),
-    }
+_KINDS: Final[Sequence[Mapping[str, float]]] = (
+    {"GHz": 1e9, "MHz": 1e6, "kHz": 1e3, "Hz": 1.0},
+    {"m": 1.0, "km": 1e3, "cm": 1e-2},
+    {"W": 1.0, "kW": 1e3},
+    {"deg": np.pi / 180.0, "rad": 1.0},
+    {"s": 1.0, "ms": 1e-3, "us": 1e-6},
 )
-"""The parameters of Table 1 by their names in ``campaign.toml``, with the units accepted for each."""
+"""Units of one kind, each with its value in the kind's own unit."""
 
 
-def to_parameter_unit(parameter: str, value: float, unit: str = "") -> float:
-    """``value`` of a sensor parameter in the unit seqrsm uses for it.
+def units_like(unit: str) -> tuple[str, ...]:
+    """Units of the same kind as ``unit``, itself among them; none where only itself is known."""
+    return next((tuple(kind) for kind in _KINDS if unit in kind), ())
 
-    Parameters
-    ----------
-    parameter : str
-        A name of `PARAMETER_UNITS`.
-    value : float
-        Value in ``unit``.
-    unit : str
-        A unit accepted for the parameter; "" means the parameter's own unit.
 
-    Raises
-    ------
-    ConfigurationError
-        Unknown parameter, or a unit that is not accepted for it.
-    """
-    entry = PARAMETER_UNITS.get(parameter)
-    if entry is None:
-        known = ", ".join(PARAMETER_UNITS)
-        raise ConfigurationError(Problem("no such sensor parameter", f"Known: {known}", field=parameter))
-    if unit and unit not in entry.accepted:
-        names = ", ".join(name for name in entry.accepted if name) or "none (a pure number)"
-        raise ConfigurationError(Problem("unit not accepted", f"Accepted: {names}", field=parameter, value=unit))
-    return value * entry.accepted[unit] if unit else value
+def unit_factor(unit: str, wanted: str) -> float | None:
+    """Number that turns a value in ``unit`` into ``wanted``; None where the two are not known to be of one kind."""
+    if unit == wanted:
+        return 1.0
+    return next((kind[unit] / kind[wanted] for kind in _KINDS if unit in kind and wanted in kind), None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +137,9 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[fl
     # Ids far beyond any campaign's: their occasions are no run's.
     tasks = [task_of(spec, 2**31 - 1 - i, setting) for i, setting in enumerate(np.repeat(np.array(settings), PROBES))]
     progress(0, len(tasks))
-    image, _ = simulate_image(tasks[0])  # compiles the kernels, which is not to be timed
+    # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.
+    levels = [replace(tasks[0], settings=setting) for setting in settings]
+    notes = dict.fromkeys(note for task in levels for note in simulate_image(task)[0].notes)
     start = time.perf_counter()
     results = []
     for task in tasks:
@@ -150,7 +152,7 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[fl
     scores = np.array([[score.score for score in result.scores] for result in results])
     groups = scores.reshape(len(settings), PROBES, -1)
     pooled = np.sqrt(np.mean(np.var(groups, axis=1, ddof=1), axis=0))
-    return float(np.max(pooled)), len(settings) * (PROBES - 1), seconds, image.notes
+    return float(np.max(pooled)), len(settings) * (PROBES - 1), seconds, tuple(notes)
 
 
 def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:

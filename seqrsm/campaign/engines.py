@@ -22,6 +22,7 @@ from seqrsm.score import sampled
 from seqrsm.score.classification import UtilityScore, percent_correct
 from seqrsm.score.retrieval import percent_correct_radiometer, soil_moisture_error
 from seqrsm.sensor import radar, radiometer
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.fidelity import Plan, RungPlan
@@ -109,10 +110,8 @@ class Engine:
         Chooses the cheapest sufficient model of a run.
     sampled : Mapping
         Those of the utilities that are means over pixels, for a sample of them; others need the whole image.
-    files : tuple of str
-        Sensor parameters that name a file; in ``campaign.toml`` its path is from the campaign's folder.
-    functions : tuple of str
-        Those that may name a function of the user's, whose module may lie in the campaign's folder.
+    parameters : Mapping
+        The sensor's, by their names in ``campaign.toml``.
     threads : bool
         Whether `simulate` takes a number of threads.
     masks : tuple of str
@@ -127,10 +126,19 @@ class Engine:
     utilities: Mapping[str, Utility]
     plan: Planner
     sampled: Mapping[str, SampledUtility]
-    files: tuple[str, ...] = ()
-    functions: tuple[str, ...] = ()
+    parameters: Mapping[str, Parameter]
     threads: bool = False
     masks: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Sensor parameters that name a file; in ``campaign.toml`` its path is from the campaign's folder."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.kind == "file")
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """Those that may name a function of the user's, whose module may lie in the campaign's folder."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.kind == "function")
 
     def check_utility(self, name: str) -> None:
         """Refuse a utility measure that the engine does not have and that cannot be imported.
@@ -319,8 +327,7 @@ ENGINES: Mapping[str, Engine] = {
         utilities={"percent_correct": percent_correct},
         plan=_plan_radar,
         sampled=_SAMPLED_RADAR,
-        files=("targets_file", "pattern_file"),
-        functions=("receiver", "processing"),
+        parameters=RADAR,
         threads=True,
         masks=("shadow", "layover"),
     ),
@@ -333,7 +340,7 @@ ENGINES: Mapping[str, Engine] = {
         utilities={"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
         plan=_plan_radiometer,
         sampled=_SAMPLED_RADIOMETER,
-        files=("beam_file",),
+        parameters=RADIOMETER,
         masks=("blocked",),
     ),
 }

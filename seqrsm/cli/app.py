@@ -17,7 +17,7 @@ import typer
 from seqrsm import __version__
 from seqrsm.cli.console import EXIT_BUDGET_SPENT, AsJson, at_end, display, guarded, print_json, say
 from seqrsm.cli.scene import scene_app
-from seqrsm.cli.standalone import catalog, design, doctor
+from seqrsm.cli.standalone import catalog, design, doctor, parameters
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
@@ -447,6 +447,7 @@ def image(
 
 app.command()(design)
 app.command()(catalog)
+app.command()(parameters)
 
 
 @app.command()

@@ -330,6 +330,19 @@ def show_doctor(result: Mapping[str, Any]) -> None:
     line(f"kernels are compiled in {result['kernel_cache']}: {times}")
 
 
+def show_parameters(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Parameters of a sensor, one statement each."""
+    for head, chosen in (
+        ("Must be given, as factor or fixed", [row for row in rows if row["required"]]),
+        ("May be left out", [row for row in rows if not row["required"]]),
+    ):
+        heading(head)
+        for row in chosen:
+            default = "" if row["default"] in (None, "") else f"; {row['default']} by default"
+            never = "" if row["factor"] else "; cannot be a factor"
+            line(f"- {row['name']}: {row['what']}; {row['allowed']}{default}{never}")
+
+
 def show_catalog(words: str) -> None:
     """What the literature asks for: a summary, then the entries as printed."""
     from seqrsm.catalog import catalog_rows, load_catalog, search, summary

@@ -1,4 +1,4 @@
-"""Commands that need no campaign: ``seqrsm design``, ``catalog`` and ``doctor``."""
+"""Commands that need no campaign: ``seqrsm design``, ``catalog``, ``parameters`` and ``doctor``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from seqrsm.cli.console import AsJson, display, guarded, print_json
+from seqrsm.errors import Problem, UserError
 
 
 @guarded
@@ -84,6 +85,24 @@ def catalog(
         print_json(to_json(search(asked) if asked else load_catalog()))
     else:
         show_catalog(asked)
+
+
+@guarded
+def parameters(
+    engine: Annotated[str, typer.Argument(metavar="ENGINE", help="psm, the radar, or prm, the radiometer.")],
+    as_json: AsJson = False,
+) -> None:
+    """List the parameters of a sensor: factors of a campaign, or given under [simulator.fixed]."""
+    from seqrsm.cli.show import show_parameters
+    from seqrsm.sensor.parameters import RADAR, RADIOMETER, listed
+    from seqrsm.sensor.radar import RadarConfiguration
+    from seqrsm.sensor.radiometer import RadiometerConfiguration
+
+    sensors = {"psm": (RADAR, RadarConfiguration), "prm": (RADIOMETER, RadiometerConfiguration)}
+    if engine not in sensors:
+        raise UserError(Problem("no such engine", f"Use {' or '.join(sensors)}.", field="ENGINE", value=engine))
+    rows = listed(*sensors[engine])
+    print_json(rows) if as_json else show_parameters(rows)
 
 
 @guarded

@@ -10,7 +10,6 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.design.factors import CategoricalFactor, Factor, span
-from seqrsm.errors import ConfigurationError
 from seqrsm.report.rounding import NOTHING, format_plain
 from seqrsm.report.wording import (
     describe_factor,
@@ -19,8 +18,9 @@ from seqrsm.report.wording import (
     setting_range_text,
     with_unit,
 )
+from seqrsm.sensor.parameters import RADAR, RADIOMETER
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.units import to_parameter_unit
+from seqrsm.units import unit_factor
 
 #: What campaigns and the tables of 1979 call differently.
 SAME_IN_THE_TABLES = {"ground cover": "land use", "land cover": "land use"}
@@ -36,7 +36,8 @@ _GENERIC = frozenset(
 )  # fmt: skip
 
 _CHANNELS = frozenset({"HH", "HV", "VH", "VV", "H", "V"})
-_PASSIVE = frozenset({"integration_time", "noise_temperature", "scan_period"})
+#: Names that tell a radiometer where no simulator does.
+_PASSIVE = {row.name for row in RADIOMETER.values() if row.name != row.field} - RADAR.keys()
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,16 +175,16 @@ def _found(
     posterior = setting_posterior(analysis, factor)
     best = float(analysis.optimum.settings[factor.name])
     ends = (best, best) if posterior is None else (posterior.low, posterior.high)
-    try:
-        value, low, high = (to_parameter_unit(item.name, x, factor.unit) for x in (best, *ends))
-    except ConfigurationError:
+    scale = unit_factor(factor.unit or item.unit, item.unit)
+    if scale is None:
         return text, math.nan, math.nan, math.nan
-    return text, value, low, high
+    return text, scale * best, scale * ends[0], scale * ends[1]
 
 
 def _apart(item: StartRange, factor: Factor) -> bool:
     assert not isinstance(factor, CategoricalFactor)
-    low, high = (to_parameter_unit(item.name, x, factor.unit) for x in span(factor))
+    scale = unit_factor(factor.unit or item.unit, item.unit) or math.nan
+    low, high = (scale * x for x in span(factor))
     return item.low is not None and item.high is not None and (high < item.low or low > item.high)
 
 

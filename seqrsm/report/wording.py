@@ -23,8 +23,8 @@ from seqrsm.report.rounding import (
     format_share,
     format_significant,
 )
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, find
 from seqrsm.spec.read import StopSpec
-from seqrsm.units import PARAMETER_UNITS
 
 
 def capital(text: str) -> str:
@@ -38,8 +38,9 @@ def counted(n: int, one: str, many: str = "") -> str:
 
 
 def readable(name: str) -> str:
-    """Return a factor's name without underscores."""
-    return name.replace("_", " ")
+    """Return a factor's name without underscores; of a sensor parameter, without the suffix that tells its unit."""
+    parameter = RADAR.get(name) or RADIOMETER.get(name)
+    return name.replace("_", " ") if parameter is None else parameter.label
 
 
 def readable_term(name: str) -> str:
@@ -135,39 +136,19 @@ def level_text(level: float) -> str:
     return f"{format_plain(round(100.0 * level, 6))}\u00a0%"
 
 
-_SUFFIXES = {
-    "m": "m", "cm": "cm", "km": "km", "s": "s", "ms": "ms", "us": "\u00b5s", "hz": "Hz", "mhz": "MHz", "ghz": "GHz",
-    "w": "W", "kw": "kW", "k": "K", "db": "dB", "deg": "deg", "mv": "V", "v": "V",
-}  # fmt: skip
-_RATES = {"_m_s": "m/s", "_mm_h": "mm/h"}
-_OF_NAMES = {"hour": "h", "exposure_hours": "h", "cloud_kg_m2": "kg/m\u00b2"}
+_SIGNS = str.maketrans({"u": "\u00b5", "2": "\u00b2", "3": "\u00b3"})  # of "us", "kg/m2", "m3/m3"
 
 
 def fixed_unit(name: str, value: float | str) -> str:
-    """Unit of a sensor parameter by its name: that of Table 1, or the suffix of the name; none for text."""
-    if isinstance(value, str):
-        return ""
-    if name in PARAMETER_UNITS:
-        return PARAMETER_UNITS[name].unit
-    if name in _OF_NAMES:
-        return _OF_NAMES[name]
-    for suffix, unit in _RATES.items():
-        if name.endswith(suffix):
-            return unit
-    if name.startswith("soil_moisture"):
-        return "m\u00b3/m\u00b3"
-    return _SUFFIXES.get(name.rpartition("_")[2], "") if "_" in name else ""
+    """Unit of a sensor parameter by its name; none for text."""
+    parameter = None if isinstance(value, str) else find(RADAR, name) or find(RADIOMETER, name)
+    return "" if parameter is None else parameter.unit.translate(_SIGNS)
 
 
 def fixed_label(name: str) -> str:
-    """Name of a sensor parameter without underscores and without the suffix that tells its unit."""
-    if name in PARAMETER_UNITS:
-        return readable(name)
-    for suffix in _RATES:
-        if name.endswith(suffix):
-            return readable(name.removesuffix(suffix))
-    head, _, tail = name.rpartition("_")
-    return readable(head) if head and tail in _SUFFIXES else readable(name)
+    """Name of a sensor parameter, by that of ``campaign.toml`` or of its field, as a reader wants it."""
+    parameter = find(RADAR, name) or find(RADIOMETER, name)
+    return readable(name if parameter is None else parameter.name)
 
 
 def readable_text(text: str, names: Iterable[str]) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from seqrsm.errors import Problem, ScoresFileError
 from seqrsm.score.table import Table, read_table
-from seqrsm.units import PARAMETER_UNITS
+from seqrsm.units import unit_factor, units_like
 
 #: The largest file that is read [bytes]; a campaign's scores are some kilobytes.
 MAX_BYTES = 10_000_000
@@ -42,16 +42,6 @@ class Measure:
     is_percent: bool = False
 
 
-def unit_factor(unit: str, wanted: str) -> float | None:
-    """Number that turns a value in ``unit`` into ``wanted``; None when the table of units has no such pair."""
-    if unit == wanted:
-        return 1.0
-    for entry in PARAMETER_UNITS.values():
-        if unit in entry.accepted and wanted in entry.accepted:
-            return entry.accepted[unit] / entry.accepted[wanted]
-    return None
-
-
 def read_bytes(path: Path) -> bytes:
     """Bytes of a file of at most `MAX_BYTES`; ScoresFileError when it is absent, larger, or cannot be read."""
     if not path.is_file():
@@ -79,8 +69,7 @@ def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
     if not near:
         return "Add it."
     rest = near[0][len(factor.name) :].strip(" _-./")
-    units = [unit for entry in PARAMETER_UNITS.values() for unit in entry.accepted if factor.unit in entry.accepted]
-    unit = next((unit for unit in units if unit and unit.casefold() == rest.casefold()), "")
+    unit = next((unit for unit in units_like(factor.unit) if unit.casefold() == rest.casefold()), "")
     return f"Rename the column '{near[0]}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
 
 

@@ -7,37 +7,29 @@ single-look cell; the samples that fit into the final cell are averaged and are 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, overload
+from typing import Final, Literal, TypeVar
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import BOLTZMANN_J_K, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT_M_S
-from seqrsm.errors import ConfigurationError
-from seqrsm.sensor.antenna import (
-    PATTERN_STEPS,
-    ElevationPattern,
-    atmosphere_factor,
-    elevation_gain,
-    pattern_file_text,
-)
-from seqrsm.sensor.earth import ground_range_of_look, incidence_of_look
-from seqrsm.sensor.feasibility import converted, set_problems, swath_problems, swath_rows, value_problems
-from seqrsm.sensor.settings import collect
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.sensor.antenna import PATTERN_STEPS, ElevationPattern, atmosphere_factor, elevation_gain
+from seqrsm.sensor.earth import horizon_look_rad, incidence_of_look
+from seqrsm.sensor.parameters import RADAR, configured, value_problems
 from seqrsm.units import db_to_linear
 
-PARAMETER_FIELDS: Final[Mapping[str, str]] = {
-    "frequency": "frequency_ghz",
-    "polarization": "channels",
-    "resolution": "resolution_m",
-    "looks": "looks",
-    "bandwidth": "bandwidth_mhz",
-    "peak_power": "peak_power_w",
-    "depression_angle": "depression_angle_deg",
-}
-"""Names of the active parameters of Table 1 in ``campaign.toml`` and the fields they set."""
+CHANNELS: Final = RADAR["polarization"].levels
+"""Polarization channels in the order of every draw; the first letter is transmitted."""
+
+GAUSSIAN_LOOKS: Final = 16.0
+"""Least looks for eq. (3-12): there it is negative with probability Phi(-4) = 3e-5."""
+
+_CALIBRATIONS: Final = (("i_min_w",), ("i_c_w", "i_qc"), ("p_rc_w", "g_rc"))
+
+_Real = TypeVar("_Real", float, FloatArray)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +120,13 @@ class RadarConfiguration:
     processing : str
         S of eq. (3-3): ``package.module:function`` of the intensities after M and Q, or "" for none.
     n_bits, dynamic_range_db : int, float
-        Bits of a grey tone and the decibels coded into them (n and m of eqs. 3-16 to 3-18).
+        Bits of a grey tone, and the range coded into them [dB] (n and m of eqs. 3-16 to 3-18).
     film_gamma, film_k : float
         Slope and constant of the film, eqs. (3-4) to (3-6).
     i_min_w, i_c_w, i_qc, p_rc_w, g_rc : float or None
-        Calibration of the picture: the intensity that becomes 0 (eq. 3-16); the intensity I_C and its level I_QC (eq.
-        3-17); or the power P_RC and its grey tone G_RC (eq. 3-18). With none the picture's median is mid-grey.
+        Calibration of the picture: the intensity that becomes 0 [W] (eq. 3-16); the intensity I_C [W] and its level
+        I_QC (eq. 3-17); or the power P_RC [W] and its grey tone G_RC (eq. 3-18). With none the picture's median is
+        mid-grey.
     season : {"spring_summer", "fall", "winter"}
         Season of the scattering table.
     snow, snow_depth_cm : {"none", "dry", "wet"}, float
@@ -214,7 +207,7 @@ class RadarConfiguration:
     targets_file: str = ""
 
     def __post_init__(self) -> None:
-        problems = value_problems(self) or set_problems(self)
+        problems = value_problems(RADAR, self) or _set_problems(self)
         if problems:
             raise ConfigurationError(*problems)
 
@@ -287,19 +280,12 @@ class RadarConfiguration:
         """Number of transmit polarizations that share the pulses."""
         return len({channel[0] for channel in self.channels})
 
-    @overload
-    def ground_resolution_m(self, incidence_rad: float) -> float: ...
-    @overload
-    def ground_resolution_m(self, incidence_rad: FloatArray) -> FloatArray: ...
-    def ground_resolution_m(self, incidence_rad: float | FloatArray) -> float | FloatArray:
+    def ground_resolution_m(self, incidence_rad: _Real) -> _Real:
         """Ground range resolution of one look, c/(2 B sin(theta)) [m], at incidence angles [rad] > 0."""
-        return self.slant_resolution_m / np.sin(incidence_rad)
+        spacing: _Real = self.slant_resolution_m / np.sin(incidence_rad)
+        return spacing
 
-    @overload
-    def azimuth_resolution_m(self, slant_range_m: float) -> float: ...
-    @overload
-    def azimuth_resolution_m(self, slant_range_m: FloatArray) -> FloatArray: ...
-    def azimuth_resolution_m(self, slant_range_m: float | FloatArray) -> float | FloatArray:
+    def azimuth_resolution_m(self, slant_range_m: _Real) -> _Real:
         """Azimuth resolution of one look [m]: L/2, or R beta of a real aperture (eq. 3-9)."""
         if self.aperture == "synthetic":
             return 0.5 * self.antenna_length_m + 0.0 * slant_range_m
@@ -312,11 +298,7 @@ class RadarConfiguration:
             return math.radians(self.azimuth_beamwidth_deg)
         return self.wavelength_m / self.antenna_length_m
 
-    @overload
-    def looks_available(self, incidence_rad: float) -> float: ...
-    @overload
-    def looks_available(self, incidence_rad: FloatArray) -> FloatArray: ...
-    def looks_available(self, incidence_rad: float | FloatArray) -> float | FloatArray:
+    def looks_available(self, incidence_rad: _Real) -> _Real:
         """Independent samples N in a final resolution cell, a real number.
 
         Eq. (3-8) with the chosen cell in place of the finest: N_a = resolution/(L/2) along the track, the same for both
@@ -325,10 +307,8 @@ class RadarConfiguration:
         a pixel still holds one sample. A plan-position
         indicator hovers over one point: its beam gives one sample, whatever the pulses.
         """
-        across = self.resolution_m / self.ground_resolution_m(incidence_rad)
-        if self.scan == "ppi":
-            return np.maximum(across, 1.0)
-        return self.resolution_m / (0.5 * self.antenna_length_m) * np.maximum(across, 1.0)
+        across: _Real = np.maximum(self.resolution_m / self.ground_resolution_m(incidence_rad), 1.0)
+        return across if self.scan == "ppi" else self.resolution_m / (0.5 * self.antenna_length_m) * across
 
     def looks_used(self, incidence_rad: FloatArray) -> FloatArray:
         """Samples averaged in a final cell at incidence angles [rad]: those asked for, or all."""
@@ -369,16 +349,13 @@ class RadarConfiguration:
         """Gain of pulse compression in signal to noise, bandwidth x pulse length, at least 1."""
         return max(1.0, self.bandwidth_mhz * self.pulse_length_us)
 
-    @overload
-    def coherent_pulses(self, slant_range_m: float) -> float: ...
-    @overload
-    def coherent_pulses(self, slant_range_m: FloatArray) -> FloatArray: ...
-    def coherent_pulses(self, slant_range_m: float | FloatArray) -> float | FloatArray:
+    def coherent_pulses(self, slant_range_m: _Real) -> _Real:
         """Pulses of one transmit polarization added in phase: those sent over the synthetic length R lambda/L."""
         if self.aperture == "real":
             return 1.0 + 0.0 * slant_range_m
         along = slant_range_m * self.azimuth_beamwidth_rad
-        return np.maximum(self.prf_hz / self.n_transmit * along / self.speed_m_s, 1.0)
+        pulses: _Real = np.maximum(self.prf_hz / self.n_transmit * along / self.speed_m_s, 1.0)
+        return pulses
 
     def noise_power_w(self, slant_range_m: FloatArray) -> FloatArray:
         """Noise power of one look [W], on the scale of `received_power_w`: divided by both processing gains."""
@@ -390,57 +367,6 @@ class RadarConfiguration:
         """The sigma0 (linear) of flat ground whose mean power equals the noise power."""
         return self.noise_power_w(slant_range_m) / self.received_power_w(1.0, incidence_rad, slant_range_m, look_rad)
 
-    def ground_ranges_m(
-        self, n_rows: int, cell_m: float, mean_elevation_m: float, highest_elevation_m: float
-    ) -> tuple[FloatArray, slice]:
-        """Ground range of the centre of each row of a scene [m], the depression angle pointing at its centre.
-
-        Parameters
-        ----------
-        n_rows : int
-            Cells of the scene across the track.
-        cell_m : float
-            Side of a cell [m].
-        mean_elevation_m, highest_elevation_m : float
-            Of the scene [m].
-
-        Returns
-        -------
-        float64 array (n_rows,), slice
-            Ground ranges, and the rows within the swath.
-
-        Raises
-        ------
-        ConfigurationError
-            The flight line is too low, the swath is empty, reaches behind nadir or beyond the horizon, or pulses
-            overlap.
-        """
-        height = self.altitude_m - mean_elevation_m
-        # A line below the ground has no geometry: it is refused by its height.
-        look = math.radians(90.0 - self.depression_angle_deg)
-        centre = ground_range_of_look(look, height, self.curved) if height > 0.0 else 0.0
-        y = centre + (np.arange(n_rows, dtype=np.float64) - 0.5 * (n_rows - 1)) * cell_m
-        rows = swath_rows(self, y, height) if height > 0.0 else slice(0, n_rows)
-        problems = swath_problems(self, y[rows], cell_m, height, highest_elevation_m)
-        if problems:
-            raise ConfigurationError(*problems)
-        return y, rows
-
-    def ring_ranges_m(
-        self, n_rings: int, cell_m: float, mean_elevation_m: float, highest_elevation_m: float
-    ) -> tuple[FloatArray, slice]:
-        """Ground range of the rings of a plan-position indicator [m], and those within the swath.
-
-        Parameters, results and errors are those of `ground_ranges_m`, for rings in place of rows.
-        """
-        height = self.altitude_m - mean_elevation_m
-        y = cell_m * np.arange(1, n_rings + 1, dtype=np.float64)
-        rows = swath_rows(self, y, height) if height > 0.0 else slice(0, n_rings)
-        problems = swath_problems(self, y[rows], cell_m, height, highest_elevation_m)
-        if problems:
-            raise ConfigurationError(*problems)
-        return y, rows
-
 
 def from_settings(
     settings: Mapping[str, float | str], fixed: Mapping[str, float | str] | None = None
@@ -450,7 +376,7 @@ def from_settings(
     Parameters
     ----------
     settings : Mapping[str, float or str]
-        Levels of the factors, by the names of Table 1 (`PARAMETER_FIELDS`) or of the fields of `RadarConfiguration`.
+        Levels of the factors, by their names in ``campaign.toml`` (`seqrsm.sensor.parameters.RADAR`) or of the fields.
         A polarization such as ``"HH+HV"`` is a set of channels.
     fixed : Mapping[str, float or str], optional
         Everything that is no factor, by the same names.
@@ -464,15 +390,99 @@ def from_settings(
     ConfigurationError
         Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
     """
-    names = {**PARAMETER_FIELDS, "pattern_file": "pattern_table"}
-    given, problems = collect("radar", RadarConfiguration, names, settings, fixed)
-    if "pattern_file" in {**settings, **(fixed or {})} and "pattern_table" in given:
-        given["pattern_table"] = pattern_file_text(str(given["pattern_table"]), problems)
-    shown = {target: name for name, target in names.items()}
-    arguments: dict[str, object] = {}
-    for name, value in given.items():
-        arguments[name] = converted(name, value, problems, shown.get(name, name))
-    if problems:
-        raise ConfigurationError(*problems)
-    build: Callable[..., RadarConfiguration] = RadarConfiguration
-    return build(**arguments)
+    return configured("radar", RadarConfiguration, RADAR, settings, fixed)
+
+
+def at_fault(radar: RadarConfiguration, name: str, text: str, remedy: str) -> Problem:
+    """Problem of the parameter of this name in ``campaign.toml``, with its value."""
+    return Problem(text, remedy, field=name, value=getattr(radar, RADAR[name].field))
+
+
+def _set_problems(radar: RadarConfiguration) -> list[Problem]:
+    """Every contradiction between values that are possible alone; needs no scene."""
+    found = list(_excluded_choices(radar))
+    theta = radar.centre_incidence_rad
+    if math.isnan(theta):
+        least = 90.0 - math.degrees(horizon_look_rad(radar.altitude_m))
+        text = f"the line of sight to the centre of the scene passes the horizon, {least:.4g} deg below the horizontal"
+        return [*found, at_fault(radar, "depression_angle", text, f"Use at least {rounded_up(least)} deg")]
+    across = radar.ground_resolution_m(theta)
+    if radar.resolution_m < across * (1.0 - 1e-9):
+        needed = radar.bandwidth_mhz * across / radar.resolution_m
+        text = (
+            f"{radar.bandwidth_mhz:g} MHz at an incidence of {math.degrees(theta):.4g} deg resolve {across:.4g} m "
+            "in ground range, no finer"
+        )
+        remedy = f"Use at least {rounded_up(needed)} MHz or a resolution of at least {rounded_up(across)} m"
+        found.append(at_fault(radar, "resolution", text, remedy))
+    along = 0.5 * radar.antenna_length_m
+    if radar.scan == "slar" and radar.resolution_m < along * (1.0 - 1e-9):
+        text = f"an antenna of {radar.antenna_length_m:g} m resolves {along:g} m in azimuth, no finer"
+        remedy = f"Use a resolution of at least {rounded_up(along)} m or a shorter antenna"
+        found.append(at_fault(radar, "resolution", text, remedy))
+    available = radar.looks_available(theta)
+    if not found and radar.looks is not None and radar.looks > available * (1.0 + 1e-9):
+        text = (
+            f"a cell of {radar.resolution_m:g} m holds {available:.4g} independent samples at the centre of the scene"
+        )
+        remedy = f"Ask for at most {rounded_down(available)} looks, or more bandwidth, or a coarser resolution"
+        found.append(at_fault(radar, "looks", text, remedy))
+    sampled = radar.prf_hz / radar.n_transmit
+    if radar.scan == "slar" and sampled < 2.0 * radar.speed_m_s / radar.antenna_length_m:
+        need = radar.n_transmit * 2.0 * radar.speed_m_s / radar.antenna_length_m
+        text = f"{radar.n_transmit} transmit polarizations need two pulses each per antenna length flown"
+        found.append(at_fault(radar, "prf_hz", text, f"Use at least {rounded_up(need)} Hz"))
+    if radar.pulse_length_us * 1e-6 * radar.prf_hz >= 1.0:
+        remedy = f"Keep it below {rounded_down(1e6 / radar.prf_hz)} us"
+        found.append(at_fault(radar, "pulse_length_us", "the pulse is longer than the time to the next one", remedy))
+    for low, high in (("soil_moisture_low", "soil_moisture_high"), ("wind_low_m_s", "wind_high_m_s")):
+        if getattr(radar, low) > getattr(radar, high):
+            found.append(at_fault(radar, low, "above the high end", f"Keep it at or below {high}"))
+    return found
+
+
+def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
+    """Choices that exclude or need each other."""
+    if radar.near_incidence_deg >= radar.far_incidence_deg:
+        text = "the near edge of the swath lies beyond the far edge"
+        yield at_fault(radar, "near_incidence_deg", text, "Keep it below far_incidence_deg")
+    if radar.fading == "gaussian" and radar.looks is not None and radar.looks < GAUSSIAN_LOOKS:
+        share = 50.0 * math.erfc(math.sqrt(0.5 * radar.looks))
+        text = f"the Gaussian form of fading is negative in {share:.2g} percent of pixels of {radar.looks:g} looks"
+        yield at_fault(radar, "fading", text, f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"')
+    if radar.scan == "ppi":
+        if radar.aperture != "real":
+            yield at_fault(radar, "aperture", "a rotating antenna forms no synthetic aperture", 'Add aperture = "real"')
+        if radar.pixel_m is not None:
+            text = "the pixels of a plan-position indicator are as wide as its beam"
+            yield at_fault(radar, "pixel_m", text, "Leave pixel_m out")
+    elif radar.antenna_east_m or radar.antenna_north_m:
+        text = "a place of the antenna belongs to a plan-position indicator"
+        yield at_fault(radar, "antenna_east_m", text, 'Add scan = "ppi", or leave it out')
+    if radar.pixel_m is not None and radar.pixel_m > radar.resolution_m:
+        text, remedy = "pixels coarser than the resolution cell", "Make it at most the resolution, or leave it out"
+        yield at_fault(radar, "pixel_m", text, remedy)
+    if (radar.elevation_pattern == "table") != bool(radar.pattern_table):
+        remedy = 'Give both elevation_pattern = "table" and pattern_table, or neither'
+        yield Problem("a pattern and its table belong together", remedy, field="pattern_table")
+    if radar.snow != "none" and radar.season != "winter":
+        yield at_fault(radar, "snow", "snow lies in winter only", 'Use season = "winter", or snow = "none"')
+    used = [names for names in _CALIBRATIONS if any(getattr(radar, name) is not None for name in names)]
+    if len(used) > 1:
+        text = f"more than one calibration of the picture: {'; '.join(' and '.join(names) for names in used)}"
+        yield Problem(text, "Give one of them", field=used[1][0])
+    for names in used:
+        missing = [name for name in names if getattr(radar, name) is None]
+        yield from (Problem("half of a calibration pair", f"Give {' and '.join(names)}", field=n) for n in missing)
+
+
+def rounded_down(value: float) -> str:
+    """Five digits, never above `value`: what a message allows must be allowed."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 4)
+    return f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.5g}"
+
+
+def rounded_up(value: float) -> str:
+    """Five digits, never below `value`."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 4)
+    return f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.5g}"

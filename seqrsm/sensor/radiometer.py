@@ -7,7 +7,7 @@ beamwidth. What the scan makes of period, speed, beam and integration time is in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -16,63 +16,10 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
-from seqrsm.sensor.settings import collect
+from seqrsm.sensor.parameters import RADIOMETER, configured, value_problems
 
-PARAMETER_FIELDS: Final[Mapping[str, str]] = {
-    "frequency": "frequency_ghz",
-    "polarization": "channels",
-    "resolution": "resolution_m",
-    "integration_time": "integration_time_ms",
-    "bandwidth": "bandwidth_mhz",
-    "noise_temperature": "noise_temperature_k",
-    "scan_period": "scan_period_s",
-}
-"""Names of the passive parameters of Table 1 in ``campaign.toml`` and the fields they set."""
-
-CHANNELS: Final = ("H", "V")
+CHANNELS: Final = RADIOMETER["polarization"].levels
 """Polarization channels in the order of every draw."""
-
-TEXT_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
-    "mode": ("full", "report"),
-    "receiver": ("total_power", "dicke", "correlation"),
-    "beam": ("gaussian", "box", "sidelobes", "measured"),
-    "gaps": ("record", "refuse"),
-    "overlap": ("average", "nearest"),
-    "radiation": ("auto", "rayleigh_jeans", "planck"),
-    "atmosphere": ("us_standard", "midlatitude_summer", "midlatitude_winter", "none"),
-    "weather": ("clear", "cloud", "rain"),
-    "temperature": ("exposure", "constant", "layer"),
-}
-"""Fields that hold a word, and the words."""
-
-_LIMITS: Final[Mapping[str, tuple[float, float, str]]] = {
-    "frequency_ghz": (0.4, 36.0, "GHz: the table of the atmosphere reaches no further"),
-    "resolution_m": (0.05, 1e6, "m"),
-    "integration_time_ms": (1e-4, 1e6, "ms"),
-    "bandwidth_mhz": (1e-3, 1e4, "MHz"),
-    "noise_temperature_k": (0.0, 1e5, "K"),
-    "scan_period_s": (1e-3, 1e5, "s"),
-    "altitude_m": (1.0, 2e6, "m"),
-    "speed_m_s": (1.0, 1e4, "m/s"),
-    "scan_half_angle_deg": (0.0, 75.0, "deg"),
-    "antenna_limit_m": (0.01, 1e3, "m"),
-    "reference_temperature_k": (0.0, 1000.0, "K"),
-    "gain_fluctuation": (0.0, 0.1, ""),
-    "cloud_kg_m2": (0.0, 5.0, "kg/m2"),
-    "rain_mm_h": (0.0, 150.0, "mm/h"),
-    "temperature_low_k": (200.0, 400.0, "K"),
-    "temperature_high_k": (200.0, 400.0, "K"),
-    "temperature_date_sd_k": (0.0, 50.0, "K"),
-    "temperature_field_sd_k": (0.0, 50.0, "K"),
-    "latitude_deg": (-90.0, 90.0, "deg"),
-    "day_of_year": (1.0, 366.0, ""),
-    "hour": (0.0, 24.0, "h"),
-    "exposure_hours": (0.0, 24.0, "h"),
-    "soil_moisture_low": (0.02, 0.5, "m3/m3"),
-    "soil_moisture_high": (0.02, 0.5, "m3/m3"),
-    "soil_moisture_field_sd": (0.0, 0.3, "m3/m3"),
-}
-_SHOWN: Final = {target: name for name, target in PARAMETER_FIELDS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +74,11 @@ class RadiometerConfiguration:
         image, with less noise and a line wider by up to a half, or make each a line of its own.
     radiation : {"auto", "rayleigh_jeans", "planck"}
         "auto": Rayleigh-Jeans unless its error over the scene exceeds the radiometric resolution.
-    atmosphere, weather, cloud_kg_m2, rain_mm_h
+    atmosphere : {"us_standard", "midlatitude_summer", "midlatitude_winter", "none"}
+    weather : {"clear", "cloud", "rain"}
         See `seqrsm.scattering.atmosphere.make_atmosphere`.
+    cloud_kg_m2, rain_mm_h : float
+        Liquid water of the cloud [kg/m2], and rate of the rain [mm/h].
     temperature : {"exposure", "constant", "layer"}
         Physical temperature of the ground by exposure to the sun, `temperature_low_k` everywhere, or the layer of the
         data base.
@@ -137,7 +87,8 @@ class RadiometerConfiguration:
     temperature_date_sd_k, temperature_field_sd_k : float
         Departure of a date, and of a field on a date [K].
     latitude_deg, day_of_year, hour, exposure_hours : float
-        Sun: latitude, day 1 to 366, solar time [h], and how many hours back exposure is averaged (0: that moment).
+        Sun: latitude [deg], day 1 to 366, solar time [h], and how many hours back exposure is averaged (0: that
+        moment).
     soil_moisture_low, soil_moisture_high : float
         Mean volumetric soil moisture of a run is uniform between them [m3/m3].
     soil_moisture_field_sd : float
@@ -188,7 +139,7 @@ class RadiometerConfiguration:
     soil_moisture_field_sd: float = 0.04
 
     def __post_init__(self) -> None:
-        problems = _value_problems(self) or _set_problems(self)
+        problems = value_problems(RADIOMETER, self) or _set_problems(self)
         if problems:
             raise ConfigurationError(*problems)
 
@@ -246,30 +197,6 @@ class RadiometerConfiguration:
         return np.asarray(BOLTZMANN_J_K * np.asarray(antenna_k, dtype=np.float64) * self.bandwidth_mhz * 1e6)
 
 
-def _value_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
-    """Every value that is impossible alone."""
-    problems = []
-    for name, (low, high, unit) in _LIMITS.items():
-        value = getattr(radiometer, name)
-        if not (isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high):
-            remedy = f"Give a number from {low:g} to {high:g} {unit}".rstrip()
-            problems.append(Problem("out of range", remedy, field=_SHOWN.get(name, name), value=value))
-    for name, allowed in TEXT_FIELDS.items():
-        value = getattr(radiometer, name)
-        if value not in allowed:
-            problems.append(Problem("unknown", f"Known: {', '.join(allowed)}", field=name, value=value))
-    channels = radiometer.channels
-    known = isinstance(channels, tuple) and all(channel in CHANNELS for channel in channels)
-    if not known or not channels or len(set(channels)) != len(channels):
-        problems.append(
-            Problem("not a set of channels", "Give H, V or H+V", field="polarization", value=radiometer.channels)
-        )
-    if radiometer.heading_deg not in (0.0, 90.0, 180.0, 270.0):
-        remedy = "Give 0, 90, 180 or 270 deg: columns of the scene must follow the flight"
-        problems.append(Problem("not along the grid", remedy, field="heading_deg", value=radiometer.heading_deg))
-    return problems
-
-
 def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
     """Every contradiction between values that are possible alone."""
     problems = []
@@ -295,8 +222,8 @@ def from_settings(
     Parameters
     ----------
     settings : Mapping[str, float or str]
-        Levels of the factors, by the names of Table 1 (`PARAMETER_FIELDS`) or of the fields of
-        `RadiometerConfiguration`. The polarization ``"H+V"`` is both channels.
+        Levels of the factors, by their names in ``campaign.toml`` (`seqrsm.sensor.parameters.RADIOMETER`) or of the
+        fields. The polarization ``"H+V"`` is both channels.
     fixed : Mapping[str, float or str], optional
         Everything that is no factor, by the same names.
 
@@ -305,24 +232,4 @@ def from_settings(
     ConfigurationError
         Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
     """
-    given, problems = collect("radiometer", RadiometerConfiguration, PARAMETER_FIELDS, settings, fixed)
-    arguments = {name: _converted(name, value, problems) for name, value in given.items()}
-    if problems:
-        raise ConfigurationError(*problems)
-    build: Callable[..., RadiometerConfiguration] = RadiometerConfiguration
-    return build(**arguments)
-
-
-def _converted(name: str, value: float | str, problems: list[Problem]) -> object:
-    """Value of a field as its type; what cannot be converted is added to ``problems``."""
-    if name == "channels":
-        return tuple(part.strip() for part in str(value).split("+"))
-    if name in TEXT_FIELDS or name == "beam_file":
-        return str(value)
-    try:
-        if isinstance(value, bool):
-            raise ValueError
-        return float(value)
-    except (TypeError, ValueError):
-        problems.append(Problem("not a number", "Give a number", field=_SHOWN.get(name, name), value=value))
-        return value
+    return configured("radiometer", RadiometerConfiguration, RADIOMETER, settings, fixed)

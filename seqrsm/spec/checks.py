@@ -12,25 +12,12 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.spec.toml_lines import Path, line_of
-from seqrsm.units import PARAMETER_UNITS
 
-RADAR = ("frequency", "polarization", "resolution", "looks", "bandwidth", "peak_power", "depression_angle")
-RADIOMETER = (
-    "frequency",
-    "polarization",
-    "resolution",
-    "integration_time",
-    "bandwidth",
-    "noise_temperature",
-    "scan_period",
-)
-#: Per engine: the sensor parameters (RSL TR 380-1 Table 1) and the channels a polarization may name.
-ENGINES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "psm": (RADAR, ("HH", "HV", "VV")),
-    "prm": (RADIOMETER, ("H", "V")),
-}
+#: Parameters of each engine's sensor.
+SENSORS: Mapping[str, Mapping[str, Parameter]] = {"psm": RADAR, "prm": RADIOMETER}
 #: Columns of a scores file, which no factor may be named after.
 RESERVED = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
 
@@ -156,9 +143,17 @@ def factors(
             made.append(None)
             continue
         _check_parameter(path, table, engine, report)
-        factor = _make_factor(path, table, report)
+        factor = _make_factor(path, table, engine, report)
         made.append(factor if len(report.problems) == before else None)
     return made
+
+
+def _parameter(name: str, engine: str | None) -> Parameter | None:
+    """The engine's parameter of this name; without an engine, one of Table 1 whose name does not tell its unit."""
+    if engine is not None and engine in SENSORS:
+        return find(SENSORS[engine], name)
+    rows = (table.get(name) for table in SENSORS.values())
+    return next((row for row in rows if row is not None and row.name != row.field), None)
 
 
 def _check_parameter(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> None:
@@ -166,42 +161,49 @@ def _check_parameter(path: Path, table: Mapping[str, Any], engine: str | None, r
     if name in RESERVED:
         report.add((*path, "name"), "a column of the scores file has this name", "Choose another name.", name)
         return
-    parameter = PARAMETER_UNITS.get(name)
-    if parameter is not None and table["unit"] not in ("", parameter.unit):
+    parameter = _parameter(name, engine)
+    if parameter is not None and parameter.numeric and table["unit"] not in ("", parameter.unit):
         remedy = f'Write unit = "{parameter.unit}" and give the range in it.' if parameter.unit else "Leave it out."
         report.add((*path, "unit"), f"'{name}' is given in another unit than the sensor's", remedy, table["unit"])
-    if engine is None or engine not in ENGINES:
+    if engine is None or engine not in SENSORS:
         return
-    parameters, channels = ENGINES[engine]
-    if name not in parameters:
-        near = difflib.get_close_matches(name, parameters, n=1)
-        remedy = f"Did you mean '{near[0]}'?" if near else f"Its parameters: {', '.join(parameters)}."
+    if parameter is None:
+        near = difflib.get_close_matches(name, SENSORS[engine], n=1)
+        remedy = f"Did you mean '{near[0]}'?" if near else f"`seqrsm parameters {engine}` lists those it has."
         report.add((*path, "name"), f"the engine '{engine}' has no such sensor parameter", remedy, name)
-    elif "levels" not in table:
-        return  # its types are wrong already
-    elif (name == "polarization") != (table["levels"] is not None):
-        needed = "levels" if name == "polarization" else "low and high, or values"
-        report.add(path, f"'{name}' is given by {needed}", f"Give {needed}.")
-    elif name == "polarization":
-        _check_channels(path, table["levels"], channels, report)
+    elif name != parameter.name:
+        remedy = f"Write '{parameter.name}'."
+        report.add((*path, "name"), "a factor bears its parameter's name in this file", remedy, name)
+    elif parameter.why_fixed:
+        remedy = f"Give it under [simulator.fixed]. {parameter.why_fixed}."
+        report.add((*path, "name"), "this parameter cannot be a factor", remedy, name)
 
 
-def _check_channels(path: Path, levels: Sequence[str], channels: Sequence[str], report: Reporter) -> None:
+def _check_levels(path: Path, table: Mapping[str, Any], parameter: Parameter, report: Reporter) -> None:
+    """Every end, value or level of a factor is one that the sensor can take."""
+    forms = {"low": "low and high", "values": "values"} if parameter.numeric else {"levels": "levels"}
+    if not parameter.continuous:
+        forms.pop("low", None)
+    if all(table[key] is None for key in forms):
+        needed = ", or ".join(forms.values())
+        report.add(path, f"'{parameter.name}' is given by {needed}", f"Give {needed}: {parameter.allowed}.")
+        return
+    given: list[tuple[Path, Any]] = [((*path, key), table[key]) for key in ("low", "high") if table[key] is not None]
+    for key in ("values", "levels"):
+        given += [((*path, key, index), value) for index, value in enumerate(table[key] or ())]
     seen: dict[frozenset[str], str] = {}
-    for index, level in enumerate(levels):
-        parts = level.split("+")
-        place = (*path, "levels", index)
-        if any(part not in channels for part in parts) or len(set(parts)) < len(parts):
-            remedy = f"Join different ones of {', '.join(channels)} by '+', such as {channels[0]}+{channels[1]}."
-            report.add(place, "a polarization level names channels that the engine does not have", remedy, level)
-        elif seen.get(frozenset(parts), level) != level:
-            report.add(place, f"this is the same set of channels as '{seen[frozenset(parts)]}'", "Drop one.", level)
-        seen.setdefault(frozenset(parts), level)
+    for place, value in given:
+        for problem in parameter.level_problems(value):
+            report.add(place, problem.message, f"{problem.remedy}.", value)
+        if parameter.kind == "channels":
+            same = seen.setdefault(frozenset(value.split("+")), value)
+            if same != value:
+                report.add(place, f"this is the same set of channels as '{same}'", "Drop one.", value)
 
 
-def _make_factor(path: Path, table: Mapping[str, Any], report: Reporter) -> Factor | None:
+def _make_factor(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> Factor | None:
     name, scale = table["name"], table["scale"]
-    parameter = PARAMETER_UNITS.get(name)
+    parameter = _parameter(name, engine)
     unit = table["unit"] or ("" if parameter is None else parameter.unit)
     given = [key for key in ("low", "high", "values", "levels") if table[key] is not None]
     if given not in (["low", "high"], ["values"], ["levels"]):
@@ -209,20 +211,25 @@ def _make_factor(path: Path, table: Mapping[str, Any], report: Reporter) -> Fact
         remedy = "Give low and high, or values, or levels."
         report.add(path, f"a factor has either low and high, or values, or levels; here: {said}", remedy)
         return None
+    factor: Factor
     try:
         if given == ["levels"]:
             for key in ("unit", "scale"):
                 if (*path, key) in report.lines:
                     report.add((*path, key), f"a factor of levels has no {key}", "Leave it out.", table[key])
-            return CategoricalFactor(name, tuple(table["levels"]))
-        if given == ["values"]:
-            return DiscreteFactor(name, tuple(table["values"]), unit, scale)
-        return ContinuousFactor(name, table["low"], table["high"], unit, scale)
+            factor = CategoricalFactor(name, tuple(table["levels"]))
+        elif given == ["values"]:
+            factor = DiscreteFactor(name, tuple(table["values"]), unit, scale)
+        else:
+            factor = ContinuousFactor(name, table["low"], table["high"], unit, scale)
     except RegionError as error:
         for problem in error.problems:
             key = _key_of(problem, given)
             report.add((*path, key), problem.message, problem.remedy, problem.value)
-    return None
+        return None
+    if parameter is not None and parameter.name == name and not parameter.why_fixed and engine in SENSORS:
+        _check_levels(path, table, parameter, report)
+    return factor
 
 
 def _key_of(problem: Problem, given: Sequence[str]) -> str:
@@ -365,9 +372,9 @@ def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence
             remedy = f"Give its path from the campaign's folder{more}."
             report.add(("simulator", key), "there is no such file", remedy, file)
     for key, value in fixed.items() if isinstance(fixed, dict) else ():
+        parameter = find(SENSORS.get(str(table.get("engine")), {}), key)
         for name in factor_names:
-            # A unit may follow the name of a parameter: frequency_ghz fixes "frequency".
-            if key == name or (key.startswith(f"{name}_") and name in PARAMETER_UNITS and key not in PARAMETER_UNITS):
+            if name == key or (parameter is not None and name in (parameter.name, parameter.field)):
                 message = f"'{name}' is a factor and fixed at once"
                 report.add(("simulator", "fixed", key), message, "Remove it from one of the two.", value)
 

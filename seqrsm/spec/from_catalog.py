@@ -17,13 +17,13 @@ from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 from seqrsm.errors import Problem, UserError
+from seqrsm.sensor.parameters import RADAR
 from seqrsm.spec.read import SPEC_NAME
 from seqrsm.spec.templates import new_folder, template_folder
 
 SCENE_TEMPLATE = "langegracht-radar"
 """Template whose data base the new campaign takes."""
 
-CHANNELS = ("HH", "HV", "VV")
 MAX_LEVELS = 5
 FREQUENCY_GHZ = (1.25, 10.8)
 RESOLUTION_M = (5.0, 100.0)
@@ -216,7 +216,7 @@ def _comment(lines: tuple[str, ...]) -> str:
 
 def _levels(item: StartLevels) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Levels of polarization that the engine has, and comments."""
-    known = tuple(level for level in item.levels if all(channel in CHANNELS for channel in level.split("+")))
+    known = tuple(level for level in item.levels if set(level.split("+")) <= set(RADAR["polarization"].levels))
     tables = tables_text(item.tables)
     if not known:
         return ("HH", "VV", "HH+HV"), (f"{tables}: no channel is named; usual ones",)

@@ -9,8 +9,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
     along the path of steepest ascent); ``attempts`` (3): batches in a row without a single score after which the
     campaign gives up.
 ``[[factor]]``, one or more
-    ``name``; ``unit`` (""; of a sensor parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and
-    ``high``, or ``values`` (two or more numbers), or ``levels`` (two or more names).
+    ``name``: with a simulator, that of a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; of a sensor
+    parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
+    numbers), or ``levels`` (two or more names).
 ``[[constraint]]``
     ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
 ``[[application]]``, one or more

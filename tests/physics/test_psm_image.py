@@ -10,6 +10,7 @@ import pytest
 from psm_cases import Table, lut_of, mapped, radar, scene, small_score
 
 from seqrsm.errors import ConfigurationError, SceneError
+from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_sums
 from seqrsm.simulate.radar.frame import make_frame
@@ -58,7 +59,7 @@ def test_flat_ground_shows_no_ripple(ratio, range_format, precision):
 def test_flat_image_is_the_sum_of_its_elements():
     r = radar(resolution_m=20.0, earth="flat")
     image = quiet(scene(np.zeros((80, 40)), 5.0), r, precision="float64")
-    y, _ = r.ground_ranges_m(80, 5.0, 0.0, 0.0)
+    y, _ = ground_ranges_m(r, 80, 5.0, 0.0, 0.0)
     element = r.radar_constant_w_m2() * 0.1 * 25.0 / (y**2 + 6000.0**2) ** 2
     looks_in_cell = 20.0 / np.asarray(r.ground_resolution_m(np.arctan2(image.ground_range_m, 6000.0))) * 20.0 / 1.0
     expected = 4 * element.reshape(-1, 4).sum(axis=1) / looks_in_cell

@@ -8,6 +8,7 @@ from psm_cases import Table, mapped, radar, scene
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.scene import terrain
+from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture
@@ -89,7 +90,7 @@ def test_a_vertical_cliff_hides_ground_and_keeps_its_power():
     image = quiet(scene(z, 5.0), r, precision="float64")
     # Behind the far edge, at ground range y of row 59, the shadow is 200 m x y / (height - 200 m).
     mean = z.mean()
-    y, _ = r.ground_ranges_m(120, 5.0, mean, 200.0)
+    y, _ = ground_ranges_m(r, 120, 5.0, mean, 200.0)
     length = 200.0 * y[59] / (6000.0 - 200.0)
     hidden = image.shadow[60:, 20].sum() * 5.0
     assert abs(hidden - length) <= 5.0

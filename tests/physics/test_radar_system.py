@@ -18,6 +18,7 @@ from seqrsm.sensor.earth import (
     range_geometry,
     slant_range_of_ground,
 )
+from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums, power_map
 from seqrsm.simulate.radar.fading import correlated_fading
@@ -221,7 +222,7 @@ def test_a_single_target_has_its_power_and_place():
     more = image.mean_power - without.mean_power
     row, column = np.unravel_index(int(np.argmax(more[0])), more.shape[1:])
     assert row * more.shape[2] + column == image.pixel_of_cell[40, 30]
-    y, _ = r.ground_ranges_m(80, 5.0, 0.0, 0.0)
+    y, _ = ground_ranges_m(r, 80, 5.0, 0.0, 0.0)
     slant = math.hypot(y[40], 6000.0)
     constant = 100.0 * 10.0**5 * r.wavelength_m**2 * 10.0**-0.3 / (4 * math.pi) ** 3
     # One target in a pixel: the mean over the pixel's independent looks, one of which holds it.

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from seqrsm.report.wording import fixed_label, fixed_unit, readable_text
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.report.wording import (
+    axis_label,
+    fixed_label,
+    fixed_unit,
+    format_settings,
+    readable,
+    readable_term,
+    readable_text,
+)
 
 
 @pytest.mark.parametrize(
@@ -37,6 +46,16 @@ def test_every_number_of_a_radar_has_a_unit_or_is_a_pure_number():
     for field in fields(RadarConfiguration):
         if "float" in str(field.type) and field.name not in pure and "tuple" not in str(field.type):
             assert fixed_unit(field.name, 1.0), field.name
+
+
+def test_terms_of_sensor_parameters_do_not_look_like_units():
+    assert readable_term("altitude_m^2") == "altitude\u00b2"
+    assert readable_term("season[fall]:pulse_length_us") == "season[fall] \u00d7 pulse length"
+    assert readable_text("at altitude_m = 3000", ("altitude_m",)) == "at altitude = 3000"
+    assert readable("walking_speed_km_h") == "walking speed km h"
+    altitude = ContinuousFactor("altitude_m", 1000.0, 3000.0, "m")
+    assert axis_label(altitude) == "altitude [m]"
+    assert format_settings((altitude,), {"altitude_m": 2000.0}) == "altitude 2000\u00a0m"
 
 
 def test_factors_are_readable_in_sentences_of_others():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from seqrsm.catalog import Range, StartRange, load_catalog, start_ranges
 from seqrsm.catalog.start import agreement
 from seqrsm.errors import UserError
-from seqrsm.units import PARAMETER_UNITS
+from seqrsm.sensor.parameters import RADAR, RADIOMETER
 
 CATALOG = load_catalog()
 C_CM_GHZ = 29.9792458
@@ -90,7 +90,9 @@ def test_numbers_come_from_the_sources_they_name(entry: object) -> None:
     start = start_ranges(entry.name, system=entry.system)  # type: ignore[attr-defined]
     assert entry in start.entries
     for factor in start.ranges:
-        assert PARAMETER_UNITS[factor.name].unit == factor.unit
+        for sensor in (RADAR, RADIOMETER):
+            assert factor.name not in sensor or sensor[factor.name].unit == factor.unit
+        assert factor.name in (RADAR if entry.system == "active" else RADIOMETER)  # type: ignore[attr-defined]
         assert factor.scale == ("linear" if factor.unit == "deg" else "log")
         if factor.low is None or factor.high is None:
             assert not any(source.ranges for source in factor.sources)

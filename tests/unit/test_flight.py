@@ -8,8 +8,9 @@ import pytest
 
 from seqrsm.errors import ScoresFileError
 from seqrsm.score import cells
-from seqrsm.score.cells import FactorColumn, Measure, unit_factor
+from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import binomial_percent, read_scores
+from seqrsm.units import unit_factor
 
 FACTORS = (
     FactorColumn("frequency", "GHz"),

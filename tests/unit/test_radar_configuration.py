@@ -11,6 +11,7 @@ import pytest
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.sensor.radar import RadarConfiguration, from_settings
+from seqrsm.sensor.swath import ground_ranges_m
 
 SETTINGS = {
     "frequency": 5.3,
@@ -96,7 +97,7 @@ def test_looks_used_are_those_asked_for_where_there_are_as_many():
 
 
 def test_depression_points_at_the_centre_of_the_scene():
-    y, rows = radar().ground_ranges_m(101, 5.0, 100.0, 200.0)
+    y, rows = ground_ranges_m(radar(), 101, 5.0, 100.0, 200.0)
     assert rows == slice(0, 101)
     assert y[50] == pytest.approx(5900.0)
     np.testing.assert_allclose(np.diff(y), 5.0)
@@ -182,6 +183,6 @@ def test_what_a_message_allows_is_allowed():
 def test_swaths_that_cannot_be_flown_are_refused(changes, settings, words):
     r = from_settings({**SETTINGS, **settings}, {**FIXED, **changes})
     with pytest.raises(ConfigurationError) as caught:
-        r.ground_ranges_m(1001, 5.0, 50.0, 100.0)
+        ground_ranges_m(r, 1001, 5.0, 50.0, 100.0)
     for word in words:
         assert word in str(caught.value)

@@ -8,7 +8,8 @@ import pytest
 
 from seqrsm.constants import BOLTZMANN_J_K
 from seqrsm.errors import ConfigurationError
-from seqrsm.sensor.radiometer import PARAMETER_FIELDS, RadiometerConfiguration, from_settings
+from seqrsm.sensor.parameters import RADIOMETER
+from seqrsm.sensor.radiometer import RadiometerConfiguration, from_settings
 
 SETTINGS = {
     "frequency": 10.7,
@@ -28,7 +29,8 @@ def test_all_seven_passive_parameters_are_factors():
     assert (made.frequency_ghz, made.resolution_m, made.integration_time_ms) == (10.7, 100.0, 10.0)
     assert (made.bandwidth_mhz, made.noise_temperature_k, made.scan_period_s) == (100.0, 500.0, 2.0)
     assert made.weather == "rain"
-    assert set(SETTINGS) == set(PARAMETER_FIELDS)
+    assert set(SETTINGS) == {row.name for row in RADIOMETER.values() if row.name != row.field}
+    assert not any(RADIOMETER[name].why_fixed for name in SETTINGS)
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -7,7 +7,7 @@ import pytest
 import scipy.constants
 
 from seqrsm import constants, units
-from seqrsm.errors import ConfigurationError
+from seqrsm.sensor.parameters import RADAR, RADIOMETER
 
 
 def test_constants_match_codata() -> None:
@@ -39,26 +39,26 @@ def test_angles_and_frequencies() -> None:
     ("parameter", "value", "unit", "expected"),
     [
         ("frequency", 9600.0, "MHz", 9.6),
-        ("frequency", 9.6, "", 9.6),
+        ("frequency", 9.6, "GHz", 9.6),
         ("resolution", 0.025, "km", 25.0),
         ("bandwidth", 500.0, "kHz", 0.5),
         ("peak_power", 2.5, "kW", 2500.0),
         ("depression_angle", np.pi / 4, "rad", 45.0),
         ("integration_time", 0.1, "s", 100.0),
+        ("scan_period", 250.0, "ms", 0.25),
         ("looks", 4.0, "", 4.0),
     ],
 )
-def test_parameter_units(parameter: str, value: float, unit: str, expected: float) -> None:
-    assert units.to_parameter_unit(parameter, value, unit) == pytest.approx(expected)
+def test_values_in_the_unit_of_a_parameter(parameter: str, value: float, unit: str, expected: float) -> None:
+    row = RADAR.get(parameter) or RADIOMETER[parameter]
+    factor = units.unit_factor(unit, row.unit)
+    assert factor is not None
+    assert value * factor == pytest.approx(expected)
+    assert unit in (*units.units_like(row.unit), "")
 
 
-def test_parameter_units_refuse() -> None:
-    with pytest.raises(ConfigurationError, match="no such sensor parameter"):
-        units.to_parameter_unit("colour", 1.0)
-    with pytest.raises(ConfigurationError, match="Accepted: GHz, MHz, Hz"):
-        units.to_parameter_unit("frequency", 1.0, "m")
-
-
-def test_all_ten_names_of_table_1() -> None:
-    """Seven radar and seven radiometer parameters share four names."""
-    assert len(units.PARAMETER_UNITS) == 10
+def test_units_of_different_kinds_have_no_factor() -> None:
+    assert units.unit_factor("m", "GHz") is None
+    assert units.unit_factor("", "m") is None
+    assert units.units_like("GHz") == ("GHz", "MHz", "kHz", "Hz")
+    assert units.units_like("furlong") == ()

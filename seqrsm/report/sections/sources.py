@@ -73,6 +73,8 @@ def image_section(dossier: Dossier) -> Section | None:
         "footprint nearest to it, and is white where there is none."
     )
     scale = "The black bar under each picture is its scale, given in the table. All pictures are of one occasion."
+    if "heading_deg" in dossier.spec.region.names:
+        scale += " The ground truth is turned as the first of them."
     blocks: list[Block] = [Paragraph(f"{where} {scale}")]
     if dossier.truth is not None:
         text = (

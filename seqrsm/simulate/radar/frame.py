@@ -13,6 +13,7 @@ from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.swath import ground_ranges_m, ring_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.ppi import bilinear, polar_layers
 from seqrsm.simulate.radar.texture import ground_of
@@ -120,7 +121,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
         return _polar_frame(scene, radar, precision)
     turned = _turned(scene, radar.heading_deg, precision)
     n_rows = turned.elevation_m.shape[0]
-    y, rows = radar.ground_ranges_m(n_rows, scene.cell_m, turned.mean_m, turned.peak_m)
+    y, rows = ground_ranges_m(radar, n_rows, scene.cell_m, turned.mean_m, turned.peak_m)
     height = radar.altitude_m - turned.mean_m
     own = y[rows]
     near, far = _padding(turned.relief_m[rows], own, height, scene.cell_m, radar.resolution_m)
@@ -154,7 +155,7 @@ def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Rad
     east, north = radar.antenna_east_m, radar.antenna_north_m
     polar = polar_layers(scene, east, north, radar.azimuth_beamwidth_rad, precision)
     n_rings = polar.elevation_m.shape[0]
-    y, rows = radar.ring_ranges_m(n_rings, scene.cell_m, polar.mean_m, polar.peak_m)
+    y, rows = ring_ranges_m(radar, n_rings, scene.cell_m, polar.mean_m, polar.peak_m)
     if (polar.cover == NO_COVER).all():
         text = "the antenna sees nothing of the scene"
         raise SceneError(Problem(text, "Move it nearer", field="antenna_east_m", value=east))

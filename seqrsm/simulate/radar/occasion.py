@@ -14,8 +14,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.rng import generator
-from seqrsm.sensor.feasibility import CHANNELS
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup

@@ -19,8 +19,7 @@ from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
 from seqrsm.sensor.earth import range_geometry
-from seqrsm.sensor.feasibility import CHANNELS, GAUSSIAN_LOOKS
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, GAUSSIAN_LOOKS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.radar.fading import add_fading, correlated_fading

@@ -19,8 +19,7 @@ from seqrsm.rng import generator, stream_key
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import aggregated
 from seqrsm.sensor.earth import range_geometry
-from seqrsm.sensor.feasibility import CHANNELS
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate import kernels_sample
 from seqrsm.simulate.fidelity import RungPlan
 from seqrsm.simulate.radar import kernels

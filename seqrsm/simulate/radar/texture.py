@@ -18,8 +18,7 @@ from seqrsm.arrays import IntArray
 from seqrsm.rng import generator
 from seqrsm.scene.fields import voronoi_labels
 from seqrsm.scene.scene import Scene
-from seqrsm.sensor.feasibility import CHANNELS
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar.occasion import Occasion
 
 if TYPE_CHECKING:
