@@ -166,7 +166,7 @@ def _found(
 ) -> tuple[str, float, float, float]:
     """What the campaign says: text, and value with the ends of its credible interval in the table's unit."""
     if factor is None:
-        fixed = None if spec.simulator is None else spec.simulator.fixed.get(item.name)
+        fixed = _fixed(spec, item.name)
         if fixed is None or isinstance(fixed, str):
             return "", math.nan, math.nan, math.nan
         return f"{with_unit(format_plain(fixed), item.unit)}, held fixed", fixed, fixed, fixed
@@ -179,6 +179,12 @@ def _found(
     if scale is None:
         return text, math.nan, math.nan, math.nan
     return text, scale * best, scale * ends[0], scale * ends[1]
+
+
+def _fixed(spec: CampaignSpec, name: str) -> float | str | None:
+    """Value of a parameter that the campaign holds fixed, by its name or its field's; None where it does not."""
+    given = {} if spec.simulator is None else spec.simulator.fixed
+    return given.get(name, given.get((RADAR.get(name) or RADIOMETER[name]).field))
 
 
 def _apart(item: StartRange, factor: Factor) -> bool:
@@ -194,7 +200,7 @@ def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -
         best = str(analysis.optimum.settings["polarization"])
         found = f"{best} (of {describe_factor(factor)[1]})"
     else:
-        fixed = None if spec.simulator is None else spec.simulator.fixed.get("polarization")
+        fixed = _fixed(spec, "polarization")
         if not isinstance(fixed, str):
             return None
         best, found = fixed, f"{fixed}, held fixed"

@@ -142,9 +142,11 @@ class Parameter:
         """What makes a value of ``campaign.toml`` impossible as the level of a factor."""
         problems: list[Problem] = []
         if self.kind == "function" and written not in self.levels:
-            remedy = f"Name one of {', '.join(self.levels)}; a function of yours stands in [simulator.fixed]"
-            return [Problem(f"no level: {_CODE}", remedy, field=self.name, value=written)]
-        value = self.converted(written, problems)
+            text = f"a function of yours is no level: {_CODE}" if ":" in str(written) else "unknown"
+            remedy = f"Known: {', '.join(self.levels)}; a function of yours may stand in [simulator.fixed]"
+            return [Problem(text, remedy, field=self.name, value=written)]
+        # Levels are told apart as they are written: no blanks in "HH+HV".
+        value = tuple(str(written).split("+")) if self.kind == "channels" else self.converted(written, problems)
         found = None if problems else self.problem(value)
         return problems if found is None else [found]
 

@@ -181,9 +181,9 @@ def _check_parameter(path: Path, table: Mapping[str, Any], engine: str | None, r
 
 def _check_levels(path: Path, table: Mapping[str, Any], parameter: Parameter, report: Reporter) -> None:
     """Every end, value or level of a factor is one that the sensor can take."""
-    forms = {"low": "low and high", "values": "values"} if parameter.numeric else {"levels": "levels"}
-    if not parameter.continuous:
-        forms.pop("low", None)
+    forms = {"levels": "levels"}
+    if parameter.numeric:
+        forms = {"low": "low and high", "values": "values"} if parameter.continuous else {"values": "values"}
     if all(table[key] is None for key in forms):
         needed = ", or ".join(forms.values())
         report.add(path, f"'{parameter.name}' is given by {needed}", f"Give {needed}: {parameter.allowed}.")

@@ -88,6 +88,7 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
+from seqrsm.sensor.parameters import find
 from seqrsm.spec import checks as spec_checks
 from seqrsm.spec import prior as spec_prior
 from seqrsm.spec.checks import Reporter
@@ -400,8 +401,13 @@ def _all_present(applications: Sequence[ApplicationSpec | None]) -> tuple[Applic
 
 
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
-    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``."""
-    file = spec.folder / SPEC_NAME
+    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``, by whichever of its names."""
+    file, written = spec.folder / SPEC_NAME, str(problem.field)
     lines = key_lines(file.read_text(encoding="utf-8-sig"))
-    line = lines.get(("simulator", "fixed", str(problem.field)))
-    return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {problem.field}")
+    if spec.simulator is not None:
+        table = spec_checks.SENSORS[spec.simulator.engine]
+        parameter = find(table, written)
+        same = (name for name in spec.simulator.fixed if parameter is not None and find(table, name) is parameter)
+        written = next(same, written)
+    line = lines.get(("simulator", "fixed", written))
+    return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {written}")

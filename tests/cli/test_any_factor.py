@@ -188,6 +188,17 @@ def test_levels_that_contradict_each_other_are_refused_with_the_settings(tmp_pat
     assert "season = winter" not in said
 
 
+def test_a_fixed_value_that_cannot_be_is_found_by_either_name(tmp_path, tiny_scene):
+    fixed = {key: value for key, value in FIXED.items() if key != "peak_power"} | {"peak_power_w": "-1.0"}
+    folder = make_tiny(tmp_path / "field", tiny_scene, campaign(FACTORS, fixed))
+    line = (folder / "campaign.toml").read_text(encoding="utf-8").split("\n").index("peak_power_w = -1.0") + 1
+    result = seqrsm("check", folder)
+    assert result.exit_code == 2
+    said = " ".join(result.stderr.split())
+    for word in (f"campaign.toml:{line}", "[simulator.fixed] peak_power_w", "-1.0", "1e-06 to 1e+09 W"):
+        assert word in said, said
+
+
 def test_a_radiometer_varies_weather_heading_and_receiver(tmp_path, tiny_scene):
     factors = {
         "altitude_m": "low = 500.0\nhigh = 1500.0",

@@ -383,7 +383,10 @@ def test_whole_numbers_and_numbers_of_few_values_have_nothing_between(load):
 def test_a_function_of_the_users_is_no_level(load):
     (problem,) = refused(load, "psm", 'name = "receiver"; levels = ["linear", "mine:square"]')
     assert (problem.field, problem.value) == ("factor 'receiver': levels no. 2", "mine:square")
+    assert "a function of yours is no level" in problem.message
     assert "[simulator.fixed]" in problem.remedy
+    (problem,) = refused(load, "psm", 'name = "receiver"; levels = ["linear", "agcc"]')
+    assert problem.message == "unknown"
     assert load("psm", 'name = "looks"; low = 1; high = 8', 'receiver = "mine:square"').simulator.fixed
 
 
@@ -405,6 +408,11 @@ def test_a_factor_bears_the_name_of_this_file(load, engine, row):
     (problem,) = refused(load, engine, as_factor(row).replace(row.name, row.field, 1))
     assert problem.value == row.field
     assert f"'{row.name}'" in problem.remedy
+
+
+def test_levels_of_channels_have_no_blanks(load):
+    (problem,) = refused(load, "psm", 'name = "polarization"; levels = ["HH", "HH + HV"]')
+    assert problem.value == "HH + HV"
 
 
 def test_an_unknown_parameter_is_told_the_nearest_or_where_all_are_listed(load):
