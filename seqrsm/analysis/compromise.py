@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, Interval
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
@@ -132,7 +133,7 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
     """
     if len(analyses) + len(spec.considerations) < 2 or len(analyses) < len(spec.applications):
         return None
-    if any(analysis.region_state is not None and not analysis.region_state.box.whole for analysis in analyses):
+    if any(not analysis.region_state.box.whole for analysis in analyses):
         return None
     objectives = [_application(spec, analysis) for analysis in analyses]
     objectives += [_consideration(spec.region, table) for table in spec.considerations]
@@ -143,7 +144,7 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
     scale = analysis.scale
-    beta = analysis.fit.estimate[: analysis.model.p] if analysis.beta is None else analysis.beta
+    beta = analysis.beta
     draws = analysis.posterior.term_draws
     some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
     return Objective(

@@ -10,19 +10,14 @@ import numpy as np
 
 from seqrsm.analysis.departed import departed_optimum_of, departed_text, departures_of, of_both, with_departure
 from seqrsm.analysis.fitted import (
-    CONFIRMATION,
     Fitted,
-    compare_sources,
     confirmation_reason,
     fit_application,
     natural_ranges,
     range_text,
     region_history,
-    scored_runs,
 )
 from seqrsm.analysis.posterior import (
-    Draws,
-    Sampler,
     central,
     draw_coefficients,
     effects_left_out,
@@ -30,16 +25,10 @@ from seqrsm.analysis.posterior import (
     outer_bounds,
     summarise_posterior,
 )
-from seqrsm.analysis.results import (
-    Analysis,
-    Confirmation,
-    FactorImportance,
-    Interval,
-    OptimumEstimate,
-)
-from seqrsm.analysis.scale import ResponseScale
+from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
+from seqrsm.analysis.runs import block_labels, shared_loadings
+from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.study import study_fit
-from seqrsm.analysis.surface import block_labels, shared_loadings
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.allowance import Departures
 from seqrsm.decide.forecast import MODEL_ALPHA
@@ -49,16 +38,14 @@ from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
-from seqrsm.fit.canonical import StationaryPoint, stationary_point
-from seqrsm.fit.importance import variance_shares
+from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
+from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
-from seqrsm.store.records import LookRecord, RunRecord
-
-__all__ = ["CONFIRMATION", "analyse", "scored_runs", "stop_rule"]
+from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
@@ -115,33 +102,26 @@ def analyse(
     """
     goal: Goal = application.goal
     fitted = fit_application(spec, application, runs)
-    region, model, fit = fitted.region, fitted.model, fitted.fit
-    best = optimum(model, region, fitted.beta, goal)
+    region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
+    best = optimum(model, region, beta, goal)
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
     departures = departures_of(fitted)
     of_quadratic = estimate = _estimate(spec, fitted, departures, best, draws)
     departed = departed_optimum_of(spec, fitted, departures, best)
     if departed is not None:
         estimate = _estimate(spec, fitted, departures, departed, draws, chosen=True)
-    lack = fit.lack_of_fit()
     confirmation, agreement = _confirmation(spec, application, fitted, runs)
-    decision = _decision(spec, application, fitted, estimate, lack, looks, agreement)
+    decision = _decision(spec, application, fitted, estimate, looks, agreement)
     posterior = summarise_posterior(spec, fitted, of_quadratic, draws, goal=goal)
     if departed is not None:  # what the settings may lose is not the quadratic's to say
         posterior = replace(posterior, expected_regret=math.nan, p_regret_above=math.nan)
-    stationary = _stationary(model, region, fitted.beta, best)
+    stationary = _stationary(model, region, beta, best)
     return Analysis(
         application=application.name,
         goal=goal,
-        scale=fitted.scale,
         score_unit=application.unit,
-        region=region,
-        model=model,
-        data=fitted.data,
-        fit=fit,
-        anova=fit.anova(),
-        lack_of_fit=lack,
-        importance=tuple(_importance(model, fit, fitted.beta)),
+        fitted=fitted,
+        importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
         optimum=estimate if departed is None else of_both(estimate, best),
         posterior=posterior,
@@ -152,12 +132,8 @@ def analyse(
             + _warnings(spec, application, fitted, best if departed is None else departed)
             + effects_left_out(application, posterior)
         ),
-        n_scored=fitted.n_scored,
-        beta=fitted.beta,
-        region_state=fitted.state,
         region_history=region_history(spec, fitted.state),
-        sources=compare_sources(fitted, best.point, spec.stop.level),
-        dropped=fitted.dropped,
+        sources=fitted.surface.compare(best.point, spec.stop.level),
         study=study_fit(spec, fitted, of_quadratic, stationary, draws) if thorough else None,
     )
 
@@ -170,18 +146,15 @@ def _estimate(
     draws: Draws,
     chosen: bool = False,
 ) -> OptimumEstimate:
-    stop, scale = spec.stop, fitted.scale
-    row = fitted.model.matrix(best.point[None, :])
-    one = fitted.predict(row, stop.level, weight := scale.weight_at(fitted.predict(row).mean))
-    several = fitted.predict(row, stop.level, weight, stop.replicates)
-
-    def in_scores(low: FloatArray, high: FloatArray) -> Interval:
-        return Interval(float(scale.to_score(low)[0]), float(scale.to_score(high)[0]))
-
-    confidence = in_scores(one.confidence.low, one.confidence.high)
-    prediction = in_scores(one.prediction.low, one.prediction.high)
-    prediction_mean = in_scores(several.prediction.low, several.prediction.high)
-    if spec.model.errors != "normal":
+    stop, scale, surface = spec.stop, fitted.scale, fitted.surface
+    row = surface.rows(best.point[None, :])
+    one = surface.predict(row, stop.level, weight := scale.weight_at(surface.predict(row).mean))
+    several = surface.predict(row, stop.level, weight, stop.replicates)
+    confidence, prediction, prediction_mean = (
+        scale.in_scores(float(found.low[0]), float(found.high[0]))
+        for found in (one.confidence, one.prediction, several.prediction)
+    )
+    if not surface.errors.exact:
         # The t interval of least squares knows nothing of heavy tails or counts: these are quantiles of the posterior.
         futures = [future_scores(spec, fitted, draws, row[0], m) for m in (1, stop.replicates)]
         mean = scale.to_score(draws.terms @ row[0])
@@ -234,11 +207,11 @@ def _decision(
     application: ApplicationSpec,
     fitted: Fitted,
     estimate: OptimumEstimate,
-    lack: LackOfFit | str,
     looks: Sequence[LookRecord],
     agreement: Agreement | None,
 ) -> Decision:
-    rule, fit = stop_rule(spec), fitted.fit
+    rule, fit, surface = stop_rule(spec), fitted.fit, fitted.surface
+    lack = fit.lack_of_fit()
     widths = {
         "prediction": estimate.prediction.half_width,
         "prediction_mean": estimate.prediction_mean.half_width,
@@ -251,15 +224,14 @@ def _decision(
     return decide(
         rule,
         n_runs=fit.n_runs,
-        # Terms that were left out by selection have used up their runs; random blocks are no terms.
-        n_terms=(fit.n_terms if fitted.blocks is None else fitted.model.p) + len(fitted.dropped),
-        s=fitted.s,
-        df_residual=fitted.df_residual,
+        n_terms=surface.n_terms + len(fitted.dropped),  # what was left out by selection has used up its runs
+        s=surface.s,
+        df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         lack_of_fit_p=lack.p if isinstance(lack, LackOfFit) else None,
         lack_of_fit_reason=lack if isinstance(lack, str) else "",
         saturated=is_saturated(fitted.model, fitted.region),
-        h=float(fitted.variance_unscaled(fitted.model.matrix(estimate.point[None, :]))[0]),
+        h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
         held_at_previous_look=bool(before.get("conditions_hold")) and same,
         model_p=_model_p(fitted),
@@ -297,7 +269,7 @@ def _confirmation(
     fresh = [run for run in fresh if run.batch == fresh[-1].batch and run.score_of(application.name) is not None]
     if len(fresh) < 2:
         return None, None
-    scale = fitted.scale
+    scale, surface = fitted.scale, fitted.surface
     found = [score for run in fresh if (score := run.score_of(application.name)) is not None]
     scores = np.array([score.score for score in found])
     counts = [(score.correct, score.n) for score in found if score.correct is not None and score.n]
@@ -306,16 +278,16 @@ def _confirmation(
         interval = counted_confirmation(right, trials, spec.stop.level)
     else:
         interval = confirmation_interval(scores, spec.stop.level)
-    row = fitted.model.matrix(fitted.region.code([fresh[0].settings]))
-    weight = float(scale.weight_at(fitted.predict(row).mean)[0])
-    predicted = fitted.predict(row, spec.stop.level, weight, len(scores))
+    row = surface.rows(fitted.region.code([fresh[0].settings]))
+    weight = float(scale.weight_at(surface.predict(row).mean)[0])
+    predicted = surface.predict(row, spec.stop.level, weight, len(scores))
     fresh_scale = ResponseScale.of(spec.model.response, scores)
     agreement = confirmation_agrees(
         confirmation_interval(fresh_scale.values, spec.stop.level),
         predicted=float(predicted.mean[0]),
-        s=fitted.s / np.sqrt(weight),
-        df=fitted.df_residual,
-        h=float(fitted.variance_unscaled(row)[0]) * weight,
+        s=surface.s / np.sqrt(weight),
+        df=surface.df_residual,
+        h=float(surface.variance_unscaled(row)[0]) * weight,
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
@@ -338,25 +310,8 @@ def _confirmation(
     return confirmation, agreement
 
 
-def _counts_shared_error(spec: CampaignSpec, fitted: Fitted) -> str:
-    """Which intervals count an error that the scores of a rung share."""
-    if fitted.sources is not None:
-        return "that is part of the difference between flight and simulation, whose prior is [model] discrepancy_sd"
-    if spec.model.errors != "normal":
-        return "the posterior counts that, and all intervals, which are made of it"
-    if fitted.blocks is not None:
-        return (
-            "the intervals with a departure allowed for count that, the posterior and the plain confidence and "
-            "prediction intervals do not"
-        )
-    return (
-        "the posterior and the intervals with a departure allowed for count that, the plain confidence and prediction "
-        "intervals do not"
-    )
-
-
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
-    fit, data, state = fitted.fit, fitted.data, fitted.state
+    fit, data, state, surface = fitted.fit, fitted.data, fitted.state, fitted.surface
     found = []
     if fit.reason:
         found.append(f"No error estimate: {fit.reason}.")
@@ -374,27 +329,22 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
         if outside:
             found.append(f"{outside} runs were made outside the region; they are part of the fit.")
-    if fitted.blocks is None and len(set(block_labels(spec, data, with_source=False))) > 1:
+    if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
-    if fitted.blocks is None and (spec.model.block_effect == "random" or fitted.occasions == 1):
+    if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):
         found.append("One block so far: how blocks differ is not known yet, and the intervals are for this block only.")
     if fitted.dropped:
         found.append(
             f"{len(fitted.dropped)} terms were left out by the same scores that are fitted: intervals hold given the "
             "terms that stay, and are too short for the doubt about them; `seqrsm fit` shows averages over models."
         )
-    if fitted.blocks is not None and fitted.blocks.reason:
-        found.append(f"{fitted.blocks.reason[:1].upper()}{fitted.blocks.reason[1:]}.")
-    if fitted.sources is not None and fitted.sources.prior_driven:
-        found.append(
-            f"With {fitted.sources.n_flights} flights the difference between flight and simulation is mostly what the "
-            "prior says ([model] discrepancy_sd)."
-        )
+    if surface.note:
+        found.append(surface.note)
     _, rungs = shared_loadings(data, fitted.scale)
     if rungs and data.model_bias is not None:
         found.append(
             f"Simulated scores of {' and '.join(rungs)} may be off together, by {2.0 * np.max(data.model_bias):.2g} at "
-            f"most: {_counts_shared_error(spec, fitted)}."
+            f"most: {surface.shared_error}."
         )
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: it lies further from the runs than any run does.")
@@ -416,7 +366,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         test = f"F test of all terms: p = {p:.2g}"
         found.append(f"No parameter is seen to matter ({test}): other settings may be as good.")
     counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
-    if application.is_percent and counted and (spec.model.weights, spec.model.errors) == ("equal", "normal"):
+    if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:
         found.append('Scores are counts: [model] weights = "counts" would let them count by their binomial variance.')
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)

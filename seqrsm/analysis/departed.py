@@ -8,21 +8,22 @@ import numpy as np
 
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.posterior import outer_bounds
-from seqrsm.analysis.results import DepartureIntervals, Interval, OptimumEstimate
-from seqrsm.analysis.surface import shared_loadings
+from seqrsm.analysis.results import DepartureIntervals, OptimumEstimate
+from seqrsm.analysis.runs import shared_loadings
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, Departures, departed_optimum, weigh_departures
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.factors import setting_text
 from seqrsm.fit.optimum import Optimum, active_constraints, at_bound
-from seqrsm.fit.shared_error import SharedError, shared_error
+from seqrsm.fit.weights import SharedError, shared_error
 from seqrsm.spec.read import CampaignSpec
 
 
 def departures_of(fitted: Fitted) -> Departures | None:
     """Departures from the quadratic that the scores of an application speak for; None where nothing tells of them."""
     fit = fitted.fit
-    if fitted.sources is not None or not fit.s > 0.0:
+    if not fitted.surface.departs:
         return None
     moved = _shared(fitted, np.zeros(fit.n_terms))[1]
     return weigh_departures(fitted.model, fitted.region, fitted.data.points, fit.Z, fit.y - moved, fit.weights)
@@ -41,7 +42,7 @@ def with_departure(
     ``chosen`` says that the settings were chosen for it.
     """
     fit, scale = fitted.fit, fitted.scale
-    if fitted.sources is not None or not fit.s > 0.0:
+    if not fitted.surface.departs:
         return None
     row = fit.rows_with_mean_block(fitted.model.matrix(best.point[None, :]))[0]
     shared, _ = _shared(fitted, row)
@@ -54,8 +55,7 @@ def with_departure(
         # On the scale of the fit, where the interval of the quadratic is (nearly) symmetric.
         low, high = scale.of_score(np.array([interval.low, interval.high]))
         ends = allowance.ends(mean, 0.5 * float(high - low), fit.df_residual, spec.stop.level)
-        scores = scale.to_score(np.array(ends))
-        found.append(Interval(float(scores[0]), float(scores[1])))
+        found.append(scale.in_scores(*ends))
         if kind == spec.stop.interval:
             widening = (ends[1] - ends[0]) / float(high - low)
     shifted = float(scale.to_score(np.array([mean + allowance.shift]))[0])
@@ -96,7 +96,7 @@ def departed_optimum_of(
     return replace(
         best,
         point=point,
-        value=float(model.matrix(point[None, :])[0] @ fitted.beta),
+        value=float(model.matrix(point[None, :])[0] @ fitted.surface.estimate),
         at_bound=at_bound(region, point),
         active_constraints=active_constraints(region, point),
         ties=np.empty((0, region.k)),

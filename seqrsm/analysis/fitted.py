@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import Interval, RegionChange, ScoredRuns, SourceComparison
-from seqrsm.analysis.scale import ResponseScale
-from seqrsm.analysis.surface import (
+from seqrsm.analysis.runs import (
+    LISTED_RUNS,
+    ScoredRuns,
     block_labels,
-    columns_within_sources,
-    fit_surface,
+    in_box,
     occasions_shared,
-    random_blocks,
     response_scale,
-    select_terms,
+    scored_runs,
+    setting_ids,
+    stretch,
 )
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.analysis.scale import ResponseScale
+from seqrsm.analysis.surfaces import Surface, surface_of
+from seqrsm.arrays import FloatArray
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
-from seqrsm.decide.sources import SourceFit, fit_sources
 from seqrsm.decide.stopping import Departure
-from seqrsm.design.factors import ContinuousFactor, setting_text
+from seqrsm.design.factors import ContinuousFactor, setting_text, settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.blocks import RandomBlockPosterior, block_columns
-from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.robust import student_weights
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.estimability import missing_runs
+from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
+from seqrsm.fit.selection import average_models
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
-from seqrsm.store.records import CONFIRMATION, RunRecord
+from seqrsm.store.records import RunRecord
 
 
 def confirmation_reason(application: str) -> str:
@@ -46,6 +46,7 @@ class Fitted:
 
     Attributes
     ----------
+    application : ApplicationSpec
     region, model : Region, QuadraticModel
         The part of the campaign's region that is fitted, with its own coding.
     data : ScoredRuns
@@ -53,145 +54,57 @@ class Fitted:
     scale : ResponseScale
     fit : LeastSquaresFit
         With blocks and sources as constants: what tests and diagnostics are made of.
-    sources : SourceFit or None
-        The flight's surface, where there are simulations and flights.
+    surface : Surface
+        What the optimum is sought on.
     state : RegionState
     n_scored : int
         Scored runs in and outside the box.
     departure : Departure
         Smooth departure from the quadratic in the box.
-    application : ApplicationSpec
     dropped : tuple of str
         Terms of the whole model that were left out by selection.
-    blocks : RandomBlockPosterior or None
-        The surface of the average block, where blocks are random.
-    occasions : int
-        Occasions that simulated runs share (common random numbers), 0 where each has its own. A future run meets one
-        of its own, and so do all runs of a future mean.
     """
 
+    application: ApplicationSpec
     region: Region
     model: QuadraticModel
     data: ScoredRuns
     scale: ResponseScale
     fit: LeastSquaresFit
-    sources: SourceFit | None
+    surface: Surface
     state: RegionState
     n_scored: int
     departure: Departure
-    application: ApplicationSpec
     dropped: tuple[str, ...] = ()
-    blocks: RandomBlockPosterior | None = None
-    occasions: int = 0
 
     @property
-    def beta(self) -> FloatArray:
-        """Coefficients (p,) of the surface whose optimum is sought."""
-        if self.blocks is not None:
-            return self.blocks.estimate
-        found: FloatArray = self.fit.estimate[: self.model.p] if self.sources is None else self.sources.estimate
-        return found
-
-    @property
-    def s(self) -> float:
-        """Standard deviation of a future run of weight 1, on the scale of the fit; in a new block where they vary."""
-        if self.blocks is not None:
-            return self.blocks.s_new_day
-        return self.fit.s if self.sources is None else self.sources.s
-
-    @property
-    def df_residual(self) -> int:
-        """Degrees of freedom of ``s``."""
-        if self.blocks is not None:
-            return int(self.blocks.df)
-        return self.fit.df_residual if self.sources is None else int(self.sources.df_residual)
-
-    def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
-    ) -> Prediction:
-        """Mean, confidence and prediction interval at model rows (m, p); of flights where there are two sources.
-
-        Where blocks are random: of the average block, and of runs in a new one.
-        """
-        if self.blocks is not None:
-            w = float(np.mean(weight))
-            return self.blocks.predict(rows, level, weight=w, replicates=replicates, apart=self.occasions > 0)
-        if self.sources is None:
-            return self.fit.predict(rows, level, weight, replicates)
-        return self.sources.predict(rows, level, weight, replicates)
-
-    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
-        """Variance of the mean at model rows (m, p), in units of ``s`` squared."""
-        if self.blocks is not None:
-            return self.blocks.variance(rows) / self.s**2
-        return self.fit.variance_unscaled(rows) if self.sources is None else self.sources.variance_unscaled(rows)
+    def occasions(self) -> int:
+        """Occasions that simulated runs share (common random numbers), 0 where each has its own."""
+        return occasions_shared(self.data)
 
 
-def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> ScoredRuns:
-    """Runs that enter the fit of ``application``: scored, not void, no confirmation runs; in order of id."""
-    used = [
-        (run, score)
-        for run in runs
-        if run.state == "scored" and run.purpose != CONFIRMATION and (score := run.score_of(application)) is not None
-    ]
-    errors = [_model_error(score.metadata) for _, score in used]
-    return ScoredRuns(
-        run_ids=np.array([run.run_id for run, _ in used], dtype=np.int64),
-        batches=np.array([run.batch for run, _ in used], dtype=np.int64),
-        points=region.code([run.settings for run, _ in used]) if used else np.empty((0, region.k)),
-        scores=np.array([score.score for _, score in used], dtype=np.float64),
-        score_se=np.array([np.nan if score.se is None else score.se for _, score in used], dtype=np.float64),
-        sources=tuple(run.source for run, _ in used),
-        purposes=tuple(run.purpose for run, _ in used),
-        blocks=tuple(run.block for run, _ in used),
-        trials=_counts([score.n for _, score in used]),
-        correct=_counts([score.correct for _, score in used]),
-        model_sd=np.array([part for part, _, _ in errors], dtype=np.float64),
-        model_bias=np.array([bias for _, bias, _ in errors], dtype=np.float64),
-        rungs=tuple(rung for _, _, rung in errors),
-    )
+@dataclass(frozen=True, slots=True)
+class RegionChange:
+    """One thing that happened to the fitted region, in natural units.
 
-
-def _model_error(metadata: Mapping[str, Any]) -> tuple[float, float, str]:
-    """Errors of a score's simulation [score units]: of looking at a part of the ground, shared in its rung; the rung.
-
-    The bound of what a rung leaves out counts as two standard deviations.
+    Attributes
+    ----------
+    batch, n_runs : int
+        After which batch, and how many scored runs there were.
+    kind : str
+        "shrink" (a smaller box is called for), "move" (the box follows the optimum), "filled" (the box called for has
+        runs enough and is fitted from now on).
+    ranges : dict
+        Low and high end of every continuous factor in the box, natural units.
+    text : str
+        One sentence.
     """
-    fidelity = metadata.get("fidelity")
-    if not isinstance(fidelity, Mapping):
-        return 0.0, 0.0, ""
-    sampling = metadata.get("sampling_se")
-    part = float(sampling) if isinstance(sampling, float) and np.isfinite(sampling) else 0.0
-    return part, 0.5 * float(fidelity.get("bias_bound", 0.0)), str(fidelity.get("rung", ""))
 
-
-def _counts(values: Sequence[int | None]) -> FloatArray:
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-
-
-def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
-    """The runs in ``box``, coded in it."""
-    if box.whole:
-        return data
-    keep: BoolArray = box.contains(data.points)
-    names = [np.array(getattr(data, name), dtype=object)[keep] for name in ("sources", "purposes", "blocks")]
-    columns = (data.trials, data.correct, data.model_sd, data.model_bias)
-    counts = [None if column is None else column[keep] for column in columns]
-    return ScoredRuns(
-        run_ids=data.run_ids[keep],
-        batches=data.batches[keep],
-        points=box.local(data.points[keep]),
-        scores=data.scores[keep],
-        score_se=data.score_se[keep],
-        sources=tuple(names[0]),
-        purposes=tuple(names[1]),
-        blocks=tuple(names[2]),
-        trials=counts[0],
-        correct=counts[1],
-        model_sd=counts[2],
-        model_bias=counts[3],
-        rungs=tuple(rung for rung, kept in zip(data.rungs, keep.tolist(), strict=True) if kept) if data.rungs else (),
-    )
+    batch: int
+    n_runs: int
+    kind: str
+    ranges: dict[str, tuple[float, float]]
+    text: str
 
 
 def region_state(spec: CampaignSpec, application: ApplicationSpec, data: ScoredRuns) -> RegionState:
@@ -200,10 +113,8 @@ def region_state(spec: CampaignSpec, application: ApplicationSpec, data: ScoredR
         return RegionState(whole_box(spec.region.k))
     scale = response_scale(spec, data)
     columns, _ = block_columns(block_labels(spec, data))
-    weights = scale.weights
     Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
-    if spec.model.errors == "student_t" and len(data.scores) > Z.shape[1]:
-        weights = student_weights(Z, scale.values, weights)
+    weights = spec.errors.weights(Z, scale.values, scale.weights)
     plan = Plan(
         spec.region,
         order=spec.model.order,
@@ -231,30 +142,94 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
     scale = response_scale(spec, data)
     model = select_terms(spec, whole, data, scale) if spec.model.terms == "hierarchical" else whole
     fit = fit_surface(spec, region, model, data, scale)
-    sources = blocks = None
-    if len(set(data.sources)) > 1:
-        sources = fit_sources(
-            model,
-            data.points,
-            scale.values,
-            [source == "flight" for source in data.sources],
-            weights=fit.weights,
-            extra=columns_within_sources(spec, data),
-            prior_sd=spec.model.discrepancy_sd,
-        )
-    occasions = occasions_shared(data)
-    # Occasions are a sample of what a flight may meet; with flights in the fit, or wild errors, they are constants.
-    sampled = occasions > 0 and spec.model.errors == "normal" and sources is None
-    if (spec.model.block_effect == "random" or sampled) and len(set(block_labels(spec, data))) > 1:
-        blocks = random_blocks(spec, model, data, scale)
+    surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
     found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights, application.goal)
     ratio = float(np.exp(0.5 * found.noise_slope))
     departure = Departure(found.evidence, evidence_limit(fit.df_residual), found.noise_evidence, ratio)
-    scored = len(everything.scores)
     return Fitted(
-        region, model, data, scale, fit, sources, state, scored, departure, application, dropped, blocks, occasions
+        application, region, model, data, scale, fit, surface, state, len(everything.scores), departure, dropped
     )
+
+
+def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale, data: ScoredRuns) -> FloatArray:
+    """Relative weights: by the scale, by the errors, and less for runs whose simulation has an error of its own."""
+    own = None if data.model_sd is None else np.square(data.model_sd * stretch(scale, data))
+    return spec.errors.weights(Z, scale.values, scale.weights, own)
+
+
+def fit_surface(
+    spec: CampaignSpec, region: Region, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale
+) -> LeastSquaresFit:
+    """Least-squares fit on the scale of ``[model] response``, with blocks and sources as effects.
+
+    Raises
+    ------
+    FitError
+        Fewer scores than terms, or terms that the runs cannot tell apart: with runs that would mend it.
+    """
+    labels = block_labels(spec, data)
+    columns, names = block_columns(labels)
+    n, needed = len(data.scores), model.p + len(names)
+    if n < needed:
+        message = f"{n} scored runs cannot determine {needed} terms"
+        raise FitError(Problem(message, _remedy(region, model, data, "Score more runs", needed - n)))
+    Z = np.hstack([model.matrix(data.points), columns])
+    fit = fit_least_squares(
+        Z,
+        scale.values,
+        [*model.terms, *names],
+        weights=_weights(spec, Z, scale, data),
+        setting_ids=setting_ids(data.points),
+        block_ids=labels,
+        crossed_blocks=occasions_shared(data) > 0,
+    )
+    if fit.aliased:
+        message = f"the runs cannot tell these terms apart: {', '.join(fit.aliased)}"
+        raise FitError(Problem(message, _remedy(region, model, data, "Add runs", n_aliased=len(fit.null.T))))
+    return fit
+
+
+def _remedy(
+    region: Region, model: QuadraticModel, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0
+) -> str:
+    """Runs that would make every term estimable, in words; or why none would."""
+    missing = missing_runs(model, region, data.points)
+    if missing.unresolved:
+        return (
+            f"No run of the region tells {', '.join(missing.unresolved)} apart: change the factors or constraints, "
+            "or set [model] order = 1."
+        )
+    if not missing.settings:
+        least = max(n_short, n_aliased)
+        if n_aliased:
+            return "Blocks and settings change together: repeat settings of one block in another, or leave blocks out."
+        return f"{start}: at least {least} more (`seqrsm propose` names good ones), or set [model] order = 1."
+    shown = "; ".join(settings_text(region.factors, settings) for settings in missing.settings[:LISTED_RUNS])
+    count = len(missing.settings)
+    more = f" and {count - LISTED_RUNS} more (`seqrsm propose` names them)" if count > LISTED_RUNS else ""
+    return f"{start}; {count} at these settings would do: {shown}{more}. Or set [model] order = 1."
+
+
+def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale) -> QuadraticModel:
+    """The model of the terms that are more likely than not, by averaging over hierarchical sub-models.
+
+    Raises
+    ------
+    FitError
+        Scores that cannot be used.
+    """
+    if not len(data.scores) or float(np.ptp(scale.values)) == 0.0:
+        return QuadraticModel(model.factors, model.order, (0,))
+    columns, names = block_columns(block_labels(spec, data))
+    Z = np.hstack([model.matrix(data.points), columns])
+    found = average_models(
+        Z, scale.values, [*model.terms, *names], weights=_weights(spec, Z, scale, data), seed=spec.seed
+    )
+    chosen = {0}
+    for unit, present in zip(found.units, found.median_model.tolist(), strict=True):
+        chosen.update(unit.columns if present else ())
+    return QuadraticModel(model.factors, model.order, tuple(sorted(chosen)))
 
 
 def natural_ranges(region: Region, box: Box) -> dict[str, tuple[float, float]]:
@@ -297,51 +272,3 @@ def _in_words(region: Region, step: RegionStep) -> str:
         f"After {step.n_runs} runs the quadratic did not describe the region (evidence of a smooth departure "
         f"{step.evidence:.1f}{tested}): it shrinks to {where}, which is filled with runs first."
     )
-
-
-def compare_sources(fitted: Fitted, point: FloatArray, level: float) -> SourceComparison | None:
-    """Simulation against flight at ``point`` (k,); on a transformed scale the difference is taken in scores."""
-    found = fitted.sources
-    if found is None:
-        return None
-    row = fitted.model.matrix(point[None, :])
-    simulated = row @ found.simulation
-    mean, low, high = found.discrepancy(row[0], level)
-
-    def in_scores(difference: float) -> float:
-        ends = fitted.scale.to_score(np.array([float(simulated[0]), float(simulated[0]) + difference]))
-        return float(ends[1] - ends[0])
-
-    difference, interval = in_scores(mean), Interval(in_scores(low), in_scores(high))
-    source = "mostly the prior's" if found.prior_driven else "mostly the flights'"
-    return SourceComparison(
-        n_simulations=found.n_simulations,
-        n_flights=found.n_flights,
-        s_simulation=found.s_simulation,
-        s_flight=found.s,
-        difference=difference,
-        interval=interval,
-        prior_sd=found.prior_sd,
-        prior_share=found.prior_share,
-        prior_driven=found.prior_driven,
-        text=(
-            f"At the recommended settings flights score {difference:+.3g} against simulations "
-            f"({100 * level:g} % credible interval {interval.low:.3g} to {interval.high:.3g}); after {found.n_flights} "
-            f"flights this is {source} word ({100 * found.prior_share:.0f} % of the prior variance is left). All "
-            "intervals are for flights."
-        ),
-    )
-
-
-__all__ = [
-    "CONFIRMATION",
-    "Fitted",
-    "compare_sources",
-    "fit_application",
-    "in_box",
-    "natural_ranges",
-    "range_text",
-    "region_history",
-    "region_state",
-    "scored_runs",
-]

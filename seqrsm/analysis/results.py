@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from seqrsm.analysis.scale import ResponseScale
-from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.analysis.fitted import Fitted, RegionChange
+from seqrsm.analysis.runs import ScoredRuns
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.surfaces import SourceComparison
+from seqrsm.arrays import FloatArray
 from seqrsm.decide.moving import RegionState
 from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
@@ -21,23 +24,6 @@ from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.optimum import Goal
 from seqrsm.fit.profile import PowerProfile
 from seqrsm.fit.residuals import InfluentialRun, NormalPlot
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A two-sided interval in score units."""
-
-    low: float
-    high: float
-
-    @property
-    def half_width(self) -> float:
-        """Half of ``high - low``."""
-        return 0.5 * (self.high - self.low)
-
-    def around(self, other: Interval) -> Interval:
-        """The smallest interval that holds both."""
-        return Interval(min(self.low, other.low), max(self.high, other.high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,45 +188,6 @@ class Study:
     blocks: BlockStudy | None
     ridge: tuple[PathPoint, ...]
     steepest: tuple[PathPoint, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ScoredRuns:
-    """The runs that enter the fit, as arrays of length n.
-
-    Attributes
-    ----------
-    run_ids, batches : int arrays
-        Identity and batch of each run.
-    points : ndarray (n, k)
-        Executed settings, coded.
-    scores, score_se : ndarray (n,)
-        Utility and its own standard error (nan where none was given), in score units.
-    sources, purposes, blocks : tuple of str
-        "simulation" or "flight"; why the run was made; block label ("" where none).
-    trials, correct : ndarray (n,), optional
-        Binomial counts; nan where none were given.
-    model_sd : ndarray (n,), optional
-        Standard deviation of what looking at a part of the ground adds to a score, in score units; 0 for others.
-    model_bias : ndarray (n,), optional
-        Standard deviation of the error that a score shares with the others of its rung, in score units.
-    rungs : tuple of str
-        Rung of the ladder of models that made each score, "" for others.
-    """
-
-    run_ids: IntArray
-    batches: IntArray
-    points: FloatArray
-    scores: FloatArray
-    score_se: FloatArray
-    sources: tuple[str, ...]
-    purposes: tuple[str, ...]
-    blocks: tuple[str, ...]
-    trials: FloatArray | None = None
-    correct: FloatArray | None = None
-    model_sd: FloatArray | None = None
-    model_bias: FloatArray | None = None
-    rungs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,87 +371,21 @@ class Confirmation:
 
 
 @dataclass(frozen=True, slots=True)
-class RegionChange:
-    """One thing that happened to the fitted region, in natural units.
-
-    Attributes
-    ----------
-    batch, n_runs : int
-        After which batch, and how many scored runs there were.
-    kind : str
-        "shrink" (a smaller box is called for), "move" (the box follows the optimum), "filled" (the box called for has
-        runs enough and is fitted from now on).
-    ranges : dict
-        Low and high end of every continuous factor in the box, natural units.
-    text : str
-        One sentence.
-    """
-
-    batch: int
-    n_runs: int
-    kind: str
-    ranges: dict[str, tuple[float, float]]
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class SourceComparison:
-    """Simulation against flight, in score units.
-
-    Attributes
-    ----------
-    n_simulations, n_flights : int
-        Scored runs of each.
-    s_simulation, s_flight : float
-        Standard deviation of one run of each.
-    difference : float
-        Flight less simulation at the recommended settings.
-    interval : Interval
-        Credible interval of the difference.
-    prior_sd : float
-        Prior standard deviation of each coefficient of the difference.
-    prior_share : float
-        Share of the prior variance of the difference that is left: 1 before the first flight.
-    prior_driven : bool
-        The difference is mostly its prior.
-    text : str
-        One sentence.
-    """
-
-    n_simulations: int
-    n_flights: int
-    s_simulation: float
-    s_flight: float
-    difference: float
-    interval: Interval
-    prior_sd: float
-    prior_share: float
-    prior_driven: bool
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class Analysis:
     """One application's response surface and what follows from it; see the attributes' own classes.
 
-    ``fit`` is on ``scale``; everything else is in score units.
-    ``region``, ``model`` and ``data.points`` are those of the fitted region, which may be a part of the campaign's;
-    ``data`` holds the runs in it. ``n_scored`` counts the scored runs inside and outside. ``beta`` are the coefficients
-    that the optimum belongs to: those of ``fit``, of the flight's surface where there are two sources, or of the
-    average block where blocks are random. ``dropped`` names the terms that were left out by selection; ``study`` is
-    there where a thorough analysis was asked for.
+    ``fitted`` is what all was made from; ``study`` is there where a thorough analysis was asked for. ``fit`` is on
+    ``scale``; everything else is in score units. ``region``, ``model`` and ``data.points`` are those of the fitted
+    region, which may be a part of the campaign's; ``data`` holds the runs in it. ``n_scored`` counts the scored runs
+    inside and outside. ``beta`` are the coefficients that the optimum belongs to: those of ``fit``, of the flight's
+    surface where there are two sources, or of the average block where blocks are random. ``dropped`` names the terms
+    that were left out by selection.
     """
 
     application: str
     goal: Goal
-    scale: ResponseScale
     score_unit: str
-    region: Region
-    model: QuadraticModel
-    data: ScoredRuns
-    fit: LeastSquaresFit
-    anova: tuple[AnovaRow, ...]
-    lack_of_fit: LackOfFit | str
+    fitted: Fitted
     importance: tuple[FactorImportance, ...]
     stationary: StationaryPoint | None
     optimum: OptimumEstimate
@@ -512,13 +393,64 @@ class Analysis:
     decision: Decision
     confirmation: Confirmation | None
     warnings: tuple[str, ...]
-    n_scored: int = 0
-    beta: FloatArray | None = None
-    region_state: RegionState | None = None
     region_history: tuple[RegionChange, ...] = ()
     sources: SourceComparison | None = None
-    dropped: tuple[str, ...] = ()
     study: Study | None = None
+
+    @property
+    def fit(self) -> LeastSquaresFit:
+        """Least squares with blocks and sources as constants."""
+        return self.fitted.fit
+
+    @property
+    def scale(self) -> ResponseScale:
+        """The scale of the fit."""
+        return self.fitted.scale
+
+    @property
+    def region(self) -> Region:
+        """The fitted part of the region."""
+        return self.fitted.region
+
+    @property
+    def model(self) -> QuadraticModel:
+        """The fitted terms."""
+        return self.fitted.model
+
+    @property
+    def data(self) -> ScoredRuns:
+        """The fitted runs."""
+        return self.fitted.data
+
+    @property
+    def beta(self) -> FloatArray:
+        """Coefficients (p,) of the surface whose optimum is sought."""
+        return self.fitted.surface.estimate
+
+    @property
+    def region_state(self) -> RegionState:
+        """Where the fitted region stands."""
+        return self.fitted.state
+
+    @property
+    def n_scored(self) -> int:
+        """Scored runs inside and outside the fitted region."""
+        return self.fitted.n_scored
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Terms that were left out by selection."""
+        return self.fitted.dropped
+
+    @property
+    def anova(self) -> tuple[AnovaRow, ...]:
+        """Sequential analysis of variance."""
+        return self.fit.anova()
+
+    @property
+    def lack_of_fit(self) -> LackOfFit | str:
+        """Its test, or why there is none."""
+        return self.fit.lack_of_fit()
 
     @property
     def response(self) -> str:

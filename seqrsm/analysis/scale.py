@@ -1,4 +1,4 @@
-"""The scale on which the response surface is fitted, and the way back to score units."""
+"""The scale on which the response surface is fitted, the way back to score units, and intervals in them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,23 @@ from scipy.special import logit
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
 from seqrsm.fit.weights import share_variance
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A two-sided interval in score units."""
+
+    low: float
+    high: float
+
+    @property
+    def half_width(self) -> float:
+        """Half of ``high - low``."""
+        return 0.5 * (self.high - self.low)
+
+    def around(self, other: Interval) -> Interval:
+        """The smallest interval that holds both."""
+        return Interval(min(self.low, other.low), max(self.high, other.high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +98,11 @@ class ResponseScale:
     def to_score(self, values: FloatArray) -> FloatArray:
         """Score units of values on the scale of the fit."""
         return values if self.kind == "identity" else logit_to_percent(values)
+
+    def in_scores(self, low: float, high: float) -> Interval:
+        """An interval of the scale of the fit, in score units."""
+        ends = self.to_score(np.array([low, high]))
+        return Interval(float(ends[0]), float(ends[1]))
 
     def of_score(self, scores: FloatArray) -> FloatArray:
         """Scores on the scale of the fit."""

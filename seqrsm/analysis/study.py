@@ -6,32 +6,32 @@ Each part is made for the model it is right for; a sentence stands for what cann
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from seqrsm.analysis.fitted import Fitted
-from seqrsm.analysis.posterior import Draws, future_noise
+from seqrsm.analysis.posterior import future_noise
 from seqrsm.analysis.results import (
     Analysis,
     BlockResponse,
     BlockStudy,
-    Interval,
     OptimumEstimate,
     PathPoint,
     SearchedOptimum,
     Study,
     TermChoice,
 )
-from seqrsm.analysis.surface import block_labels, random_blocks
+from seqrsm.analysis.runs import block_labels
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, UserError
-from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.canonical import StationaryPoint
+from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import FTest, Prediction
+from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
-from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum import Goal, optimum
 from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
 from seqrsm.fit.profile import PowerProfile, box_cox_profile, logit_profile
 from seqrsm.fit.residuals import extrapolated, influential_runs, normal_plot
@@ -79,26 +79,10 @@ def study_fit(
     )
 
 
-def _plain(spec: CampaignSpec, fitted: Fitted, what: str) -> str:
-    """Why a method for least squares with normal errors does not apply; empty where it does."""
-    if spec.model.errors != "normal":
-        return f"{what} is for normal errors, here they are {spec.model.errors}"
-    if fitted.sources is not None:
-        return f"{what} is for scores of one source, here are simulations and flights"
-    if fitted.blocks is not None:
-        return f"{what} is for fixed blocks, here they are random"
-    return ""
-
-
-def _in_scores(fitted: Fitted, ends: tuple[float, float]) -> Interval:
-    low, high = fitted.scale.to_score(np.array(ends))
-    return Interval(float(low), float(high))
-
-
 def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws) -> SearchedOptimum | str:
-    if draws.counts is not None:
-        return "the bootstrap of the search is not for counts with beta_binomial errors"
-    if _plain(spec, fitted, ""):
+    if fitted.surface.errors.unsearched:
+        return fitted.surface.errors.unsearched
+    if fitted.surface.limits(""):
         return _searched_from_draws(spec, fitted, estimate, draws)
     goal: Goal = fitted.application.goal
     weight = float(fitted.scale.weight_at(np.array([_best_value(fitted, goal)]))[0])
@@ -121,47 +105,37 @@ def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
     ends = fitted.scale.to_score(np.array([one.mean, one.mean - one.optimism]))
     return SearchedOptimum(
         optimism=float(ends[0] - ends[1]),
-        confidence=_in_scores(fitted, one.confidence),
-        prediction=_in_scores(fitted, one.prediction),
-        prediction_mean=_in_scores(fitted, several.prediction),
+        confidence=fitted.scale.in_scores(*one.confidence),
+        prediction=fitted.scale.in_scores(*one.prediction),
+        prediction_mean=fitted.scale.in_scores(*several.prediction),
     )
 
 
 def _searched_from_draws(
     spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws
 ) -> SearchedOptimum | str:
-    goal, row = fitted.application.goal, fitted.model.matrix(estimate.point[None, :])[0]
-    some = replace(
-        draws,
-        terms=draws.terms[:_SETS],
-        sigma=draws.sigma[:_SETS],
-        sigma_block=None if draws.sigma_block is None else draws.sigma_block[:_SETS],
-    )
+    goal, row, some = fitted.application.goal, fitted.surface.rows(estimate.point[None, :])[0], draws.first(_SETS)
     if not float(np.max(np.std(some.terms, axis=0))) > 0.0:
         return "no interval at the optimum: there is no estimate of error"
     noise = [future_noise(spec, fitted, some, row, m) for m in (1, spec.stop.replicates)]
     optimism, found = searched_from_draws(
         fitted.model,
         fitted.region,
-        fitted.beta,
+        fitted.surface.estimate,
         some.terms,
         [np.zeros(len(some.terms)), *noise],
         goal,
         level=spec.stop.level,
     )
     plain = (estimate.confidence, estimate.prediction, estimate.prediction_mean)
-    both = [
-        one.around(searched) for one, searched in zip(plain, (_in_scores(fitted, ends) for ends in found), strict=True)
-    ]
+    both = [one.around(fitted.scale.in_scores(*ends)) for one, ends in zip(plain, found, strict=True)]
     best = _best_value(fitted, goal)
     ends = fitted.scale.to_score(np.array([best, best - optimism]))
     return SearchedOptimum(float(ends[0] - ends[1]), *both)
 
 
 def _best_value(fitted: Fitted, goal: Goal) -> float:
-    from seqrsm.fit.optimum import optimum
-
-    return optimum(fitted.model, fitted.region, fitted.beta, goal).value
+    return optimum(fitted.model, fitted.region, fitted.surface.estimate, goal).value
 
 
 def _locations(
@@ -170,7 +144,7 @@ def _locations(
     model, region, fit, level = fitted.model, fitted.region, fitted.fit, spec.stop.level
     goal: Goal = fitted.application.goal
     found: list[LocationRegion] = []
-    reason = _plain(spec, fitted, "the confidence region of the best settings")
+    reason = fitted.surface.limits("the confidence region of the best settings")
     if not reason and model.p > 1:
         try:
             found.append(location_region(best_settings(model, region, fit, goal, level=level)))
@@ -187,7 +161,7 @@ def _locations(
 
 
 def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice | str:
-    reason = _plain(spec, fitted, "averaging over models")
+    reason = fitted.surface.limits("averaging over models")
     if reason:
         return reason
     data, scale = fitted.data, fitted.scale
@@ -219,8 +193,8 @@ def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice 
         coefficient_sd=sd[: whole.p],
         terms=whole.term_names,
         mean=float(scale.to_score(here.mean)[0]),
-        confidence=_in_scores(fitted, (float(here.confidence.low[0]), float(here.confidence.high[0]))),
-        prediction=_in_scores(fitted, (float(here.prediction.low[0]), float(here.prediction.high[0]))),
+        confidence=scale.in_scores(float(here.confidence.low[0]), float(here.confidence.high[0])),
+        prediction=scale.in_scores(float(here.prediction.low[0]), float(here.prediction.high[0])),
     )
 
 
@@ -238,47 +212,38 @@ def _profile(spec: CampaignSpec, fitted: Fitted) -> PowerProfile | str:
 
 
 def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:
-    none = spec.model.block is None and not fitted.occasions
-    if spec.model.errors != "normal" or none or fitted.sources is not None:
-        return None
+    surface, scale, level = fitted.surface, fitted.scale, spec.stop.level
     labels = block_labels(spec, fitted.data)
     names = list(dict.fromkeys(labels))
-    if len(names) < 2:
+    if len(names) < 2 or (spec.model.block is None and not fitted.occasions):
         return None
-    level, p, fit = spec.stop.level, fitted.model.p, fitted.fit
-    weight = float(fitted.scale.weight_at(fitted.predict(row).mean)[0])
+    weight = float(scale.weight_at(surface.predict(row).mean)[0])
 
     def response(name: str, found: Prediction) -> BlockResponse:
-        mean = float(fitted.scale.to_score(found.mean)[0])
-        ends = [(float(x.low[0]), float(x.high[0])) for x in (found.confidence, found.prediction)]
-        return BlockResponse(name, mean, _in_scores(fitted, ends[0]), _in_scores(fitted, ends[1]))
+        ends = [scale.in_scores(float(x.low[0]), float(x.high[0])) for x in (found.confidence, found.prediction)]
+        return BlockResponse(name, float(scale.to_score(found.mean)[0]), *ends)
 
+    sigma = sigma_block = low = high = float("nan")
+    note = ""
     try:
-        days = fitted.blocks or random_blocks(spec, fitted.model, fitted.data, fitted.scale)
+        days = surface.days(spec)
     except FitError as error:
-        days = None
         new: BlockResponse | str = error.problems[0].message
-    if days is not None:
-        new = response("new", days.predict(row, level, weight=weight))
-    if fitted.occasions and fitted.blocks is not None:
-        same = []  # what an occasion was like tells of none to come
-    elif fitted.blocks is not None:
-        same = [response(name, fitted.blocks.predict(row, level, day=name, weight=weight)) for name in names]
     else:
-        contrasts = [fit.Z[labels.index(name), p:] for name in names]
-        same = [
-            response(name, fit.predict(np.hstack([row, contrast[None, :]]), level, weight))
-            for name, contrast in zip(names, contrasts, strict=True)
-        ]
-    nan = float("nan")
+        if days is None:
+            return None
+        new = response("new", days.predict(row, level, weight=weight))
+        sigma, sigma_block, note = days.reml.sigma, days.reml.sigma_day, days.reason
+        low, high = days.sigma_ratio_interval(level)
+    known = [(name, surface.in_block(name, labels, row, level, weight)) for name in names]
     return BlockStudy(
-        effect="fixed" if fitted.blocks is None else "random",
-        same=tuple(same),
+        effect="fixed" if surface.fixed_blocks else "random",
+        same=tuple(response(name, found) for name, found in known if found is not None),
         new=new,
-        sigma=nan if days is None else days.reml.sigma,
-        sigma_block=nan if days is None else days.reml.sigma_day,
-        ratio=(nan, nan) if days is None else days.sigma_ratio_interval(level),
-        note="" if days is None else days.reason,
+        sigma=sigma,
+        sigma_block=sigma_block,
+        ratio=(low, high),
+        note=note,
     )
 
 
@@ -289,7 +254,7 @@ def _ridge(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
     if not numeric:
         return ()
     levels = tuple(int(point[j]) for j in region.categorical)
-    constant, linear, quadratic = model.forms(fitted.beta, levels)
+    constant, linear, quadratic = model.forms(fitted.surface.estimate, levels)
     distance = np.arange(0.0, np.sqrt(len(numeric)) + 1e-9, _STEP)
     path = steepest_path(float(constant), linear, quadratic, distance, fitted.application.goal)
     points = np.repeat(point[None, :], len(distance), axis=0)
@@ -306,14 +271,14 @@ def _steepest(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
     with_levels = start.copy()
     with_levels[held] = point[held]
     start = with_levels if bool(region.feasible(with_levels[None, :])[0]) else start
-    path = ascent_path(fitted.model, region, fitted.beta, start, fitted.application.goal)
+    path = ascent_path(fitted.model, region, fitted.surface.estimate, start, fitted.application.goal)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     chosen = np.unique(np.round(np.linspace(0, len(path) - 1, min(_PATH_POINTS, len(path)))).astype(np.int64))
     return _path(fitted, path[chosen], length[chosen], np.ones(len(chosen), dtype=np.bool_))
 
 
 def _path(fitted: Fitted, points: FloatArray, distance: FloatArray, inside: FloatArray) -> tuple[PathPoint, ...]:
-    means = fitted.scale.to_score(fitted.model.matrix(points) @ fitted.beta)
+    means = fitted.scale.to_score(fitted.surface.rows(points) @ fitted.surface.estimate)
     return tuple(
         PathPoint(float(d), settings, coded, float(mean), bool(ok))
         for d, settings, coded, mean, ok in zip(

@@ -11,12 +11,12 @@ from seqrsm.analysis.results import (
     Analysis,
     BlockResponse,
     BlockStudy,
-    Interval,
     PathPoint,
     SearchedOptimum,
     Study,
     TermChoice,
 )
+from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.fit.anova import LackOfFit
@@ -98,11 +98,11 @@ def region_to_json(analysis: Analysis) -> dict[str, Any]:
         if isinstance(factor, ContinuousFactor)
     }
     return {
-        "whole": state is None or state.box.whole,
+        "whole": state.box.whole,
         "ranges": box,
-        "n_scored": analysis.n_scored or analysis.fit.n_runs,
+        "n_scored": analysis.n_scored,
         "n_fitted": analysis.fit.n_runs,
-        "being_filled": state is not None and state.target is not None,
+        "being_filled": state.target is not None,
         "history": [
             {
                 "batch": step.batch,

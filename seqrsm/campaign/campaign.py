@@ -13,19 +13,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
-from seqrsm.analysis.conclude import CONFIRMATION, analyse, scored_runs
-from seqrsm.analysis.occasions import occasion_of, share_occasions
-from seqrsm.analysis.posterior import Sampler
+from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.surface import block_labels, occasions_shared
+from seqrsm.analysis.runs import block_labels, occasion_of, occasions_shared, scored_runs, share_occasions
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.fit.error_models import Sampler
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.store.heartbeat import heartbeat
-from seqrsm.store.records import NewRun, RunRecord
+from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
 from seqrsm.store.store import Store
 
 if TYPE_CHECKING:

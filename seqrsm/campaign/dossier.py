@@ -122,18 +122,13 @@ def _plan(campaign: Campaign) -> Mapping[str, Any] | None:
 
 def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
     spec = campaign.spec
-    errors = {
-        "normal": "normal",
-        "student_t": "Student-t with 4 degrees of freedom",
-        "beta_binomial": "beta-binomial, with one correlation of the decisions within a run",
-    }[spec.model.errors]
     variance = {
         "equal": "equal variance",
         "se": "variance in proportion to the square of their standard errors",
         "counts": "variance in proportion to that of independent decisions, as many as were counted",
     }[spec.model.weights]
     found = [
-        f"errors of different runs are independent, {errors}, with {variance}"
+        f"errors of different runs are independent, {spec.errors.words}, with {variance}"
         + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
         f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region",
     ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seqrsm.analysis.occasions import occasion_of
+from seqrsm.analysis.runs import occasion_of
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of

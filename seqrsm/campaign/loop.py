@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, Literal
 
 from seqrsm.analysis.compromise import CompromiseEstimate
-from seqrsm.analysis.conclude import CONFIRMATION
 from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
@@ -19,7 +18,7 @@ from seqrsm.campaign.next_runs import rounded_settings, start_size
 from seqrsm.campaign.simulation import check_simulator
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
-from seqrsm.store.records import NewRun, RunRecord
+from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
 
 Ending = Literal["stop", "budget spent", "futility"]
 

@@ -12,13 +12,13 @@ from seqrsm.analysis.fitted import range_text
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
+from seqrsm.decide.moving import Box, needed_runs, sub_region
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
-from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.least_squares import block_columns
 from seqrsm.propose.batch import Proposal, Rows, propose_batch
 from seqrsm.rng import generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
@@ -122,9 +122,8 @@ class _Chooser:
     def __init__(self, spec: CampaignSpec, analysis: Analysis) -> None:
         self.spec, self.analysis = spec, analysis
         state = analysis.region_state
-        fitted = whole_box(spec.region.k) if state is None else state.box
-        self.filling = state is not None and state.target is not None
-        self.box: Box = state.target if state is not None and state.target is not None else fitted
+        self.filling = state.target is not None
+        self.box: Box = state.box if state.target is None else state.target
         self.region = sub_region(spec.region, self.box)
         self.model = QuadraticModel(self.region.factors, spec.model.order)
         self.scale = analysis.scale
@@ -199,7 +198,7 @@ class _Chooser:
     def beta(self) -> FloatArray:
         """Coefficients of the whole model: proposals keep terms testable that were left out of the fit."""
         fitted = self.analysis.model
-        found = self.analysis.fit.estimate[: fitted.p] if self.analysis.beta is None else self.analysis.beta
+        found = self.analysis.beta
         if fitted.keep is None:
             return found
         whole = np.zeros(self.model.p)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.analysis.fitted import fit_application, range_text
+from seqrsm.analysis.fitted import range_text
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
@@ -32,9 +32,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     spec = campaign.spec
     analysis = campaign.analyse_all(spec.applications[0].name)[0]
     rule = stop_rule(spec)
-    application = spec.applications[0]
-    fitted = fit_application(spec, application, campaign.store.runs())
-    draws = draw_coefficients(spec, fitted, sampler="exact", n_draws=2000)
+    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=2000)
     start = start_design(analysis.model, analysis.region, start_size(analysis.model, spec), CENTRE_REPEATS, spec.seed)
     source_cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
     result = rehearse(
@@ -52,7 +50,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
         cost_per_run=source_cost,
         progress=progress,
     )
-    box = fitted.state.box
+    box = analysis.region_state.box
     found = _summary(
         result,
         analysis.score_unit,

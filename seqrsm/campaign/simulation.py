@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.occasions import STREAM_0
+from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.design.factors import setting_text

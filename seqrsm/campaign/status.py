@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from seqrsm import __version__
-from seqrsm.analysis.occasions import sharing
+from seqrsm.analysis.runs import sharing
 from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
 from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
-from seqrsm.store.records import LookRecord, RunRecord
+from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
 from seqrsm.store.store import Store
 
 
@@ -128,7 +128,7 @@ def latest_look(
     dict
         ``name``, ``unit``, ``last_look`` (a look's summary, or None before the first fit), ``reason`` (why it is None).
     """
-    from seqrsm.analysis.conclude import CONFIRMATION, analyse
+    from seqrsm.analysis.conclude import analyse
     from seqrsm.analysis.to_json import look_summary
 
     mine = [look for look in looks if look.application == application.name]

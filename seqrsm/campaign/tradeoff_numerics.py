@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from seqrsm.analysis.fitted import Fitted
-from seqrsm.analysis.posterior import Draws, Sampler, draw_coefficients, future_scores
+from seqrsm.analysis.posterior import draw_coefficients, future_scores
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, rounded_settings, start_size
@@ -23,6 +23,7 @@ from seqrsm.campaign.simulation import NO_RUN, simulate_image, task_of
 from seqrsm.design.optimal import START_SEARCHES, START_SEARCHES_CONSTRAINED, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import DesignError, UserError
+from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.simulate.radar.psm import Precision
 from seqrsm.simulate.radiometer.result import RadiometerImage
@@ -152,11 +153,10 @@ def sampler_rows(
     ConvergenceError
         emcee did not converge.
     """
-    best = optimum(fitted.model, fitted.region, fitted.beta, application.goal)
-    row = fitted.model.matrix(best.point[None, :])[0]
-    exact = spec.model.errors == "normal"
+    best = optimum(fitted.model, fitted.region, fitted.surface.estimate, application.goal)
+    row = fitted.surface.rows(best.point[None, :])[0]
     rows: list[SamplerRow] = []
-    if exact:
+    if fitted.surface.errors.exact:
         one = _quantities(spec, application, fitted, row, "exact", pool)
         for n in sizes:
             if pool // n >= 2:

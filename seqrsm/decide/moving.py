@@ -93,7 +93,7 @@ class Box:
         return found
 
     def outwards(self, local: FloatArray) -> FloatArray:
-        """A point (k,) coded in this box, coded in the campaign's region."""
+        """Points (..., k) coded in this box, coded in the campaign's region."""
         low, high = np.array(self.low), np.array(self.high)
         cut = (low != -1.0) | (high != 1.0)
         found: FloatArray = np.where(cut, 0.5 * (low + high + local * (high - low)), local)

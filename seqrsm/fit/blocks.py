@@ -1,6 +1,6 @@
-"""Blocks, such as flight days: sum-to-zero columns of fixed effects, or a random effect.
+"""Blocks, such as flight days, as a random effect.
 
-Random: u_d ~ N(0, rho sigma^2) on every run of a day, beside each run's own error.
+Every run of a day has u_d ~ N(0, rho sigma^2) beside its own error.
 
 Given the ratio rho everything is as in least squares with V = W^-1 + rho JJ' within a day, so coefficients, day effects
 and future runs are Student-t. With a flat prior on the coefficients and on log sigma the likelihood of rho is the
@@ -16,7 +16,7 @@ Gelman (2006), Prior distributions for variance parameters in hierarchical model
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,29 +27,6 @@ from seqrsm.errors import FitError, Problem
 from seqrsm.fit.conjugate import mixture_interval
 from seqrsm.fit.intervals import Interval, Prediction
 from seqrsm.fit.linear_system import check_runs
-
-
-def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:
-    """Sum-to-zero contrasts of blocks (flight days, sources).
-
-    Parameters
-    ----------
-    block_ids : iterable (n,)
-        Block of each run; blocks are taken in the order of first appearance.
-
-    Returns
-    -------
-    columns : ndarray (n, b - 1)
-        Column j is 1 in block j, -1 in the last block, else 0; zeros are the unweighted mean of the blocks.
-    names : tuple of str
-        ``"block[<id>]"``, to be appended to the terms: a plain string is a block column.
-    """
-    ids = list(block_ids)
-    order = list(dict.fromkeys(ids))
-    index = np.array([order.index(i) for i in ids], dtype=np.int64)
-    contrasts = np.vstack([np.eye(len(order) - 1), -np.ones(len(order) - 1)]) if len(order) > 1 else np.zeros((1, 0))
-    return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
-
 
 _LOG_ROOT = np.linspace(-7.0, 7.0, 57)  # log sqrt(rho): prior mass outside is below 1e-3 at either end
 _FEW_DAYS = 4

@@ -9,7 +9,7 @@ Beside the coefficients: what single runs do to a fit, in leverage, deleted resi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,7 +21,6 @@ from seqrsm.errors import FitError, Problem
 from seqrsm.fit import anova as _anova
 from seqrsm.fit import linear_system
 from seqrsm.fit.anova import AnovaRow, LackOfFit
-from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.intervals import FTest, Interval, Prediction, f_ratio, student_quantile
 from seqrsm.fit.linear_system import check_runs
 
@@ -417,6 +416,28 @@ def fit_least_squares(
         null=null * factors.scale[:, None],
         crossed_blocks=crossed_blocks,
     )
+
+
+def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:
+    """Sum-to-zero contrasts of blocks (flight days, sources).
+
+    Parameters
+    ----------
+    block_ids : iterable (n,)
+        Block of each run; blocks are taken in the order of first appearance.
+
+    Returns
+    -------
+    columns : ndarray (n, b - 1)
+        Column j is 1 in block j, -1 in the last block, else 0; zeros are the unweighted mean of the blocks.
+    names : tuple of str
+        ``"block[<id>]"``, to be appended to the terms: a plain string is a block column.
+    """
+    ids = list(block_ids)
+    order = list(dict.fromkeys(ids))
+    index = np.array([order.index(i) for i in ids], dtype=np.int64)
+    contrasts = np.vstack([np.eye(len(order) - 1), -np.ones(len(order) - 1)]) if len(order) > 1 else np.zeros((1, 0))
+    return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
 
 
 @dataclass(frozen=True, slots=True)

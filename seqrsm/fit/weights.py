@@ -1,12 +1,16 @@
-"""What is known of the scatter of single runs: counts of decisions, and errors of known variance beside the common one.
+"""What is known of errors beside the common one: counts of decisions, errors of known variance, errors that runs share.
 
 A share of n decisions, each right with probability p, scatters with variance p (1 - p) / n; where decisions depend on
 each other (one field, one day) with a multiple of it, the dispersion, which the residuals tell (Wedderburn 1974,
 Biometrika 61, 439-447; McCullagh & Nelder 1989, Generalized Linear Models, section 4.5). On the percent scale a surface
 that is quadratic in percent stays one.
+
+Scores of one cheaper simulation are off together, which more of them do not average out.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
@@ -92,3 +96,72 @@ def own_weights(Z: FloatArray, y: FloatArray, variance: FloatArray, weights: Flo
     most = max(float(np.var(y)) * n, least) * 10.0
     sigma2 = least if excess(least) <= 0.0 else float(brentq(excess, least, most, rtol=1e-6))
     return np.asarray(weights / (1.0 + weights * variance / sigma2))
+
+
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SharedError:
+    """What shared errors do to the fitted mean at one point, given the scores.
+
+    Attributes
+    ----------
+    shift : float
+        Expected true mean less fitted mean, in the unit of the scores.
+    variance : float
+        Variance of the fitted mean's error that the scores leave open, the same unit squared; >= 0.
+    errors : ndarray (r,)
+        Expected shared errors, in units of their prior standard deviations.
+    """
+
+    shift: float
+    variance: float
+    errors: FloatArray
+
+
+def shared_error(
+    Z: FloatArray, y: FloatArray, weights: FloatArray, loadings: FloatArray, row: FloatArray
+) -> SharedError:
+    """Shared errors in y = Z beta + C delta + e, delta ~ N(0, 1), e_i ~ N(0, sigma^2 / w_i), beta flat.
+
+    The fit is the least-squares one, which does not know of delta: its mean at a point is off by use' C delta, where
+    use holds what each score counts in it. Contrasts of the scores that the model cannot follow tell of delta; sigma is
+    taken from those that delta does not touch. Shift and variance together give the generalised least-squares mean
+    and its variance (Henderson 1975, Biometrics 31, 423; tested against it).
+
+    Parameters
+    ----------
+    Z : float64 array (n, p)
+        Model matrix of full rank.
+    y, weights : float64 array (n,)
+        Scores, and inverse relative variances.
+    loadings : float64 array (n, r)
+        C: prior standard deviation of each shared error in each score, 0 for scores that it does not touch.
+    row : float64 array (p,)
+        Model row of the point.
+
+    Returns
+    -------
+    SharedError
+        Nothing shifted and all of the prior's variance where no degrees of freedom are left to learn from.
+    """
+    n, p = Z.shape
+    root = np.sqrt(weights)
+    Q, R = np.linalg.qr(Z * root[:, None])
+    use = root * (Q @ np.linalg.solve(R.T, row))
+    carried = use @ loadings
+    contrasts, seen = root * y, loadings * root[:, None]
+    contrasts, seen = contrasts - Q @ (Q.T @ contrasts), seen - Q @ (Q.T @ seen)
+    basis, size, _ = np.linalg.svd(seen, full_matrices=False)
+    basis = basis[:, size > _NOTHING * max(float(np.abs(loadings).max(initial=0.0)), 1e-300)]
+    df = n - p - basis.shape[1]
+    left = contrasts - basis @ (basis.T @ contrasts)
+    sigma2 = float(left @ left) / df if df > 0 else 0.0
+    r = loadings.shape[1]
+    if not sigma2 > 0.0:
+        return SharedError(0.0, float(carried @ carried), np.zeros(r))
+    precision = np.eye(r) + seen.T @ seen / sigma2
+    errors = np.asarray(np.linalg.solve(precision, seen.T @ contrasts / sigma2), dtype=np.float64)
+    variance = float(carried @ np.linalg.solve(precision, carried))
+    return SharedError(-float(carried @ errors), max(variance, 0.0), errors)

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, EffectBound, Interval, SettingPosterior
+from seqrsm.analysis.results import Analysis, EffectBound, SettingPosterior
+from seqrsm.analysis.scale import Interval
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.blocks import Cell
 from seqrsm.report.rounding import (

@@ -12,6 +12,7 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
+from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.spec.toml_lines import Path, line_of
@@ -272,7 +273,7 @@ def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporte
 
 class _Model(Protocol):
     response: Literal["identity", "logit"]
-    errors: Literal["normal", "student_t", "beta_binomial"]
+    errors: str
     weights: Literal["equal", "se", "counts"]
     block: str | None
     block_effect: Literal["fixed", "random"]
@@ -281,28 +282,30 @@ class _Model(Protocol):
 
 def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
     """Keys of ``[model]`` that exclude each other, or what the scores will be."""
+    errors = ERROR_MODELS[table.errors]
     counted = (
-        ("errors", table.errors, "beta_binomial", "normal", "beta_binomial errors"),
-        ("weights", table.weights, "counts", "equal", "weights by counts"),
+        ("errors", table.errors, errors.of_counts, NORMAL.name, f"{errors.name} errors"),
+        ("weights", table.weights, table.weights == "counts", "equal", "weights by counts"),
     )
     for key, value, by_counts, plain, what in counted:
         place: Path = ("model", key)
-        if value == by_counts and simulated:
+        if by_counts and simulated:
             remedy = f'Use {key} = "{plain}": a simulated score is no count of independent decisions.'
             report.add(place, "simulated scores come without counts", remedy, value)
-        elif value == by_counts and any(one is not None and not one.is_percent for one in applications):
+        elif by_counts and any(one is not None and not one.is_percent for one in applications):
             remedy = f'Set utility = "percent_correct", or {key} = "{plain}".'
             report.add(place, f"{what} are for percentages of correct decisions", remedy, value)
-    if table.errors == "beta_binomial" and table.response != "logit":
-        remedy = 'Add response = "logit".'
-        report.add(("model", "errors"), "beta_binomial scores are modelled on the logit scale", remedy, table.errors)
-    if table.errors == "beta_binomial" and table.weights != "equal":
+    if errors.response and table.response != errors.response:
+        remedy = f'Add response = "{errors.response}".'
+        message = f"{errors.name} scores are modelled on the {errors.response} scale"
+        report.add(("model", "errors"), message, remedy, errors.name)
+    if errors.of_counts and table.weights != "equal":
         remedy = "Leave weights out: the counts tell how much each score says."
-        message = "beta_binomial errors have their weights from the counts"
+        message = f"{errors.name} errors have their weights from the counts"
         report.add(("model", "weights"), message, remedy, table.weights)
     if table.block_effect == "random" and table.block is None:
         report.add(("model", "block_effect"), "there is no block to have an effect", 'Add block = "block".', "random")
-    if table.block_effect == "random" and table.errors != "normal":
+    if table.block_effect == "random" and not errors.random_blocks:
         remedy = 'Write errors = "normal", or block_effect = "fixed".'
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
 
@@ -310,7 +313,7 @@ def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simu
 def shared_occasions(table: _Model, size: int, report: Reporter) -> None:
     """Common random numbers make random blocks, over one region."""
     place: Path = ("simulator", "common_random_numbers")
-    if table.errors != "normal":
+    if not ERROR_MODELS[table.errors].random_blocks:
         remedy = 'Write [model] errors = "normal", or leave common_random_numbers out.'
         report.add(place, f"runs with common random numbers need normal errors, not {table.errors}", remedy, size)
     if table.region == "adaptive":

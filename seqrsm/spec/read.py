@@ -88,6 +88,7 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
+from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.sensor.parameters import find
 from seqrsm.spec import checks as spec_checks
 from seqrsm.spec import prior as spec_prior
@@ -187,6 +188,11 @@ class CampaignSpec:
     criterion: Criterion = "optimum"
     attempts: int = 3
     considerations: tuple[ConsiderationSpec, ...] = ()
+
+    @property
+    def errors(self) -> ErrorModel:
+        """The model of errors."""
+        return ERROR_MODELS[self.model.errors]
 
     @property
     def region_moves(self) -> bool:

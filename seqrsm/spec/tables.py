@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -16,6 +16,8 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import PydanticCustomError
+
+from seqrsm.fit.error_models import ERROR_MODELS
 
 UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
 
@@ -45,6 +47,10 @@ def _is_no_bool(value: object) -> object:
 
 
 _UTILITIES = ", ".join(UTILITIES)
+if TYPE_CHECKING:
+    ErrorName = str
+else:
+    ErrorName = Literal[tuple(ERROR_MODELS)]  # one class there and the file may name it
 Order = Annotated[Literal[1, 2], BeforeValidator(_is_no_bool)]
 Name = Annotated[str, AfterValidator(_is_name)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -230,7 +236,7 @@ class ModelSpec(Table):
 
     order: Order = 2
     response: Literal["identity", "logit"] = "identity"
-    errors: Literal["normal", "student_t", "beta_binomial"] = "normal"
+    errors: ErrorName = "normal"
     terms: Literal["full", "hierarchical"] = "full"
     weights: Literal["equal", "se", "counts"] = "equal"
     block: str | None = None

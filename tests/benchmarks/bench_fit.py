@@ -24,10 +24,10 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.blocks import fit_random_blocks
+from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
 from seqrsm.fit.ensemble import EnsemblePosterior, GammaPrior, GeneralPosterior, sample_model, sample_posterior
-from seqrsm.fit.importance import variance_shares
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.location import best_settings, location_region
 from seqrsm.fit.natural import natural_coefficients

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.analysis.surfaces import RandomBlocks, TwoSources
 from seqrsm.campaign import rehearsal
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
@@ -64,7 +65,7 @@ def test_the_fit_takes_occasions_as_random_blocks_whatever_the_file_says_later(d
     campaign = Campaign.open(done)
     runs, one = campaign.store.runs(), campaign.spec.applications[0]
     fitted = fit_application(campaign.spec, one, runs)
-    assert fitted.blocks is not None
+    assert isinstance(fitted.surface, RandomBlocks)
     assert fitted.occasions >= 3
     # Repeats stand in different occasions, and are pure error all the same; occasions are no terms of the model.
     assert fitted.fit.df_pure_error > replace(fitted.fit, crossed_blocks=False).df_pure_error
@@ -73,10 +74,10 @@ def test_the_fit_takes_occasions_as_random_blocks_whatever_the_file_says_later(d
     simulator = campaign.spec.simulator.model_copy(update={"common_random_numbers": None})
     model = campaign.spec.model.model_copy(update={"region": "fixed"})
     off = fit_application(replace(campaign.spec, simulator=simulator, model=model), one, runs)
-    np.testing.assert_array_equal(off.beta, fitted.beta)
+    np.testing.assert_array_equal(off.surface.estimate, fitted.surface.estimate)
     # A mean of future runs meets as many occasions, so that of very many is known as well as the mean itself.
     row = fitted.model.matrix(np.zeros((1, 2)))
-    one_run, many = (fitted.predict(row, replicates=m) for m in (1, 10**6))
+    one_run, many = (fitted.surface.predict(row, replicates=m) for m in (1, 10**6))
     assert many.prediction.high[0] == pytest.approx(many.confidence.high[0], abs=0.05)
     assert one_run.prediction.high[0] > many.prediction.high[0] + 1.0
 
@@ -103,12 +104,13 @@ def test_beside_flights_occasions_are_constants_that_leave_the_flights_alone(don
     plain = [scored(run, 0.0) for run in runs]
     moved = [scored(run, effect.get(run.block, mean) - mean) for run in runs]
     with_flights = [fit_application(spec, one, [*own, *flown]) for own in (plain, moved)]
-    np.testing.assert_allclose(with_flights[1].beta, with_flights[0].beta, rtol=1e-6, atol=1e-6)
-    assert with_flights[0].blocks is None
+    plain_fit, moved_fit = (found.surface.estimate for found in with_flights)
+    np.testing.assert_allclose(moved_fit, plain_fit, rtol=1e-6, atol=1e-6)
+    assert isinstance(with_flights[0].surface, TwoSources)
     forgotten = [
         fit_application(spec, one, [*(replace(run, block="") for run in own), *flown]) for own in (plain, moved)
     ]
-    assert np.abs(forgotten[1].beta - forgotten[0].beta).max() > 1.0
+    assert np.abs(forgotten[1].surface.estimate - forgotten[0].surface.estimate).max() > 1.0
 
 
 def test_a_rehearsed_run_has_the_scatter_of_occasions_too(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -427,7 +427,7 @@ def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) ->
     flat = " ".join(output.split())
     assert "cannot tell these terms apart" in flat
     assert "x:frequency" in flat
-    from seqrsm.analysis.fitted import scored_runs
+    from seqrsm.analysis.runs import scored_runs
     from seqrsm.design.quadratic import QuadraticModel
     from seqrsm.fit.estimability import missing_runs
 

@@ -42,7 +42,7 @@ def test_a_shared_bound_widens_intervals_and_posterior(tmp_path: Path, tiny_scen
     assert plain.optimum.mean == pytest.approx(shared.optimum.mean)
     # All runs by one rung: nothing is learnt of what they share, half the bound is its standard deviation.
     fitted = fit_application(spec, one, made_by(runs, 0.0))
-    quantile = t.ppf(0.5 + 0.5 * shared.optimum.level, fitted.df_residual)
+    quantile = t.ppf(0.5 + 0.5 * shared.optimum.level, fitted.surface.df_residual)
     wanted = np.hypot(narrow.confidence.half_width, quantile * 0.5 * BOUND)
     assert wide.confidence.half_width == pytest.approx(wanted, rel=1e-6)
     assert any("may be off together, by 4 at most" in text for text in shared.warnings)

@@ -13,8 +13,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
-from seqrsm.fit.blocks import block_columns
-from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.least_squares import block_columns, fit_least_squares
 
 REFERENCE = Path(__file__).parent / "data" / "process_improve" / "process_improve.json"
 PROBLEMS = json.loads(REFERENCE.read_text(encoding="utf-8"))["problems"]

@@ -8,27 +8,28 @@ from pathlib import Path
 
 import numpy as np
 
+from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import (
     Analysis,
     Confirmation,
     FactorImportance,
-    Interval,
     OptimumEstimate,
     PosteriorSummary,
-    ScoredRuns,
     SettingPosterior,
 )
-from seqrsm.analysis.scale import ResponseScale
+from seqrsm.analysis.runs import ScoredRuns
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.surfaces import Quadratic
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel, TruthPanel
-from seqrsm.decide.stopping import StopRule, decide
+from seqrsm.decide.moving import RegionState, whole_box
+from seqrsm.decide.stopping import Departure, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.anova import LackOfFit
-from seqrsm.fit.blocks import block_columns
 from seqrsm.fit.canonical import stationary_point
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
-from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.least_squares import block_columns, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.spec.read import CampaignSpec, SimulatorSpec, load_spec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord, ScoreRecord
@@ -195,26 +196,33 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
         test = fit.partial_f(model.factor_terms(factor.name))
         importance.append(FactorImportance(factor.name, test.df, test.f, test.p))
     levels = tuple(int(best.point[i]) for i in region.categorical)
+    scale = ResponseScale.of("identity", y)
+    data = ScoredRuns(
+        run_ids=np.array([run.run_id for run in runs]),
+        batches=np.array([run.batch for run in runs]),
+        points=points,
+        scores=y,
+        score_se=np.array([np.nan if run.scores[0].se is None else run.scores[0].se for run in runs]),
+        sources=tuple(run.source for run in runs),
+        purposes=tuple(run.purpose for run in runs),
+        blocks=tuple(run.block for run in runs),
+    )
     return Analysis(
         application=application.name,
         goal=application.goal,
-        scale=ResponseScale.of("identity", y),
         score_unit=unit,
-        region=region,
-        model=model,
-        data=ScoredRuns(
-            run_ids=np.array([run.run_id for run in runs]),
-            batches=np.array([run.batch for run in runs]),
-            points=points,
-            scores=y,
-            score_se=np.array([np.nan if run.scores[0].se is None else run.scores[0].se for run in runs]),
-            sources=tuple(run.source for run in runs),
-            purposes=tuple(run.purpose for run in runs),
-            blocks=tuple(run.block for run in runs),
+        fitted=Fitted(
+            application=application,
+            region=region,
+            model=model,
+            data=data,
+            scale=scale,
+            fit=fit,
+            surface=Quadratic.of(spec, model, data, scale, fit),
+            state=RegionState(whole_box(region.k)),
+            n_scored=len(runs),
+            departure=Departure(0.0, 0.0, 0.0, 1.0),
         ),
-        fit=fit,
-        anova=fit.anova(),
-        lack_of_fit=lack,
         importance=tuple(importance),
         stationary=stationary_point(model, region, beta, levels) if region.numeric else None,
         optimum=estimate,

@@ -17,7 +17,9 @@ from pypdf import PdfReader
 from report_dossiers import load, make_analysis, runs_of, truth_score
 
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
-from seqrsm.analysis.results import Confirmation, Interval
+from seqrsm.analysis.results import Confirmation
+from seqrsm.analysis.scale import Interval
+from seqrsm.analysis.surfaces import Quadratic
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.cli.show_fit import decision_heading
 from seqrsm.report import write_report
@@ -399,7 +401,10 @@ def test_logit_scores_are_drawn_in_percent(simulated):
     analysis = simulated.analyses[0]
     logits = np.log(analysis.data.scores / (100.0 - analysis.data.scores))
     fit = fit_least_squares(analysis.fit.Z, logits, list(analysis.model.terms))
-    drawn = line(dataclasses.replace(analysis, fit=fit, scale=dataclasses.replace(analysis.scale, kind="logit")), 0)
+    scale = dataclasses.replace(analysis.scale, kind="logit")
+    surface = Quadratic.of(simulated.spec, analysis.model, analysis.data, scale, fit)
+    fitted = dataclasses.replace(analysis.fitted, fit=fit, scale=scale, surface=surface)
+    drawn = line(dataclasses.replace(analysis, fitted=fitted), 0)
     assert np.all((drawn.prediction_low > 0.0) & (drawn.prediction_high < 100.0))
     row = analysis.model.matrix(analysis.optimum.point[None, :])
     here = np.argmin(np.abs(drawn.x - analysis.optimum.settings["frequency"]))

@@ -7,7 +7,7 @@ import pytest
 
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.shared_error import shared_error
+from seqrsm.fit.weights import shared_error
 
 N, CASES = 24, 1000
 BETA = np.array([5.0, 1.0, -2.0])

@@ -20,7 +20,7 @@ import numpy as np
 import speed_accuracy_study as study
 from speed_accuracy_study import CROPS, LAND, PASSIVE, PERCENT, RADAR, RADAR_FACTORS, RADIOMETER, Site, synthetic
 
-from seqrsm.analysis.occasions import REACH, occasion_of, share_occasions, similarity
+from seqrsm.analysis.runs import REACH, occasion_of, share_occasions, similarity
 from seqrsm.campaign.simulation import score_by
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel

@@ -97,7 +97,7 @@ def look(campaign: Campaign, points: np.ndarray, real: np.ndarray, flown: list[i
     inside = box.contains(points, slack=1.0)
     inside[flown] = False
     index = np.flatnonzero(inside)
-    found = fitted.predict(fitted.model.matrix(box.local(points[index])), LEVEL)
+    found = fitted.surface.predict(fitted.surface.rows(box.local(points[index])), LEVEL)
     hit = (real[index] >= found.prediction.low) & (real[index] <= found.prediction.high)
     here = box.outwards(best.point)
     near = (points[index, 0] == here[0]) & (np.max(np.abs(points[index, 1:] - here[1:]), axis=1) <= NEAR)

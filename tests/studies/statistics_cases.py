@@ -17,9 +17,9 @@ from seqrsm.design.classical import central_composite
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.blocks import block_columns, fit_random_blocks
+from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
-from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
+from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.location import best_settings, box_hunter_statistic, simulation_set
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seqrsm.analysis.fitted import student_weights
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -19,6 +18,7 @@ from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.profile import box_cox_profile
 from seqrsm.fit.residuals import influential_runs, normal_plot
+from seqrsm.fit.robust import student_weights
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import logit_scores, logit_to_percent
 

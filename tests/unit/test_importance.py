@@ -8,7 +8,7 @@ import pytest
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.importance import variance_shares
+from seqrsm.fit.canonical import variance_shares
 
 MIXED = (
     ContinuousFactor("a", 1.0, 9.0, scale="log"),

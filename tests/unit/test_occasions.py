@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from seqrsm.analysis.occasions import occasion_of, share_occasions, sharing, similarity
+from seqrsm.analysis.runs import occasion_of, share_occasions, sharing, similarity
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import fit_least_squares

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seqrsm.analysis.fitted import confirmation_reason, scored_runs
+from seqrsm.analysis.fitted import confirmation_reason
+from seqrsm.analysis.runs import scored_runs
 from seqrsm.campaign import loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign

@@ -72,9 +72,9 @@ def test_interval_ends_of_both_samplers_and_their_errors_follow_student_t(campai
     rows = sampler_rows(spec, application, fitted, sizes=(100, 400, 1600), pool=32_000, chains=6)
     assert {(row.method, row.draws) for row in rows} == {(m, n) for m in ("exact", "emcee") for n in (100, 400, 1600)}
     assert [row.sets for row in rows if row.method == "exact"] == [320, 320, 80, 80, 20, 20]
-    best = optimum(fitted.model, fitted.region, fitted.beta, "maximize")
-    found = fitted.predict(fitted.model.matrix(best.point[None, :]), 0.9)
-    t = stats.t(fitted.df_residual, found.mean[0], found.se_prediction[0])
+    best = optimum(fitted.model, fitted.region, fitted.surface.estimate, "maximize")
+    found = fitted.surface.predict(fitted.surface.rows(best.point[None, :]), 0.9)
+    t = stats.t(fitted.surface.df_residual, found.mean[0], found.se_prediction[0])
     for row in rows:
         if row.quantity != "future score":
             continue

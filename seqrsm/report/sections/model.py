@@ -122,7 +122,7 @@ _REGION_KINDS = {"shrink": "smaller region called for", "move": "region follows 
 
 
 def _is_part(analysis: Analysis) -> bool:
-    return analysis.region_state is not None and not analysis.region_state.box.whole
+    return not analysis.region_state.box.whole
 
 
 def _sentence(text: str) -> str:

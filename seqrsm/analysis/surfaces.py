@@ -1,0 +1,540 @@
+"""The surface of a fit, whatever it is made from: one protocol, and a class for each structure of sources and blocks.
+
+Each holds its model of errors too. What is said of a surface beyond these members is said by none: whoever looks for
+the optimum, its intervals or the next runs asks them, and a further structure is a further class in `STRUCTURES`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Final, Protocol
+
+import numpy as np
+
+from seqrsm.analysis.runs import (
+    ScoredRuns,
+    block_labels,
+    columns_within_sources,
+    counts_of,
+    occasions_shared,
+    shared_loadings,
+    similarity,
+)
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.arrays import FloatArray
+from seqrsm.decide.sources import SourceFit, fit_sources, source_prior
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
+from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further
+from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
+from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.spec.read import CampaignSpec
+
+
+@dataclass(frozen=True, slots=True)
+class SourceComparison:
+    """Simulation against flight, in score units.
+
+    Attributes
+    ----------
+    n_simulations, n_flights : int
+        Scored runs of each.
+    s_simulation, s_flight : float
+        Standard deviation of one run of each.
+    difference : float
+        Flight less simulation at the recommended settings.
+    interval : Interval
+        Credible interval of the difference.
+    prior_sd : float
+        Prior standard deviation of each coefficient of the difference.
+    prior_share : float
+        Share of the prior variance of the difference that is left: 1 before the first flight.
+    prior_driven : bool
+        The difference is mostly its prior.
+    text : str
+        One sentence.
+    """
+
+    n_simulations: int
+    n_flights: int
+    s_simulation: float
+    s_flight: float
+    difference: float
+    interval: Interval
+    prior_sd: float
+    prior_share: float
+    prior_driven: bool
+    text: str
+
+
+class Surface(Protocol):
+    """A fitted response surface with its errors, on the scale of the fit; of flights where there are two sources.
+
+    ``rows`` are what its mean is linear in, (m, c): `rows` makes them of coded points, and ``draws(...).terms`` are
+    coefficients of the same columns.
+    """
+
+    @property
+    def errors(self) -> ErrorModel:
+        """How scores scatter about it."""
+
+    @property
+    def estimate(self) -> FloatArray:
+        """Coefficients (c,) of the mean whose optimum is sought."""
+
+    @property
+    def s(self) -> float:
+        """Standard deviation of a future run of weight 1; in a new block where blocks are random."""
+
+    @property
+    def df_residual(self) -> int:
+        """Degrees of freedom of ``s``."""
+
+    @property
+    def n_terms(self) -> int:
+        """Terms that have used up runs."""
+
+    def rows(self, points: FloatArray) -> FloatArray:
+        """Rows (m, c) of coded points (m, k)."""
+
+    def predict(
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Mean, confidence interval, and prediction interval of the mean of ``replicates`` future runs of a weight."""
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """Variance (m,) of the mean, in units of ``s`` squared."""
+
+    def draws(
+        self,
+        stated: NormalInverseGamma | None,
+        bounds: LinearBounds | None,
+        sampler: Sampler,
+        n: int,
+        rng: np.random.Generator,
+    ) -> Draws:
+        """About ``n`` posterior draws under the prior that is ``stated`` and ``bounds`` of single terms."""
+
+    def limits(self, what: str) -> str:
+        """Why ``what``, a method for plain least squares, does not apply; empty where it does."""
+
+    @property
+    def fixed_blocks(self) -> bool:
+        """Blocks, where there are some, differ by constants."""
+
+    @property
+    def departs(self) -> bool:
+        """A smooth departure may be weighed beside it."""
+
+    @property
+    def shared_error(self) -> str:
+        """Which intervals count an error that the scores of a rung share."""
+
+    @property
+    def note(self) -> str:
+        """What has to be said of it beside the figures; empty where nothing has."""
+
+    def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
+        """Simulation against flight at a coded point (k,); None where there is one source."""
+
+    def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
+        """Its blocks as a random effect; None where its errors or sources know none."""
+
+    def in_block(
+        self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
+    ) -> Prediction | None:
+        """Prediction at a row (1, c) in a block that was run; None where a block like it never comes again."""
+
+
+_DEPARTURE_COUNTS = "the intervals with a departure allowed for count"
+_PLAIN_DO_NOT = "the plain confidence and prediction intervals do not"
+
+
+@dataclass(frozen=True, slots=True)
+class Quadratic:
+    """Least squares: one source, blocks as constants.
+
+    Attributes
+    ----------
+    errors, estimate, s, df_residual, n_terms, departs, shared_error, note
+        See `Surface`.
+    model : QuadraticModel
+    data : ScoredRuns
+    scale : ResponseScale
+    fit : LeastSquaresFit
+        With blocks and sources as constants, behind the terms of the model.
+    """
+
+    errors: ErrorModel
+    model: QuadraticModel
+    data: ScoredRuns
+    scale: ResponseScale
+    fit: LeastSquaresFit
+    estimate: FloatArray
+    s: float
+    df_residual: int
+    n_terms: int
+    departs: bool
+    shared_error: str
+    note: str
+
+    fixed_blocks: ClassVar[bool] = True
+
+    @classmethod
+    def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
+        """Whether runs and specification ask for this structure."""
+        del spec, data
+        return True
+
+    @classmethod
+    def of(
+        cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+    ) -> Quadratic:
+        """The surface that these runs call for."""
+        intervals = "the posterior counts that, and all intervals, which are made of it"
+        if spec.errors.exact:
+            intervals = f"the posterior and {_DEPARTURE_COUNTS} that, {_PLAIN_DO_NOT}"
+        return Quadratic(
+            errors=spec.errors,
+            model=model,
+            data=data,
+            scale=scale,
+            fit=fit,
+            estimate=fit.estimate[: model.p],
+            s=fit.s,
+            df_residual=fit.df_residual,
+            n_terms=fit.n_terms,
+            departs=fit.s > 0.0,
+            shared_error=intervals,
+            note="",
+        )
+
+    def rows(self, points: FloatArray) -> FloatArray:
+        """Rows (m, p) of the model."""
+        return self.model.matrix(points)
+
+    def predict(
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Of the average block."""
+        return self.fit.predict(rows, level, weight, replicates)
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """See `Surface`."""
+        return self.fit.variance_unscaled(rows)
+
+    def draws(
+        self,
+        stated: NormalInverseGamma | None,
+        bounds: LinearBounds | None,
+        sampler: Sampler,
+        n: int,
+        rng: np.random.Generator,
+    ) -> Draws:
+        """By the errors; without a stated prior a flat one where the runs can carry it: credible and t intervals agree.
+
+        An error that the scores of each rung share has a column of its own, of prior standard deviation 1.
+        """
+        p, fit = self.model.p, self.fit
+        prior: Prior = Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
+        if stated is not None:
+            prior = with_further(stated, p, np.zeros(fit.n_terms - p))
+        # Without scatter there is no unit for the prior of shared errors.
+        loadings = shared_loadings(self.data, self.scale)[0][:, : None if fit.s > 0.0 else 0]
+        if shared := loadings.shape[1]:
+            prior = with_further(prior, fit.n_terms, np.full(shared, fit.s**2))
+        weights = self.errors.sampled_weights(fit.weights, self.scale.weights)
+        runs = self._runs(np.hstack([fit.Z, loadings]), weights, prior, stated)
+        return self.errors.draws(runs, bounds, sampler, n, rng)
+
+    def limits(self, what: str) -> str:
+        """See `Surface`."""
+        return self.errors.limits(what)
+
+    def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
+        """There is one source."""
+        del point, level
+        return None
+
+    def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
+        """Fitted for this: the surface itself has constants."""
+        return random_blocks(spec, self.model, self.data, self.scale) if self.errors.random_blocks else None
+
+    def in_block(
+        self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
+    ) -> Prediction | None:
+        """By the block's constant."""
+        contrast = self.fit.Z[labels.index(block), self.model.p :]
+        return self.fit.predict(np.hstack([row, contrast[None, :]]), level, weight)
+
+    def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
+        fit, p = self.fit, self.model.p
+        correct = trials = None
+        if self.errors.of_counts:
+            correct, trials = counts_of(self.data, f'errors = "{self.errors.name}"')
+        return LinearRuns(
+            fit, p, Z, fit.y, weights, prior, lambda beta: beta[:, :p], True, 1.0, stated, correct, trials
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RandomBlocks(Quadratic):
+    """Blocks as a random effect: the surface of the average block, and future runs in a new one.
+
+    Attributes
+    ----------
+    posterior : RandomBlockPosterior
+    apart : bool
+        Blocks are occasions that simulated runs share: each future run meets one of its own, as an occasion never comes
+        again. Else all runs of a future mean are made in one block.
+    """
+
+    posterior: RandomBlockPosterior
+    apart: bool
+
+    fixed_blocks: ClassVar[bool] = False
+
+    @classmethod
+    def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
+        """Asked for, or occasions; there must be two blocks."""
+        # Occasions are a sample of what a flight may meet; with flights in the fit, or wild errors, they are constants.
+        one_source = len(set(data.sources)) < 2
+        sampled = one_source and spec.errors.random_blocks and occasions_shared(data) > 0
+        return (spec.model.block_effect == "random" or sampled) and len(set(block_labels(spec, data))) > 1
+
+    @classmethod
+    def of(
+        cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+    ) -> RandomBlocks:
+        """See `random_blocks`."""
+        found = random_blocks(spec, model, data, scale)
+        return cls(
+            errors=spec.errors,
+            model=model,
+            data=data,
+            scale=scale,
+            fit=fit,
+            estimate=found.estimate,
+            s=found.s_new_day,
+            df_residual=int(found.df),
+            n_terms=model.p,  # random blocks are no terms
+            departs=fit.s > 0.0,
+            shared_error=f"{_DEPARTURE_COUNTS} that, the posterior and {_PLAIN_DO_NOT}",
+            note=f"{found.reason[:1].upper()}{found.reason[1:]}." if found.reason else "",
+            posterior=found,
+            apart=occasions_shared(data) > 0,
+        )
+
+    def predict(
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Of the average block, and of runs in a new one."""
+        w = float(np.mean(weight))
+        return self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """See `Surface`."""
+        return self.posterior.variance(rows) / self.s**2
+
+    def draws(
+        self,
+        stated: NormalInverseGamma | None,
+        bounds: LinearBounds | None,
+        sampler: Sampler,
+        n: int,
+        rng: np.random.Generator,
+    ) -> Draws:
+        """Exact, whatever the sampler; the prior is flat."""
+        del stated, sampler
+        (beta, sigma, of_blocks), share = within(partial(self.posterior.draws, rng=rng), bounds, n)
+        made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
+        return Draws(beta, sigma, made, share, sigma_block=of_blocks, apart=self.apart)
+
+    def limits(self, what: str) -> str:
+        """See `Surface`."""
+        return self.errors.limits(what) or f"{what} is for fixed blocks, here they are random"
+
+    def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
+        """Those of the fit."""
+        del spec
+        return self.posterior
+
+    def in_block(
+        self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
+    ) -> Prediction | None:
+        """By the block's effect; what an occasion was like tells of none to come."""
+        del labels
+        return None if self.apart else self.posterior.predict(row, level, day=block, weight=weight)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoSources(Quadratic):
+    """Simulations and flights: the flight's surface.
+
+    Attributes
+    ----------
+    both : SourceFit
+    """
+
+    both: SourceFit
+
+    @classmethod
+    def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
+        """Runs of two sources."""
+        del spec
+        return len(set(data.sources)) > 1
+
+    @classmethod
+    def of(
+        cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+    ) -> TwoSources:
+        """See `fit_sources`."""
+        found = fit_sources(
+            model,
+            data.points,
+            scale.values,
+            [source == "flight" for source in data.sources],
+            weights=fit.weights,
+            extra=columns_within_sources(spec, data),
+            prior_sd=spec.model.discrepancy_sd,
+        )
+        note = (
+            f"With {found.n_flights} flights the difference between flight and simulation is mostly what the prior "
+            "says ([model] discrepancy_sd)."
+        )
+        return cls(
+            errors=spec.errors,
+            model=model,
+            data=data,
+            scale=scale,
+            fit=fit,
+            estimate=found.estimate,
+            s=found.s,
+            df_residual=int(found.df_residual),
+            n_terms=fit.n_terms,
+            departs=False,
+            shared_error=(
+                "that is part of the difference between flight and simulation, whose prior is [model] discrepancy_sd"
+            ),
+            note=note if found.prior_driven else "",
+            both=found,
+        )
+
+    def predict(
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Of flights."""
+        return self.both.predict(rows, level, weight, replicates)
+
+    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
+        """See `Surface`."""
+        return self.both.variance_unscaled(rows)
+
+    def draws(
+        self,
+        stated: NormalInverseGamma | None,
+        bounds: LinearBounds | None,
+        sampler: Sampler,
+        n: int,
+        rng: np.random.Generator,
+    ) -> Draws:
+        """Where errors are normal exact, whatever the sampler, unless hardly any draw holds the bounds."""
+        both, p = self.both, self.model.p
+        Z, flights = both.runs.Z, both.runs.flights
+        weights = np.where(flights, both.flight_weight, 1.0) * self.scale.weights
+        prior = source_prior(self.model, Z.shape[1] - 2 * p, both.prior_sd, both.s_simulation, stated)
+        runs = replace(
+            self._runs(Z, weights, prior, stated),
+            to_terms=both.flight_draws,
+            own_columns=False,
+            sigma_unit=float(1.0 / np.sqrt(both.flight_weight)),
+        )
+        if self.errors.exact and self.fit.sse > 0.0:
+            draw = partial(both.draws, rng=rng, base=stated)
+            (beta, sigma), share = within(draw, runs.seen_from_all(bounds), n)
+            if bounds is None or enough(len(sigma), n):
+                made: Made = {"method": "exact", "draws": len(sigma), "sources": 2}
+                return Draws(both.flight_draws(beta), sigma, made, share)
+        return self.errors.draws(runs, bounds, sampler, n, rng)
+
+    def limits(self, what: str) -> str:
+        """See `Surface`."""
+        return self.errors.limits(what) or f"{what} is for scores of one source, here are simulations and flights"
+
+    def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
+        """On a transformed scale the difference is taken in scores."""
+        found, row = self.both, self.rows(point[None, :])
+        simulated = float((row @ found.simulation)[0])
+        mean, low, high = found.discrepancy(row[0], level)
+
+        def in_scores(difference: float) -> float:
+            ends = self.scale.in_scores(simulated, simulated + difference)
+            return ends.high - ends.low
+
+        difference, interval = in_scores(mean), Interval(in_scores(low), in_scores(high))
+        source = "mostly the prior's" if found.prior_driven else "mostly the flights'"
+        return SourceComparison(
+            n_simulations=found.n_simulations,
+            n_flights=found.n_flights,
+            s_simulation=found.s_simulation,
+            s_flight=found.s,
+            difference=difference,
+            interval=interval,
+            prior_sd=found.prior_sd,
+            prior_share=found.prior_share,
+            prior_driven=found.prior_driven,
+            text=(
+                f"At the recommended settings flights score {difference:+.3g} against simulations "
+                f"({100 * level:g} % credible interval {interval.low:.3g} to {interval.high:.3g}); after "
+                f"{found.n_flights} flights this is {source} word ({100 * found.prior_share:.0f} % of the prior "
+                "variance is left). All intervals are for flights."
+            ),
+        )
+
+    def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
+        """How blocks differ is not studied beside another source."""
+        del spec
+        return None
+
+
+STRUCTURES: Final = (RandomBlocks, TwoSources, Quadratic)
+"""Structures of sources and blocks; the first that suits is taken."""
+
+
+def surface_of(
+    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
+) -> Surface:
+    """The surface that runs and specification call for.
+
+    Raises
+    ------
+    FitError
+        What the structure cannot be fitted to, `random_blocks`.
+    """
+    structure = next(each for each in STRUCTURES if each.suits(spec, data))
+    return structure.of(spec, model, data, scale, fit)
+
+
+def random_blocks(
+    spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale
+) -> RandomBlockPosterior:
+    """Surface of the average block, with blocks as a random effect.
+
+    Raises
+    ------
+    FitError
+        One block, two sources, or no scatter.
+    """
+    if len(set(data.sources)) > 1:
+        remedy = 'Set [model] block_effect = "fixed".'
+        raise FitError(Problem("random blocks are for scores of one source, here are simulations and flights", remedy))
+    labels, alike = block_labels(spec, data), None
+    if occasions_shared(data):
+        # Runs that share no occasion met one each, as random effects can.
+        each = zip(labels, data.run_ids.tolist(), strict=True)
+        labels = [f"run {run_id}" if label == "all" else label for label, run_id in each]
+        alike = similarity(model.factors, data.points)
+    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights, similarity=alike)

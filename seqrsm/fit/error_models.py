@@ -1,0 +1,441 @@
+"""How scores scatter about their surface: each model of errors is one class here, registered by its name.
+
+A class knows the weights that runs get, the posterior of a linear model, what single future runs add to the mean, what
+``campaign.toml`` may combine it with, and its words. A further one is a further class and its place in `ERROR_MODELS`;
+nothing else asks which it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.errors import ConvergenceError
+from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounded_draws, posterior, with_further
+from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.robust import STUDENT_DF, student_draws, student_weights
+from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
+from seqrsm.fit.weights import own_weights
+
+if TYPE_CHECKING:
+    from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior
+
+Sampler: TypeAlias = Literal["exact", "emcee"]
+
+Made: TypeAlias = dict[str, float | str | int]
+
+_LEAST_SHARE = 0.25  # of the draws wanted that must hold the bounds, else the ensemble sampler works inside them
+_LOGIT_SD, _LOGIT_INTERCEPT_SD = 2.5, 10.0  # prior of the coefficients of a logit of which nothing is stated
+
+
+class Scale(Protocol):
+    """The scale of the fit; ``seqrsm.analysis.scale.ResponseScale`` is one."""
+
+    def to_score(self, values: FloatArray) -> FloatArray:
+        """Score units of values on the scale of the fit."""
+
+    def weight_at(self, values: FloatArray) -> FloatArray:
+        """Relative weight of a future run whose expected response is ``values``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Posterior draws of the surface whose optimum is sought, on the scale of the fit.
+
+    Attributes
+    ----------
+    terms : ndarray (m, p)
+        Coded coefficients; those of the flight's surface where there are two sources.
+    sigma : ndarray (m,)
+        Standard deviation (scale, of Student-t errors) of a future run of weight 1.
+    made : dict
+        How they were made.
+    share : float, optional
+        Probability of the bounds of the prior without them; None where it is not known.
+    bounds : LinearBounds, optional
+        Bounds of single terms that all draws hold.
+    sigma_block : ndarray (m,), optional
+        Standard deviation of random blocks.
+    apart : bool
+        Each future run falls into a random block of its own; else all that are averaged into one.
+    more : dict
+        Other parameters of the errors, (m,) each, by name.
+    """
+
+    terms: FloatArray
+    sigma: FloatArray
+    made: Made
+    share: float | None = None
+    bounds: LinearBounds | None = None
+    sigma_block: FloatArray | None = None
+    apart: bool = False
+    more: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def first(self, n: int) -> Draws:
+        """The first ``n`` draws."""
+        block = None if self.sigma_block is None else self.sigma_block[:n]
+        more = {name: values[:n] for name, values in self.more.items()}
+        return replace(self, terms=self.terms[:n], sigma=self.sigma[:n], sigma_block=block, more=more)
+
+    def of_blocks(self, replicates: int, rng: np.random.Generator) -> FloatArray:
+        """Effects of the random blocks of future runs, (m, replicates) or (m, 1) where these share one."""
+        if self.sigma_block is None:
+            return np.zeros((len(self.terms), 1))
+        size = (len(self.terms), replicates if self.apart else 1)
+        return np.asarray(self.sigma_block[:, None] * rng.standard_normal(size))
+
+
+@dataclass(frozen=True, slots=True)
+class LinearRuns:
+    """A linear model and the runs that it was fitted to, as its posterior needs them.
+
+    Attributes
+    ----------
+    fit : LeastSquaresFit
+        With blocks and sources as constants behind the model's terms.
+    p : int
+        Terms of the model.
+    Z, y : ndarray (n, c), (n,)
+        Rows and scores of what is sampled: the columns of ``fit``, and others maybe.
+    weights : ndarray (n,)
+        Relative weights, `ErrorModel.sampled_weights`.
+    prior : Flat or NormalInverseGamma
+        Of the c coefficients.
+    to_terms : callable
+        (m, c) coefficients -> (m, p) terms of the surface whose optimum is sought.
+    own_columns : bool
+        The first of the c columns are those of ``fit``, with nothing else on them.
+    sigma_unit : float
+        Standard deviation of a future run of weight 1 over that of a run of weight 1 among these.
+    stated : NormalInverseGamma or None
+        Prior of the p terms that the user states.
+    correct, trials : ndarray (n,), optional
+        Decisions of each run, where the errors are those of counts.
+    """
+
+    fit: LeastSquaresFit
+    p: int
+    Z: FloatArray
+    y: FloatArray
+    weights: FloatArray
+    prior: Prior
+    to_terms: Callable[[FloatArray], FloatArray]
+    own_columns: bool
+    sigma_unit: float
+    stated: NormalInverseGamma | None
+    correct: FloatArray | None = None
+    trials: FloatArray | None = None
+
+    def seen_from_all(self, bounds: LinearBounds | None) -> LinearBounds | None:
+        """Bounds of terms as bounds of the c coefficients."""
+        if bounds is None:
+            return None
+        return LinearBounds(bounds.rows @ self.to_terms(np.eye(self.Z.shape[1])).T, bounds.low, bounds.high)
+
+
+class ErrorModel:
+    """What all models of errors share; see the module.
+
+    Attributes
+    ----------
+    name : str
+        As ``[model] errors`` has it.
+    words : str
+        After "errors of different runs are independent, ".
+    exact : bool
+        The posterior of a linear model is known exactly, and least squares have t intervals: only normal errors have.
+    of_counts : bool
+        Scores are counts of correct decisions, which carry their own weights.
+    response : str
+        The scale that they must be modelled on; "" for any.
+    random_blocks : bool
+        Blocks may be random.
+    unsearched : str
+        Why intervals cannot allow for the search of the optimum; "" where they can.
+    """
+
+    name: ClassVar[str]
+    words: ClassVar[str]
+    exact: ClassVar[bool] = False
+    of_counts: ClassVar[bool] = False
+    response: ClassVar[str] = ""
+    random_blocks: ClassVar[bool] = False
+    unsearched: ClassVar[str] = ""
+
+    def limits(self, what: str) -> str:
+        """Why a method for least squares, ``what``, does not apply; empty where it does."""
+        return "" if self.exact else f"{what} is for normal errors, here they are {self.name}"
+
+    def weights(
+        self, Z: FloatArray, y: FloatArray, given: FloatArray, variance: FloatArray | None = None
+    ) -> FloatArray:
+        """Relative weights (n,) for least squares.
+
+        Parameters
+        ----------
+        Z, y, given : ndarray (n, p), (n,), (n,)
+            Model matrix, scores on the scale of the fit, and relative weights from the scale.
+        variance : ndarray (n,), optional
+            Known variance of an error that each run has beside the common one, squared units of ``y``.
+        """
+        return given if variance is None else own_weights(Z, y, variance, given)
+
+    def sampled_weights(self, fitted: FloatArray, given: FloatArray) -> FloatArray:
+        """Relative weights (n,) of runs in the posterior, from those of least squares and those from the scale.
+
+        What errors make of the weights of least squares is told by the draws themselves.
+        """
+        del fitted
+        return given
+
+    def draws(
+        self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
+    ) -> Draws:
+        """Posterior draws, about ``n`` of them, that hold ``bounds`` of single terms.
+
+        Raises
+        ------
+        ConvergenceError
+            emcee did not converge.
+        """
+        raise NotImplementedError
+
+    def added(
+        self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
+    ) -> FloatArray:
+        """What blocks and single future runs (m, replicates) add to the mean response ``here`` (m,)."""
+        block = draws.of_blocks(replicates, rng)
+        noise = self.noise((len(here), replicates), rng)
+        spread = draws.sigma[:, None] / np.sqrt(scale.weight_at(here[:, None] + block))
+        return np.asarray(block + spread * noise)
+
+    def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+        """Errors of scale 1."""
+        raise NotImplementedError
+
+    def future_scores(
+        self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
+    ) -> FloatArray:
+        """Scores (m, replicates) of future runs whose mean response is ``here`` (m,)."""
+        return scale.to_score(here[:, None] + self.added(draws, scale, here, replicates, rng))
+
+
+class _Additive(ErrorModel):
+    """Errors that add to a linear model: drawn by a sampler of their own, or by emcee.
+
+    Attributes
+    ----------
+    family : "normal" or "student_t"
+        As emcee's target names it.
+    """
+
+    family: ClassVar[Literal["normal", "student_t"]]
+
+    def draws(
+        self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
+    ) -> Draws:
+        """See `ErrorModel.draws`."""
+        inner, share = runs.seen_from_all(bounds), None
+        # A surface through every score leaves nothing to sample: sigma is 0.
+        through = runs.fit.sse == 0.0
+        if through or sampler == "exact":
+            (beta, sigma), made, share = (NORMAL if through else self).independent(runs, inner, n, rng)
+            if through and runs.own_columns and not np.any(sigma):
+                beta[:, : len(runs.fit.estimate)] = runs.fit.estimate  # no rounding dust, which has a best end
+            if through or enough(len(sigma), n):
+                return _of_terms(runs, (beta, sigma), made, share)
+        from seqrsm.fit.ensemble import sample_posterior  # emcee: only where it is asked for
+
+        Z, y, weights, prior, seed = runs.Z, runs.y, runs.weights, runs.prior, int(rng.integers(2**31))
+        try:
+            chain = sample_posterior(
+                Z, y, weights, errors=self.family, prior=prior, nu=STUDENT_DF, bounds=inner, seed=seed
+            )
+        except ConvergenceError:
+            if self.exact:
+                raise
+            # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
+            return _of_terms(runs, *self.independent(runs, inner, n, rng))
+        keep = _spread(len(chain.sigma), n)
+        if inner is not None and share is None:
+            share = float(np.mean(inner.hold(self.independent(runs, None, n, rng)[0][0])))
+        made = _sampled(chain, self.name, len(keep))
+        return _of_terms(runs, (chain.beta[keep], chain.sigma[keep]), made, share)
+
+    def independent(
+        self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator
+    ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
+        """Coefficients and sigma drawn without emcee, how, and which share of all draws holds the bounds."""
+        raise NotImplementedError
+
+
+class Normal(_Additive):
+    """Independent normal errors of one variance, or of one up to known weights."""
+
+    name = "normal"
+    words = "normal"
+    family = "normal"
+    exact = True
+    random_blocks = True
+
+    def sampled_weights(self, fitted: FloatArray, given: FloatArray) -> FloatArray:
+        """Those of least squares: the posterior is of the same model."""
+        del given
+        return fitted
+
+    def independent(
+        self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator
+    ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
+        """Independent draws of the exact posterior."""
+        draw = partial(posterior(runs.Z, runs.y, runs.weights, runs.prior).draws, rng=rng)
+        found, share = within(draw, bounds, n)
+        return found, {"method": "exact", "draws": len(found[1])}, share
+
+    def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+        """Standard normal errors."""
+        return rng.standard_normal(size)
+
+
+class StudentT(_Additive):
+    """Independent Student-t errors of known degrees of freedom: wild scores count for little."""
+
+    name = "student_t"
+    words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
+    family = "student_t"
+
+    def weights(
+        self, Z: FloatArray, y: FloatArray, given: FloatArray, variance: FloatArray | None = None
+    ) -> FloatArray:
+        """Weights that make least squares the most likely fit; a known variance is not told from the tails."""
+        del variance
+        return student_weights(Z, y, given)
+
+    def independent(
+        self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator
+    ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
+        """Draws by Gibbs sampling."""
+        found = student_draws(runs.Z, runs.y, runs.weights, runs.prior, n, rng)
+        made: Made = {
+            "method": "gibbs",
+            "errors": self.name,
+            "draws": len(found.sigma),
+            "steps": found.sweeps,
+            "ess": found.ess,
+            "r_hat": found.r_hat,
+        }
+        if bounds is None:
+            return (found.beta, found.sigma), made, None
+
+        def more(m: int) -> tuple[FloatArray, ...]:
+            again = student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)
+            return again.beta, again.sigma
+
+        held, share = bounded_draws(more, bounds, n)
+        return held, made | {"draws": len(held[1])}, share
+
+    def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+        """Student-t errors of scale 1."""
+        return rng.standard_t(STUDENT_DF, size)
+
+
+class BetaBinomial(ErrorModel):
+    """Counts of correct decisions, which are correlated within a run: more scatter than the binomial."""
+
+    name = "beta_binomial"
+    words = "beta-binomial, with one correlation of the decisions within a run"
+    of_counts = True
+    response = "logit"
+    unsearched = "the bootstrap of the search is not for counts with beta_binomial errors"
+
+    def draws(
+        self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator
+    ) -> Draws:
+        """Draws by emcee, the only sampler there is; blocks and sources are constants."""
+        del sampler
+        from seqrsm.fit.ensemble import sample_model  # emcee: only where it is asked for
+
+        assert runs.correct is not None
+        assert runs.trials is not None
+        prior = _logit_prior(runs)
+        if bounds is not None:
+            low, high = (np.full(len(prior.mean), end) for end in (-np.inf, np.inf))
+            terms = np.argmax(bounds.rows, axis=1)
+            low[terms], high[terms] = bounds.low, bounds.high
+            prior = replace(prior, low=low, high=high)
+        chain = sample_model(
+            beta_binomial_model(runs.fit.Z, runs.correct, runs.trials, prior), seed=int(rng.integers(2**31))
+        )
+        keep, usual = _spread(len(chain.draws), n), float(np.median(runs.trials))
+        correlation = chain.of("correlation")[keep]
+        made = _sampled(chain, self.name, len(keep)) | {"correlation": float(np.mean(correlation)), "trials": usual}
+        more = {"correlation": correlation, "trials": np.full(len(keep), usual)}
+        return Draws(chain.of("beta")[keep][:, : runs.p], np.full(len(keep), runs.fit.s), made, more=more)
+
+    def future_scores(
+        self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
+    ) -> FloatArray:
+        """Shares of as many decisions as a run has in the median [%]."""
+        size, trials = (len(here), replicates), max(round(float(draws.more["trials"][0])), 1)
+        share = scale.to_score(here)[:, None] / 100.0
+        phi = (1.0 / draws.more["correlation"] - 1.0)[:, None]
+        success = rng.beta(np.maximum(share * phi, 1e-9), np.maximum((1.0 - share) * phi, 1e-9), size)
+        return np.asarray(100.0 * rng.binomial(trials, success) / trials)
+
+
+NORMAL: Final = Normal()
+
+ERROR_MODELS: Final[Mapping[str, ErrorModel]] = {model.name: model for model in (NORMAL, StudentT(), BetaBinomial())}
+"""Every model of errors by its name in ``campaign.toml``; the first is the default."""
+
+
+def within(
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds | None, n: int
+) -> tuple[tuple[FloatArray, ...], float | None]:
+    """Draws that hold the bounds, and the share of all draws that does."""
+    return (draw(n), None) if bounds is None else bounded_draws(draw, bounds, n)
+
+
+def enough(found: int, wanted: int) -> bool:
+    """Whether so many draws that hold the bounds do."""
+    return found >= _LEAST_SHARE * wanted
+
+
+def _of_terms(runs: LinearRuns, found: tuple[FloatArray, ...], made: Made, share: float | None) -> Draws:
+    beta, sigma = found
+    return Draws(runs.to_terms(beta), sigma * runs.sigma_unit, made, share)
+
+
+def _logit_prior(runs: LinearRuns) -> CoefficientPrior:
+    """Of the logit: as stated, else N(0, 10^2) for the intercept and N(0, 2.5^2) for the others."""
+    kinds = np.array(runs.fit.kinds)
+    sd = np.where(kinds == "intercept", _LOGIT_INTERCEPT_SD, _LOGIT_SD)
+    if runs.stated is None:
+        return CoefficientPrior(np.zeros(len(kinds)), sd)
+    stated = with_further(runs.stated, runs.p, np.zeros(len(kinds) - runs.p))
+    silent = np.diagonal(stated.Lambda0) == 0.0
+    # The precision with sigma at its prior guess.
+    precision = stated.Lambda0 * (stated.a0 / stated.b0) + np.diag(np.where(silent, 1.0 / np.square(sd), 0.0))
+    return CoefficientPrior(stated.m0, sd, precision=precision)
+
+
+def _spread(n: int, wanted: int) -> IntArray:
+    return np.linspace(0, n - 1, min(wanted, n)).astype(np.int64)
+
+
+def _sampled(chain: EnsemblePosterior | GeneralPosterior, errors: str, draws: int) -> Made:
+    return {
+        "method": "emcee",
+        "errors": errors,
+        "draws": draws,
+        "steps": chain.steps,
+        "tau": float(np.max(chain.tau)),
+        "ess": float(np.min(chain.ess)),
+        "ess_ends": float(np.min(chain.ess_ends)),
+        "acceptance": float(np.mean(list(chain.acceptance.values()))),
+        "r_hat": float(np.max(chain.r_hat)),
+    }
