@@ -13,19 +13,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, Precision
 from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
+from seqrsm.scene import kernels
+from seqrsm.scene.layers import categories_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
-from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
 from seqrsm.simulate.radiometer import kernels_prm
 from seqrsm.simulate.radiometer.effects import effect_notes, effects_k, planck_offset_used_k
 from seqrsm.simulate.radiometer.frame import (
@@ -40,8 +40,6 @@ from seqrsm.simulate.radiometer.occasion import (
     nominal_radiometer_occasion,
 )
 from seqrsm.simulate.radiometer.result import RadiometerImage
-
-Precision = Literal["float32", "float64"]
 
 _CHEBYSHEV_NODES = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
 _CHEBYSHEV = np.linalg.pinv(np.polynomial.chebyshev.chebvander(_CHEBYSHEV_NODES, 9))
