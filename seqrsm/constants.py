@@ -23,9 +23,6 @@ REFERENCE_TEMPERATURE_K: Final = 290.0
 COSMIC_BACKGROUND_K: Final = 2.725_48
 """Temperature of the cosmic microwave background [K] (Fixsen 2009, doi 10.1088/0004-637X/707/2/916)."""
 
-ICE_POINT_K: Final = 273.15
-"""Zero of the Celsius scale [K], exact (SI)."""
-
 EARTH_RADIUS_M: Final = 6_371_008.8
 """Mean radius of the Earth [m] (GRS 80, Moritz 2000, R1)."""
 

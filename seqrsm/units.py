@@ -44,11 +44,6 @@ def ghz_to_hz(frequency_ghz: float) -> float:
     return frequency_ghz * 1e9
 
 
-def hz_to_ghz(frequency_hz: float) -> float:
-    """Frequency [GHz] of ``frequency_hz`` [Hz]."""
-    return frequency_hz * 1e-9
-
-
 @overload
 def deg_to_rad(angle_deg: float) -> float: ...
 @overload
@@ -57,16 +52,6 @@ def deg_to_rad(angle_deg: float | FloatArray) -> float | FloatArray:
     """Angle [rad] of ``angle_deg`` [deg]."""
     result = np.deg2rad(np.asarray(angle_deg, dtype=np.float64))
     return float(result) if np.ndim(angle_deg) == 0 else np.asarray(result)
-
-
-@overload
-def rad_to_deg(angle_rad: float) -> float: ...
-@overload
-def rad_to_deg(angle_rad: FloatArray) -> FloatArray: ...
-def rad_to_deg(angle_rad: float | FloatArray) -> float | FloatArray:
-    """Angle [deg] of ``angle_rad`` [rad]."""
-    result = np.rad2deg(np.asarray(angle_rad, dtype=np.float64))
-    return float(result) if np.ndim(angle_rad) == 0 else np.asarray(result)
 
 
 _KINDS: Final[Sequence[Mapping[str, float]]] = (

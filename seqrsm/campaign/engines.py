@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from seqrsm.arrays import Precision
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import own_function
 from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
@@ -29,7 +30,7 @@ from seqrsm.simulate.fidelity import Plan, RungPlan
 from seqrsm.simulate.radar.fidelity import plan_radar
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.simulate.radar.ground import look_up
-from seqrsm.simulate.radar.psm import Precision, blind_channels, finer_than_cells, simulate_radar
+from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar
 from seqrsm.simulate.radar.receiver import named_function, transfer_function
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.sample import meet, radar_record, radar_sample

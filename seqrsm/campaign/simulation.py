@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.runs import STREAM_0
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, Precision
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
@@ -22,7 +22,6 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
 from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference
-from seqrsm.simulate.radar.psm import Precision
 from seqrsm.simulate.sample import Sample
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore

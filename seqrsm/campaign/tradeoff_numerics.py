@@ -16,7 +16,7 @@ import numpy as np
 
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.posterior import draw_coefficients, future_scores
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, Precision
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, rounded_settings, start_size
 from seqrsm.campaign.simulation import NO_RUN, simulate_image, task_of
@@ -25,7 +25,6 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import DesignError, UserError
 from seqrsm.fit.error_models import Draws, Sampler
 from seqrsm.fit.optimum import optimum, optimum_draws
-from seqrsm.simulate.radar.psm import Precision
 from seqrsm.simulate.radiometer.result import RadiometerImage
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 

@@ -5,7 +5,6 @@ describe platforms. Everything is kept as printed, contradictions too, with the 
 from the print stand beside it. `load_catalog` reads the files once; nothing heavy is imported.
 """
 
-from seqrsm.catalog.platforms import Check, PlatformFit, platforms_for
 from seqrsm.catalog.reader import load_catalog
 from seqrsm.catalog.rendering import catalog_rows, to_json
 from seqrsm.catalog.search import entries_about, search
@@ -15,10 +14,8 @@ from seqrsm.catalog.tables import Catalog, Entry, Platform, PlatformItem, Quanti
 
 __all__ = [
     "Catalog",
-    "Check",
     "Entry",
     "Platform",
-    "PlatformFit",
     "PlatformItem",
     "Quantity",
     "Range",
@@ -31,7 +28,6 @@ __all__ = [
     "catalog_rows",
     "entries_about",
     "load_catalog",
-    "platforms_for",
     "search",
     "start_ranges",
     "summary",

@@ -6,24 +6,14 @@ from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeAlias
 
-from seqrsm.catalog.platforms import PlatformFit
-from seqrsm.catalog.start import StartRanges
 from seqrsm.catalog.summary import Statement
 from seqrsm.catalog.tables import Catalog, Entry, Platform, Range, Table
 
 Rows: TypeAlias = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Names of the columns, and the rows under them."""
 
-Result: TypeAlias = (
-    Catalog
-    | StartRanges
-    | Sequence[Entry]
-    | Sequence[Statement]
-    | Sequence[PlatformFit]
-    | Sequence[Platform]
-    | Sequence[Table]
-)
-"""What the functions of this package give."""
+Result: TypeAlias = Catalog | Sequence[Entry] | Sequence[Statement] | Sequence[Platform] | Sequence[Table]
+"""What can be shown as rows."""
 
 
 def _ranges(ranges: Sequence[Range]) -> str:
@@ -59,17 +49,6 @@ def _statement_row(statement: Statement) -> dict[str, str]:
     }
 
 
-def _fit_row(fit: PlatformFit) -> dict[str, str]:
-    texts = {check.name: check.text for check in fit.checks}
-    return {
-        "table": fit.platform.table,
-        "platform": fit.platform.name,
-        "verdict": fit.verdict,
-        "antenna": texts["antenna"],
-        "not decided by the print": ", ".join(fit.unknown),
-    }
-
-
 def _platform_row(platform: Platform) -> dict[str, str]:
     lines = ("Altitude", "Pointing Acc.", "Size", "Weight", "Power", "Telemetry", "Data Storage")
     notes = [platform.note, *(item.note for item in platform.items)]
@@ -92,35 +71,12 @@ def _table_row(table: Table) -> dict[str, str]:
     }
 
 
-def _start_rows(start: StartRanges) -> list[dict[str, str]]:
-    rows = []
-    for factor in start.ranges:
-        unprinted = factor.low is None or factor.high is None
-        no_agreement = factor.agreed_low is None or factor.agreed_high is None
-        rows.append(
-            {
-                "factor": factor.name,
-                "unit": factor.unit,
-                "start": "" if unprinted else str(Range(factor.low, factor.high)),
-                "most agree on": "" if no_agreement else str(Range(factor.agreed_low, factor.agreed_high)),
-                "best": "" if factor.best is None else str(Range(factor.best, factor.best)),
-                "tables": ", ".join(factor.tables),
-                "note": "; ".join(factor.notes),
-            }
-        )
-    levels = start.polarization
-    row = dict.fromkeys(rows[0], "") | {"factor": "polarization", "start": ", ".join(levels.levels)}
-    return [*rows, row | {"tables": ", ".join(levels.tables), "note": "; ".join(levels.notes)}]
-
-
 def _one_row(item: object) -> dict[str, str]:
     match item:
         case Entry():
             return _entry_row(item)
         case Statement():
             return _statement_row(item)
-        case PlatformFit():
-            return _fit_row(item)
         case Platform():
             return _platform_row(item)
         case Table():
@@ -134,7 +90,7 @@ def catalog_rows(result: Result) -> Rows:
 
     Parameters
     ----------
-    result : Catalog, StartRanges, or a sequence of Entry, Statement, PlatformFit, Platform or Table
+    result : Catalog, or a sequence of Entry, Statement, Platform or Table
         A catalogue gives its tables.
 
     Returns
@@ -146,7 +102,7 @@ def catalog_rows(result: Result) -> Rows:
     """
     if isinstance(result, Catalog):
         result = result.tables
-    rows = _start_rows(result) if isinstance(result, StartRanges) else [_one_row(item) for item in result]
+    rows = [_one_row(item) for item in result]
     columns = tuple(name for name in (rows[0] if rows else ()) if any(row[name] for row in rows))
     return columns, tuple(tuple(row[name] for name in columns) for row in rows)
 

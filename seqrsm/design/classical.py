@@ -6,7 +6,6 @@ All return points (n, k) with numeric factors in [-1, 1] unless said otherwise, 
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -19,7 +18,6 @@ from seqrsm.errors import DesignError, Problem
 Axial: TypeAlias = Literal["face", "rotatable", "inscribed"]
 
 _MAX_RUNS = 1_000_000
-_WORD = re.compile(r"([+-]?)([A-Za-z]+)\Z")
 
 # Box & Behnken (1960), Technometrics 2, 455-475, table 4: which factors vary together at +-1 (others at 0), and the
 # runs at the centre.
@@ -51,42 +49,6 @@ def full_factorial(levels: Sequence[int]) -> FloatArray:
         raise DesignError(Problem(f"the factorial has more than {_MAX_RUNS} runs", value=tuple(levels)))
     lines = [np.linspace(-1.0, 1.0, n) for n in levels]
     return np.array(list(itertools.product(*reversed(lines))))[:, ::-1].copy()
-
-
-def fractional_factorial(generators: str) -> FloatArray:
-    """Two-level fractional factorial from generators.
-
-    Parameters
-    ----------
-    generators : str
-        One word per column: a single letter is a basic factor, a longer word the product of basic factors, with an
-        optional sign: ``"a b c abc"`` is the 2^(4-1) of resolution IV, ``"a b -ab"`` a half fraction with D = -AB.
-
-    Raises
-    ------
-    DesignError
-        A word that is no product of the basic factors, or two equal columns.
-    """
-    words = generators.split()
-    parsed = [_WORD.match(word) for word in words]
-    if not words or not all(parsed):
-        raise DesignError(Problem("a generator is a sign and letters", 'As in "a b c -abc".', value=generators))
-    pairs = [(match.group(1), match.group(2)) for match in parsed if match]
-    basic = [letters for sign, letters in pairs if len(letters) == 1 and sign != "-"]
-    if not basic or len(set(basic)) < len(basic) or len(basic) > 20:
-        raise DesignError(Problem("the basic factors must be different single letters", value=generators))
-    unknown = sorted({letter for _, letters in pairs for letter in letters} - set(basic))
-    if unknown:
-        raise DesignError(Problem("a generator uses letters that are no basic factor", value=", ".join(unknown)))
-    base = full_factorial([2] * len(basic))
-    columns = [
-        (-1.0 if sign == "-" else 1.0) * np.prod(base[:, [basic.index(letter) for letter in letters]], axis=1)
-        for sign, letters in pairs
-    ]
-    points = np.column_stack(columns)
-    if np.unique(np.abs(points.T @ points) == points.shape[0], return_counts=True)[1][-1] > len(words):
-        raise DesignError(Problem("two columns of the fraction are equal or opposite", value=generators))
-    return points
 
 
 @lru_cache(maxsize=1)

@@ -106,8 +106,7 @@ class GeneralPosterior:
     draws : ndarray (m, d)
         In the parameters' own units.
     tau, ess, r_hat, ess_ends, acceptance, steps, walkers, ensembles, seed
-        As in :class:`EnsemblePosterior`; ``tau``, ``ess`` and ``r_hat`` are of the parameters that were sampled:
-        those integrated out are independent draws given these.
+        As in :class:`EnsemblePosterior`.
     """
 
     names: tuple[str, ...]
@@ -237,7 +236,7 @@ def sample_model(
     max_seconds: float = 120.0,
     progress: Progress | None = None,
 ) -> GeneralPosterior:
-    """Sample any model with a log density: counts, several sources, random days, discrepancy, bounded priors.
+    """Sample any model with a log density, such as that of counts.
 
     Parameters as in :func:`sample_posterior`, and the same convergence rule. The independence proposal starts as a
     Student-t distribution at the mode and is fitted to a pilot run.
@@ -257,11 +256,8 @@ def sample_model(
     reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
     draws = model.natural(reached.kept.reshape(-1, target.d))[0]
     acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
-    names = tuple(parameter.name for parameter in model.parameters)
-    if model.complete is not None:
-        names, draws = model.complete(draws, np.random.default_rng([seed, len(draws)]))
     return GeneralPosterior(
-        names,
+        tuple(parameter.name for parameter in model.parameters),
         draws,
         reached.tau,
         reached.ess,

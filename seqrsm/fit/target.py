@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.optimize import minimize
@@ -284,9 +284,6 @@ _WIDEN = 1.15
 _STEP = 1e-4
 
 
-Complete: TypeAlias = Callable[[FloatArray, np.random.Generator], tuple[tuple[str, ...], FloatArray]]
-
-
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """A parameter and its bounds.
@@ -315,14 +312,10 @@ class GeneralModel:
     parameters : tuple of Parameter (d,)
     log_density : callable
         (n, d) parameter values -> (n,) log prior plus log likelihood, up to a constant; -inf where impossible.
-    complete : callable, optional
-        For parameters that were integrated out: (draws (m, d), generator) -> names and draws (m, c) of all of them,
-        each drawn from its exact distribution given the sampled ones.
     """
 
     parameters: tuple[Parameter, ...]
     log_density: Callable[[FloatArray], FloatArray]
-    complete: Complete | None = None
 
     def natural(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Parameter values (n, d) of unbounded coordinates (n, d), and the log Jacobian (n,)."""

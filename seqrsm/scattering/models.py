@@ -103,34 +103,6 @@ def backscatter_oh04(moisture: ArrayLike, ks: ArrayLike, theta: ArrayLike) -> Ba
     return Backscatter(np.asarray(co_ratio * vv), np.asarray(hv), np.asarray(vv))
 
 
-def backscatter_dubois95(
-    permittivity_real: ArrayLike, ks: ArrayLike, theta: ArrayLike, wavelength_cm: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Co-polarized backscatter (hh, vv) of bare soil, from 30 degrees on.
-
-    Parameters
-    ----------
-    permittivity_real : float array
-        Real part of the relative permittivity [1].
-    ks : float array
-        Wavenumber times root-mean-square height [1], at most 2.5.
-    theta : float array
-        Incidence angle [rad], 30 to 65 degrees; below, hh wrongly exceeds vv.
-    wavelength_cm : float array
-        Wavelength in air [cm].
-
-    Notes
-    -----
-    Dubois, van Zyl and Engman 1995, "Measuring soil moisture with imaging radars", IEEE TGRS 33(4).
-    """
-    eps, ks, theta = (np.asarray(x, dtype=np.float64) for x in (permittivity_real, ks, theta))
-    c, s, tan = np.cos(theta), np.sin(theta), np.tan(theta)
-    scale = np.asarray(wavelength_cm, dtype=np.float64) ** 0.7
-    hh = 10.0**-2.75 * c**1.5 / s**5 * 10.0 ** (0.028 * eps * tan) * (ks * s) ** 1.4 * scale
-    vv = 10.0**-2.35 * c**3 / s**3 * 10.0 ** (0.046 * eps * tan) * (ks * s) ** 1.1 * scale
-    return np.asarray(hh), np.asarray(vv)
-
-
 def backscatter_layer_ulaby14(
     ground: ArrayLike, ground_reflectivity: ArrayLike, albedo: ArrayLike, optical_depth: ArrayLike, theta: ArrayLike
 ) -> FloatArray:
@@ -160,36 +132,6 @@ def backscatter_layer_ulaby14(
     two_way = np.exp(-2.0 * tau / cosine)
     volume = 0.75 * a * cosine * (1.0 - two_way) * (1.0 + r**2 * two_way)
     return np.asarray(two_way * np.asarray(ground) + volume + 6.0 * a * tau * r * two_way)
-
-
-def backscatter_attema78(
-    albedo_term: ArrayLike, extinction: ArrayLike, soil_slope: ArrayLike, water_kg_m3: ArrayLike,
-    height_m: ArrayLike, soil_moisture_kg_m3: ArrayLike, theta: ArrayLike,
-) -> FloatArray:  # fmt: skip
-    """Backscatter of a crop as a cloud of water drops over soil.
-
-    Parameters
-    ----------
-    albedo_term, extinction, soil_slope : float array
-        Fitted coefficients c [1], d [m^2/kg] and a [m^3/kg] of the crop.
-    water_kg_m3 : float array
-        Water in the canopy [kg/m^3].
-    height_m : float array
-        Height of the canopy [m].
-    soil_moisture_kg_m3 : float array
-        Water in the top soil [kg/m^3].
-    theta : float array
-        Incidence angle [rad].
-
-    Notes
-    -----
-    Attema and Ulaby 1978, "Vegetation modeled as a water cloud", Radio Science 13(2), eq. (8) of the paper's form
-    sigma0 = c (1 - T) cos t + a m_s T cos t, T = exp(-d W h / cos t).
-    """
-    cosine = np.cos(np.asarray(theta, dtype=np.float64))
-    depth = np.asarray(extinction) * np.asarray(water_kg_m3) * np.asarray(height_m) / cosine
-    soil = np.asarray(soil_slope) * np.asarray(soil_moisture_kg_m3) * np.exp(-depth)
-    return np.asarray((np.asarray(albedo_term) * -np.expm1(-depth) + soil) * cosine)
 
 
 def backscatter_ulaby89_db(parameters: ArrayLike, theta: ArrayLike) -> FloatArray:

@@ -138,12 +138,6 @@ class Sigma0Table:
         """Names of all categories."""
         return tuple(dict.fromkeys(category for category, _ in self.curves))
 
-    def frequency_range_ghz(self, categories: Sequence[str], season: str = DEFAULT_SEASON) -> tuple[float, float]:
-        """Lowest and highest frequency [GHz] at which all ``categories`` can be looked up."""
-        curves = [self._curve(category, season) for category in categories]
-        low = max(float(curve.frequency_ghz[0]) for curve in curves) / _OCTAVE
-        return low, min(float(curve.frequency_ghz[-1]) for curve in curves) * _OCTAVE
-
     def lookup(
         self,
         categories: Sequence[str],

@@ -16,7 +16,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.rng import generator
-from seqrsm.simulate.radar.kernels import count_classes
+from seqrsm.score.kernels_classify import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene

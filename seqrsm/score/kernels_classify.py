@@ -1,4 +1,4 @@
-"""Teaching and testing a maximum likelihood classifier on the pixels of a sample: one self-contained kernel file."""
+"""What pixels hold, and a maximum likelihood classifier taught and tested on them: one self-contained kernel file."""
 
 from __future__ import annotations
 
@@ -6,6 +6,34 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.jit import kernel
+
+
+@kernel
+def count_classes(pixel: AnyArray, cover: AnyArray, scored: AnyArray, n_pixels: int, n_classes: int) -> AnyArray:
+    """Scored data-base cells of each class in each pixel.
+
+    Parameters
+    ----------
+    pixel : int32 array (rows, columns)
+        Pixel of each cell, -1 for none.
+    cover : uint8 array (rows, columns)
+        Category, 255 for none.
+    scored : bool array (rows, columns)
+    n_pixels, n_classes : int
+
+    Returns
+    -------
+    int32 array (n_pixels, n_classes)
+    """
+    out = np.zeros((n_pixels, n_classes), dtype=np.int32)
+    rows, columns = pixel.shape
+    for i in range(rows):
+        for j in range(columns):
+            kind = np.int64(cover[i, j])
+            k = np.int64(pixel[i, j])
+            if k >= 0 and kind < n_classes and scored[i, j]:
+                out[k, kind] += 1
+    return out
 
 
 @kernel

@@ -22,7 +22,7 @@ from seqrsm.score.classification import (
     tiles,
     with_names,
 )
-from seqrsm.simulate.radar.kernels import count_classes
+from seqrsm.score.kernels_classify import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene

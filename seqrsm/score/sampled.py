@@ -29,8 +29,8 @@ from seqrsm.score.classification import (
     tiles,
     with_names,
 )
+from seqrsm.score.kernels_classify import count_classes
 from seqrsm.score.retrieval import polynomial_terms, retrieve, tile_side_m
-from seqrsm.simulate.radar.kernels import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene

@@ -350,17 +350,13 @@ class Ground:
     rarest: float = 1.0
     taught: int = 0
 
-    def sampling_error(self, rows: int, columns: int, draws: int) -> float:
-        """Standard error of a score from so many rows and columns of pixels against that of all [score units].
+    def sampling_errors(self, rows: IntArray, columns: IntArray, draws: IntArray) -> FloatArray:
+        """Standard errors of a score from so many rows and columns of pixels against that of all [score units].
 
         A pixel of one field shares its luck with that field, which the sample may give too much or too little room; one
         on a border has its own, none of it where all pixels are taken; and of either the draws of fading have a part.
         Few pixels also teach worse: with q parameters by q / n of the error, q half of those of a classifier's classes.
         """
-        return float(self.sampling_errors(np.array([rows]), np.array([columns]), np.array([draws]))[0])
-
-    def sampling_errors(self, rows: IntArray, columns: IntArray, draws: IntArray) -> FloatArray:
-        """`sampling_error` of arrays of one shape."""
         pixels = (rows * columns).astype(np.float64)
         part = pixels / (self.n_rows * self.n_columns)
         points, whole = np.ones(pixels.shape), np.ones(pixels.shape)

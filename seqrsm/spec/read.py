@@ -207,10 +207,6 @@ class CampaignSpec:
         """How many simulated runs share an occasion; None where each has its own."""
         return None if self.simulator is None else self.simulator.common_random_numbers
 
-    def to_region(self) -> Region:
-        """Region of the allowed settings."""
-        return self.region
-
     @property
     def factors(self) -> tuple[Factor, ...]:
         """Factors in the order of the file."""

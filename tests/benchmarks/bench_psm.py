@@ -31,11 +31,12 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "physics")]
 
 from psm_cases import Table, radar, scene  # noqa: E402
 
+from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import echo, psm, receiver  # noqa: E402
 from seqrsm.simulate.radar.echo import echo_grid, echo_sums, field_factors, sigma0_lut  # noqa: E402
-from seqrsm.simulate.radar.frame import categories_of_fields, make_frame  # noqa: E402
+from seqrsm.simulate.radar.frame import make_frame  # noqa: E402
 from seqrsm.simulate.radar.ground import look_up  # noqa: E402
 from seqrsm.simulate.radar.occasion import nominal_ground_state, nominal_occasion  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402

@@ -9,9 +9,62 @@ import numpy as np
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import percent_correct
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.radar.echo import LUT_STEPS, PowerMap, power_map
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, paired_table
 from seqrsm.simulate.radar.frame import RadarFrame
 from seqrsm.simulate.radar.psm import simulate_radar
+
+
+@dataclass
+class PowerMap:
+    """What every element returns, by the kernel that tells shadow and layover of images.
+
+    ``power`` (n_channels, n, m): sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x
+    atmosphere, both two-way and relative to their best; 0 where nothing returns. ``offset`` (n, m): range position
+    minus that of flat ground in the same row [bins]. ``state`` (n, m): bits of `kernels`.
+    """
+
+    frame: RadarFrame
+    grid: EchoGrid
+    power: np.ndarray
+    offset: np.ndarray
+    state: np.ndarray
+
+    @property
+    def base(self) -> np.ndarray:
+        return self.grid.base
+
+    @property
+    def reference_range_m(self) -> float:
+        return self.grid.reference_range_m
+
+
+def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, field_factor: np.ndarray) -> PowerMap:
+    """Geometry, propagation and mean power of every element; ``lut`` and ``field_factor`` as `echo_sums` takes them."""
+    dtype = frame.elevation_m.dtype
+    grid = echo_grid(frame, radar)
+    shape = (len(frame.source), frame.elevation_m.shape[1])
+    power = np.empty((lut.shape[0], *shape), dtype=dtype)
+    offset = np.empty(shape, dtype=dtype)
+    state = np.empty(shape, dtype=np.uint8)
+    kernels.power_cells(
+        frame.elevation_m,
+        frame.source,
+        frame.cover,
+        frame.field,
+        grid.geometry,
+        frame.cell_m,
+        radar.range_format == "ground",
+        paired_table(lut, dtype),
+        lut.shape[1],
+        field_factor.astype(dtype),
+        radar.pattern_lut().astype(dtype),
+        power,
+        offset,
+        state,
+    )
+    kernels.mark_layover(offset, grid.base[1:-1], state)
+    return PowerMap(frame, grid, power, offset, state)
 
 
 @dataclass

@@ -12,9 +12,9 @@ from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.layers import moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import from_settings
-from seqrsm.simulate.radar.frame import moisture_of_fields
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.sample import coarse_scene, meet
 from seqrsm.simulate.radiometer.prm import simulate_radiometer

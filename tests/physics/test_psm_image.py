@@ -10,6 +10,7 @@ import pytest
 from psm_cases import Table, lut_of, mapped, radar, scene, small_score
 
 from seqrsm.errors import ConfigurationError, SceneError
+from seqrsm.scene.kernels import fill_no_data
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_sums
@@ -117,7 +118,7 @@ def test_the_radar_looks_to_the_right_of_its_heading(heading):
     across = abs((cols.mean() - 29.5) * north) + abs((rows.mean() - 19.5) * east)
     assert away > 3.0
     assert across < 0.01
-    up = image.north_up(image.mean_power)
+    up = np.rot90(image.mean_power, -image.quarter_turns, axes=(-2, -1))
     assert up.shape[1:] == (20, 30) or abs(up.shape[1] - 20) + abs(up.shape[2] - 30) < 12
 
 
@@ -199,7 +200,7 @@ def test_holes_in_the_elevation_neither_return_nor_spread():
 
 def test_gaps_take_the_nearest_height_of_their_row():
     z = np.array([[np.nan, 1.0, np.nan, np.nan, np.nan, 5.0], [np.nan] * 6, [2.0] * 6])
-    kernels.fill_no_data(z)
+    fill_no_data(z)
     np.testing.assert_array_equal(z[0], [1.0, 1.0, 1.0, 1.0, 5.0, 5.0])
     np.testing.assert_array_equal(z[1], z[0])
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from psm_cases import frame, lut_of, mapped, radar
+from psm_cases import frame, lut_of, mapped, power_map, radar
 
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import power_map
 
 TIGHT = {np.float64: 1e-12, np.float32: 1e-6}
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from psm_cases import Table, frame, lut_of, radar, scene
+from psm_cases import Table, frame, lut_of, power_map, radar, scene
 from scipy import stats
 
 from seqrsm.errors import ConfigurationError, SceneError
@@ -20,7 +20,7 @@ from seqrsm.sensor.earth import (
 )
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import echo_grid, echo_sums, power_map
+from seqrsm.simulate.radar.echo import echo_grid, echo_sums
 from seqrsm.simulate.radar.fading import correlated_fading
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.receiver import picture

@@ -6,7 +6,6 @@ import pytest
 from seqrsm.design.classical import (
     box_behnken,
     central_composite,
-    fractional_factorial,
     full_factorial,
     latin_hypercube,
     minimum_aberration,
@@ -33,14 +32,6 @@ def test_factorial_holds_every_combination_once():
     assert np.unique(points, axis=0).shape == (24, 3)
     assert points[:2].tolist() == [[-1.0, -1.0, -1.0], [1.0, -1.0, -1.0]]
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-16)
-
-
-def test_fraction_has_its_defining_relation():
-    points = fractional_factorial("a b c d abcd")
-    assert points.shape == (16, 5)
-    np.testing.assert_array_equal(np.prod(points, axis=1), 1.0)
-    assert np.linalg.matrix_rank(np.column_stack([np.ones(16), points, *interactions(points)])) == 16
-    np.testing.assert_array_equal(fractional_factorial("a b -ab")[:, 2], [-1.0, 1.0, 1.0, -1.0])
 
 
 # Word-length patterns (words of length 3, 4, ...) of minimum-aberration fractions: Fries & Hunter (1980), Technometrics
@@ -84,7 +75,7 @@ def test_rotatable_designs_have_the_same_variance_on_spheres(k, axial):
 
 
 def test_a_fraction_may_take_the_place_of_the_cube():
-    points = central_composite(5, "rotatable", 6, fractional_factorial("a b c d abcd"))
+    points = central_composite(5, "rotatable", 6, minimum_aberration(5, 16)[0])
     assert points.shape == (32, 5)
     assert np.max(points) == 2.0
     variance = prediction_variance(model(5), points, sphere(5, 1.0))
@@ -137,11 +128,6 @@ def test_sobol_has_one_point_in_each_interval(seed):
         lambda: full_factorial([]),
         lambda: full_factorial([1, 2]),
         lambda: full_factorial([2] * 30),
-        lambda: fractional_factorial(""),
-        lambda: fractional_factorial("a b a"),
-        lambda: fractional_factorial("a b cd"),
-        lambda: fractional_factorial("a b 3"),
-        lambda: fractional_factorial("a b ab ab"),
         lambda: central_composite(1),
         lambda: central_composite(3, "oblique"),
         lambda: central_composite(3, factorial=np.zeros((4, 2))),

@@ -74,7 +74,7 @@ def picture(scene: Scene, row: Row, resolution_m: float) -> tuple[np.ndarray, fl
     sigma0 = image.apparent_sigma0()
     darkest = 0.1 * (MIDDLE_DB - 0.5 * RANGE_DB)
     tones = to_levels(greytone(film_density(sigma0), darkest, 0.0, 8, RANGE_DB))
-    return image.north_up(tones)[0], 10.0 * float(np.log10(sigma0.mean()))
+    return np.rot90(tones[0], -image.quarter_turns), 10.0 * float(np.log10(sigma0.mean()))
 
 
 def main() -> None:

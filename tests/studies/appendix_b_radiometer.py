@@ -14,8 +14,8 @@ from matplotlib import pyplot as plt
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate.radar.receiver import to_levels
-from seqrsm.simulate.radiometer.prm import greytones, simulate_radiometer
+from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
 ALTITUDE_M = 3000.0
@@ -55,6 +55,18 @@ def simulated(scene: Scene, beamwidth_rad: float, temperature: str, mode: str = 
     return simulate_radiometer(scene, radiometer, load_emissivity_table(), seed=1979, run_id=0, random_occasion=False)
 
 
+def on_cells(image: RadiometerImage) -> np.ndarray:
+    """Brightness of each cell of the scene by its nearest footprint (rows, cols) [K]; nan for none."""
+    kelvin = image.brightness_k[0].ravel().astype(float)
+    return np.where(image.pixel_of_cell >= 0, kelvin[np.maximum(image.pixel_of_cell, 0)], np.nan)
+
+
+def greytones(brightness_k: np.ndarray) -> np.ndarray:
+    """Grey tone of an antenna temperature: eq. (3-50), from black at ``BLACK_K`` to white at ``WHITE_K``."""
+    black = float(film_density(np.asarray(BLACK_K), 1.0))
+    return greytone(film_density(brightness_k, 1.0), black, 0.0, 8, 10.0 * math.log10(WHITE_K / BLACK_K))
+
+
 def write_radiometer(scene: Scene, out: Path) -> str:
     """Write ``radiometer.png`` into ``out``; the section of the page that tells of it."""
     made = {(beam, warm): simulated(scene, beam, warm) for _, beam, warm in FIGURES}
@@ -62,8 +74,7 @@ def write_radiometer(scene: Scene, out: Path) -> str:
     figure, axes = plt.subplots(3, 2, figsize=(10.5, 10.4), constrained_layout=True)
     for ax, (name, beam, warm) in zip(axes.flat, FIGURES, strict=True):
         image = made[beam, warm]
-        decades = math.log10(WHITE_K / BLACK_K)
-        shown = to_levels(greytones(image.on_cells()[0], BLACK_K, 0.0, density_range=decades))
+        shown = to_levels(greytones(on_cells(image)))
         ax.imshow(shown, cmap="gray", vmin=0, vmax=255, extent=(0, width, 0, height), interpolation="nearest")
         ax.set_title(f"{name}: {beam:g} rad, {WORDS[warm]}", fontsize=9)
         ax.tick_params(labelsize=7)
@@ -84,7 +95,7 @@ def write_radiometer(scene: Scene, out: Path) -> str:
             f"| {name} | {beam:g} rad, {WORDS[warm]} | {size} | {count} | {np.nanmean(kelvin):.1f} K | "
             f"{np.nanstd(kelvin):.1f} K |"
         )
-    apart = (made[0.01, "exposure"].on_cells() - made[0.01, "constant"].on_cells())[0]
+    apart = on_cells(made[0.01, "exposure"]) - on_cells(made[0.01, "constant"])
     low, high = np.nanquantile(apart, [0.01, 0.99])
     degrees = math.radians(0.0175)
     return f"""## Radiometer: figures B.15 to B.17

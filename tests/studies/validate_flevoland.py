@@ -33,11 +33,11 @@ from matplotlib import pyplot as plt  # noqa: E402
 
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table  # noqa: E402
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  # noqa: E402
+from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.score.classification import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import ground  # noqa: E402
-from seqrsm.simulate.radar.frame import categories_of_fields  # noqa: E402
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from seqrsm.catalog import Entry, Range, load_catalog
+from seqrsm.catalog import Entry, Quantity, Range, load_catalog
 
 CATALOG = load_catalog()
 C_CM_GHZ = 29.9792458  # speed of light, exact by the SI
@@ -148,3 +148,12 @@ def test_starts_without_heavy_libraries_and_reads_once() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_values_by_scope() -> None:
+    noss = next(p for p in CATALOG.platforms if p.table == "A.36")
+    assert noss.values("mass", "satellite") == (
+        Quantity("Weight", "mass", Range(3816.0, 3816.0), "kg", "satellite", ""),
+    )
+    pounds = sum(q.value.high or 0.0 for q in noss.values("mass") if q.unit == "lb")
+    assert pounds * 0.45359237 == pytest.approx(315.7, abs=0.05)  # what the note says against the printed 305 kg

@@ -10,9 +10,7 @@ from seqrsm.catalog import (
     catalog_rows,
     entries_about,
     load_catalog,
-    platforms_for,
     search,
-    start_ranges,
     summary,
     to_json,
 )
@@ -128,13 +126,10 @@ def entry(number: int) -> Entry:
     [
         search("soil moisture"),
         summary(search("soil moisture")),
-        platforms_for(entry(2)),
-        start_ranges("soil moisture"),
-        start_ranges("soil moisture", system="passive"),
         CATALOG,
         CATALOG.platforms,
     ],
-    ids=["entries", "summary", "fits", "start", "passive", "catalog", "platforms"],
+    ids=["entries", "summary", "catalog", "platforms"],
 )
 def test_rows_and_json(result: object) -> None:
     columns, rows = catalog_rows(result)  # type: ignore[arg-type]

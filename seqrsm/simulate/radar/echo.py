@@ -1,7 +1,7 @@
 """Phase one of the Point Scattering Model: what every element of the data base returns, the report's program POWER.
 
-`power_map` keeps the arrays of elements, for inspection; `echo_sums` collects the elements into range bins as it goes,
-in strips of columns that threads share, and keeps nothing else.
+`echo_sums` collects the elements into range bins as it goes, in strips of columns that threads share, and keeps nothing
+else.
 """
 
 from __future__ import annotations
@@ -52,41 +52,6 @@ class EchoGrid:
     first: int
     n_bins: int
     reference_range_m: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PowerMap:
-    """Phase one with its arrays of elements.
-
-    Attributes
-    ----------
-    frame : RadarFrame
-        The ground as the radar sees it.
-    grid : EchoGrid
-    power : float array (n_channels, n, m)
-        sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way
-        and relative to their best; 0 where nothing returns.
-    offset : float array (n, m)
-        Range position minus that of flat ground in the same row [bins].
-    state : uint8 array (n, m)
-        Bits of `kernels`: CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA.
-    """
-
-    frame: RadarFrame
-    grid: EchoGrid
-    power: AnyArray
-    offset: AnyArray
-    state: AnyArray
-
-    @property
-    def base(self) -> FloatArray:
-        """`EchoGrid.base`."""
-        return self.grid.base
-
-    @property
-    def reference_range_m(self) -> float:
-        """`EchoGrid.reference_range_m`."""
-        return self.grid.reference_range_m
 
 
 def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArray:
@@ -200,53 +165,11 @@ def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_for
     return math.floor(least), math.floor(most)
 
 
-def _table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
+def paired_table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
     """Table of sigma0 as `kernels.power_cells` wants it, the category of no data appended."""
     pairs = np.empty((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
     kernels.pair_steps(lut, pairs)
     return pairs.view(np.result_type(dtype, np.complex64)).reshape(lut.shape[0], -1)
-
-
-def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: FloatArray, field_factor: FloatArray) -> PowerMap:
-    """Geometry, propagation and mean power of every element.
-
-    Parameters
-    ----------
-    frame : RadarFrame
-    radar : RadarConfiguration
-    lut : float64 array (n_channels, n_categories, LUT_STEPS + 2)
-        Of `sigma0_lut`.
-    field_factor : float64 array (n_channels, n_fields)
-        Factor of each field's sigma0; n_fields = 0 stands for 1.
-
-    Returns
-    -------
-    PowerMap
-    """
-    dtype = frame.elevation_m.dtype
-    grid = echo_grid(frame, radar)
-    shape = (len(frame.source), frame.elevation_m.shape[1])
-    power = np.empty((lut.shape[0], *shape), dtype=dtype)
-    offset = np.empty(shape, dtype=dtype)
-    state = np.empty(shape, dtype=np.uint8)
-    kernels.power_cells(
-        frame.elevation_m,
-        frame.source,
-        frame.cover,
-        frame.field,
-        grid.geometry,
-        frame.cell_m,
-        radar.range_format == "ground",
-        _table(lut, dtype),
-        lut.shape[1],
-        field_factor.astype(dtype),
-        radar.pattern_lut().astype(dtype),
-        power,
-        offset,
-        state,
-    )
-    kernels.mark_layover(offset, grid.base[1:-1], state)
-    return PowerMap(frame, grid, power, offset, state)
 
 
 def echo_sums(
@@ -261,22 +184,27 @@ def echo_sums(
 
     Parameters
     ----------
-    frame, radar, lut, field_factor
-        As in `power_map`.
+    frame : RadarFrame
+    radar : RadarConfiguration
     grid : EchoGrid
         Of `echo_grid`.
+    lut : float64 array (n_channels, n_categories, LUT_STEPS + 2)
+        Of `sigma0_lut`.
+    field_factor : float64 array (n_channels, n_fields)
+        Factor of each field's sigma0; n_fields = 0 stands for 1.
     threads : int
         Threads that share the columns; the bits do not depend on it.
 
     Returns
     -------
     float array (n_channels, n_bins, m)
-        In the units of `PowerMap.power`.
+        sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way
+        and relative to their best.
     """
     dtype = frame.elevation_m.dtype
     m = frame.elevation_m.shape[1]
     out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
-    table, factor, pattern = _table(lut, dtype), field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
+    table, factor, pattern = paired_table(lut, dtype), field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
     parts = min(threads, m)
     edges = [k * m // parts for k in range(parts + 1)]
 

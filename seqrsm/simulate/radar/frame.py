@@ -10,11 +10,11 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
+from seqrsm.scene.layers import known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.swath import ground_ranges_m, ring_ranges_m
-from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.ppi import bilinear, polar_layers
 from seqrsm.simulate.radar.texture import ground_of
 
@@ -119,20 +119,20 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     scene = ground_of(scene, radar)
     if radar.scan == "ppi":
         return _polar_frame(scene, radar, precision)
-    turned = _turned(scene, radar.heading_deg, precision)
-    n_rows = turned.elevation_m.shape[0]
-    y, rows = ground_ranges_m(radar, n_rows, scene.cell_m, turned.mean_m, turned.peak_m)
-    height = radar.altitude_m - turned.mean_m
+    layers = _turned(scene, radar.heading_deg, precision)
+    n_rows = layers.elevation_m.shape[0]
+    y, rows = ground_ranges_m(radar, n_rows, scene.cell_m, layers.mean_m, layers.peak_m)
+    height = radar.altitude_m - layers.mean_m
     own = y[rows]
-    near, far = _padding(turned.relief_m[rows], own, height, scene.cell_m, radar.resolution_m)
+    near, far = _padding(layers.relief_m[rows], own, height, scene.cell_m, radar.resolution_m)
     steps = np.arange(rows.start - near, rows.stop + far)
     # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1. ~k is -1 - k.
     mirrored = np.maximum(steps, ~steps)
     np.minimum(mirrored, 2 * n_rows - 1 - mirrored, out=mirrored)
     return RadarFrame(
-        elevation_m=turned.elevation_m,
-        cover=turned.cover,
-        field=turned.field,
+        elevation_m=layers.elevation_m,
+        cover=layers.cover,
+        field=layers.field,
         source=mirrored,
         ground_range_m=y[0] + steps * scene.cell_m,
         height_m=height,
@@ -141,17 +141,17 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
         centre_m=0.5 * float(y[0] + y[-1]),
         pad_near=near,
         n_rows=len(own),
-        quarter_turns=turned.turns,
+        quarter_turns=layers.turns,
         curved=radar.curved,
-        cell_of_scene=turned.cell_of_scene,
-        lowest_m=turned.lowest_m,
-        highest_m=turned.highest_m,
+        cell_of_scene=layers.cell_of_scene,
+        lowest_m=layers.lowest_m,
+        highest_m=layers.highest_m,
     )
 
 
 def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> RadarFrame:
     """Frame of a plan-position indicator: rings around the antenna; those outside the swath stand beside it."""
-    _check_heights(scene)
+    known_heights(scene)
     east, north = radar.antenna_east_m, radar.antenna_north_m
     polar = polar_layers(scene, east, north, radar.azimuth_beamwidth_rad, precision)
     n_rings = polar.elevation_m.shape[0]
@@ -198,36 +198,21 @@ def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], m
     return np.ascontiguousarray(np.rot90(whole, -frame.quarter_turns))
 
 
-def _check_heights(scene: Scene) -> tuple[int, float, float]:
-    """Number, mean and maximum of the known elevations."""
-    known, mean, highest = kernels.elevation_summary(scene.elevation_m)
-    if known == 0:
-        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
-    return known, mean, highest
-
-
 # The layers do not depend on the run, so the runs of a campaign share them.
 @lru_cache(maxsize=2)
 def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
-    known, mean, highest = _check_heights(scene)
+    _, mean, highest = known_heights(scene)
     turns = round((heading_deg - 90.0) / 90.0)
-    layers = (scene.elevation_m, scene.cover, scene.field_id)
     place: IntArray | None = None
     if heading_deg % 90.0 == 0.0:
-        # Row-major copies: a transposed view would make the kernels walk against the memory.
-        elevation = np.array(np.rot90(layers[0], turns), dtype=precision, order="C")
-        cover = np.ascontiguousarray(np.rot90(layers[1], turns))
-        field = np.ascontiguousarray(np.rot90(layers[2], turns))
+        elevation, cover, field = turned(scene, turns, precision)
     else:
         elevation, cover, field, place = _rotated(scene, math.radians(heading_deg), precision)
-    elevation -= elevation.dtype.type(mean)
-    if known < scene.elevation_m.size or place is not None:
-        cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
         if np.isnan(elevation).all():
             text = "turned to the heading, no cell has an elevation"
             remedy = "Fly along the grid: a heading of 0, 90, 180 or 270 deg"
             raise SceneError(Problem(text, remedy, field="heading_deg", value=heading_deg))
-        kernels.fill_no_data(elevation)
+    cover = levelled(elevation, cover, mean)
     lowest, top = elevation.min(axis=1), elevation.max(axis=1)
     return _Turned(elevation, cover, field, mean, highest, lowest, top, np.maximum(top, -lowest), turns, place)
 
@@ -277,21 +262,3 @@ def _padding(relief: AnyArray, y: FloatArray, height_m: float, cell_m: float, re
         wanted = math.ceil((2.0 * max(reach, 0.0) + resolution_m) / cell_m) + 1
         out.append(max(min(wanted, room, len(y)), 0))
     return out[0], out[1]
-
-
-@lru_cache(maxsize=2)
-def moisture_of_fields(scene: Scene) -> FloatArray | None:
-    """Mean soil moisture of each field's valid cells [m3/m3] (n_fields,), nan where it has none; None without layer."""
-    if scene.soil_moisture is None:
-        return None
-    valid = scene.valid()
-    field = scene.field_id[valid]
-    count = np.bincount(field, minlength=scene.n_fields)
-    total = np.bincount(field, scene.soil_moisture[valid].astype(np.float64), minlength=scene.n_fields)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-
-
-@lru_cache(maxsize=2)
-def categories_of_fields(scene: Scene) -> AnyArray:
-    """Category of each field of a scene, uint8 (n_fields,)."""
-    return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.scene.layers import categories_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion
 from seqrsm.simulate.radar.texture import with_texture
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.scene import kernels
 from seqrsm.scene.scene import NO_COVER, Scene
-from seqrsm.simulate.radar import kernels
 
 _MOST_CELLS: Final = 400_000_000
 _BLOCK: Final = 2_000_000

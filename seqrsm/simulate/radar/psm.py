@@ -10,20 +10,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.constants import EARTH_RADIUS_M
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
+from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import CHANNELS, GAUSSIAN_LOOKS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.radar.fading import add_fading, correlated_fading
-from seqrsm.simulate.radar.frame import RadarFrame, categories_of_fields, make_frame
+from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.ground import look_up, met_occasion, with_moisture
 from seqrsm.simulate.radar.occasion import (
     Occasion,
@@ -42,8 +43,6 @@ from seqrsm.units import linear_to_db
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
     from seqrsm.scene.scene import Scene
-
-Precision = Literal["float32", "float64"]
 
 
 def simulate_radar(

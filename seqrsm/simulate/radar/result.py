@@ -99,10 +99,6 @@ class RadarImage:
         bearing = (column + 0.5) * (2.0 * math.pi / self.intensity.shape[2])
         return np.asarray(-across * np.cos(bearing)), np.asarray(across * np.sin(bearing))
 
-    def north_up(self, layer: AnyArray) -> AnyArray:
-        """Turn the last two axes of an image layer so that north is up, or as near to it as quarter turns come."""
-        return np.rot90(layer, -self.quarter_turns, axes=(-2, -1))
-
 
 def rectangular_pixels(image: RadarImage) -> IntArray:
     """Polar pixels that each pixel of the rectangular picture looks at, at points spread over it.

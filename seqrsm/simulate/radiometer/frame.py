@@ -10,10 +10,11 @@ import numpy as np
 from seqrsm.arrays import AnyArray, Float32Array, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
+from seqrsm.scene import kernels
+from seqrsm.scene.layers import known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.temperature import physical_temperature_k, time_exposure
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 
 
@@ -55,42 +56,26 @@ def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, pre
         No cell has an elevation.
     """
     turns = round((radiometer.heading_deg - 90.0) / 90.0)
-    layers = _turned(scene, turns, precision)
-    n = len(layers.elevation_m)
+    elevation, cover, field, mean_m = _layers(scene, turns, precision)
+    n = len(elevation)
     return RadiometerFrame(
-        elevation_m=layers.elevation_m,
-        cover=layers.cover,
-        field=layers.field,
+        elevation_m=elevation,
+        cover=cover,
+        field=field,
         across_m=np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64),
-        height_m=radiometer.altitude_m - layers.mean_m,
+        height_m=radiometer.altitude_m - mean_m,
         cell_m=scene.cell_m,
         quarter_turns=turns,
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turned:
-    """A scene's layers in the orientation of a heading."""
-
-    elevation_m: AnyArray
-    cover: AnyArray
-    field: AnyArray
-    mean_m: float
-
-
 # The layers do not depend on the run, so the runs of a campaign share them.
 @lru_cache(maxsize=2)
-def _turned(scene: Scene, turns: int, precision: str) -> _Turned:
-    known, mean, _ = kernels.elevation_summary(scene.elevation_m)
-    if known == 0:
-        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
-    elevation = np.array(np.rot90(scene.elevation_m, turns), dtype=precision, order="C")
-    elevation -= elevation.dtype.type(mean)
-    cover = np.ascontiguousarray(np.rot90(scene.cover, turns))
-    if known < elevation.size:
-        cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
-        kernels.fill_no_data(elevation)
-    return _Turned(elevation, cover, np.ascontiguousarray(np.rot90(scene.field_id, turns)), mean)
+def _layers(scene: Scene, turns: int, precision: str) -> tuple[AnyArray, AnyArray, AnyArray, float]:
+    """Elevation, cover and field in the orientation of a heading, and the mean elevation [m]."""
+    _, mean_m, _ = known_heights(scene)
+    elevation, cover, field = turned(scene, turns, precision)
+    return elevation, levelled(elevation, cover, mean_m), field, mean_m
 
 
 def surface_temperature_k(

@@ -1,7 +1,7 @@
 """Point Radiation Model of a scanning radiometer: RSL TR 380-1 chapter 3.3, in the report's two programs.
 
 `radiation_map` is the report's POWER: what every data-base element sends to the antenna, eq. (3-35). `scan_image` is
-its SIMULATE: the flight, the footprints and their sums, the receiver's noise. `greytones` is eq. (3-50).
+its SIMULATE: the flight, the footprints and their sums, the receiver's noise.
 
 Figures B.15 to B.17 name beamwidths of "0.01" and "0.0175 degrees". As degrees they would need antennas of a hundred
 metres and more at any frequency of the report and footprints of a decimetre; 0.01 rad and 0.0175 rad (one degree) are
@@ -13,20 +13,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, Precision
 from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
+from seqrsm.scene import kernels
+from seqrsm.scene.layers import categories_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
-from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
-from seqrsm.simulate.radar.receiver import film_density, greytone
 from seqrsm.simulate.radiometer import kernels_prm
 from seqrsm.simulate.radiometer.effects import effect_notes, effects_k, planck_offset_used_k
 from seqrsm.simulate.radiometer.frame import (
@@ -41,8 +40,6 @@ from seqrsm.simulate.radiometer.occasion import (
     nominal_radiometer_occasion,
 )
 from seqrsm.simulate.radiometer.result import RadiometerImage
-
-Precision = Literal["float32", "float64"]
 
 _CHEBYSHEV_NODES = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
 _CHEBYSHEV = np.linalg.pinv(np.polynomial.chebyshev.chebvander(_CHEBYSHEV_NODES, 9))
@@ -446,36 +443,3 @@ _ENGINE_NOTES = (
     "H and V are those of flat ground; ground is smooth to the sky it reflects, at its own slope",
     "what the beam sees outside the data base is taken to be like what it sees inside",
 )
-
-
-def greytones(
-    brightness_k: AnyArray,
-    reference_k: float,
-    reference_greytone: float = 127.0,
-    *,
-    gamma: float = 1.0,
-    density_range: float = 0.6,
-    n_bits: int = 8,
-) -> FloatArray:
-    """Grey tone of an antenna temperature against a known emitter: eq. (3-50), clipped and not yet rounded.
-
-    Parameters
-    ----------
-    brightness_k : float array
-        Antenna temperature T_a2 [K], > 0.
-    reference_k, reference_greytone : float
-        T_a1 of the known emitter [K], and the grey tone G_r1 it is given.
-    gamma : float
-        Slope of the film's curve.
-    density_range : float
-        x, the range of density spread over the grey tones; 0.6 spans temperatures of one to four.
-    n_bits : int
-
-    Returns
-    -------
-    float64 array
-        0 to 2**n_bits - 1; `seqrsm.simulate.radar.receiver.to_levels` rounds it.
-    """
-    density = film_density(brightness_k, gamma)
-    reference = float(film_density(np.asarray(reference_k), gamma))
-    return greytone(density, reference, reference_greytone, n_bits, 10.0 * density_range)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.arrays import AnyArray, BoolArray
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import ScanGeometry
 from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
@@ -56,11 +56,6 @@ class RadiometerImage:
     quarter_turns: int
     effects_k: Mapping[str, float]
     notes: tuple[str, ...]
-
-    def on_cells(self) -> FloatArray:
-        """Brightness of each cell of the scene by its nearest footprint (n_channels, rows, cols) [K]; nan for none."""
-        flat = self.brightness_k.reshape(len(self.brightness_k), -1).astype(np.float64)
-        return np.where(self.pixel_of_cell >= 0, flat[:, np.maximum(self.pixel_of_cell, 0)], np.nan)
 
     def record(self, categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: plain numbers and names."""
