@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seqrsm.analysis.fitted import scored_runs
+from seqrsm.analysis.fitted import confirmation_reason, scored_runs
 from seqrsm.campaign import loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
@@ -18,11 +19,17 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
 from seqrsm.simulate import runner
-from seqrsm.spec.read import load_spec
-from seqrsm.store.records import IngestedRun, NewRun, NewScore
+from seqrsm.spec.read import SimulatorSpec, load_spec
+from seqrsm.store.records import CONFIRMATION, IngestedRun, NewRun, NewScore
 
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
-APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
+
+
+def applications(*names: str) -> str:
+    return "".join(f'[[application]]\nname = "{name}"\nutility = "measured"\n' for name in names)
+
+
+APPLICATION = applications("score")
 
 
 def spec_text(factors: str, stop: str, *, batch: int = 4, more: str = "", rest: str = "") -> str:
@@ -33,12 +40,15 @@ def numeric(k: int) -> str:
     return "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(k))
 
 
-Score = Callable[[dict, int], float]
+Score = Callable[[dict, int], float | dict[str, float]]
 
 
 @pytest.fixture
 def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run."""
+    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run.
+
+    The function returns one score, or one for each application by its name.
+    """
 
     def make(text: str, score: Score, folder: str = "c") -> Campaign:
         def carry(_function, tasks, *_rest):
@@ -47,7 +57,8 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                     value, failure = score(task.settings, task.run_id), ""
                 except ValueError as error:
                     value, failure = 0.0, str(error)
-                scores = () if failure else (NewScore("score", float(value)),)
+                named = value if isinstance(value, dict) else {"score": value}
+                scores = () if failure else tuple(NewScore(name, float(one)) for name, one in named.items())
                 yield (
                     index,
                     SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False, check=None),
@@ -344,6 +355,48 @@ def test_two_applications_and_a_cost(campaign) -> None:
     assert made.compromise(analyses[:1]) is None
 
 
+def test_fresh_runs_that_one_application_wants_do_not_wait_for_the_other(campaign) -> None:
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        return {"sharp": bowl(settings, run_id), "noisy": bowl(settings, run_id) + 30.0 * noise(1000 + run_id)}
+
+    rule = 'half_width = 3.5\nmax_runs = 18\nguard = "confirmation"\nconfirmation_runs = 3\ninterval = "confidence"'
+    made = campaign(spec_text(numeric(2), rule).replace(APPLICATION, applications("sharp", "noisy")), score)
+    outcome = run_campaign(made)
+    sharp, noisy = outcome.analyses
+    assert not outcome.held
+    assert not noisy.decision.conditions_hold
+    assert sharp.confirmation is not None
+    assert sharp.decision.held
+
+
+def test_each_application_without_a_confirmation_gets_one_of_its_own(campaign) -> None:
+    """Fresh runs at the optimum of one of two fail: a second call makes them anew, and those of the other no more."""
+    failing = True
+
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        if failing and made.store.run(run_id).why == confirmation_reason("low"):
+            raise ValueError("a cloud")
+        rest = {"x1": settings["x1"]}
+        return {name: bowl(rest | {"x0": settings["x0"] - at}, run_id) for name, at in (("low", -0.6), ("high", 0.4))}
+
+    def confirmed(name: str) -> list[float]:
+        why = (CONFIRMATION, confirmation_reason(name))
+        return [run.settings["x0"] for run in made.store.runs("scored") if (run.purpose, run.why) == why]
+
+    text = spec_text(numeric(2), "half_width = 4.0\nmax_runs = 40\nconfirmation_runs = 3")
+    made = campaign(text.replace(APPLICATION, applications("low", "high")), score)
+    made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
+    low, high = run_campaign(made).analyses
+    assert low.confirmation is None
+    assert confirmed("high") == pytest.approx([high.optimum.settings["x0"]] * 3, abs=1e-3)
+    failing = False
+    low, high = run_campaign(made).analyses
+    assert [len(analysis.confirmation.run_ids) for analysis in (low, high)] == [3, 3]
+    assert low.optimum.settings["x0"] < -0.2 < 0.4 < high.optimum.settings["x0"]
+    assert confirmed("low") == pytest.approx([low.optimum.settings["x0"]] * 3, abs=1e-3)
+    assert len(confirmed("high")) == 3
+
+
 def test_simulation_and_flight_share_a_surface(campaign) -> None:
     text = spec_text(numeric(2), "half_width = 3.0\nmax_runs = 80", rest="[cost]\nflight = 20.0\n")
     made = campaign(text, bowl)
@@ -433,3 +486,49 @@ def test_flights_of_the_start_design_are_not_flown_in_the_order_of_the_search(ca
     assert orders[0][:3] == [(0.0, 0.0)] * 3
     assert sorted(orders[0]) == sorted(orders[1])
     assert orders[0] != orders[1]
+
+
+ALL_KINDS = """
+[[factor]]
+name = "frequency"
+low = 1.3
+high = 17.7
+scale = "log"
+[[factor]]
+name = "angle"
+low = 20.0
+high = 70.0
+[[factor]]
+name = "looks"
+values = [1, 2, 4, 8]
+scale = "log"
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV"]
+"""
+
+
+def test_a_proposed_repeat_has_the_settings_that_were_flown(campaign) -> None:
+    """To the last digit, and those of the flight, not those that it was asked for: else it is no repeat of it."""
+    made = campaign(spec_text(ALL_KINDS, "half_width = 1.0\nmax_runs = 90", rest='[model]\nregion = "fixed"\n'), bowl)
+
+    def flown(run_id: int | None, asked: dict) -> IngestedRun:
+        frequency = float(f"{0.93 * asked['frequency'] + 0.2:.4g}")
+        angle = float(f"{0.9 * asked['angle'] + 3.0:.4g}")
+        score = 60.0 - 0.2 * (frequency - 6.0) ** 2 - 0.01 * (angle - 45.0) ** 2 + noise(round(1000 * frequency))
+        settings = asked | {"frequency": frequency, "angle": angle}
+        return IngestedRun(run_id, settings, "flight", "", 1.0, (NewScore("score", score),))
+
+    runs = [flown(run.run_id, run.proposed) for run in made.propose(source="flight")]
+    unasked = made.spec.region.decode(made.spec.region.sample(3, np.random.default_rng(2)))
+    runs += [flown(None, settings) for settings in unasked]
+    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    assert len(runs) == 23  # so that the first of the next runs is one kept for repeats
+    executed = [run.settings for run in runs]
+    batch = made.propose(5, source="flight")
+    repeats = [run.proposed for run in batch if run.purpose == "repeat"]
+    assert len(repeats) == 2
+    assert any(settings in executed for settings in repeats)
+    for run in batch:
+        if run.proposed in repeats and run.proposed not in executed:  # of a run of the same batch, then
+            assert sum(run.proposed == other.proposed for other in batch) > 1
