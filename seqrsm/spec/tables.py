@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -16,6 +16,8 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import PydanticCustomError
+
+from seqrsm.propose.criteria import CRITERIA
 
 UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
 
@@ -68,7 +70,10 @@ class Table(BaseModel):
         return {key: value for key, value in serialise(self).items() if key not in unused}
 
 
-Criterion = Literal["optimum", "D", "I", "thompson", "steepest"]
+if TYPE_CHECKING:
+    Criterion = str
+else:
+    Criterion = Literal[tuple(CRITERIA)]
 
 
 class CampaignTable(Table):

@@ -22,7 +22,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import DesignError
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.rank_one import downdate, linear_gain
-from seqrsm.propose.criteria import average_matrix
+from seqrsm.propose.known import average_matrix
 
 SIGMA = 2.0
 CAMPAIGNS = 800
