@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from seqrsm.decide.rehearsal import rehearse
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.rule import StopRule
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel

@@ -14,7 +14,7 @@ import pytest
 
 from seqrsm.decide.campaigns import Campaigns, Stage
 from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.rule import StopRule
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
