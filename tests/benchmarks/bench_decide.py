@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
+from seqrsm.decide.campaigns import Stage
 from seqrsm.decide.rehearsal import rehearse
 from seqrsm.decide.rule import StopRule
 from seqrsm.design.factors import ContinuousFactor
@@ -59,13 +60,7 @@ def main() -> None:
             "200 rehearsed campaigns",
             median_seconds(
                 lambda: rehearse(
-                    model,
-                    region,
-                    beta_draws=betas,
-                    sigma_draws=np.ones(1000),
-                    rule=StopRule(half_width=2.5, max_runs=80),
-                    start_points=points,
-                    n_campaigns=200,
+                    Stage(model, region, points, StopRule(half_width=2.5, max_runs=80)), betas, np.ones(1000)
                 ),
                 1,
             ),
