@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.special import expit
 
 from seqrsm.errors import ConvergenceError, FitError
-from seqrsm.fit.ensemble import GeneralPosterior, sample_model
+from seqrsm.fit.ensemble import Effort, GeneralPosterior, sample_model
 from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
 from seqrsm.fit.target import GeneralModel, Parameter, StudentProposal
 
@@ -218,7 +218,7 @@ def test_simulation_based_calibration_of_the_two_source_model() -> None:
         beta, sigma = 2.0 * rng.normal(size=2), np.abs(np.array([1.0, 1.0]) * rng.normal(size=2)) + 1e-3
         y = Z @ beta + sigma[source] * rng.normal(size=10)
         model = normal_model(Z, y, prior, sources=source.tolist(), sigma_scale=1.0)
-        sample = sample_model(model, seed=i, min_ess=300, walkers=32, ensembles=2)
+        sample = sample_model(model, seed=i, effort=Effort(min_ess=300, walkers=32, ensembles=2))
         truth = np.concatenate([beta, sigma])
         ranks[i] = np.mean(sample.draws < truth, axis=0)
         wrong[i] = np.mean(sample.draws[:, 2] < sigma[1])
@@ -231,7 +231,7 @@ def test_error_of_the_interval_ends_is_what_ess_ends_says() -> None:
     y = np.array([0.2, -0.6, 0.5, 0.9, 1.4])
     prior = CoefficientPrior(np.zeros(1), np.full(1, np.inf))
     model = normal_model(np.ones((5, 1)), y, prior, sigma_known=(1.0,))
-    made = [sample_model(model, seed=seed, min_ess=1000) for seed in range(8)]
+    made = [sample_model(model, seed=seed, effort=Effort(min_ess=1000)) for seed in range(8)]
     exact = stats.norm(y.mean(), 1 / np.sqrt(5))
     shares = np.array([np.mean(m.draws[:, 0] <= exact.ppf(0.975)) for m in made])
     claimed = np.array([np.sqrt(0.975 * 0.025 / m.ess_ends[0]) for m in made])
@@ -242,12 +242,12 @@ def test_error_of_the_interval_ends_is_what_ess_ends_says() -> None:
 def test_reproducible_and_failures() -> None:
     y = np.array([1.0, 1.4, 0.7, 1.2])
     model = normal_model(np.ones((4, 1)), y, ONE)
-    first, second = (sample_model(model, seed=9, min_ess=500) for _ in range(2))
+    first, second = (sample_model(model, seed=9, effort=Effort(min_ess=500)) for _ in range(2))
     np.testing.assert_array_equal(first.draws, second.draws)
     with pytest.raises(KeyError):
         first.of("tau")
     with pytest.raises(ConvergenceError):
-        sample_model(model, seed=9, max_steps=60, min_ess=1e9)
+        sample_model(model, seed=9, effort=Effort(max_steps=60, min_ess=1e9))
     with pytest.raises(FitError, match="not finite"):
         sample_model(GeneralModel((Parameter("a", 0.0),), lambda v: np.full(len(v), -np.inf)), seed=1)
     with pytest.raises(FitError, match="run 2 "):
@@ -297,8 +297,8 @@ def test_upper_bound_alone() -> None:
     upper = CoefficientPrior(np.zeros(2), np.full(2, 3.0), -none, np.array([np.inf, 0.0]))
     lower = CoefficientPrior(np.zeros(2), np.full(2, 3.0), np.array([-np.inf, 0.0]), none)
     mirrored = Z * np.array([1.0, -1.0])
-    found = sample_model(normal_model(Z, y, upper), seed=1, min_ess=2000).of("beta")
-    other = sample_model(normal_model(mirrored, y, lower), seed=2, min_ess=2000).of("beta")
+    found = sample_model(normal_model(Z, y, upper), seed=1, effort=Effort(min_ess=2000)).of("beta")
+    other = sample_model(normal_model(mirrored, y, lower), seed=2, effort=Effort(min_ess=2000)).of("beta")
     assert found[:, 1].max() <= 0.0
     quantiles = [0.05, 0.25, 0.5, 0.75, 0.95]
     sd = np.std(other, axis=0)
@@ -316,7 +316,7 @@ def test_sources_that_cannot_tell_the_terms_apart_alone() -> None:
     found = []
     for shift in (0.0, 1e9):
         prior = CoefficientPrior(np.where(np.arange(10) == 0, 70.0 + shift, 0.0), np.full(10, 20.0))
-        sample = sample_model(normal_model(Z, y + shift, prior, sources=sources), seed=1, min_ess=1000)
+        sample = sample_model(normal_model(Z, y + shift, prior, sources=sources), seed=1, effort=Effort(min_ess=1000))
         found.append(sample.of("beta") - np.where(np.arange(10) == 0, 70.0 + shift, 0.0))
     sd = np.std(found[0], axis=0)
     np.testing.assert_allclose(np.mean(found[1], axis=0), np.mean(found[0], axis=0), atol=0.1 * sd.min())
@@ -351,7 +351,7 @@ def test_counts_of_a_million_pixels(scatter: float) -> None:
     Z, n = np.column_stack([np.ones(15), x, x**2]), 1e6
     correct = np.round(n * expit(Z @ [0.4, 0.1, -0.5]) + scatter * rng.normal(size=15))
     prior = CoefficientPrior(np.zeros(3), np.array([10.0, 2.5, 2.5]))
-    found = sample_model(beta_binomial_model(Z, correct, np.full(15, n), prior), seed=1, min_ess=2000)
+    found = sample_model(beta_binomial_model(Z, correct, np.full(15, n), prior), seed=1, effort=Effort(min_ess=2000))
     want = np.linalg.lstsq(Z, np.log(correct / (n - correct)), rcond=None)[0]
     sd = np.std(found.of("beta"), axis=0)
     np.testing.assert_allclose(np.mean(found.of("beta"), axis=0), want, atol=0.5 * sd.max())

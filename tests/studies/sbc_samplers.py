@@ -21,7 +21,7 @@ from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
-from seqrsm.fit.ensemble import WeakPrior, sample_model, sample_posterior
+from seqrsm.fit.ensemble import Effort, WeakPrior, sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
 
@@ -32,7 +32,7 @@ Z = np.column_stack([np.ones(12), X])
 SD = np.full(2, 2.0)
 PRIOR = CoefficientPrior(np.zeros(2), SD)
 SOURCE, DAY = np.arange(12) % 2, np.arange(12) // 3
-LIGHT = {"min_ess": 400, "walkers": 32, "ensembles": 2, "max_seconds": 20.0}
+LIGHT = Effort(min_ess=400, walkers=32, ensembles=2, max_seconds=20.0)
 
 
 def half_normal(rng: np.random.Generator) -> float:
@@ -42,7 +42,7 @@ def half_normal(rng: np.random.Generator) -> float:
 def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma = SD * rng.normal(size=2), half_normal(rng)
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
-    found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, **LIGHT)
+    found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, effort=LIGHT)
     return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
 
 
@@ -50,14 +50,14 @@ def sources(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
     beta, sigma = SD * rng.normal(size=2), np.array([half_normal(rng), half_normal(rng)])
     y = Z @ beta + sigma[SOURCE] * rng.normal(size=12)
     model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist())
-    return np.concatenate([beta, sigma]), sample_model(model, seed=seed, **LIGHT).draws
+    return np.concatenate([beta, sigma]), sample_model(model, seed=seed, effort=LIGHT).draws
 
 
 def days(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma, tau = SD * rng.normal(size=2), half_normal(rng), half_normal(rng)
     y = Z @ beta + tau * rng.normal(size=4)[DAY] + sigma * rng.normal(size=12)
     model = normal_model(Z, y, PRIOR, days=DAY.tolist())
-    return np.array([*beta, sigma, tau]), sample_model(model, seed=seed, **LIGHT).draws
+    return np.array([*beta, sigma, tau]), sample_model(model, seed=seed, effort=LIGHT).draws
 
 
 def discrepancy(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +68,7 @@ def discrepancy(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.nda
     y = mean + sigma[SOURCE] * rng.normal(size=12)
     differs = Discrepancy(np.ones((12, 1)), flight, np.ones(1), scale_sd=0.3)
     model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist(), discrepancy=differs)
-    return np.array([*beta, *gamma, *sigma, scale]), sample_model(model, seed=seed, **LIGHT).draws
+    return np.array([*beta, *gamma, *sigma, scale]), sample_model(model, seed=seed, effort=LIGHT).draws
 
 
 def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -77,14 +77,14 @@ def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]
     p = rng.beta(np.maximum(share * phi, 1e-12), np.maximum((1.0 - share) * phi, 1e-12))
     correct = rng.binomial(40, p).astype(float)
     model = beta_binomial_model(Z, correct, np.full(12, 40.0), PRIOR)
-    return np.array([*beta, correlation]), sample_model(model, seed=seed, **LIGHT).draws
+    return np.array([*beta, correlation]), sample_model(model, seed=seed, effort=LIGHT).draws
 
 
 def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma = np.array([float(rng.normal()) * 2.0, 2.0 * half_normal(rng)]), half_normal(rng)
     y = Z @ beta + sigma * rng.normal(size=12)
     prior = CoefficientPrior(np.zeros(2), SD, np.array([-np.inf, 0.0]), np.array([np.inf, np.inf]))
-    return np.append(beta, sigma), sample_model(normal_model(Z, y, prior), seed=seed, **LIGHT).draws
+    return np.append(beta, sigma), sample_model(normal_model(Z, y, prior), seed=seed, effort=LIGHT).draws
 
 
 def exact(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +102,7 @@ def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarra
     prior = elicited_prior(model, region, UtilityRange(60.0, 95.0), optima=[OptimumNear("frequency", 5.0)])
     beta, sigma = ancestral(prior, rng)
     X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
-    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, **LIGHT)
+    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, effort=LIGHT)
     keep = np.linspace(0, len(found.sigma) - 1, 1000).astype(int)
     places, values = optimum_draws(model, region, found.beta[keep])
     (place,), (value,) = optimum_draws(model, region, beta[None, :])
