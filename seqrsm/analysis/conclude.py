@@ -33,7 +33,8 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.allowance import Departures
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
-from seqrsm.decide.stopping import Decision, StopRule, decide
+from seqrsm.decide.rule import StopRule
+from seqrsm.decide.stopping import Adequacy, Before, Decision, Look, decide
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -221,27 +222,22 @@ def _decision(
     before = earlier[-1].summary if earlier else {}
     # Two looks at different regions are not two looks at the same thing.
     same = before.get("region", {}).get("ranges") in (None, _ranges(spec, fitted))
-    return decide(
-        rule,
+    look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms + len(fitted.dropped),  # what was left out by selection has used up its runs
         s=surface.s,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
-        lack_of_fit_p=lack.p if isinstance(lack, LackOfFit) else None,
-        lack_of_fit_reason=lack if isinstance(lack, str) else "",
-        saturated=is_saturated(fitted.model, fitted.region),
         h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
-        held_at_previous_look=bool(before.get("conditions_hold")) and same,
-        model_p=_model_p(fitted),
-        confirmation=agreement,
-        unit=application.unit,
-        n_spent=fitted.n_scored,
-        n_before=earlier[-1].after_run if earlier else 0,
-        departure=fitted.departure,
         widening=1.0 if estimate.with_departure is None else estimate.with_departure.widening,
+        model_p=_model_p(fitted),
+        n_spent=fitted.n_scored,
     )
+    p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
+    adequacy = Adequacy(p, reason, fitted.departure, is_saturated(fitted.model, fitted.region))
+    last = Before(bool(before.get("conditions_hold")) and same, earlier[-1].after_run if earlier else 0)
+    return decide(rule, look, adequacy, last, agreement, application.unit)
 
 
 def _model_p(fitted: Fitted) -> float | None:

@@ -19,7 +19,10 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.least_squares import block_columns
-from seqrsm.propose.batch import Proposal, Rows, propose_batch
+from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.candidates import Source
+from seqrsm.propose.criteria import Proposal
+from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import NewRun, RunRecord
@@ -76,21 +79,20 @@ def start_batch(
     n = start_size(model, spec)
     fixed = spec.region.code([run.settings for run in made]) if made else np.empty((0, spec.region.k))
     if failed:
-        barred = spec.region.code([run.proposed for run in failed])
         centre = spec.region.centre()
         proposals = propose_batch(
             model,
             spec.region,
-            Z_done=model.matrix(fixed),
-            points_done=fixed,
-            x_hat=centre,
-            target_points=centre[None, :],
-            n=max(n - len(made), 1),
-            criterion="D",
-            spread_share=0.0,
-            prior_precision=_WEAK * np.eye(model.p),
+            Evidence(
+                model.matrix(fixed),
+                fixed,
+                prior_precision=_WEAK * np.eye(model.p),
+                barred=spec.region.code([run.proposed for run in failed]),
+            ),
+            Sought(centre, centre[None, :]),
+            max(n - len(made), 1),
+            plan_of("D", spread_share=0.0),
             seed=(spec.seed + 7919 * len(made)) % 2**32,
-            barred=barred,
         )
         points = np.array([proposal.point for proposal in proposals])
     elif made:
@@ -144,44 +146,45 @@ class _Chooser:
         Z = stacked_rows(self.model, local, flights) if two else self.model.matrix(local)
         new_day = self.spec.model.block is not None and source == "flight"
         columns = _day_columns(used) if new_day else self.block_columns(used)
-        plain_rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
-        rows: Rows | None = plain_rows
-        precision = self.precision(two)
+        rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
+        of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
-            matrix = self.model.matrix if plain_rows is None else plain_rows
             effects = np.append(np.zeros(columns.shape[1] - 1), 1.0)
-            rows = lambda at: np.hstack([matrix(at), np.tile(effects, (len(at), 1))])  # noqa: E731
+            rows = lambda at: np.hstack([of_model(at), np.tile(effects, (len(at), 1))])  # noqa: E731
             doubt = _DAY_PRECISION if ties is not None else _DAY_KNOWN
             precision = _with_day(precision, Z.shape[1] + columns.shape[1], doubt)
-        weights = self.weights(local)
+        weights, weight = self.weights(local), float(self.weights(self.target()[None, :])[0])
         if two:
             weights = np.where(flights, self.flight_weight() * weights, weights)
-        weight = float(self.weights(self.target()[None, :])[0])
-        if two and source == "flight":
-            weight *= self.flight_weight()
+            weight *= self.flight_weight() if source == "flight" else 1.0
         cost = _cost(self.spec, source)
         return propose_batch(
             self.model,
             self.region,
-            Z_done=np.hstack([Z, columns]),
-            points_done=local,
-            weights_done=weights,
-            weight=weight,
-            prior_precision=precision,
-            x_hat=self.target(),
-            target_points=self.targets(),
-            n=n,
-            df_pure_error=10**6 if self.filling else df_pure_error,
-            criterion="D" if self.filling else self.spec.criterion,
-            cost=lambda at: np.full(len(at), cost),
+            Evidence(
+                rows=np.hstack([Z, columns]),
+                points=local,
+                weights=weights,
+                prior_precision=precision,
+                df_pure_error=10**6 if self.filling else df_pure_error,
+                barred=self.box.local(barred) if len(barred) else None,
+            ),
+            self.sought(two),
+            n,
+            plan_of("D" if self.filling else self.spec.criterion),
+            source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
             seed=(self.spec.seed + 7919 * len(done)) % 2**32,
-            barred=self.box.local(barred) if len(barred) else None,
-            rows=rows,
-            target_rows=(lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None,
-            beta=None if self.filling else self.beta(),
-            goal=self.analysis.goal,
             ties=(ties or 0) if new_day else 0,
         )
+
+    def sought(self, two: bool) -> Sought:
+        """Where the optimum is; what is filled is filled about its centre."""
+        if self.filling:
+            centre = self.region.centre()
+            return Sought(centre, centre[None, :])
+        found = self.analysis.posterior.optimum_points[:_TARGETS]
+        rows = (lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None
+        return Sought(self.target(), found, rows, self.beta(), self.analysis.goal)
 
     def block_columns(self, used: Sequence[_Made]) -> FloatArray:
         """Contrasts of the blocks of ``used``; without columns where there are none."""
@@ -210,12 +213,6 @@ class _Chooser:
         if self.filling:
             return self.region.centre()
         return best.point if best.quadratic is None else best.quadratic
-
-    def targets(self) -> FloatArray:
-        if self.filling:
-            return self.region.centre()[None, :]
-        found: FloatArray = self.analysis.posterior.optimum_points[:_TARGETS]
-        return found
 
     def weights(self, local: FloatArray) -> FloatArray:
         """Relative weights of runs, by the response expected there."""

@@ -12,6 +12,7 @@ from seqrsm.analysis.fitted import range_text
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
+from seqrsm.decide.campaigns import Stage
 from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
 from seqrsm.design.optimal import start_design
 
@@ -34,25 +35,14 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     rule = stop_rule(spec)
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=2000)
     start = start_design(analysis.model, analysis.region, start_size(analysis.model, spec), CENTRE_REPEATS, spec.seed)
-    source_cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
-    result = rehearse(
-        analysis.model,
-        analysis.region,
-        beta_draws=draws.terms,
-        # Where blocks are random, each run of the rehearsal falls into one of its own.
-        sigma_draws=draws.sigma if draws.sigma_block is None else np.hypot(draws.sigma, draws.sigma_block),
-        rule=rule,
-        start_points=start,
-        batch_size=spec.batch,
-        n_campaigns=n_campaigns,
-        seed=spec.seed,
-        goal=analysis.goal,
-        cost_per_run=source_cost,
-        progress=progress,
-    )
+    stage = Stage(analysis.model, analysis.region, start, rule, spec.batch, analysis.goal)
+    # Where blocks are random, each run of the rehearsal falls into one of its own.
+    sigma = draws.sigma if draws.sigma_block is None else np.hypot(draws.sigma, draws.sigma_block)
+    result = rehearse(stage, draws.terms, sigma_draws=sigma, n_campaigns=n_campaigns, seed=spec.seed, progress=progress)
     box = analysis.region_state.box
     found = _summary(
         result,
+        spec.cost.simulation if spec.simulator is not None else spec.cost.flight,
         analysis.score_unit,
         rule.interval_name,
         spec.model.response,
@@ -67,7 +57,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
 
 
 def _summary(
-    result: Rehearsal, unit: str, interval_name: str, response: str, *, adaptive: bool, within: str
+    result: Rehearsal, run_cost: float, unit: str, interval_name: str, response: str, *, adaptive: bool, within: str
 ) -> dict[str, Any]:
     low, middle, high = (int(x) for x in np.quantile(result.runs, [0.1, 0.5, 0.9]))
     numbers = {
@@ -75,7 +65,7 @@ def _summary(
         "runs_p10": low,
         "runs_median": middle,
         "runs_p90": high,
-        "cost_median": float(np.median(result.cost)),
+        "cost_median": float(np.median(result.runs * run_cost)),
         "coverage_rule": float(np.mean(result.covers_rule)),
         "coverage_new_run": float(np.mean(result.covers_new_run)),
         "coverage_mean": float(np.mean(result.covers_mean)),
@@ -86,7 +76,7 @@ def _summary(
 
     def share(name: str) -> str:
         p = numbers[name]
-        return f"{100 * p:.1f} % ± {100 * share_se(p, result.n_campaigns):.1f}"
+        return f"{100 * p:.1f} % ± {100 * share_se(p, len(result.runs)):.1f}"
 
     rows = [
         ("campaigns that stop before the budget", share("stopped")),
@@ -111,4 +101,4 @@ def _summary(
         notes.append(f"Rehearsed from its start in the part of the region that is fitted now: {within}.")
     if response != "identity":
         notes.append(f"Figures are on the scale of the fit ({response}).")
-    return {"campaigns": result.n_campaigns, "rows": rows, "notes": notes, "numbers": numbers}
+    return {"campaigns": len(result.runs), "rows": rows, "notes": notes, "numbers": numbers}

@@ -17,12 +17,35 @@ from seqrsm.decide.rule import StopRule, conditions, rule_half_width
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.errors import DesignError, Problem
 from seqrsm.fit.optimum import Goal, optimum_draws
 from seqrsm.fit.rank_one import downdate, is_reserved_run, optimum_targets
 
 
 class Stage:
-    """What all campaigns share: settings that can be run, their model rows and products of these."""
+    """What all campaigns share: settings that can be run, their model rows and products of these.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+    start : ndarray (n0, k)
+        Coded start design, with its repeats; n0 > p and estimable.
+    rule : StopRule
+    batch_size : int
+        Runs between two looks, >= 1.
+    goal : "maximize" or "minimize"
+    spread_share : float
+        Share of a campaign's runs kept for repeats and spread, in [0, 1].
+    n_targets : int
+        Posterior draws of the optimum per look.
+    n_candidates : int
+        Points to choose runs from.
+
+    Raises
+    ------
+    DesignError
+        The start design cannot estimate the model and its noise.
+    """
 
     def __init__(
         self,
@@ -30,12 +53,21 @@ class Stage:
         region: Region,
         start: FloatArray,
         rule: StopRule,
-        batch_size: int,
-        goal: Goal,
-        spread_share: float,
-        n_targets: int,
-        n_candidates: int,
+        batch_size: int = 4,
+        goal: Goal = "maximize",
+        spread_share: float = 0.25,
+        n_targets: int = 16,
+        n_candidates: int = 700,
     ) -> None:
+        start = np.atleast_2d(np.asarray(start, dtype=np.float64))
+        if len(start) <= model.p or np.linalg.matrix_rank(model.matrix(start)) < model.p:
+            raise DesignError(
+                Problem(
+                    f"{len(start)} start runs cannot estimate {model.p} terms and the noise",
+                    f"Start with an optimal design of {model.p + 4} runs or more.",
+                    field="start_points",
+                )
+            )
         self.model, self.region, self.rule, self.goal = model, region, rule, goal
         self.batch_size, self.spread_share, self.n_targets = max(1, batch_size), spread_share, n_targets
         settings = np.vstack([start, region.candidates(limit=n_candidates)])

@@ -12,24 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seqrsm.arrays import BoolArray
-from seqrsm.decide.forecast import amount, forecast, futility, target_problem
+from seqrsm.decide.forecast import amount, forecast, futility
 from seqrsm.decide.intervals import Agreement
 from seqrsm.decide.intervals import half_width as interval_half_width
-from seqrsm.decide.rule import Guard, StopRule, conditions, rule_half_width
-
-__all__ = [
-    "NO_DEPARTURE",
-    "Check",
-    "Decision",
-    "Departure",
-    "Guard",
-    "StopRule",
-    "conditions",
-    "decide",
-    "rule_half_width",
-    "target_problem",
-]
-
+from seqrsm.decide.rule import StopRule, conditions, rule_half_width
 
 NO_DEPARTURE = 1.0
 """Evidence of a smooth departure below which there is none to speak of."""
@@ -134,106 +120,136 @@ class Departure:
         return self.evidence > self.limit
 
 
-def decide(
-    rule: StopRule,
-    *,
-    n_runs: int,
-    n_terms: int,
-    s: float,
-    df_residual: int,
-    df_pure_error: int,
-    lack_of_fit_p: float | None,
-    h: float,
-    half_width: float | None = None,
-    held_at_previous_look: bool = False,
-    lack_of_fit_reason: str = "",
-    saturated: bool = False,
-    model_p: float | None = None,
-    confirmation: Agreement | None = None,
-    unit: str = "",
-    n_spent: int | None = None,
-    n_before: int = 0,
-    departure: Departure | None = None,
-    widening: float = 1.0,
-) -> Decision:
-    """Apply the rule to one look.
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What one look at the scores says of the interval at the optimum.
 
-    Parameters
+    Attributes
     ----------
-    rule : StopRule
     n_runs, n_terms : int
         Scored runs and terms of the model.
     s, df_residual : float, int
         Residual standard deviation (nan without degrees of freedom) and its degrees of freedom.
     df_pure_error : int
         Degrees of freedom of pure error.
-    lack_of_fit_p : float or None
-        p of the lack-of-fit test; None where it cannot be made, for ``lack_of_fit_reason``.
-    saturated : bool
-        The model has a term for every setting of the region: there is no lack of fit to test.
     h : float
         ``z0' (Z'WZ)^-1 z0`` at the optimum.
     half_width : float, optional
         Half-width of the rule's Student interval in score units, where the fit is on another scale than the scores; by
         default computed from ``s`` and ``h``. Floors and forecasts are scaled by it.
-    held_at_previous_look : bool
-        ``conditions_hold`` of the look before.
+    widening : float
+        What a departure from the model, too small to be seen, does to the half-width: a factor >= 1, see
+        :mod:`seqrsm.decide.allowance`.
     model_p : float, optional
         p of the F test that no term but the intercept matters.
+    n_spent : int, optional
+        Scored runs that count against the budget, where the fit leaves some out; ``n_runs`` by default.
+    """
+
+    n_runs: int
+    n_terms: int
+    s: float
+    df_residual: int
+    df_pure_error: int
+    h: float
+    half_width: float | None = None
+    widening: float = 1.0
+    model_p: float | None = None
+    n_spent: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Adequacy:
+    """Whether the quadratic describes the region.
+
+    Attributes
+    ----------
+    p : float or None
+        p of the lack-of-fit test; None where it cannot be made, for ``reason``.
+    reason : str
+    departure : Departure, optional
+        Evidence of a smooth departure from the model, see `_effective_p` for what it decides.
+    saturated : bool
+        The model has a term for every setting of the region: there is no lack of fit to test.
+    """
+
+    p: float | None
+    reason: str = ""
+    departure: Departure | None = None
+    saturated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Before:
+    """The look before: its ``conditions_hold``, and the runs spent until then, 0 where there was none."""
+
+    held: bool = False
+    n_spent: int = 0
+
+
+def decide(
+    rule: StopRule,
+    look: Look,
+    adequacy: Adequacy,
+    before: Before | None = None,
+    confirmation: Agreement | None = None,
+    unit: str = "",
+) -> Decision:
+    """Apply the rule to one look.
+
+    Parameters
+    ----------
+    rule : StopRule
+    look : Look
+    adequacy : Adequacy
+    before : Before, optional
+        The look before; none by default.
     confirmation : Agreement, optional
         Test of fresh runs at the recommended settings.
     unit : str
         Unit of the score, for the sentences.
-    n_spent : int, optional
-        Scored runs that count against the budget, where the fit leaves some out; ``n_runs`` by default.
-    n_before : int
-        The same at the look before, 0 for the first: for the guard "spending".
-    departure : Departure, optional
-        Evidence of a smooth departure from the model, see `_effective_p` for what it decides.
-
-    widening : float
-        What a departure from the model, too small to be seen, does to the half-width: a factor >= 1, see
-        :mod:`seqrsm.decide.allowance`.
 
     Returns
     -------
     Decision
     """
-    spent = n_runs if n_spent is None else n_spent
-    if saturated:
-        lack_of_fit_p, departure = 1.0, None
+    before = Before() if before is None else before
+    n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
+    spent = n_runs if look.n_spent is None else look.n_spent
     # What is left of the budget goes to the runs that are fitted.
     budget = replace(rule, max_runs=max(rule.max_runs - (spent - n_runs), 1))
     student = float(interval_half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
     scale = 1.0
-    if half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(half_width):
-        scale = half_width / student
+    if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
+        scale = look.half_width / student
     width = float("nan")
     if df_residual > 0:
-        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=spent, n_before=n_before))
-        width *= scale * widening
+        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=spent, n_before=before.n_spent))
+        width *= scale * look.widening
     found = conditions(
         rule,
         n_runs=n_runs,
         n_terms=n_terms,
-        df_pure_error=df_pure_error,
-        lack_of_fit_p=np.nan if lack_of_fit_p is None else _effective_p(rule, lack_of_fit_p, departure),
+        df_pure_error=look.df_pure_error,
+        lack_of_fit_p=_effective_p(rule, adequacy),
         half_width=width,
     )
     now = all(bool(value) for value in found.values())
     checks = [
-        _interval_check(rule, bool(found["interval"]), width, unit, widening),
-        *_count_checks(rule, found, n_runs, n_terms, df_pure_error),
-        _SATURATED if saturated else _lack_of_fit_check(rule, lack_of_fit_p, lack_of_fit_reason, departure),
+        _interval_check(rule, bool(found["interval"]), width, unit, look.widening),
+        *_count_checks(rule, found, look),
+        _lack_of_fit_check(rule, adequacy),
     ]
     if rule.looks == 2:
-        checks.append(_two_looks_check(now, held_at_previous_look))
+        checks.append(_two_looks_check(now, before.held))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
     held = all(check.holds is True for check in checks)
     ahead = forecast(budget, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
-    useless = futility(budget, ahead, n_terms=n_terms, df_residual=df_residual, model_p=model_p, width=width, unit=unit)
+    useless = futility(
+        budget, ahead, n_terms=n_terms, df_residual=df_residual, model_p=look.model_p, width=width, unit=unit
+    )
     budget_spent = spent >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
@@ -272,23 +288,21 @@ def _interval_check(rule: StopRule, holds: bool, width: float, unit: str, wideni
     return Check("interval", holds, text)
 
 
-def _count_checks(
-    rule: StopRule, found: Mapping[str, BoolArray], n_runs: int, n_terms: int, df_pure_error: int
-) -> tuple[Check, ...]:
+def _count_checks(rule: StopRule, found: Mapping[str, BoolArray], look: Look) -> tuple[Check, ...]:
     pure = Check(
         "pure_error",
         bool(found["pure_error"]),
-        f"Repeats give {df_pure_error} degrees of freedom of pure error; {rule.min_df_pure_error} are asked for.",
+        f"Repeats give {look.df_pure_error} degrees of freedom of pure error; {rule.min_df_pure_error} are asked for.",
     )
     if rule.guard != "runs":
         return (pure,)
-    asked = f"{rule.min_runs(n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
-    text = f"{n_runs} runs for {n_terms} terms; {asked}."
+    asked = f"{rule.min_runs(look.n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
+    text = f"{look.n_runs} runs for {look.n_terms} terms; {asked}."
     return (Check("runs", bool(found["runs"]), text), pure)
 
 
-def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float:
-    """P that the rule goes by: 0 lack of fit for certain, 1 none.
+def _effective_p(rule: StopRule, adequacy: Adequacy) -> float:
+    """P that the rule goes by: 0 lack of fit for certain, 1 none; nan where there is no test.
 
     The test against pure error takes the noise at the repeats, which lie at the optimum, for the noise everywhere.
     Where noise is larger at poorer scores it rejects quadratics that are right; and it has little power. The evidence
@@ -308,6 +322,10 @@ def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float
     covers one future run in 94 to 95 % under equal noise and 97 to 100 % under unequal noise; the mean of five runs in
     35 to 85 % where a smooth departure as large as the noise passes: no test sees all of them.
     """
+    departure = adequacy.departure
+    if adequacy.saturated:
+        return 1.0
+    p = np.nan if adequacy.p is None else adequacy.p
     if departure is None or not np.isfinite(p):
         return p
     if departure.seen:
@@ -317,14 +335,20 @@ def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float
     return 1.0 if excused else p
 
 
-def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str, departure: Departure | None) -> Check:
+def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:
+    p, departure = adequacy.p, adequacy.departure
+    if adequacy.saturated:
+        text = "The model has a term for every setting of the region: there is no lack of fit to test."
+        return Check("lack_of_fit", True, text)
     seen = "" if departure is None else f"evidence {departure.evidence:.1f}, limit {departure.limit:.1f}"
     if departure is not None and departure.seen:
         text = f"The quadratic does not describe this region: a smooth departure from it is seen ({seen})."
         return Check("lack_of_fit", False, text)
     if p is None or not np.isfinite(p):
-        return Check("lack_of_fit", None, f"Lack of fit cannot be tested{': ' + reason if reason else ''}.")
-    if departure is not None and _effective_p(rule, p, departure) != p:
+        return Check(
+            "lack_of_fit", None, f"Lack of fit cannot be tested{': ' + adequacy.reason if adequacy.reason else ''}."
+        )
+    if departure is not None and _effective_p(rule, adequacy) != p:
         why = (
             f"the noise grows where scores are poorer (about {departure.noise_ratio:.1f} times from the best to the "
             f"poorest, evidence {departure.noise_evidence:.1f}), while the repeats lie where they are good"
@@ -339,11 +363,6 @@ def _lack_of_fit_check(rule: StopRule, p: float | None, reason: str, departure: 
     holds = p >= rule.alpha_lack_of_fit
     verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
-
-
-_SATURATED = Check(
-    "lack_of_fit", True, "The model has a term for every setting of the region: there is no lack of fit to test."
-)
 
 
 def _two_looks_check(now: bool, before: bool) -> Check:

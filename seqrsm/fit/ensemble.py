@@ -13,7 +13,6 @@ Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125, 306-312.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -49,7 +48,29 @@ _STORE_BYTES = 96 * 2**20  # beyond this every second stored step is dropped
 _TAU_WALKERS = 128  # walkers that the autocorrelation time is averaged over
 _R_HAT_DRAWS = 2000  # draws of each ensemble that R-hat is computed from
 
-Progress = Callable[[int, float, float], None]
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much is sampled, and the bounds on the work.
+
+    Attributes
+    ----------
+    walkers : int
+        Of each ensemble; raised to twice the dimensions where that is more, and to an even number.
+    ensembles : int
+        Independent ensembles, >= 2.
+    min_ess : float
+        Effective draws of every coordinate asked for, among those handed out.
+    max_draws, max_steps, max_seconds
+        Bounds on what is handed out and on the work [steps of every walker, s of wall clock].
+    """
+
+    walkers: int = 128
+    ensembles: int = 4
+    min_ess: float = 4000.0
+    max_draws: int = 50_000
+    max_steps: int = 50_000
+    max_seconds: float = 120.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,13 +173,7 @@ def sample_posterior(
     nu: float | GammaPrior = 4.0,
     bounds: LinearBounds | None = None,
     seed: int,
-    walkers: int = 128,
-    ensembles: int = 4,
-    min_ess: float = 4000.0,
-    max_draws: int = 50_000,
-    max_steps: int = 50_000,
-    max_seconds: float = 120.0,
-    progress: Progress | None = None,
+    effort: Effort | None = None,
 ) -> EnsemblePosterior:
     """Sample the posterior of ``y = Z beta + e`` until the convergence rule holds.
 
@@ -181,14 +196,8 @@ def sample_posterior(
         Of the coefficients: the prior is cut off there.
     seed : int
         The same seed gives the same draws; no global random state is read or changed.
-    walkers : int
-        Of each ensemble; raised to twice the dimensions where that is more, and to an even number.
-    ensembles : int
-        Independent ensembles, >= 2.
-    max_draws, max_steps, max_seconds : optional
-        Bounds on what is handed out and on the work [steps of every walker, s of wall clock].
-    progress : callable, optional
-        Called as ``progress(steps, largest tau, smallest ess)`` after each block.
+    effort : Effort, optional
+        How much is sampled.
 
     Raises
     ------
@@ -197,16 +206,13 @@ def sample_posterior(
     FitError
         Scores that cannot be used, or that the model reproduces exactly.
     """
-    if errors not in ("normal", "student_t") or ensembles < 2:
-        raise ValueError("errors must be 'normal' or 'student_t' and ensembles at least 2")
+    if errors not in ("normal", "student_t"):
+        raise ValueError("errors must be 'normal' or 'student_t'")
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
     target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
-    walkers = max(walkers + walkers % 2, 2 * target.d)
-    chain = _Chain(target, ensembles, walkers, seed)
-    reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
+    chain, reached = _run(target, Effort() if effort is None else effort, seed)
     beta, sigma, nu_draws = target.unpack(reached.kept.reshape(-1, target.d))
-    acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
     return EnsemblePosterior(
         beta,
         sigma,
@@ -215,10 +221,10 @@ def sample_posterior(
         reached.ess,
         reached.r_hat,
         _ess_ends(np.column_stack([beta, sigma]), len(reached.kept)),
-        acceptance,
+        chain.acceptance,
         chain.steps,
-        walkers,
-        ensembles,
+        chain.walkers,
+        chain.ensembles,
         errors,
         seed,
     )
@@ -228,13 +234,7 @@ def sample_model(
     model: GeneralModel,
     *,
     seed: int,
-    walkers: int = 128,
-    ensembles: int = 4,
-    min_ess: float = 4000.0,
-    max_draws: int = 50_000,
-    max_steps: int = 50_000,
-    max_seconds: float = 120.0,
-    progress: Progress | None = None,
+    effort: Effort | None = None,
 ) -> GeneralPosterior:
     """Sample any model with a log density, such as that of counts.
 
@@ -248,14 +248,9 @@ def sample_model(
     FitError
         The model's density is not finite where it was expected to lie.
     """
-    if ensembles < 2:
-        raise ValueError("ensembles must be at least 2")
     target = general_target(model)
-    walkers = max(walkers + walkers % 2, 2 * target.d)
-    chain = _Chain(target, ensembles, walkers, seed)
-    reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
+    chain, reached = _run(target, Effort() if effort is None else effort, seed)
     draws = model.natural(reached.kept.reshape(-1, target.d))[0]
-    acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
     return GeneralPosterior(
         tuple(parameter.name for parameter in model.parameters),
         draws,
@@ -263,10 +258,10 @@ def sample_model(
         reached.ess,
         reached.r_hat,
         _ess_ends(draws, len(reached.kept)),
-        acceptance,
+        chain.acceptance,
         chain.steps,
-        walkers,
-        ensembles,
+        chain.walkers,
+        chain.ensembles,
         seed,
     )
 
@@ -275,7 +270,7 @@ class _Chain:
     """The sampler with its store: every ``thin``-th step, thinned further when memory runs short."""
 
     def __init__(self, target: Target, ensembles: int, walkers: int, seed: int) -> None:
-        self.ensembles = ensembles
+        self.ensembles, self.walkers = ensembles, walkers
         self._target = target
         self._n = ensembles * walkers
         random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
@@ -307,6 +302,11 @@ class _Chain:
         self.stored = np.empty((0, self._n, self._target.d))
         self.thin = 1
         self.steps = 0
+
+    @property
+    def acceptance(self) -> dict[str, float]:
+        """Accepted share by move."""
+        return {name: move.accepted / max(move.proposed, 1) for name, move in self.moves.items()}
 
     def advance(self, steps: int, deadline: float, wanted: int) -> None:
         """Make about ``steps`` more steps, fewer when the deadline passes, on the way to so many ``wanted`` in all."""
@@ -359,24 +359,30 @@ def _ess_ends(draws: FloatArray, steps: int) -> FloatArray:
     return np.array([convergence.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])])
 
 
-def _run(
-    chain: _Chain, min_ess: float, max_draws: int, max_steps: int, max_seconds: float, progress: Progress | None
-) -> _Reached:
-    deadline = time.monotonic() + max_seconds
+def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:
+    """Sample until the rule holds.
+
+    Raises
+    ------
+    ConvergenceError
+        The bounds came first.
+    """
+    if effort.ensembles < 2:
+        raise ValueError("ensembles must be at least 2")
+    chain = _Chain(target, effort.ensembles, max(effort.walkers + effort.walkers % 2, 2 * target.d), seed)
+    deadline = time.monotonic() + effort.max_seconds
     block = _FIRST_BLOCK
     while True:
-        steps = min(block, max_steps - chain.steps)
+        steps = min(block, effort.max_steps - chain.steps)
         chain.advance(steps, deadline, chain.steps + steps)
-        reached = chain.judge(max_draws)
+        reached = chain.judge(effort.max_draws)
         tau, r_hat, ess = float(np.max(reached.tau)), float(np.max(reached.r_hat)), float(np.min(reached.ess))
-        if progress is not None:
-            progress(chain.steps, tau, ess)
-        if reached.long_enough and ess >= min_ess and r_hat <= _R_HAT:
-            return reached
-        if chain.steps >= max_steps or time.monotonic() > deadline:
+        if reached.long_enough and ess >= effort.min_ess and r_hat <= _R_HAT:
+            return chain, reached
+        if chain.steps >= effort.max_steps or time.monotonic() > deadline:
             raise ConvergenceError(
                 f"the sampler made {chain.steps} steps: autocorrelation time {tau:.3g} steps (the rule asks for more "
-                f"than {_TAUS:.0f} of them), {ess:.0f} of {min_ess:.0f} effective draws, R-hat {r_hat:.4f}",
+                f"than {_TAUS:.0f} of them), {ess:.0f} of {effort.min_ess:.0f} effective draws, R-hat {r_hat:.4f}",
                 steps=chain.steps,
                 tau=tau,
                 r_hat=r_hat,

@@ -2,14 +2,150 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.design.region import Region
+from seqrsm.propose.known import Known, Rows
 
 _CLOUD = 320
+_BARRED_RADIUS = 0.1
+_REFINE_RADII = (0.1, 0.03, 0.01)
+_REFINE_POINTS = 48
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Who makes the next runs: what a run of theirs tells, and costs.
+
+    Attributes
+    ----------
+    rows : callable, optional
+        Model rows of new runs, where these are not simply those of the model.
+    weight : float
+        Relative weight of a new run.
+    cost : callable, optional
+        Cost > 0 of coded points (n, k) -> (n,); divides the gain.
+    """
+
+    rows: Rows | None = None
+    weight: float = 1.0
+    cost: Callable[[FloatArray], FloatArray] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One candidate: its coded settings (k,), model row (p,), cost, gain per cost, and whether it was run already."""
+
+    point: FloatArray
+    row: FloatArray
+    cost: float
+    gain: float
+    executed: bool
+
+    @property
+    def again(self) -> str:
+        """To be added to the reason."""
+        return "; repeats settings already run" if self.executed else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Coded settings (n, k) with their model rows (n, p), whether they were run already, and cost."""
+
+    points: FloatArray
+    rows: FloatArray
+    executed: BoolArray
+    cost: FloatArray
+
+    def choice(self, index: int, gain: float) -> Choice:
+        """One of them, with its gain per cost."""
+        cost, executed = float(self.cost[index]), bool(self.executed[index])
+        return Choice(self.points[index].copy(), self.rows[index], cost, float(gain), executed)
+
+
+class Search:
+    """The candidates of one batch; settings chosen can be repeated from then on."""
+
+    candidates: Candidates
+
+    def __init__(self, known: Known, source: Source, rng: np.random.Generator, barred: FloatArray | None) -> None:
+        self.known, self.source, self.rng = known, source, rng
+        self._region = known.region
+        self._barred = np.empty((0, self._region.k)) if barred is None else np.atleast_2d(np.asarray(barred, float))
+
+    def begin(self, done: FloatArray | None, n_candidates: int) -> None:
+        """Draw the candidates: ``n_candidates`` that cover the region, a cloud, and what is ``done`` (r, k)."""
+        made = np.empty((0, self._region.k)) if done is None else np.atleast_2d(np.asarray(done, dtype=np.float64))
+        known = self.known
+        points, executed = candidate_points(self._region, known.x_hat, known.targets, made, self.rng, n_candidates)
+        allowed = self._clear(points)
+        if allowed.any():
+            points, executed = points[allowed], executed[allowed]
+        self.candidates = self._evaluate(points, executed)
+
+    def best(self, gain: Rows, allowed: BoolArray) -> Choice:
+        """Best allowed candidate by ``gain`` of rows; one that was not run yet is moved a little where that gains."""
+        here = self.candidates
+        gains = np.where(allowed, gain(here.rows) / here.cost, -np.inf)
+        index = int(np.argmax(gains))
+        found = here.choice(index, gains[index])
+        if found.executed or not self._region.continuous:
+            return found
+        for radius in _REFINE_RADII:
+            near = jitter(self._region, np.repeat(found.point[None, :], _REFINE_POINTS, axis=0), radius, self.rng)
+            # Settings with three decimals of the coded range are all that a sensor can be told apart by.
+            near = near[self._region.feasible(near, tol=0.0) & self._clear(near)]
+            if not len(near):
+                continue
+            moved = self._evaluate(near, np.zeros(len(near), dtype=bool))
+            gains = gain(moved.rows) / moved.cost
+            index = int(np.argmax(gains))
+            if gains[index] > found.gain:
+                found = moved.choice(index, gains[index])
+        return found
+
+    def at(self, point: FloatArray, gain: Rows) -> Choice:
+        """A run at these settings (k,)."""
+        executed = np.any(np.all(self.candidates.points[self.candidates.executed] == point, axis=1))
+        there = self._evaluate(point[None, :], np.array([executed]))
+        return there.choice(0, (gain(there.rows) / there.cost)[0])
+
+    def take(self, point: FloatArray, repeats: bool) -> None:
+        """Count a run at these settings as made; they can be repeated from now on."""
+        new = self._evaluate(point[None, :], np.ones(1, dtype=bool))
+        self.known.take(new.rows[0], repeats)
+        if repeats:
+            return
+        old = self.candidates
+        # The same point may be among the candidates as one not run yet.
+        other = ~np.all(old.points == point, axis=1)
+        self.candidates = Candidates(
+            np.vstack([old.points[other], new.points]),
+            np.vstack([old.rows[other], new.rows]),
+            np.concatenate([old.executed[other], new.executed]),
+            np.concatenate([old.cost[other], new.cost]),
+        )
+
+    def _evaluate(self, points: FloatArray, executed: BoolArray) -> Candidates:
+        of, rows = self.source.cost, self.source.rows or self.known.model.matrix
+        cost = np.ones(len(points)) if of is None else np.asarray(of(points), dtype=np.float64)
+        return Candidates(points, self.known.padded(rows(points)), executed, cost)
+
+    def _clear(self, points: FloatArray) -> BoolArray:
+        """Points that are not beside settings that could not be carried out."""
+        if not len(self._barred):
+            return np.ones(len(points), dtype=np.bool_)
+        free = list(self._region.continuous)
+        held = [j for j in range(self._region.k) if j not in free]
+        near = np.all(np.abs(points[:, None, free] - self._barred[None, :, free]) <= _BARRED_RADIUS, axis=-1)
+        same = np.all(np.abs(points[:, None, held] - self._barred[None, :, held]) < 1e-9, axis=-1)
+        clear: BoolArray = ~np.any(near & same, axis=1)
+        return clear
 
 
 @lru_cache(maxsize=8)

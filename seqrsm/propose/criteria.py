@@ -1,74 +1,261 @@
-"""The criteria a batch can be chosen by, and the covariance they start from."""
+"""Criteria that the next runs are chosen by.
+
+To add one, write a class with a ``gain`` and what it ``_says``, and name it in `CRITERIA`: ``campaign.toml`` knows it
+then.
+"""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.moments import region_moments
-from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.design.region import Region
-from seqrsm.fit.rank_one import linear_gain
-
-#: "optimum": half value at the optimum, half expected regret; "D": information on all coefficients; "I": mean
-#: prediction variance over the region; "thompson": optima of posterior draws; "steepest": along the path of steepest
-#: ascent.
-CRITERIA = ("optimum", "D", "I", "thompson", "steepest")
-
-_WEAK_PRECISION = 1e-2
+from seqrsm.errors import DesignError, Problem
+from seqrsm.fit.rank_one import information_gain, linear_gain
+from seqrsm.propose.candidates import Choice, Search
+from seqrsm.propose.known import Known, percent
+from seqrsm.propose.steepest import steepest_points
 
 
-@lru_cache(maxsize=8)
-def average_matrix(model: QuadraticModel, region: Region) -> FloatArray:
-    """Mean of ``zz'`` over the region: W of the I criterion, kept for the next call.
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """One run to be made.
 
-    Parameters
+    Attributes
     ----------
-    model, region : QuadraticModel, Region
-
-    Returns
-    -------
-    ndarray (p, p)
-        Read-only.
+    point : ndarray (k,)
+        Coded settings, feasible.
+    purpose : str
+        "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
+        "average" (I criterion), "thompson", "steepest", or "tie" (settings of earlier blocks in the new one).
+    gain : float
+        Drop of the criterion per unit of cost; only comparable within a purpose.
+    why : str
+        One line with the number behind it.
+    repeats : bool
+        The settings were run, or are pending, already.
     """
-    W = region_moments(model, region)
-    W.setflags(write=False)
-    return W
+
+    point: FloatArray
+    purpose: str
+    gain: float
+    why: str
+    repeats: bool
+
+    @classmethod
+    def of(cls, choice: Choice, purpose: str, why: str) -> Proposal:
+        """Proposal of a candidate chosen."""
+        return cls(choice.point, purpose, choice.gain, why, choice.executed)
 
 
-def unscaled_covariance(Z: FloatArray, weights: FloatArray | None, prior: FloatArray | None) -> FloatArray:
-    """``(Z'WZ + prior)^-1``, with a weak prior where these do not determine all coefficients.
+class Criterion(Protocol):
+    """Proposes one run at a time, given all before it: those made, and those of the batch."""
 
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        Rows of scored and pending runs.
-    weights : ndarray (n,), optional
-        Relative weights, > 0.
-    prior : ndarray (q, q), optional
-        Precision of the first q <= p coefficients, in units of 1/sigma squared.
+    def propose(self, search: Search) -> Proposal:
+        """The next run."""
 
-    Returns
-    -------
-    ndarray (p, p)
-        Symmetric. Where the runs and the prior are not enough, 0.01 was added: coefficients within 10 sigma.
+
+MakeCriterion = Callable[[Known, int], Criterion]
+"""A criterion for a batch of so many runs; what is known follows the runs taken."""
+
+
+class Greedy:
+    """Proposes the candidate with the largest gain per cost, of ``among``: all, those run already, or new ones."""
+
+    among: Literal["all", "executed", "new"] = "all"
+
+    def __init__(self, known: Known, n: int) -> None:
+        self.known, self.n = known, n
+
+    def gain(self, rows: FloatArray) -> FloatArray:
+        """What a run at each of the model rows (n, p) would gain, (n,)."""
+        raise NotImplementedError
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        """Purpose of a run, and why it is proposed."""
+        raise NotImplementedError
+
+    def propose(self, search: Search) -> Proposal:
+        """The next run."""
+        executed = search.candidates.executed
+        # Where all settings were run already, one of them is the best there is.
+        allowed = {"all": np.ones_like(executed), "executed": executed, "new": ~executed | executed.all()}[self.among]
+        choice = search.best(self.gain, allowed)
+        return Proposal.of(choice, *self._says(choice))
+
+
+class _Variance(Greedy):
+    """Lowers a mean variance ``trace(WC)``."""
+
+    @property
+    def _W(self) -> FloatArray:
+        raise NotImplementedError
+
+    def gain(self, rows: FloatArray) -> FloatArray:
+        """Drop of the variance, in units of sigma squared."""
+        return linear_gain(self.known.C, self._W, rows, self.known.weight)
+
+    def _share(self, choice: Choice) -> str:
+        """Share of the variance that a run takes away; 0 where there is none left."""
+        total = float(np.sum(self._W * self.known.C))
+        return percent(float(self.gain(choice.row[None, :])[0]) / total if total > 0.0 else 0.0)
+
+
+class Value(_Variance):
+    """The value at the optimum, where it seems to be and where posterior draws put it."""
+
+    @property
+    def _W(self) -> FloatArray:
+        return self.known.value
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        return "optimum", f"{self.known.narrowing(choice.row)}{choice.again}"
+
+
+class Regret(_Variance):
+    """The expected loss from a misplaced optimum."""
+
+    @property
+    def _W(self) -> FloatArray:
+        return self.known.regret
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        return "regret", f"lowers the expected loss from a misplaced optimum by {self._share(choice)}{choice.again}"
+
+
+class Optimum(_Variance):
+    """Half value at the optimum, half expected regret; a run is for that which it gains more of."""
+
+    @property
+    def _W(self) -> FloatArray:
+        return self.known.value + self.known.regret
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        value, regret = Value(self.known, self.n), Regret(self.known, self.n)
+        row = choice.row[None, :]
+        return (regret if regret.gain(row)[0] > value.gain(row)[0] else value)._says(choice)
+
+
+class Average(_Variance):
+    """I criterion: mean prediction variance over the region."""
+
+    @property
+    def _W(self) -> FloatArray:
+        return self.known.average
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        return "average", f"lowers the mean prediction variance over the region by {self._share(choice)}"
+
+
+class Information(Greedy):
+    """D criterion: information on all coefficients, most where the mean is least known."""
+
+    def gain(self, rows: FloatArray) -> FloatArray:
+        """Information on all coefficients together [nats]."""
+        return information_gain(self.known.C, rows, self.known.weight)
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        se = self.known.standard_error(choice.row)
+        why = f"the mean is least known here (standard error {se:.2g} s): keeps lack of fit testable over the region"
+        return "spread", f"{why}{choice.again}"
+
+
+class Spread(Information):
+    """The least known of the settings that were not run yet."""
+
+    among = "new"
+
+
+class Repeat(Optimum):
+    """Settings run already, for pure error: of these the best for the optimum."""
+
+    among = "executed"
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        df = self.known.df_pure_error
+        why = f"repeats settings already run: pure error gets {df + 1} degrees of freedom instead of {df}"
+        return "repeat", f"{why}; {self.known.narrowing(choice.row)}"
+
+
+class Tie(Greedy):
+    """The executed settings that tell most of the new block's effect, the last coefficient."""
+
+    among = "executed"
+
+    def gain(self, rows: FloatArray) -> FloatArray:
+        """Drop of the variance of that effect."""
+        CZ = rows @ self.known.C
+        drop: FloatArray = CZ[:, -1] ** 2 / (1.0 / self.known.weight + np.sum(CZ * rows, axis=1))
+        return drop
+
+    def _says(self, choice: Choice) -> tuple[str, str]:
+        left = max(float(self.known.C[-1, -1] - choice.gain * choice.cost), 0.0)
+        why = "ties the new block to the earlier ones: repeats settings already run, so that its effect is known to"
+        return "tie", f"{why} {np.sqrt(left):.2g} s"
+
+
+class Testing:
+    """Keeps the model testable: repeats until there is enough pure error, from then on the least known places."""
+
+    def __init__(self, known: Known, n: int, min_df_pure_error: int = 4) -> None:
+        self._known, self._least = known, min_df_pure_error
+        self._repeat, self._spread = Repeat(known, n), Spread(known, n)
+
+    def propose(self, search: Search) -> Proposal:
+        """The next run."""
+        repeat = self._known.df_pure_error < self._least and search.candidates.executed.any()
+        return (self._repeat if repeat else self._spread).propose(search)
+
+
+class Thompson:
+    """Optima of posterior draws, taken at random."""
+
+    def __init__(self, known: Known, n: int) -> None:
+        self._known, self._gain = known, Optimum(known, n).gain
+
+    def propose(self, search: Search) -> Proposal:
+        """The next run."""
+        choice = search.at(self._known.targets[int(search.rng.integers(len(self._known.targets)))], self._gain)
+        se = self._known.standard_error(choice.row)
+        why = f"a posterior draw has its optimum here (standard error of the mean {se:.2g} s)"
+        return Proposal.of(choice, "thompson", f"{why}{choice.again}")
+
+
+class Steepest:
+    """Along the path of steepest ascent from the centre; by `Optimum` where it is shorter than the batch.
+
+    Raises
+    ------
+    DesignError
+        There are no coefficients yet.
     """
-    Z = np.asarray(Z, dtype=np.float64)
-    root = np.ones(len(Z)) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64))
-    X = Z * root[:, None]
-    M = X.T @ X
-    if prior is not None:
-        M[: len(prior), : len(prior)] += prior
-    scale = np.sqrt(np.maximum(np.diag(M), 1e-300))
-    if float(np.linalg.eigvalsh(M / np.outer(scale, scale))[0]) < 1e-10:
-        M = M + _WEAK_PRECISION * np.eye(len(M))
-    C = np.linalg.inv(M)
-    return np.asarray(0.5 * (C + C.T))
+
+    def __init__(self, known: Known, n: int) -> None:
+        sought = known.sought
+        if sought.beta is None:
+            raise DesignError(Problem("steepest ascent needs a fitted surface", "Score the start design first."))
+        beta = np.asarray(sought.beta, dtype=np.float64)
+        centre = known.region.centre()
+        self._path = list(steepest_points(known.model, known.region, beta, centre, n, sought.goal))
+        self._known, self._optimum = known, Optimum(known, n)
+
+    def propose(self, search: Search) -> Proposal:
+        """The next run."""
+        if not self._path:
+            return self._optimum.propose(search)
+        choice = search.at(self._path.pop(0), self._optimum.gain)
+        why = f"on the path of steepest ascent from the centre; {self._known.narrowing(choice.row)}"
+        return Proposal.of(choice, "steepest", f"{why}{choice.again}")
 
 
-def relative_drop(C: FloatArray, W: FloatArray, z: FloatArray, weight: float = 1.0) -> float:
-    """Share by which a run at row ``z`` (p,) lowers ``trace(WC)``; 0 where that is 0 already."""
-    total = float(np.sum(W * C))
-    return float(linear_gain(C, W, z[None, :], weight)[0]) / total if total > 0.0 else 0.0
+CRITERIA: dict[str, MakeCriterion] = {
+    "optimum": Optimum,
+    "D": Information,
+    "I": Average,
+    "thompson": Thompson,
+    "steepest": Steepest,
+}
+"""Criteria by their names in ``campaign.toml``."""

@@ -6,12 +6,16 @@ bound stops one of the factors; with a second-order one it bends, and ends at th
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.optimum import Goal
+
+if TYPE_CHECKING:
+    from seqrsm.fit.optimum import Goal
 
 _STEP = 0.02  # coded; far below the spacing of the runs
 _STEPS = 400

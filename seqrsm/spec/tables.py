@@ -18,6 +18,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from seqrsm.fit.error_models import ERROR_MODELS
+from seqrsm.propose.criteria import CRITERIA
 
 UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
 
@@ -74,7 +75,10 @@ class Table(BaseModel):
         return {key: value for key, value in serialise(self).items() if key not in unused}
 
 
-Criterion = Literal["optimum", "D", "I", "thompson", "steepest"]
+if TYPE_CHECKING:
+    Criterion = str
+else:
+    Criterion = Literal[tuple(CRITERIA)]
 
 
 class CampaignTable(Table):

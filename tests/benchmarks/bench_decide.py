@@ -11,14 +11,16 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
+from seqrsm.decide.campaigns import Stage
 from seqrsm.decide.rehearsal import rehearse
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.rule import StopRule
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum, optimum_draws
-from seqrsm.propose.batch import propose_batch
+from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.known import Evidence, Sought
 
 
 def median_seconds(action: Callable[[], object], repeats: int = 5) -> float:
@@ -45,29 +47,20 @@ def main() -> None:
     baseline = 50.0 * median_seconds(local_searches, 1)
     points = start_design(model, region, 40, 3, 0)
     targets, _ = optimum_draws(model, region, betas[:64])
-    batch = {
-        "Z_done": model.matrix(points),
-        "x_hat": targets[0],
-        "target_points": targets,
-        "points_done": points,
-        "n": 4,
-    }
+    evidence, sought = Evidence(model.matrix(points), points), Sought(targets[0], targets)
     rows = [
         ("1000 optima, ten L-BFGS-B starts each (baseline)", baseline),
         ("1000 exact optima of posterior draws", median_seconds(lambda: optimum_draws(model, region, betas))),
         ("one exact optimum", median_seconds(lambda: optimum(model, region, betas[0]))),
-        ("a batch of 4 proposals", median_seconds(lambda: propose_batch(model, region, **batch))),
+        (
+            "a batch of 4 proposals",
+            median_seconds(lambda: propose_batch(model, region, evidence, sought, 4, plan_of("optimum"))),
+        ),
         (
             "200 rehearsed campaigns",
             median_seconds(
                 lambda: rehearse(
-                    model,
-                    region,
-                    beta_draws=betas,
-                    sigma_draws=np.ones(1000),
-                    rule=StopRule(half_width=2.5, max_runs=80),
-                    start_points=points,
-                    n_campaigns=200,
+                    Stage(model, region, points, StopRule(half_width=2.5, max_runs=80)), betas, np.ones(1000)
                 ),
                 1,
             ),

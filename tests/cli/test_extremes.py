@@ -149,7 +149,7 @@ def test_one_wild_score(tmp_path) -> None:
 def test_categories_only_end_by_the_rule(tmp_path) -> None:
     """As many settings as terms: repeats are pure error all the same, and there is no lack of fit to test."""
     factors = '[[factor]]\nname = "q"\nlevels = ["A", "B", "C"]\n[[factor]]\nname = "p"\nlevels = ["HH", "VV"]\n'
-    folder = make(tmp_path / "c", factors, "half_width = 4.0\nmax_runs = 60")
+    folder = make(tmp_path / "c", factors + "[cost]\nflight = 20.0\n", "half_width = 4.0\nmax_runs = 60")
 
     def score(row: dict, number: int) -> float:
         return 50.0 + 5.0 * (row["q"] == "B") + 3.0 * (row["p"] == "VV") + noise(number)
@@ -161,6 +161,7 @@ def test_categories_only_end_by_the_rule(tmp_path) -> None:
     assert found["df_residual"] == found["n_runs"] - 6
     rehearsed = json.loads(call("rehearse", folder, "--campaigns", 10, "--json").stdout)
     assert rehearsed["numbers"]["stopped"] == 1.0
+    assert rehearsed["numbers"]["cost_median"] == pytest.approx(20.0 * rehearsed["numbers"]["runs_median"], abs=10.0)
 
 
 def test_equal_scores_leave_no_dust(tmp_path) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 
 from seqrsm.decide.discrepancy import find_discrepancy
 from seqrsm.decide.moving import evidence_limit
-from seqrsm.decide.stopping import Departure, StopRule, decide
+from seqrsm.decide.rule import StopRule
+from seqrsm.decide.stopping import Adequacy, Departure, Look, decide
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
@@ -91,17 +92,9 @@ def rates(k: int, sets: int, *, ratio: float = 1.0, departure: str = "", size: f
         lack = fit.lack_of_fit()
         assert isinstance(lack, LackOfFit)
         limit = evidence_limit(fit.df_residual)
-        decision = decide(
-            rule,
-            n_runs=fit.n_runs,
-            n_terms=fit.n_terms,
-            s=fit.s,
-            df_residual=fit.df_residual,
-            df_pure_error=lack.df_pe,
-            lack_of_fit_p=lack.p,
-            h=0.1,
-            departure=Departure(seen.evidence, limit, seen.noise_evidence, float(np.exp(0.5 * seen.noise_slope))),
-        )
+        smooth = Departure(seen.evidence, limit, seen.noise_evidence, float(np.exp(0.5 * seen.noise_slope)))
+        look = Look(fit.n_runs, fit.n_terms, fit.s, fit.df_residual, lack.df_pe, h=0.1)
+        decision = decide(rule, look, Adequacy(lack.p, departure=smooth))
         (check,) = (check for check in decision.checks if check.name == "lack_of_fit")
         at = optimum(model, region, fit.estimate).point[None, :]
         one, five = (fit.predict(model.matrix(at), replicates=m).prediction for m in (1, 5))

@@ -14,7 +14,7 @@ import pytest
 
 from seqrsm.decide.campaigns import Campaigns, Stage
 from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
-from seqrsm.decide.stopping import StopRule
+from seqrsm.decide.rule import StopRule
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -22,7 +22,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import DesignError
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.rank_one import downdate, linear_gain
-from seqrsm.propose.criteria import average_matrix
+from seqrsm.propose.known import average_matrix
 
 SIGMA = 2.0
 CAMPAIGNS = 800
@@ -66,16 +66,24 @@ def setting(k: int) -> tuple[QuadraticModel, Region, np.ndarray, np.ndarray]:
 
 def run(rule: StopRule, k: int = 3, n: int = CAMPAIGNS, seed: int = 5) -> Rehearsal:
     model, region, start, betas = setting(k)
-    return rehearse(
-        model,
-        region,
-        beta_draws=betas,
-        sigma_draws=np.full(len(betas), SIGMA),
-        rule=rule,
-        start_points=start,
-        n_campaigns=n,
-        seed=seed,
-    )
+    return rehearse(Stage(model, region, start, rule), betas, np.full(len(betas), SIGMA), n, seed)
+
+
+def share_stopped(found: Rehearsal) -> float:
+    """Share of campaigns in which the rule held within the budget."""
+    return float(found.stopped.mean())
+
+
+def runs_needed(found: Rehearsal, probability: float) -> float:
+    """Runs within which the rule held in this share of campaigns; inf where the budget did not suffice."""
+    ended = np.sort(np.where(found.stopped, found.runs.astype(np.float64), np.inf))
+    return float(ended[min(int(np.ceil(probability * len(ended))), len(ended)) - 1])
+
+
+def coverage(found: Rehearsal, of: str) -> tuple[float, float]:
+    """Coverage and its binomial standard error."""
+    share = float(getattr(found, f"covers_{of}").mean())
+    return share, share_se(share, len(found.runs))
 
 
 def near(found: tuple[float, float], expected: float, sd: float = 3.5) -> bool:
@@ -87,26 +95,25 @@ def test_intervals_cover_nominally_at_fixed_n() -> None:
     assert not found.stopped.any()
     assert (found.runs == 36).all()
     for of in ("mean", "new_run", "confirmation"):
-        assert near(found.coverage(of), 0.95), of
+        assert near(coverage(found, of), 0.95), of
     assert found.s_ratio.mean() == pytest.approx(1.0, abs=0.02)
-    assert found.runs_needed(0.5) == np.inf
-    assert np.isnan(found.coverage(stopped_only=True)[0])
+    assert runs_needed(found, 0.5) == np.inf
 
 
 def test_stopping_on_a_narrow_prediction_interval_picks_small_s() -> None:
     hasty = StopRule(half_width=4.4, max_runs=76, runs_per_term=0, min_df_pure_error=0, alpha_lack_of_fit=0, looks=1)
     found = run(hasty)
-    assert 0.88 <= found.share_stopped <= 0.99  # 0.93 in the study
-    assert 20 <= found.runs_needed(0.5) <= 32  # 24
+    assert 0.88 <= share_stopped(found) <= 0.99  # 0.93 in the study
+    assert 20 <= runs_needed(found, 0.5) <= 32  # 24
     assert 0.85 <= found.s_ratio.mean() <= 0.95  # 0.88 to 0.92
-    assert 0.88 <= found.coverage("mean")[0] < 0.95  # 0.915
-    assert near(found.coverage("confirmation"), 0.95)  # exact whatever the rule was
+    assert 0.88 <= coverage(found, "mean")[0] < 0.95  # 0.915
+    assert near(coverage(found, "confirmation"), 0.95)  # exact whatever the rule was
 
 
 def test_three_runs_a_term_restore_the_coverage() -> None:
     guarded = run(StopRule(interval="confidence", half_width=1.0, max_runs=80))
-    assert guarded.share_stopped > 0.95
-    assert near(guarded.coverage("rule"), 0.95)
+    assert share_stopped(guarded) > 0.95
+    assert near(coverage(guarded, "rule"), 0.95)
     assert guarded.covers_rule.tolist() == guarded.covers_mean.tolist()
     assert (guarded.runs[guarded.stopped] >= 30).all()
     assert (guarded.half_width[guarded.stopped] <= 1.0).all()
@@ -116,8 +123,8 @@ def test_three_runs_a_term_restore_the_coverage() -> None:
 @pytest.mark.parametrize("guard", ["confirmation", "anytime"])
 def test_other_guards_cover_at_least_nominally(guard: str) -> None:
     found = run(StopRule(half_width=5.0, max_runs=80, guard=guard))  # type: ignore[arg-type]
-    assert found.coverage("rule")[0] > 0.92
-    assert near(found.coverage("confirmation"), 0.95)
+    assert coverage(found, "rule")[0] > 0.92
+    assert near(coverage(found, "confirmation"), 0.95)
     assert found.runs.max() <= 80 + 5
 
 
@@ -125,38 +132,19 @@ def test_same_seed_same_campaigns_and_progress_ends() -> None:
     model, region, start, betas = setting(3)
     calls: list[tuple[int, int]] = []
     rule = StopRule(half_width=5.0, max_runs=50)
-    common = {"beta_draws": betas, "sigma_draws": np.full(len(betas), SIGMA), "rule": rule, "start_points": start}
-    one = rehearse(model, region, n_campaigns=300, seed=2, progress=lambda a, b: calls.append((a, b)), **common)
-    two = rehearse(model, region, n_campaigns=300, seed=2, **common)
+    common = (Stage(model, region, start, rule), betas, np.full(len(betas), SIGMA))
+    one = rehearse(*common, n_campaigns=300, seed=2, progress=lambda a, b: calls.append((a, b)))
+    two = rehearse(*common, n_campaigns=300, seed=2)
     np.testing.assert_array_equal(one.runs, two.runs)
     np.testing.assert_array_equal(one.half_width, two.half_width)
     assert calls[-1] == (300, 300)
     assert [a for a, _ in calls] == sorted(a for a, _ in calls)
 
 
-def test_cost_and_summary() -> None:
-    model, region, start, betas = setting(3)
-    found = rehearse(
-        model,
-        region,
-        beta_draws=betas,
-        sigma_draws=np.full(len(betas), SIGMA),
-        rule=StopRule(half_width=5.0, max_runs=50),
-        start_points=start,
-        n_campaigns=50,
-        cost_per_run=250.0,
-    )
-    np.testing.assert_array_equal(found.cost, 250.0 * found.runs)
-    text = " ".join(found.summary("percent"))
-    assert "50 campaigns" in text
-    assert "nominal 95 %" in text
-    assert f"{100 * found.coverage()[0]:.1f}" in text
-
-
 def test_minimising_mirrors_maximising() -> None:
     model, region, start, betas = setting(3)
-    common = {"sigma_draws": np.full(len(betas), SIGMA), "rule": StopRule(half_width=5.0, max_runs=50)}
-    found = rehearse(model, region, beta_draws=-betas, start_points=start, n_campaigns=100, goal="minimize", **common)
+    stage = Stage(model, region, start, StopRule(half_width=5.0, max_runs=50), goal="minimize")
+    found = rehearse(stage, -betas, np.full(len(betas), SIGMA), n_campaigns=100)
     assert (found.regret >= 0.0).all()
     assert np.median(found.regret) < 0.3
 
@@ -170,26 +158,17 @@ def test_mixed_factors_and_constraints_run() -> None:
     model, region = QuadraticModel(factors), Region(factors, (Constraint("a * d <= 3"),))
     rng = np.random.default_rng(3)
     betas = rng.normal(size=(20, model.p))
-    found = rehearse(
-        model,
-        region,
-        beta_draws=betas,
-        sigma_draws=np.full(20, 0.3),
-        rule=StopRule(half_width=0.9, max_runs=40),
-        start_points=greedy_start(model, region, model.p + 6),
-        n_campaigns=30,
-    )
-    assert found.n_campaigns == 30
+    stage = Stage(model, region, greedy_start(model, region, model.p + 6), StopRule(half_width=0.9, max_runs=40))
+    found = rehearse(stage, betas, np.full(20, 0.3), n_campaigns=30)
+    assert len(found.runs) == 30
     assert (found.runs <= 40).all()
 
 
 def test_start_that_cannot_estimate_the_model_is_refused() -> None:
-    model, region, start, betas = setting(3)
+    model, region, start, _ = setting(3)
     for bad in (start[:10], np.repeat(start[:1], 20, axis=0)):
         with pytest.raises(DesignError, match="cannot estimate"):
-            rehearse(
-                model, region, beta_draws=betas, sigma_draws=np.ones(len(betas)), rule=StopRule(), start_points=bad
-            )
+            Stage(model, region, bad, StopRule())
 
 
 def test_campaigns_in_step_equal_an_ordinary_fit() -> None:

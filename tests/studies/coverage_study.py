@@ -27,7 +27,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import sequential_surfaces as surfaces
 
 from seqrsm.decide.intervals import confirmation_interval, counted_confirmation
-from seqrsm.decide.stopping import Decision, StopRule, decide
+from seqrsm.decide.rule import StopRule
+from seqrsm.decide.stopping import Adequacy, Before, Decision, Look, decide
 from seqrsm.fit.anova import LackOfFit
 
 CASES = {
@@ -81,21 +82,19 @@ def decision_at(rule: StopRule, found: surfaces.Fitted, n_spent: int, before: bo
     # Draws of a posterior are made only where nothing else keeps the rule from holding.
     if not found.told.student or (found.fit.n_runs >= rule.min_runs(found.model.p) and pure >= rule.min_df_pure_error):
         half = found.half_width(rule.interval, rule.level, rule.replicates)
-    return decide(
-        rule,
+    look = Look(
         n_runs=found.fit.n_runs,
         n_terms=found.model.p,
         s=found.s,
         df_residual=found.fit.df_residual,
         df_pure_error=pure,
-        lack_of_fit_p=lack.p if isinstance(lack, LackOfFit) else None,
         h=found.h,
         half_width=half,
-        held_at_previous_look=before,
-        n_spent=n_spent,
-        departure=found.departure,
         widening=found.widening(half) if np.isfinite(half) else np.inf,
+        n_spent=n_spent,
     )
+    adequacy = Adequacy(lack.p if isinstance(lack, LackOfFit) else None, departure=found.departure)
+    return decide(rule, look, adequacy, Before(before))
 
 
 def campaign(surface: surfaces.Surface, k: int, sigma: float, errors: str, seed: int) -> dict[str, float]:

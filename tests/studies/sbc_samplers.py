@@ -21,7 +21,7 @@ from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
-from seqrsm.fit.ensemble import WeakPrior, sample_model, sample_posterior
+from seqrsm.fit.ensemble import Effort, WeakPrior, sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 
@@ -32,7 +32,7 @@ Z = np.column_stack([np.ones(12), X])
 SD = np.full(2, 2.0)
 PRIOR = CoefficientPrior(np.zeros(2), SD)
 DAY = np.arange(12) // 3
-LIGHT = {"min_ess": 400, "walkers": 32, "ensembles": 2, "max_seconds": 20.0}
+LIGHT = Effort(min_ess=400, walkers=32, ensembles=2, max_seconds=20.0)
 
 
 def half_normal(rng: np.random.Generator) -> float:
@@ -42,7 +42,7 @@ def half_normal(rng: np.random.Generator) -> float:
 def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma = SD * rng.normal(size=2), half_normal(rng)
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
-    found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, **LIGHT)
+    found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, effort=LIGHT)
     return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
 
 
@@ -52,14 +52,14 @@ def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]
     p = rng.beta(np.maximum(share * phi, 1e-12), np.maximum((1.0 - share) * phi, 1e-12))
     correct = rng.binomial(40, p).astype(float)
     model = beta_binomial_model(Z, correct, np.full(12, 40.0), PRIOR)
-    return np.array([*beta, correlation]), sample_model(model, seed=seed, **LIGHT).draws
+    return np.array([*beta, correlation]), sample_model(model, seed=seed, effort=LIGHT).draws
 
 
 def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
     beta, sigma = np.array([float(rng.normal()) * 2.0, 2.0 * half_normal(rng)]), half_normal(rng)
     y = Z @ beta + sigma * rng.normal(size=12)
     bounds = LinearBounds(np.eye(2)[1:], np.zeros(1), np.full(1, np.inf))
-    found = sample_posterior(Z, y, prior=WeakPrior(np.zeros(2), SD, 1.0), bounds=bounds, seed=seed, **LIGHT)
+    found = sample_posterior(Z, y, prior=WeakPrior(np.zeros(2), SD, 1.0), bounds=bounds, seed=seed, effort=LIGHT)
     return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
 
 
@@ -78,7 +78,7 @@ def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarra
     prior = elicited_prior(model, region, UtilityRange(60.0, 95.0), optima=[OptimumNear("frequency", 5.0)])
     beta, sigma = ancestral(prior, rng)
     X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
-    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, **LIGHT)
+    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, effort=LIGHT)
     keep = np.linspace(0, len(found.sigma) - 1, 1000).astype(int)
     places, values = optimum_draws(model, region, found.beta[keep])
     (place,), (value,) = optimum_draws(model, region, beta[None, :])

@@ -29,7 +29,8 @@ from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.robust import student_weights
 from seqrsm.fit.weights import expected_shares
-from seqrsm.propose.batch import propose_batch
+from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.known import Evidence, Sought
 
 Surface = Callable[[FloatArray], FloatArray]
 
@@ -272,27 +273,18 @@ def next_points(
     model, region, _ = stage(k)
     box = state.box if state.target is None else state.target
     done = box.local(X[box.contains(X)])
+    evidence, plan = Evidence(model.matrix(done), done), plan_of("optimum")
     if state.target is None:
         fit = found.fit
         df = fit.df_residual
         sigma = fit.s * np.sqrt(df / rng.chisquare(df, size=(64, 1)))
         draws = fit.estimate + sigma * (rng.standard_normal((64, model.p)) @ fit.factor.T)
-        options = {
-            "x_hat": found.quadratic,
-            "target_points": optimum_draws(model, region, draws)[0],
-            "df_pure_error": pure_error(found),
-        }
+        evidence = replace(evidence, df_pure_error=pure_error(found))
+        sought = Sought(found.quadratic, optimum_draws(model, region, draws)[0])
     else:
-        options = {
-            "x_hat": np.zeros(k),
-            "target_points": np.zeros((1, k)),
-            "df_pure_error": 99,
-            "criterion": "D",
-            "prior_precision": 0.05 * np.eye(model.p),
-        }
-    batch = propose_batch(
-        model, region, Z_done=model.matrix(done), points_done=done, n=n, seed=seed, n_candidates=700, **options
-    )
+        evidence = replace(evidence, df_pure_error=99, prior_precision=0.05 * np.eye(model.p))
+        sought, plan = Sought(np.zeros(k), np.zeros((1, k))), plan_of("D")
+    batch = propose_batch(model, region, evidence, sought, n, plan, seed=seed, n_candidates=700)
     return np.array([box.outwards(proposal.point) for proposal in batch])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,10 @@ from seqrsm.fit.rank_one import (
     linear_gain,
     optimum_targets,
 )
-from seqrsm.propose.batch import propose_batch
-from seqrsm.propose.criteria import average_matrix, unscaled_covariance
+from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.candidates import Search, Source
+from seqrsm.propose.criteria import Proposal
+from seqrsm.propose.known import Evidence, Sought, average_matrix, unscaled_covariance
 
 RNG_SEED = 11
 
@@ -48,6 +51,25 @@ def campaign(k: int = 3, n: int = 18) -> dict:
         "points_done": points,
         "df_pure_error": len(points) - len(np.unique(points, axis=0)),
     }
+
+
+def propose(
+    model: QuadraticModel,
+    region: Region,
+    *,
+    n: int,
+    criterion: str = "optimum",
+    spread_share: float = 0.25,
+    min_df_pure_error: int = 4,
+    **given: Any,
+) -> tuple[Proposal, ...]:
+    """A batch by one criterion, its facts by name."""
+    facts = {name: given.pop(name) for name in ("prior_precision", "df_pure_error") if name in given}
+    evidence = Evidence(given.pop("Z_done"), given.pop("points_done"), **facts)
+    sought = Sought(given.pop("x_hat"), given.pop("target_points"))
+    source = Source(**{name: given.pop(name) for name in ("rows", "cost") if name in given})
+    plan = plan_of(criterion, spread_share, min_df_pure_error)
+    return propose_batch(model, region, evidence, sought, n, plan, source=source, **given)
 
 
 def covariance(Z: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -105,7 +127,7 @@ def test_first_proposal_beats_every_point_of_a_grid() -> None:
     W = sum(optimum_targets(model.matrix(data["x_hat"][None, :])[0], model.matrix(data["target_points"])))
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 21)] * 3), -1).reshape(-1, 3)
     best = linear_gain(C, W, model.matrix(grid)).max()
-    first = propose_batch(**data, n=1, spread_share=0.0)[0]
+    first = propose(**data, n=1, spread_share=0.0)[0]
     assert first.gain >= 0.999 * best
     assert linear_gain(C, W, model.matrix(first.point[None, :]))[0] == pytest.approx(first.gain, rel=1e-10)
 
@@ -113,8 +135,8 @@ def test_first_proposal_beats_every_point_of_a_grid() -> None:
 def test_stated_narrowing_is_the_true_one() -> None:
     data = campaign(3)
     model = data["model"]
-    proposals = [p for p in propose_batch(**data, n=8) if "prediction interval" in p.why]
-    first = propose_batch(**data, n=1, spread_share=0.0)[0]
+    proposals = [p for p in propose(**data, n=8) if "prediction interval" in p.why]
+    first = propose(**data, n=1, spread_share=0.0)[0]
     assert proposals
     if first.purpose == "optimum":
         z = model.matrix(data["x_hat"][None, :])[0]
@@ -128,7 +150,7 @@ def test_stated_narrowing_is_the_true_one() -> None:
 def test_one_run_in_four_is_kept_for_repeats_then_for_spread() -> None:
     data = campaign(3)
     data["df_pure_error"] = 0
-    purposes = [p.purpose for p in propose_batch(**data, n=40)]
+    purposes = [p.purpose for p in propose(**data, n=40)]
     kept = [p for p in purposes if p in ("repeat", "spread")]
     assert len(kept) == 10
     first_spread = kept.index("spread")
@@ -140,7 +162,7 @@ def test_share_is_kept_for_single_proposals_too() -> None:
     data = campaign(2)
     found = []
     for _ in range(12):
-        proposal = propose_batch(**data, n=1)[0]
+        proposal = propose(**data, n=1)[0]
         found.append(proposal.purpose)
         data["Z_done"] = np.vstack([data["Z_done"], data["model"].matrix(proposal.point[None, :])])
         data["points_done"] = np.vstack([data["points_done"], proposal.point])
@@ -151,6 +173,31 @@ def test_share_is_kept_for_single_proposals_too() -> None:
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.25, 25), (1 / 3, 33), (1.0, 100)])
 def test_reserved_runs_are_the_share(share: float, expected: int) -> None:
     assert sum(is_reserved_run(i, share) for i in range(100)) == expected
+
+
+@pytest.mark.parametrize(
+    "shares", [(0.25, 0.75), (1 / 3, 1 / 3, 1 / 3), (0.25, 0.5, 0.25), (0.0, 1.0), (1.0, 0.0, 0.0)]
+)
+def test_criteria_of_a_plan_have_their_shares_of_a_campaign(shares: tuple[float, ...]) -> None:
+    """After any number of runs, whatever the size of its batches: the next run's criterion depends on nothing else."""
+
+    class Counted:
+        def __init__(self, name: int) -> None:
+            self.name = name
+
+        def propose(self, search: Search) -> Proposal:
+            return Proposal(search.candidates.points[0], str(self.name), 0.0, "", True)
+
+    data = campaign(2)
+    plan = [(lambda known, n, name=name: Counted(name), share) for name, share in enumerate(shares)]
+    sought = Sought(data["x_hat"], data["target_points"])
+    turns = []
+    for before, n in ((0, 90), (90, 1), (91, 29)):
+        evidence = Evidence(np.zeros((before, data["model"].p)))
+        batch = propose_batch(data["model"], data["region"], evidence, sought, n, plan, n_candidates=10)
+        turns += [int(proposal.purpose) for proposal in batch]
+    counts = np.array([np.cumsum(np.array(turns) == place) for place in range(len(shares))])
+    assert np.all(np.abs(counts - np.outer(shares, np.arange(1, 121))) <= 1.0 + 1e-9)
 
 
 def mixed_campaign() -> dict:
@@ -183,7 +230,7 @@ def test_repeats_are_exact_copies_of_executed_settings(make: Callable[[], dict],
     data = make() | {"df_pure_error": 0}
     executed = [tuple(point) for point in data["points_done"]]
     purposes = []
-    for proposal in propose_batch(**data, n=12, criterion=criterion, min_df_pure_error=40, n_candidates=500):
+    for proposal in propose(**data, n=12, criterion=criterion, min_df_pure_error=40, n_candidates=500):
         point = tuple(proposal.point)
         purposes.append(proposal.purpose)
         if proposal.purpose == "repeat":
@@ -201,7 +248,7 @@ def test_settings_executed_that_are_the_best_again_are_a_repeat() -> None:
     model, region = QuadraticModel(factors), Region(factors)
     points = region.candidates(3)
     centre = np.zeros((1, 2))
-    (found,) = propose_batch(
+    (found,) = propose(
         model, region, Z_done=model.matrix(points), points_done=points, x_hat=centre[0], target_points=centre, n=1,
         criterion="D", spread_share=0.0,
     )  # fmt: skip
@@ -212,29 +259,29 @@ def test_settings_executed_that_are_the_best_again_are_a_repeat() -> None:
 
 def test_pending_runs_count_like_scored_ones() -> None:
     data = campaign(3)
-    both = propose_batch(**data, n=2, spread_share=0.0, seed=4)
+    both = propose(**data, n=2, spread_share=0.0, seed=4)
     again = dict(data)
     again["Z_done"] = np.vstack([data["Z_done"], data["model"].matrix(both[0].point[None, :])])
     again["points_done"] = np.vstack([data["points_done"], both[0].point])
-    second = propose_batch(**again, n=1, spread_share=0.0, seed=4)[0]
+    second = propose(**again, n=1, spread_share=0.0, seed=4)[0]
     # the same criterion value, from another draw of the cloud
     assert second.gain == pytest.approx(both[1].gain, rel=0.01)
-    ignored = propose_batch(**data, n=1, spread_share=0.0, seed=4)[0]
+    ignored = propose(**data, n=1, spread_share=0.0, seed=4)[0]
     assert ignored.gain > 1.05 * second.gain
 
 
 def test_batch_does_not_pile_up() -> None:
     data = campaign(4, 30)
-    points = np.array([p.point for p in propose_batch(**data, n=8, spread_share=0.0)])
+    points = np.array([p.point for p in propose(**data, n=8, spread_share=0.0)])
     assert len(np.unique(points, axis=0)) >= 4
 
 
 def test_cost_divides_the_gain() -> None:
     data = campaign(2)
-    dear = propose_batch(**data, n=6, spread_share=0.0, cost=lambda x: np.where(x[:, 0] > 0.0, 1000.0, 1.0))
+    dear = propose(**data, n=6, spread_share=0.0, cost=lambda x: np.where(x[:, 0] > 0.0, 1000.0, 1.0))
     assert all(p.point[0] <= 0.0 for p in dear)
-    same = propose_batch(**data, n=1, spread_share=0.0)[0]
-    half = propose_batch(**data, n=1, spread_share=0.0, cost=lambda x: np.full(len(x), 2.0))[0]
+    same = propose(**data, n=1, spread_share=0.0)[0]
+    half = propose(**data, n=1, spread_share=0.0, cost=lambda x: np.full(len(x), 2.0))[0]
     assert half.gain == pytest.approx(0.5 * same.gain)
 
 
@@ -243,7 +290,7 @@ def test_cost_divides_the_gain() -> None:
 )
 def test_criteria_by_name(criterion: str, purpose: str) -> None:
     data = campaign(3)
-    found = propose_batch(**data, n=3, criterion=criterion, spread_share=0.0)
+    found = propose(**data, n=3, criterion=criterion, spread_share=0.0)
     assert {p.purpose for p in found} <= {purpose, "regret"} if criterion == "optimum" else {purpose}
     assert all(p.why for p in found)
 
@@ -253,7 +300,7 @@ def test_d_criterion_takes_the_least_known_point() -> None:
     C = covariance(data["Z_done"], np.ones(len(data["Z_done"])))
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), -1).reshape(-1, 2)
     Z = data["model"].matrix(grid)
-    first = propose_batch(**data, n=1, criterion="D", spread_share=0.0)[0]
+    first = propose(**data, n=1, criterion="D", spread_share=0.0)[0]
     assert first.gain >= information_gain(C, Z).max() * 0.999
 
 
@@ -264,23 +311,23 @@ def test_i_criterion_lowers_the_average_variance_most() -> None:
     Z = data["model"].matrix(grid)
     U = data["model"].matrix(np.random.default_rng(0).uniform(-1, 1, (4000, 2)))
     W = U.T @ U / len(U)
-    first = propose_batch(**data, n=1, criterion="I", spread_share=0.0)[0]
+    first = propose(**data, n=1, criterion="I", spread_share=0.0)[0]
     mine = linear_gain(C, W, data["model"].matrix(first.point[None, :]))[0]
     assert mine >= 0.99 * linear_gain(C, W, Z).max()
 
 
 def test_unknown_criterion_is_refused() -> None:
     with pytest.raises(DesignError, match="unknown criterion"):
-        propose_batch(**campaign(2), n=1, criterion="Q")
+        propose(**campaign(2), n=1, criterion="Q")
 
 
 def test_nothing_is_proposed_for_no_runs() -> None:
-    assert propose_batch(**campaign(2), n=0) == ()
+    assert propose(**campaign(2), n=0) == ()
 
 
 def test_same_seed_same_proposals() -> None:
     data = campaign(4, 30)
-    one, two = propose_batch(**data, n=5, seed=9), propose_batch(**data, n=5, seed=9)
+    one, two = propose(**data, n=5, seed=9), propose(**data, n=5, seed=9)
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.point, b.point)
         assert (a.purpose, a.gain, a.why) == (b.purpose, b.gain, b.why)
@@ -297,7 +344,7 @@ def test_proposals_are_feasible_on_levels_and_within_constraints() -> None:
     rng = np.random.default_rng(5)
     points = region.sample(24, rng)
     targets, _ = optimum_draws(model, region, rng.normal(size=(40, model.p)))
-    found = propose_batch(
+    found = propose(
         model,
         region,
         Z_done=model.matrix(points),
@@ -313,9 +360,9 @@ def test_blocks_are_nuisance_columns() -> None:
     data = campaign(2, 16)
     n = len(data["Z_done"])
     block = np.where(np.arange(n) < n // 2, 1.0, -1.0)[:, None]
-    plain = propose_batch(**data, n=1, spread_share=0.0)[0]
+    plain = propose(**data, n=1, spread_share=0.0)[0]
     data["Z_done"] = np.hstack([data["Z_done"], block])
-    blocked = propose_batch(**data, n=1, spread_share=0.0)[0]
+    blocked = propose(**data, n=1, spread_share=0.0)[0]
     assert blocked.gain > 0.0
     assert blocked.gain != plain.gain
 
@@ -325,7 +372,7 @@ def test_too_few_runs_lean_on_a_weak_prior() -> None:
     for key in ("Z_done", "points_done"):
         data[key] = data[key][:4]
     data["df_pure_error"] = 0
-    found = propose_batch(**data, n=12)
+    found = propose(**data, n=12)
     Z = np.vstack([data["Z_done"], data["model"].matrix(np.array([p.point for p in found]))])
     assert np.linalg.matrix_rank(Z) == data["model"].p
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, None), 100.0 * np.eye(3))
@@ -368,7 +415,7 @@ def test_a_tie_tells_most_of_the_new_days_effect() -> None:
     def new_day(at: np.ndarray) -> np.ndarray:
         return np.hstack([model.matrix(at), np.ones((len(at), 1))])
 
-    chosen = propose_batch(
+    chosen = propose(
         model, region, Z_done=Z, points_done=points, x_hat=np.zeros(2), target_points=np.zeros((1, 2)), n=4, ties=1,
         prior_precision=precision, rows=new_day,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from seqrsm.decide.forecast import target_problem
 from seqrsm.decide.intervals import (
     anytime_half_width,
     anytime_radius,
@@ -17,8 +18,8 @@ from seqrsm.decide.intervals import (
     noise_floor,
     t_quantile,
 )
-from seqrsm.decide.rule import rule_half_width, spending_level
-from seqrsm.decide.stopping import Decision, Departure, StopRule, decide, target_problem
+from seqrsm.decide.rule import StopRule, rule_half_width, spending_level
+from seqrsm.decide.stopping import Adequacy, Before, Decision, Departure, Look, decide
 from seqrsm.errors import FitError, SpecError
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -34,8 +35,20 @@ GOOD: dict[str, Any] = {
 }
 
 
+ADEQUACY = {
+    "lack_of_fit_p": "p",
+    "lack_of_fit_reason": "reason",
+    "departure": "departure",
+    "saturated": "saturated",
+}
+
+
 def look(rule: StopRule = RULE, **changes: Any) -> Decision:
-    return decide(rule, **{**GOOD, **changes})
+    facts = {**GOOD, **changes}
+    adequacy = {of: facts.pop(key) for key, of in ADEQUACY.items() if key in facts}
+    before = Before(facts.pop("held_at_previous_look", False), facts.pop("n_before", 0))
+    confirmation, unit = facts.pop("confirmation", None), facts.pop("unit", "")
+    return decide(rule, Look(**facts), Adequacy(**adequacy), before, confirmation, unit)
 
 
 def holds(decision: Decision) -> dict[str, bool | None]:
@@ -303,7 +316,7 @@ def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
     numbers = {"n_runs": 40, "n_terms": 6, "s": 1.0, "df_residual": 34, "df_pure_error": 6, "h": 0.1}
 
     def check(p: float | None, evidence: float, noise: float = 0.0):
-        decision = decide(rule, **numbers, lack_of_fit_p=p, departure=Departure(evidence, 3.5, noise, 2.0))
+        decision = decide(rule, Look(**numbers), Adequacy(p, departure=Departure(evidence, 3.5, noise, 2.0)))
         (found,) = (c for c in decision.checks if c.name == "lack_of_fit")
         return found, decision.held
 

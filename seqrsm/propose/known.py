@@ -1,0 +1,199 @@
+"""What is known before the next run: of the coefficients, and of the optimum that is sought."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.moments import region_moments
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.rank_one import downdate, optimum_targets
+
+if TYPE_CHECKING:
+    from seqrsm.fit.optimum import Goal  # it would load scipy, which reading a specification does without
+
+Rows = Callable[[FloatArray], FloatArray]
+"""Model rows (n, p) of coded points (n, k)."""
+
+_WEAK_PRECISION = 1e-2
+_MAX_TARGETS = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Runs made and pending, and what was known before them.
+
+    Attributes
+    ----------
+    rows : ndarray (r, p) or (r, p + e)
+        Model rows of all scored and pending runs; e further columns (blocks) are nuisance and zero for new runs.
+    points : ndarray (r, k), optional
+        Coded settings of these runs, which repeats are chosen from.
+    weights : ndarray (r,), optional
+        Relative weights of these runs; 1 by default.
+    prior_precision : ndarray (p, p) or (p + e, p + e), optional
+        Added to Z'WZ, in units of 1/sigma squared. Where runs and prior together leave a coefficient undetermined,
+        0.01 (coefficients within 10 sigma) is added.
+    df_pure_error : int
+        Degrees of freedom of pure error, with those that pending repeats will bring.
+    barred : ndarray (b, k), optional
+        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
+        leaves nothing.
+    """
+
+    rows: FloatArray
+    points: FloatArray | None = None
+    weights: FloatArray | None = None
+    prior_precision: FloatArray | None = None
+    df_pure_error: int = 0
+    barred: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sought:
+    """The optimum that is sought, as far as it is known.
+
+    Attributes
+    ----------
+    x_hat : ndarray (k,)
+        Estimated optimum, coded.
+    points : ndarray (m, k)
+        Optima of posterior draws, coded; 64 or more are advised.
+    rows : callable, optional
+        Model rows of the runs that the campaign is about, where these are not simply those of the model: a simulated
+        run has no discrepancy, the flights that it is to predict have.
+    beta : ndarray (p,), optional
+        Coefficients of the fitted surface, for steepest ascent.
+    goal : "maximize" or "minimize"
+        For the same.
+    """
+
+    x_hat: FloatArray
+    points: FloatArray
+    rows: Rows | None = None
+    beta: FloatArray | None = None
+    goal: Goal = "maximize"
+
+
+class Known:
+    """The unscaled covariance of the coefficients, which falls with every run taken, and the contrasts that matter.
+
+    Attributes
+    ----------
+    C : ndarray (p, p)
+        Unscaled covariance, of nuisance columns too.
+    weight : float
+        Relative weight of a new run.
+    x_hat, targets : ndarray (k,), (m, k)
+        Where the optimum is, as estimated and by at most 128 posterior draws.
+    value, regret : ndarray (p, p)
+        See :func:`seqrsm.fit.rank_one.optimum_targets`.
+    df_pure_error : int
+        With the repeats taken.
+    """
+
+    def __init__(
+        self, model: QuadraticModel, region: Region, evidence: Evidence, sought: Sought, weight: float = 1.0
+    ) -> None:
+        self.model, self.region, self.sought, self.weight = model, region, sought, weight
+        self.C = unscaled_covariance(evidence.rows, evidence.weights, evidence.prior_precision)
+        self.df_pure_error = evidence.df_pure_error
+        self.x_hat = np.asarray(sought.x_hat, dtype=np.float64)
+        points = np.atleast_2d(np.asarray(sought.points, dtype=np.float64))
+        self.targets = points[:: max(1, -(-len(points) // _MAX_TARGETS))]
+        rows = model.matrix if sought.rows is None else sought.rows
+        self._z_hat = self.padded(rows(self.x_hat[None, :]))[0]
+        self.value, self.regret = optimum_targets(self._z_hat, self.padded(rows(self.targets)))
+
+    def padded(self, rows: FloatArray) -> FloatArray:
+        """Model rows, with zeros for nuisance columns."""
+        extra = len(self.C) - rows.shape[1]
+        return np.hstack([rows, np.zeros((len(rows), extra))]) if extra else rows
+
+    @property
+    def average(self) -> FloatArray:
+        """W of the I criterion, (p, p)."""
+        W = np.zeros_like(self.C)
+        p = self.model.p
+        W[:p, :p] = average_matrix(self.model, self.region)
+        return W
+
+    def standard_error(self, row: FloatArray) -> float:
+        """Of the mean at a model row, in units of sigma."""
+        return float(np.sqrt(row @ self.C @ row))
+
+    def narrowing(self, row: FloatArray) -> str:
+        """What a run at this row does to the two intervals at the estimated optimum."""
+        h = float(self._z_hat @ self.C @ self._z_hat)
+        C = downdate(self.C, row, self.weight)
+        h_new = max(float(self._z_hat @ C @ self._z_hat), 0.0)
+        prediction = 1.0 - np.sqrt((1.0 / self.weight + h_new) / (1.0 / self.weight + h))
+        confidence = 1.0 - np.sqrt(h_new / h) if h > 0.0 else 0.0
+        return (
+            f"narrows the prediction interval at the optimum by {percent(prediction)}, the confidence interval of the "
+            f"mean by {percent(confidence)}"
+        )
+
+    def take(self, row: FloatArray, repeats: bool) -> None:
+        """Count a run at this row as made."""
+        self.C = downdate(self.C, row, self.weight)
+        self.df_pure_error += repeats
+
+
+def percent(share: float) -> str:
+    """A share in percent, two digits."""
+    return f"{100.0 * share:.2g} %"
+
+
+@lru_cache(maxsize=8)
+def average_matrix(model: QuadraticModel, region: Region) -> FloatArray:
+    """Mean of ``zz'`` over the region: W of the I criterion, kept for the next call.
+
+    Parameters
+    ----------
+    model, region : QuadraticModel, Region
+
+    Returns
+    -------
+    ndarray (p, p)
+        Read-only.
+    """
+    W = region_moments(model, region)
+    W.setflags(write=False)
+    return W
+
+
+def unscaled_covariance(Z: FloatArray, weights: FloatArray | None, prior: FloatArray | None) -> FloatArray:
+    """``(Z'WZ + prior)^-1``, with a weak prior where these do not determine all coefficients.
+
+    Parameters
+    ----------
+    Z : ndarray (n, p)
+        Rows of scored and pending runs.
+    weights : ndarray (n,), optional
+        Relative weights, > 0.
+    prior : ndarray (q, q), optional
+        Precision of the first q <= p coefficients, in units of 1/sigma squared.
+
+    Returns
+    -------
+    ndarray (p, p)
+        Symmetric. Where the runs and the prior are not enough, 0.01 was added: coefficients within 10 sigma.
+    """
+    Z = np.asarray(Z, dtype=np.float64)
+    root = np.ones(len(Z)) if weights is None else np.sqrt(np.asarray(weights, dtype=np.float64))
+    X = Z * root[:, None]
+    M = X.T @ X
+    if prior is not None:
+        M[: len(prior), : len(prior)] += prior
+    scale = np.sqrt(np.maximum(np.diag(M), 1e-300))
+    if float(np.linalg.eigvalsh(M / np.outer(scale, scale))[0]) < 1e-10:
+        M = M + _WEAK_PRECISION * np.eye(len(M))
+    C = np.linalg.inv(M)
+    return np.asarray(0.5 * (C + C.T))
