@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from seqrsm.errors import Problem, UserError
-from seqrsm.simulate.runner import Lost
+from seqrsm.simulate.lost import Lost
 
 A = TypeVar("A")
 R = TypeVar("R")
@@ -134,8 +134,6 @@ def _send_files(client: Any, files: Collection[str]) -> None:
             self.contents = contents
 
         def setup(self, worker: Any) -> None:
-            from seqrsm.simulate.cluster import keep_files
-
             keep_files(Path(worker.local_directory), self.contents)
 
     if not client.run_on_scheduler(lambda dask_scheduler: name in dask_scheduler.worker_plugins):

@@ -22,7 +22,8 @@ from seqrsm.campaign.store import Store
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.simulate import cluster as cluster_module
-from seqrsm.simulate.runner import Lost, run_many
+from seqrsm.simulate.lost import Lost
+from seqrsm.simulate.runner import run_many
 
 pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 # The client's background tasks outlive a scheduler that was killed; what they say then is no fault of ours.

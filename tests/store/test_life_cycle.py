@@ -16,7 +16,7 @@ from seqrsm.campaign.schema import RUNS
 from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.campaign.store import Store
 from seqrsm.simulate import runner
-from seqrsm.simulate.runner import Lost
+from seqrsm.simulate.lost import Lost
 
 RUN = NewRun({"x": 1.0})
 
