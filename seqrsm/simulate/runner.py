@@ -61,7 +61,7 @@ def run_many(
     ValueError
         `workers` is below 1.
     UserError
-        The cluster cannot be reached, is lost, or its client library is not installed.
+        The cluster cannot be reached, is lost or stands still, or its client library is not installed.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
