@@ -241,7 +241,8 @@ class Campaign:
     ) -> list[RunRecord]:
         """Simulate runs that this process holds; those that failed through no fault of theirs are to be tried again."""
         from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
-        from seqrsm.simulate.runner import Lost, run_many
+        from seqrsm.simulate.lost import Lost
+        from seqrsm.simulate.runner import run_many
 
         again: list[RunRecord] = []
         if not claimed:

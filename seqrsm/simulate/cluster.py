@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any, TypeVar
 
 from seqrsm.errors import Problem, UserError
-from seqrsm.simulate.runner import Lost
+from seqrsm.simulate.lost import Lost
 
 A = TypeVar("A")
 R = TypeVar("R")
 
 CONNECT_S = 30
 """How long a scheduler may take to answer [s], at the beginning and when the connection broke."""
+
+PATIENCE_S = 300
+"""After how long without a result the scheduler is asked whether any worker is at work [s]."""
+
+MAX_STANDSTILLS = 3
+"""How often in a row, without a result between, a cluster may stand still; each time what is missing is sent again."""
+
+POLL_S = 0.05
+"""How often futures are looked at [s]."""
 
 _PLACES: dict[str, str] = {}
 """On a worker: where the files lie that were sent, by their paths on the sender's machine."""
@@ -44,6 +54,7 @@ def run_on_cluster(
 
     A run whose worker died is tried again there as often as the scheduler allows (``allowed-failures``, 3 by default),
     and then once more in the same way after all others, alone: what kills its workers is told from what ran beside it.
+    Runs may take as long as they like, but a cluster that stands still is given up.
     """
     try:
         from distributed import Client
@@ -81,30 +92,72 @@ def _run_all(
 ) -> Generator[tuple[int, R], None, dict[int, str]]:
     """Yield results as they complete; return the indices whose workers died again and again, each with the reason.
 
-    A connection that is lost cancels every future: `CancelledError`.
+    A connection that is lost cancels every future: `CancelledError`. A cluster that stands still is given up after
+    `MAX_STANDSTILLS`: `UserError`.
     """
-    from distributed import KilledWorker, as_completed
-
+    missing = dict(arguments)
     killed: dict[int, str] = {}
+    standstills = 0
+    while missing:
+        before = len(missing)
+        yield from _run_until_still(client, function, missing, killed)
+        standstills = standstills + 1 if len(missing) == before else 0
+        if standstills == MAX_STANDSTILLS:
+            text = "the cluster stands still: runs wait, and no worker does anything"
+            remedy = "Start workers, or look at the scheduler's log; finished runs are kept"
+            raise UserError(Problem(text, remedy, field="cluster", value=client.scheduler.address))
+    return killed
+
+
+def _run_until_still(
+    client: Any, function: Callable[[A], R], missing: dict[int, A], killed: dict[int, str]
+) -> Iterator[tuple[int, R]]:
+    """Run what is missing and take out what is done, until all is done or no worker has anything to do.
+
+    A run may take as long as it likes. What is lost with its worker the scheduler makes again, if it has another: one
+    whose workers do not come back (a `LocalCluster` gives up those that stay away for 15 s) would wait for ever.
+    """
+    from distributed import KilledWorker
+
     # pure=False: equal arguments are runs of their own, never looked up in the cluster's memory.
-    futures = {client.submit(function, argument, pure=False): index for index, argument in arguments.items()}
-    finished = as_completed(futures, loop=client.loop)
+    futures = {index: client.submit(function, argument, pure=False) for index, argument in missing.items()}
+    quiet_since = time.monotonic()
     try:
-        for future in finished:
-            if future.status == "lost":  # its worker died before the result was fetched: it is being done again
-                finished.add(future)
-                continue
-            try:
-                result: R = future.result()
-            except KilledWorker as error:
-                killed[futures[future]] = f"the workers that ran it died: {error}"
+        while futures:
+            before = len(futures)
+            for index in list(futures):
+                # Looked at anew each time: "finished" becomes "lost", and "finished" again, as workers die.
+                if futures[index].status not in ("finished", "error", "cancelled"):
+                    continue
+                try:
+                    result: R = futures[index].result(timeout=CONNECT_S)
+                except KilledWorker as error:
+                    killed[index] = f"the workers that ran it died: {error}"
+                    del futures[index], missing[index]
+                except TimeoutError:
+                    if futures[index].status == "error":  # the run's own; else its worker died before it was fetched
+                        raise
+                else:
+                    del futures[index], missing[index]  # let go of: the scheduler need not make it again
+                    yield index, result
+            if len(futures) < before:
+                quiet_since = time.monotonic()
+            elif time.monotonic() - quiet_since < PATIENCE_S:
+                time.sleep(POLL_S)
+            elif _is_at_work(client):
+                quiet_since = time.monotonic()
             else:
-                yield futures[future], result
+                return
     finally:
-        for future in futures:
+        for future in futures.values():
             if not future.done():
                 future.cancel()
-    return killed
+
+
+def _is_at_work(client: Any) -> bool:
+    """Whether any worker has something to do, whoever sent it; `TimeoutError` if the scheduler does not answer."""
+    tasks = client.sync(client.scheduler.processing, workers=None, callback_timeout=CONNECT_S)
+    return any(tasks.values())
 
 
 def _has_worker(client: Any) -> bool:
@@ -134,8 +187,6 @@ def _send_files(client: Any, files: Collection[str]) -> None:
             self.contents = contents
 
         def setup(self, worker: Any) -> None:
-            from seqrsm.simulate.cluster import keep_files
-
             keep_files(Path(worker.local_directory), self.contents)
 
     if not client.run_on_scheduler(lambda dask_scheduler: name in dask_scheduler.worker_plugins):

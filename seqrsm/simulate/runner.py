@@ -8,21 +8,16 @@ import os
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from typing import TypeVar
+
+from seqrsm.simulate.cluster import run_on_cluster
+from seqrsm.simulate.lost import Lost
 
 A = TypeVar("A")
 R = TypeVar("R")
 
 MAX_TRIES = 3
 """How often a run whose process died is tried again, alone, before it is given up."""
-
-
-@dataclass(frozen=True, slots=True)
-class Lost:
-    """Takes the place of a result: the processes that ran this argument died, again and again."""
-
-    reason: str
 
 
 def run_many(
@@ -66,14 +61,12 @@ def run_many(
     ValueError
         `workers` is below 1.
     UserError
-        The cluster cannot be reached, is lost, or its client library is not installed.
+        The cluster cannot be reached, is lost or stands still, or its client library is not installed.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
     results: Iterator[tuple[int, R | Lost]]
     if cluster is not None:
-        from seqrsm.simulate.cluster import run_on_cluster
-
         results = run_on_cluster(function, arguments, cluster, files)
     elif workers == 1 or len(arguments) <= 1:
         results = ((index, function(argument)) for index, argument in enumerate(arguments))

@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from seqrsm.rng import generator
 from seqrsm.simulate.cluster import local_file
@@ -54,6 +55,35 @@ def die_when_done(argument: tuple[str, int]) -> int:
         if not Path(path).exists():
             threading.Thread(target=die).start()
     return 10 * x
+
+
+def wait_for(argument: tuple[str, int]) -> int:
+    """Run 1 ends when the file is there."""
+    path, x = argument
+    deadline = time.monotonic() + 300
+    while x == 1 and not Path(path).exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return 10 * x
+
+
+def doze(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def time_out(x: int) -> None:
+    raise TimeoutError(x)
+
+
+def tasks(dask_scheduler: Any) -> list[str]:
+    """On the scheduler: what it keeps or has under way."""
+    return list(dask_scheduler.tasks)
+
+
+def forget(dask_scheduler: Any) -> None:
+    """On the scheduler: forget all tasks, and say so to nobody."""
+    for name, client in list(dask_scheduler.clients.items()):
+        dask_scheduler.client_releases_keys([task.key for task in client.wants_what], name)
 
 
 def read_and_tell(argument: tuple[str, int]) -> tuple[str, int, str, float]:

@@ -78,6 +78,7 @@ def test_a_full_disk(folder, spare):
         capture_output=True,
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+        timeout=300,
         check=False,
     )
     assert child.returncode == 2, child.stderr
@@ -100,6 +101,7 @@ def test_files_that_cannot_be_written_leave_the_old_ones(folder, command):
         capture_output=True,
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
+        timeout=300,
         check=False,
     )
     assert child.returncode == 2, child.stderr
@@ -198,6 +200,7 @@ def test_a_migration_is_preceded_by_a_copy_that_must_fit_on_the_disk(folder):
         capture_output=True,
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (16384, 16384)),
+        timeout=300,
         check=False,
     )
     assert child.returncode == 2, child.stderr

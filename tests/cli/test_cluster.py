@@ -21,10 +21,11 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.simulate import cluster as cluster_module
-from seqrsm.simulate.runner import Lost, run_many
+from seqrsm.simulate.lost import Lost
+from seqrsm.simulate.runner import run_many
 from seqrsm.store.store import Store
 
-pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 # The client's background tasks outlive a scheduler that was killed; what they say then is no fault of ours.
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -33,21 +34,22 @@ import sys
 import dask
 from distributed import LocalCluster
 if __name__ == "__main__":
-    dask.config.set({"distributed.worker.daemon": True})
-    cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1")
+    # A worker that takes longer to come back than 15 s, as one may on a busy machine, would be given up for good.
+    dask.config.set({"distributed.worker.daemon": True, "distributed.deploy.lost-worker-timeout": "1h"})
+    cluster = LocalCluster(n_workers=int(sys.argv[1]), threads_per_worker=1, dashboard_address=None, host="127.0.0.1")
     print(cluster.scheduler_address, flush=True)
     sys.stdin.readline()
 """
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Address of a scheduler with two workers, and the process that holds them."""
+def serving(folder: Path, workers: int = 2) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Address of a scheduler with its workers, and the process that holds them."""
     script = folder / "serve.py"
     script.write_text(SERVE, encoding="utf-8")
     path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     process = subprocess.Popen(
-        [sys.executable, str(script)],
+        [sys.executable, str(script), str(workers)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -61,7 +63,7 @@ def serving(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
         yield process.stdout.readline().strip(), process
     finally:
         os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+        process.communicate(timeout=60)
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +128,73 @@ def test_a_result_lost_with_its_worker_before_it_was_fetched_is_made_again(addre
     assert found == {0: 0, 1: 10}
 
 
+def test_a_result_that_is_not_there_when_it_is_fetched_is_waited_for(address, monkeypatch):
+    """The worker died, and the client hears of it only while it fetches."""
+    fetch, tries = distributed.Future.result, []
+
+    def late(future: distributed.Future, timeout: float) -> float:
+        tries.append(future.key)
+        if len(tries) == 1:
+            raise TimeoutError
+        return fetch(future, timeout)
+
+    monkeypatch.setattr("distributed.Future.result", late)
+    assert dict(run_many(cluster_jobs.draw, range(2), cluster=address)) == dict(run_many(cluster_jobs.draw, range(2)))
+    assert len(tries) == 3
+
+
+def test_a_run_that_fails_for_want_of_time_is_not_taken_for_one_whose_result_is_late(address, monkeypatch):
+    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    with pytest.raises(UserError) as caught:
+        list(run_many(cluster_jobs.time_out, range(2), cluster=address))
+    assert isinstance(caught.value.__cause__, TimeoutError)
+
+
+def test_what_was_fetched_is_not_kept_on_the_cluster_and_made_again_when_a_worker_dies(address, tmp_path):
+    runs = run_many(cluster_jobs.wait_for, [(str(tmp_path / "go"), x) for x in range(2)], cluster=address)
+    assert next(runs) == (0, 0)
+    with distributed.Client(address, set_as_default=False) as other:
+        deadline = time.monotonic() + 20
+        while len(kept := other.run_on_scheduler(cluster_jobs.tasks)) > 1 and time.monotonic() < deadline:
+            time.sleep(0.05)
+    assert len(kept) == 1
+    (tmp_path / "go").touch()
+    assert dict(runs) == {1: 10}
+
+
+def test_a_long_run_is_waited_for(address, monkeypatch):
+    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    assert dict(run_many(cluster_jobs.doze, [4.5], cluster=address)) == {0: 4.5}
+
+
+def test_a_run_that_the_scheduler_forgot_is_sent_again(address, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    runs = run_many(cluster_jobs.wait_for, [(str(tmp_path / "go"), x) for x in range(2)], cluster=address)
+    assert next(runs) == (0, 0)
+    with distributed.Client(address, set_as_default=False) as other:
+        other.run_on_scheduler(cluster_jobs.forget)
+    (tmp_path / "go").touch()
+    assert dict(runs) == {1: 10}
+
+
+def test_a_cluster_that_stands_still_is_given_up(tmp_path, monkeypatch):
+    """Its workers died and did not come back."""
+    monkeypatch.setattr(cluster_module, "PATIENCE_S", 0.2)
+    with serving(tmp_path, workers=0) as (empty, _), pytest.raises(UserError, match="stands still"):
+        list(run_many(cluster_jobs.draw, range(3), cluster=empty))
+
+
+def test_a_scheduler_that_does_not_answer_is_lost(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
+    with serving(tmp_path) as (frozen, process):
+        runs = run_many(cluster_jobs.wait_for, [(str(tmp_path / "go"), x) for x in range(2)], cluster=frozen)
+        assert next(runs) == (0, 0)
+        monkeypatch.setattr(cluster_module, "CONNECT_S", 1)
+        os.kill(process.pid, signal.SIGSTOP)
+        with pytest.raises(UserError, match="lost while runs were under way"):
+            list(runs)
+
+
 def scores(folder: Path) -> dict[int, list[float]]:
     with Store.open(folder) as store:
         return {run.run_id: [score.score for score in run.scores] for run in store.runs()}
@@ -163,7 +232,7 @@ def test_a_campaign_scores_the_same_on_a_cluster_that_goes_away_in_mid_run(addre
 
 
 def test_a_connection_that_breaks_between_the_end_of_a_run_and_its_result(address, monkeypatch):
-    def broken(_future: object) -> None:
+    def broken(_future: object, **_: object) -> None:
         raise CancelledError("scheduler-connection-lost")
 
     monkeypatch.setattr("distributed.Future.result", broken)

@@ -11,7 +11,7 @@ from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign
 from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.simulate import runner
-from seqrsm.simulate.runner import Lost
+from seqrsm.simulate.lost import Lost
 from seqrsm.store import store as store_module
 from seqrsm.store.heartbeat import heartbeat
 from seqrsm.store.records import NewRun, NewScore

@@ -63,7 +63,7 @@ def test_processes_share_the_runs(store, tmp_path, url):
         assert worker.stdout.readline() == "ready\n"
     for worker in workers:
         go(worker)
-    done = [[int(line) for line in worker.communicate(timeout=40)[0].split()] for worker in workers]
+    done = [[int(line) for line in worker.communicate(timeout=120)[0].split()] for worker in workers]
     assert all(worker.returncode == 0 for worker in workers)
     assert all(done), "one worker did everything: the test shows nothing"
     assert sorted(done[0] + done[1]) == list(ids)
@@ -82,7 +82,7 @@ def test_processes_propose_at_once(store, tmp_path, url):
         "    for _ in range(15): print(*store.add_batch([NewRun({'x': 1.0})] * 2))"
     )
     workers = [start(script, tmp_path, url or "") for _ in range(2)]
-    ids = [[int(word) for word in worker.communicate(timeout=40)[0].split()] for worker in workers]
+    ids = [[int(word) for word in worker.communicate(timeout=120)[0].split()] for worker in workers]
     assert sorted(ids[0] + ids[1]) == list(range(1, 61))
     assert Counter(run.batch for run in store.runs()) == dict.fromkeys(range(1, 31), 2)
 
@@ -93,7 +93,7 @@ def test_processes_create_the_same_store(tmp_path):
         folder.mkdir()
         workers = [start(WORKER, folder, "", 1) for _ in range(2)]
         for worker in workers:
-            out, _ = worker.communicate("go\n", timeout=40)
+            out, _ = worker.communicate("go\n", timeout=120)
             assert (worker.returncode, out) == (0, "ready\n")
         with Store.open(folder, campaign="test") as store:
             assert store.info()["campaign"] == "test"
@@ -109,7 +109,7 @@ def test_killed_in_mid_write(tmp_path, seed):
     first = process.stdout.readline()  # however busy the machine, something has been acknowledged
     time.sleep(random.Random(seed).uniform(0.0, 0.22))
     process.send_signal(signal.SIGKILL)
-    printed = first + process.communicate(timeout=20)[0]
+    printed = first + process.communicate(timeout=120)[0]
     lines = [line.split() for line in printed.splitlines(keepends=True) if line.endswith("\n")]
     assert lines, "nothing was written before the kill: the test shows nothing"
 

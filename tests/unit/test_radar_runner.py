@@ -14,7 +14,8 @@ import pytest
 
 from seqrsm.errors import UserError
 from seqrsm.rng import generator
-from seqrsm.simulate.runner import Lost, run_many
+from seqrsm.simulate.lost import Lost
+from seqrsm.simulate.runner import run_many
 
 
 def draw(run_id: int) -> float:
