@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from seqrsm import __version__
-from seqrsm.cli.console import EXIT_BUDGET_SPENT, AsJson, at_end, display, guarded, print_json, say
+from seqrsm.cli.console import EXIT_BUDGET_SPENT, AsJson, at_end, display, guarded, line, print_json, say
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, doctor, parameters
 from seqrsm.errors import Problem, UserError
@@ -143,11 +143,19 @@ def check(
 ) -> None:
     """Validate everything and say what a run would cost and whether the stop target can be reached; run nothing."""
     from seqrsm.campaign.check import check_campaign
-    from seqrsm.cli.show import show_check
+    from seqrsm.cli.blocks import show_sections
+    from seqrsm.report.sections.check import check_sections
 
     with display("checking", inner=False) as shown:
         result = check_campaign(folder, partial(shown.count, "checking"))
-    print_json(result.to_json()) if as_json else show_check(result, verbose)
+    if as_json:
+        print_json(result.to_json())
+        return
+    show_sections(check_sections(result, every_note=verbose))
+    line()
+    if result.target_problem:
+        line(f"Warning: {result.target_problem}")
+    line("All is in order.")
 
 
 @app.command()
@@ -162,7 +170,8 @@ def run(
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
     from seqrsm.campaign.loop import run_campaign
-    from seqrsm.cli.show import show_look, show_outcome
+    from seqrsm.cli.show import show_look
+    from seqrsm.cli.show_fit import show_outcome
 
     campaign = _opened(folder)
     with display("reading") as shown:
@@ -187,7 +196,7 @@ def run(
             on_look=on_look,
             say=on_step,
         )
-    print_json(outcome.to_json()) if as_json else show_outcome(outcome)
+    print_json(outcome.to_json()) if as_json else show_outcome(campaign, outcome)
     if not outcome.held:
         raise typer.Exit(EXIT_BUDGET_SPENT)
 
@@ -286,8 +295,7 @@ def fit(
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
     from seqrsm.analysis.study import term_tests
     from seqrsm.analysis.to_json import analysis_to_json, tests_to_json
-    from seqrsm.cli.show_fit import show_compromise, show_fit
-    from seqrsm.cli.show_study import show_tests
+    from seqrsm.cli.show_fit import show_fit
 
     campaign = _opened(folder)
     with display("sampling the posterior"):
@@ -302,11 +310,7 @@ def fit(
         document = documents[0] if len(documents) == 1 else {"applications": documents}
         print_json(document if weighed is None else {**document, "compromise": weighed.to_json()})
         return
-    for analysis, found in zip(analyses, tests, strict=True):
-        show_fit(analysis)
-        show_tests(found)
-    if weighed is not None:
-        show_compromise(campaign.spec.factors, weighed)
+    show_fit(campaign, analyses, tests, weighed)
 
 
 @app.command()
@@ -330,7 +334,7 @@ def status(
         return
     with display("reading"):
         result = campaign_status(folder, history=history)
-    print_json(result) if as_json else show_status(load_spec(folder).factors, result)
+    print_json(result) if as_json else show_status(load_spec(folder), result)
 
 
 @app.command()
@@ -342,12 +346,13 @@ def rehearse(
 ) -> None:
     """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""
     from seqrsm.campaign.rehearsal import rehearse_campaign
-    from seqrsm.cli.show import show_rehearsal
+    from seqrsm.cli.blocks import show_sections
+    from seqrsm.report.sections.check import rehearsal_section
 
     campaign = _opened(folder)
     with display("rehearsing", inner=False) as shown:
         result = rehearse_campaign(campaign, campaigns, partial(shown.count, "rehearsing"))
-    print_json(result) if as_json else show_rehearsal(result)
+    print_json(result) if as_json else show_sections([rehearsal_section(result)])
 
 
 @app.command()
@@ -363,18 +368,20 @@ def tradeoff(
 ) -> None:
     """Measure speed against accuracy of this campaign's simulations and numbers; goes on after an interruption."""
     from seqrsm.campaign.tradeoff import measure_tradeoff
-    from seqrsm.cli.show_fidelity import show_tradeoff
+    from seqrsm.cli.blocks import show_blocks
+    from seqrsm.report.sections.speed import tradeoff_blocks
     from seqrsm.spec.read import load_spec
 
+    spec = load_spec(folder)
     with display("measuring", inner=False) as shown:
         result = measure_tradeoff(
-            load_spec(folder),
+            spec,
             configurations=configurations,
             occasions=occasions,
             numerics=numerics,
             progress=partial(shown.count, "measuring"),
         )
-    print_json(result) if as_json else show_tradeoff(result)
+    print_json(result) if as_json else show_blocks(tradeoff_blocks(result, spec.applications[0].unit))
 
 
 @app.command()
@@ -436,11 +443,14 @@ def image(
         if not as_json:
             say(f"wrote {out}: {result['summary']}")
     if explain:
-        from seqrsm.cli.show_fidelity import show_plan
+        from seqrsm.cli.blocks import show_blocks
+        from seqrsm.design.factors import settings_text
+        from seqrsm.report.sections.speed import plan_blocks
 
-        result["fidelity"] = explain_image(campaign, settings or [], run_id)
+        plan = result["fidelity"] = explain_image(campaign, settings or [], run_id)
         if not as_json:
-            show_plan(campaign.spec.factors, result["fidelity"])
+            line(settings_text(campaign.spec.factors, plan["settings"]))
+            show_blocks(plan_blocks(plan, campaign.spec.applications[0].unit, "these settings"))
     if as_json:
         print_json(result)
 

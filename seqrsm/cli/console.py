@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import _thread
 import functools
-import io
+import itertools
 import json
 import math
 import os
@@ -28,7 +28,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 from rich.text import Text
 
 from seqrsm.errors import ConvergenceError, UserError
@@ -196,77 +195,80 @@ def heading(text: str) -> None:
 
 
 def show_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", left: bool = False, right: int = 0
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    title: str = "",
+    sides: Sequence[str] = ("left", "right"),
 ) -> None:
     """A table on stdout: ruled on a terminal, blanks between columns when piped.
 
     Parameters
     ----------
     columns : sequence of str
-        Heads; all empty for a table without.
+        Heads; empty for a table without.
     rows : sequence of sequence of str
         Taken literally.
     title : str
         Printed over it.
-    left : bool
-        All columns hold words; else every column but the first is right-aligned.
-    right : int
-        The last so many columns are left-aligned all the same.
+    sides : sequence of str
+        "left" or "right": to which side each column keeps; the last one holds for the columns beyond.
     """
-    sides = ["left" if left or k == 0 or k >= len(columns) - right else "right" for k in range(len(columns))]
-    columns = [ascii_signs(name) for name in columns]
-    cells = [[ascii_signs(cell) for cell in row] for row in rows]
     if title:
         heading(title)
-    room = width()
-    if not sys.stdout.isatty():
-        plain_rows = _plain_rows([list(columns), *cells] if any(columns) else cells, sides)
-        if room is None or all(len(text) <= room for text in plain_rows):
-            for text in plain_rows:
-                stdout().print(text, markup=False)
-            return
-    if room is not None:
-        others = sum(max(len(row[k]) for row in [columns, *cells]) + 2 for k in range(1, len(columns)))
-        cells = [[_broken(row[0], room - others), *row[1:]] for row in cells]
-    from rich.box import SIMPLE_HEAD
-
-    ruled = sys.stdout.isatty() and any(columns)
-    out = Table(
-        box=SIMPLE_HEAD if ruled else None,
-        padding=(0, 1 if ruled else 2, 0, 0),  # the box has a blank of its own between columns
-        pad_edge=False,
-        show_header=any(columns),
-        show_edge=False,
-    )
-    for name, side in zip(columns, sides, strict=True):
-        out.add_column(Text(name), justify="left" if side == "left" else "right", overflow="fold")
-    for row in cells:
-        out.add_row(*(Text(cell) for cell in row))
-    if sys.stdout.isatty():
-        stdout().print(out)
+    if not rows:
         return
-    drawn = Console(width=room, file=io.StringIO(), color_system=None)
-    with drawn.capture() as capture:
-        drawn.print(out)
-    for row_text in capture.get().splitlines():
-        stdout().print(row_text.rstrip(), markup=False)
+    sides = [sides[min(k, len(sides) - 1)] for k in range(len(rows[0]))]
+    head, *cells = [[_tied(cell) for cell in row] for row in (columns or [""] * len(sides), *rows)]
+    widths, cut = _widths(head, cells, width())
+    if cut:  # numbers may leave their units before words are cut
+        head, *cells = [[cell.replace(_FIXED_BLANK, " ") for cell in row] for row in (head, *cells)]
+        widths, _ = _widths(head, cells, width())
+    if columns:
+        for text in _row_lines(head, widths, sides):
+            stdout().print(text, markup=False, style="bold")
+        if sys.stdout.isatty():
+            stdout().print("\u2500" * (sum(widths) + _GAP * (len(widths) - 1)))
+    for row in cells:
+        for text in _row_lines(row, widths, sides):
+            stdout().print(text, markup=False)
 
 
-def _broken(name: str, room: int) -> str:
-    """The name of a product that is too long, on two lines: broken behind one of its colons, not inside a word."""
-    place = name.rfind(":", 0, max(room, 0))
-    return name if len(name) <= room or place < 0 else f"{name[: place + 1]}\n{name[place + 1 :]}"
+_GAP = 2
+"""Blanks between the columns of a table."""
 
 
-def _plain_rows(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(sides))]
-    return [
-        "  ".join(
-            cell.ljust(width) if side == "left" else cell.rjust(width)
-            for cell, width, side in zip(row, widths, sides, strict=True)
-        ).rstrip()
-        for row in rows
-    ]
+def _tied(cell: str) -> str:
+    """A name of a product breaks behind its signs alone, a probability nowhere."""
+    cell = cell.translate(_PLAIN).replace("< ", "<\u00a0").replace("> ", ">\u00a0")
+    return cell.replace(" ", _FIXED_BLANK).replace("\u00d7\u00a0", "\u00d7 ") if "\u00d7" in cell else cell
+
+
+def _widths(head: list[str], rows: list[list[str]], room: int | None) -> tuple[list[int], bool]:
+    """Widths of the columns of a table, and whether words must be cut: where room is scarce, heads break first."""
+    cells = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths = [max(size, len(name)) for size, name in zip(cells, head, strict=True)]
+    space = math.inf if room is None else room - _GAP * (len(widths) - 1)
+    if sum(widths) <= space:
+        return widths, False
+    names = [max(map(len, name.split(" "))) for name in head]
+    words = [max(len(word) for cell in column for word in cell.split(" ")) for column in zip(*rows, strict=True)]
+    widths, least = (list(map(max, sizes, names)) for sizes in (cells, words))
+    while sum(widths) > space and max(widths) > 1:
+        k = max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))
+        widths[k] -= 1
+    return widths, any(size < word for size, word in zip(widths, least, strict=True))
+
+
+def _row_lines(row: Sequence[str], widths: Sequence[int], sides: Sequence[str]) -> Iterator[str]:
+    """Lines of one row of a table."""
+    parts = (textwrap.wrap(cell, max(size, 1), break_on_hyphens=False) for cell, size in zip(row, widths, strict=True))
+    for line_parts in itertools.zip_longest(*parts, fillvalue=""):
+        padded = (
+            part.ljust(size) if side == "left" else part.rjust(size)
+            for part, size, side in zip(line_parts, widths, sides, strict=True)
+        )
+        yield ascii_signs((" " * _GAP).join(padded).rstrip())
 
 
 class Display:

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.console import heading, line, number, say, show_table
 from seqrsm.design.factors import setting_with_unit, settings_text
+from seqrsm.report.wording import interval_names, watched_interval
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
-    from seqrsm.campaign.check import CheckResult
     from seqrsm.campaign.ingest import IngestReport
-    from seqrsm.campaign.loop import Outcome
-    from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
     from seqrsm.spec.read import CampaignSpec
     from seqrsm.store.records import RunRecord
@@ -37,76 +35,10 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     )
 
 
-def show_outcome(outcome: Outcome) -> None:
-    """End of `seqrsm run`: recommendation, intervals, reasons, time split."""
-    from seqrsm.cli.show_fit import decision_heading, show_importance, show_optimum, show_warnings
-
-    for analysis in outcome.analyses:
-        show_optimum(analysis)
-        show_importance(analysis)
-        ended = "Decision: stop for futility" if outcome.futile else "Decision: the budget ended the campaign"
-        heading(decision_heading(analysis) if outcome.held else ended)
-        for reason in analysis.decision.reasons:
-            line(f"- {reason}", 2)
-        if analysis.confirmation is not None and analysis.confirmation.agrees:  # else the reasons say it
-            line(f"- {analysis.confirmation.text}", 2)
-        show_warnings(analysis.warnings)
-    split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())
-    line()
-    line(f"{outcome.n_scored} runs scored in all; time: {split}")
+# -- status, runs -------------------------------------------------------------------------------------------------
 
 
-# -- check, status, runs ------------------------------------------------------------------------------------------
-
-
-def show_check(result: CheckResult, verbose: bool) -> None:
-    """What a campaign will take."""
-    rows = [
-        ["factors", str(result.n_factors)],
-        ["terms of the model", str(result.n_terms)],
-        ["start design", f"{result.start_runs} runs"],
-        ["fewest runs to stop", f"{result.min_runs}"],
-        ["budget", f"{result.max_runs} runs, cost {result.cost:g}"],
-    ]
-    if result.seconds_per_run == result.seconds_per_run:
-        total = result.seconds_per_run * result.max_runs
-        rows.append(["one simulated run here", f"{number(result.seconds_per_run, 2)} s; the budget {_duration(total)}"])
-    known = result.noise == result.noise
-    rows.append(["standard deviation of a run", number(result.noise, 3) if known else result.noise_source])
-    if known:
-        rows.append(["  found from", result.noise_source])
-    show_table(["", ""], rows, title=f"campaign {result.name}", left=True)
-    if result.combinations:
-        heading("What some settings do")
-        for combination in result.combinations:
-            line(f"- {combination}")
-    if result.notes:
-        from seqrsm.campaign.assumptions import summarise_notes
-
-        more = "" if verbose else "; all of them with -v or --json"
-        heading(f"What the simulation rests on ({len(result.notes)} statements{more})")
-        for note in result.notes if verbose else summarise_notes(result.notes, result.covers):
-            line(f"- {note}")
-    line()
-    if result.target_problem:
-        line(f"Warning: {result.target_problem}")
-    line("All is in order.")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
-
-
-_INTERVALS = {
-    "prediction": "prediction interval of one future run",
-    "prediction_mean": "prediction interval of the mean of several runs",
-    "confidence": "confidence interval of the mean",
-}
-
-
-def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
+def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     rows = [
@@ -114,7 +46,7 @@ def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
         ["budget", f"{result['max_runs']} runs; cost spent {result['cost_spent']:g}"],
         [
             "target",
-            f"{_INTERVALS[result['interval']]}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
+            f"{watched_interval(spec.stop)}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
         ],
     ]
     if result["simulated_by"] is not None:
@@ -122,9 +54,9 @@ def show_status(factors: Sequence[Factor], result: Mapping[str, Any]) -> None:
     if (shared := result["common_random_numbers"])["runs"]:
         text = f"shared by {shared['runs']} runs, in {shared['occasions']} occasions that are blocks of the fit"
         rows.append(["random numbers", text])
-    show_table(["", ""], rows, title=f"campaign {result['campaign']}", left=True)
+    show_table((), rows, title=f"campaign {result['campaign']}", sides=("left",))
     for application in result["applications"]:
-        _show_application(factors, result, application)
+        _show_application(spec, result, application)
     for run in result["failed"]:
         line(f"run {run['run_id']} failed: {run['reason']}")
     if "history" in result:
@@ -146,20 +78,20 @@ def _simulated_by(found: Mapping[str, Any]) -> str:
     return f"{', '.join(parts)}; {checks}"
 
 
-def _show_application(factors: Sequence[Factor], result: Mapping[str, Any], application: Mapping[str, Any]) -> None:
+def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application: Mapping[str, Any]) -> None:
     look = application["last_look"]
     if look is None:
         heading(application["name"])
         line(application.get("reason") or "no scored run yet", 2)
         return
     best, unit = look["optimum"], application["unit"]
-    rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in factors]
-    show_table(["", ""], rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", left=True)
+    rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in spec.factors]
+    show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
     line(f"mean score {_known(best['mean'])} {unit}".rstrip())
-    for kind in ("prediction", "prediction_mean", "confidence"):
+    for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
         if kind in best:
             watched = f", target \u00b1 {result['target_half_width']:g}" if kind == result["interval"] else ""
-            line(f"{_INTERVALS[kind]}: \u00b1 {_known(best[kind]['half_width'])}{watched}", 2)
+            line(f"{words}: \u00b1 {_known(best[kind]['half_width'])}{watched}", 2)
     heading("Decision: stop" if look["held"] else "Decision: go on")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)
@@ -183,7 +115,7 @@ def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
             rows.append([one["folder"], *counts, application["name"], mean, width, target, decision])
     heads = ["campaign", "scored", "waiting", "failed", "application", "optimum", "half-width", "target", "decision"]
     if rows:
-        show_table(heads, rows, right=1)
+        show_table(heads, rows, sides=("left", *(["right"] * 7), "left"))
     for one in found:
         if "error" in one:
             line(f"{one['folder']}: {one['error']}")
@@ -195,7 +127,7 @@ def _known(value: float | None) -> str:
 
 def show_templates(found: Mapping[str, str]) -> None:
     """Templates of `seqrsm init`."""
-    show_table(["template", "question"], [[name, text] for name, text in found.items()], left=True)
+    show_table(["template", "question"], [[name, text] for name, text in found.items()], sides=("left",))
 
 
 def run_row(run: RunRecord) -> dict[str, Any]:
@@ -265,14 +197,6 @@ def show_ingest(report: IngestReport) -> None:
 
 
 # -- the rest -----------------------------------------------------------------------------------------------------
-
-
-def show_rehearsal(result: Mapping[str, Any]) -> None:
-    """Operating characteristics of the stop rule."""
-    rows = [[label, text] for label, text in result["rows"]]
-    show_table(["", ""], rows, title=f"{result['campaigns']} rehearsed campaigns", left=True)
-    for note in result["notes"]:
-        line(note)
 
 
 def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
@@ -370,4 +294,4 @@ def show_catalog(words: str) -> None:
 def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], title: str) -> None:
     columns, rows = rendered
     if rows:
-        show_table(columns, rows, title=title, left=True)
+        show_table(columns, rows, title=title, sides=("left",))

@@ -1,13 +1,17 @@
-"""The report as data: a tree of frozen blocks that the HTML and the PDF face both render.
+"""Findings as data: a tree of frozen blocks that the terminal, the HTML and the PDF face all render.
 
-Every number is already text here, so that the two faces cannot differ. All text is plain: neither face reads markup
-out of it. Only ``Equation.math`` and ``Panel.svg`` are code, and both come from this package, never from a user.
+Every number is already text here, so that the faces cannot differ. All text is plain: no face reads markup out of it.
+Only ``Equation.math`` and ``Panel.svg`` are code, and both come from this package, never from a user.
+
+The terminal shows less: no equations, no pictures (their numbers stand in the tables), no words on the method, and of
+what is `Details.long` or `Column.extra` only that it is there. What it shows it says in the same words and digits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, TypeAlias
 
 Align: TypeAlias = Literal["left", "right"]
@@ -16,10 +20,21 @@ Tone: TypeAlias = Literal["plain", "lead", "note", "warning"]
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """Running text. ``tone`` "lead" is the recommendation, "note" is small print, "warning" is boxed."""
+    """Running text.
+
+    Attributes
+    ----------
+    text : str
+        What was found.
+    tone : str
+        "lead" is the recommendation, "note" is small print, "warning" is boxed.
+    method : str
+        Goes on behind ``text`` with how it is found, which the terminal leaves out.
+    """
 
     text: str
     tone: Tone = "plain"
+    method: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +62,12 @@ class KeyFigures:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Head of a table column; ``unit`` is shown in brackets after the title."""
+    """Head of a table column; ``unit`` is shown in brackets after the title, and terminals lack ``extra`` columns."""
 
     title: str
     unit: str = ""
     align: Align = "left"
+    extra: bool = False
 
     @property
     def heading(self) -> str:
@@ -92,6 +108,22 @@ class Table:
             raise ValueError(f"table {self.caption!r}: every row needs {len(self.columns)} cells")
 
 
+Head: TypeAlias = Column | str
+Entry: TypeAlias = Cell | str
+
+
+def right(title: str, unit: str = "") -> Column:
+    """Head of a column of numbers."""
+    return Column(title, unit, "right")
+
+
+def table(caption: str, columns: Iterable[Head], rows: Iterable[Iterable[Entry]], *, sortable: bool = False) -> Table:
+    """Return a table; a head or a cell that is words alone may be given as text."""
+    heads = tuple(Column(one) if isinstance(one, str) else one for one in columns)
+    cells = tuple(tuple(Cell(one) if isinstance(one, str) else one for one in row) for row in rows)
+    return Table(heads, cells, caption, sortable)
+
+
 @dataclass(frozen=True, slots=True)
 class PanelData:
     """The numbers behind a picture, for a CSV file.
@@ -108,9 +140,9 @@ class PanelData:
     rows: tuple[tuple[float | str, ...], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Panel:
-    """One picture of a figure.
+    """One picture of a figure, drawn when it is first asked for.
 
     Attributes
     ----------
@@ -118,10 +150,10 @@ class Panel:
         Short heading over the picture, "" for none.
     alt : str
         What a reader who cannot see it should know.
-    svg : str
-        Drawing made by ``seqrsm.report.figures.drawing``; "" when ``png`` is given.
+    draw : callable or None
+        Draws it as SVG with ``seqrsm.report.figures.drawing``; None when ``png`` is given.
     png : bytes
-        Bitmap; b"" when ``svg`` is given.
+        Bitmap; b"" when ``draw`` is given.
     name : str
         Stem of the files that ``seqrsm report --figures`` writes, in letters, digits and hyphens.
     data : callable
@@ -130,10 +162,15 @@ class Panel:
 
     title: str
     alt: str
-    svg: str = ""
+    draw: Callable[[], str] | None = field(default=None, compare=False, repr=False)
     png: bytes = b""
     name: str = ""
     data: Callable[[], PanelData] | None = field(default=None, compare=False, repr=False)
+
+    @cached_property
+    def svg(self) -> str:
+        """The drawing; "" for a bitmap."""
+        return "" if self.draw is None else self.draw()
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,10 +215,14 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Details:
-    """Blocks folded away under a line of text in HTML, and printed in full on paper."""
+    """Blocks folded away under a line of text in HTML, printed in full on paper.
+
+    The terminal prints them, too, or says the line alone where they are ``long``: a row for every run or look.
+    """
 
     summary: str
     blocks: tuple[Block, ...]
+    long: bool = False
 
 
 Block: TypeAlias = Paragraph | Bullets | KeyFigures | Table | FigureBlock | Equation | Definitions | Code | Details

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,7 +39,7 @@ class Look:
     held: bool | None
 
 
-def read_looks(records: tuple[LookRecord, ...], application: str) -> tuple[Look, ...]:
+def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, ...]:
     """Read the looks of one application, in order; of two at the same number of runs the later one counts.
 
     The summary is either flat or shaped like ``fit --json`` (``optimum`` and ``stop`` inside).

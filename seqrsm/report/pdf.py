@@ -7,10 +7,10 @@ from dataclasses import fields, is_dataclass
 from importlib.resources import files
 from typing import Any
 
-from seqrsm.report.blocks import Column, Report
+from seqrsm.report.blocks import Column, Panel, Report
 
-_FOR_FILES = ("data",)
-"""Fields that only ``seqrsm report --figures`` asks for."""
+_CALLED = ("data", "draw")
+"""Fields that are no text: what they give is asked for where it is needed."""
 
 
 def render_pdf(report: Report) -> bytes:
@@ -46,10 +46,12 @@ def render_pdf(report: Report) -> bytes:
 def _as_data(value: object) -> Any:
     """Turn blocks into what JSON can hold: every dataclass becomes a dictionary that names its kind."""
     if is_dataclass(value) and not isinstance(value, type):
-        shown = [field.name for field in fields(value) if field.name not in _FOR_FILES]
+        shown = [field.name for field in fields(value) if field.name not in _CALLED]
         data = {name: _as_data(getattr(value, name)) for name in shown}
         if isinstance(value, Column):
             data["heading"] = value.heading
+        elif isinstance(value, Panel):
+            data["svg"] = value.svg
         return {"kind": type(value).__name__, **data}
     if isinstance(value, tuple):
         return [_as_data(item) for item in value]

@@ -11,13 +11,14 @@ import numpy as np
 from seqrsm.analysis.results import Analysis, EffectBound, SettingPosterior
 from seqrsm.analysis.scale import Interval
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
-from seqrsm.report.blocks import Cell
+from seqrsm.report.blocks import Cell, Column, right
 from seqrsm.report.rounding import (
     NOTHING,
     decimals_for,
     decimals_of_significant,
     format_number,
     format_p,
+    format_percent,
     format_plain,
     format_plus_minus,
     format_range,
@@ -74,6 +75,11 @@ def axis_label(factor: Factor) -> str:
     """Return name and unit of a factor, as on an axis or in a table's head."""
     unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
     return f"{readable(factor.name)} [{unit}]" if unit else readable(factor.name)
+
+
+def factor_column(factor: Factor) -> Column:
+    """Return the head of a column of settings."""
+    return right(readable(factor.name), "" if isinstance(factor, CategoricalFactor) else factor.unit)
 
 
 def listing(items: Sequence[str], last: str = "and") -> str:
@@ -188,13 +194,23 @@ def number_cell(text: str, value: float) -> Cell:
 
 
 def p_cell(p: float) -> Cell:
-    """Return a cell with a tail probability."""
-    return number_cell(format_p(p), p)
+    """Return a cell with a tail probability, empty where there is none."""
+    return number_cell(format_p(p), p) if math.isfinite(p) else Cell("")
 
 
 def significant_cell(value: float, digits: int = 3) -> Cell:
-    """Return a cell with a number of significant digits."""
-    return number_cell(format_significant(value, digits), value)
+    """Return a cell with a number of significant digits, empty where there is no number."""
+    return number_cell(format_significant(value, digits), value) if math.isfinite(value) else Cell("")
+
+
+def decimal_cell(value: float, places: int) -> Cell:
+    """Return a cell with a number to some decimal places, empty where there is no number."""
+    return number_cell(format_number(value, places), value) if math.isfinite(value) else Cell("")
+
+
+def share_cell(share: float) -> Cell:
+    """Return a cell with a share in percent, empty where there is none."""
+    return number_cell(format_percent(share), share) if math.isfinite(share) else Cell("")
 
 
 def whole_cell(value: int) -> Cell:
@@ -297,6 +313,14 @@ def setting_range_text(analysis: Analysis, factor: Factor) -> str:
     return " to ".join(ends)
 
 
+def at_bound_text(analysis: Analysis, factor: Factor) -> str:
+    """Return the probability that the optimal setting lies at a bound; "" for a factor without bounds."""
+    posterior = setting_posterior(analysis, factor)
+    if posterior is None or math.isnan(posterior.p_at_bound):
+        return ""
+    return format_share(posterior.p_at_bound)
+
+
 def level_probabilities(analysis: Analysis, factor: Factor) -> dict[str, float]:
     """Posterior probability that each level of a categorical or discrete factor is optimal; empty for others."""
     if isinstance(factor, ContinuousFactor):
@@ -323,11 +347,16 @@ def level_phrase(analysis: Analysis) -> str:
 
 def watched_interval(stop: StopSpec) -> str:
     """Return the interval that the stop rule watches, in words."""
+    return interval_names(stop.replicates)[stop.interval]
+
+
+def interval_names(replicates: int) -> dict[str, str]:
+    """Return the three intervals at the optimum, in words."""
     return {
         "prediction": "prediction interval of one future run",
-        "prediction_mean": f"prediction interval of the mean of {stop.replicates} future runs",
+        "prediction_mean": f"prediction interval of the mean of {replicates} future runs",
         "confidence": "confidence interval of the mean",
-    }[stop.interval]
+    }
 
 
 def loss_text(analysis: Analysis, loss: float) -> str:

@@ -1,4 +1,4 @@
-"""Write both faces of a report to files."""
+"""Write a report to files."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from seqrsm.progress import tell
 from seqrsm.report.files import put
 
 if TYPE_CHECKING:
@@ -38,9 +39,14 @@ def write_report(
         The files written, each put in place at once: a reader never sees half a file.
     """
     from seqrsm.report.content import build_report
+    from seqrsm.report.figures.files import named_panels, write_figures
 
     step("drawing")
     report = build_report(dossier)
+    panels = [panel for *_, panel in named_panels(report)]
+    for count, panel in enumerate(panels):
+        tell("drawing", count, len(panels))
+        assert panel.svg or panel.png, panel.name  # drawn here, where progress can be told, and kept
     written = []
     if html is not None:
         from seqrsm.report.html import render_html
@@ -53,8 +59,6 @@ def write_report(
         step("typesetting PDF")
         written.append(put(pdf, render_pdf(report)))
     if figures is not None:
-        from seqrsm.report.figures.files import write_figures
-
         step("writing figures")
         written += write_figures(report, figures)
     return tuple(written)

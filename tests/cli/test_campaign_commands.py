@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -82,8 +83,9 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     # the terminal, the report and fit --json tell the same numbers
     page = (other / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     lines = ok("fit", other).splitlines()
-    mean = next(line for line in lines if line.startswith("Mean score there")).split(": ")[1]
-    of_five = next(line for line in lines if "prediction interval of the mean" in line).split(": ")[1].split(" (")[0]
+    rows = {cells[0]: cells[1:] for line in lines if len(cells := re.split(r" {2,}", line)) > 1}
+    mean = rows["1. Optimum: mean score"][0]
+    of_five = rows["Prediction: mean of 5 future runs"][0]
     assert mean in page
     assert of_five in page
     best = json.loads(ok("fit", other, "--json"))["optimum"]

@@ -139,8 +139,10 @@ def test_fit_status_and_check_keep_to_columns_in_a_pipe(measured: Path, columns:
 def test_fit_fits_a_terminal_of_80_columns_without_folding_a_term(measured: Path) -> None:
     lines = without_codes(on_terminal("fit", measured))
     assert max(map(len, lines)) <= 80
-    at = next(i for i, line in enumerate(lines) if line.startswith("polarization[HH+HV]:") and "frequency" not in line)
-    assert lines[at + 1].strip() == "depression_angle"  # two lines, but no word is cut
+    at = next(
+        i for i, line in enumerate(lines) if line.startswith("polarization[HH+HV] \u00d7") and "frequency" not in line
+    )
+    assert lines[at + 1].strip() == "depression angle"  # two lines, but no word is cut
 
 
 @pytest.fixture(scope="module")

@@ -8,28 +8,23 @@ import itertools
 import re
 import subprocess
 import sys
-from html.parser import HTMLParser
 from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 from pypdf import PdfReader
 from report_dossiers import load, make_analysis, runs_of, truth_score
+from report_texts import Page, all_blocks, html_text, pdf_text, squeezed, strings
 
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.analysis.results import Confirmation
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.surfaces import Quadratic
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.cli.show_fit import decision_heading
 from seqrsm.report import write_report
 from seqrsm.report.blocks import (
-    Bullets,
     Cell,
-    Code,
     Column,
-    Definitions,
-    Details,
     Equation,
     FigureBlock,
     KeyFigures,
@@ -44,99 +39,6 @@ from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.data import question_section
 from seqrsm.report.wording import counted
 from seqrsm.spec.tables import StopSpec
-
-VOID = {"meta", "img", "br", "hr", "link", "input"}
-
-
-class Page(HTMLParser):
-    """Checks that tags nest, and gathers text, tags and attributes."""
-
-    def __init__(self, source: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.text: list[str] = []
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(source)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if not {"script", "style"} & set(self.open):
-            self.text.append(data)
-
-
-def squeezed(text: str) -> str:
-    return re.sub(r"\s", "", text)
-
-
-def html_text(source: str) -> str:
-    return squeezed("".join(Page(source).text))
-
-
-def pdf_text(data: bytes) -> str:
-    """Text of a PDF without the running header and footer."""
-    pages = []
-    for page in PdfReader(io.BytesIO(data)).pages:
-        text = page.extract_text().strip()
-        pages.append(re.sub(r"(?:seqrsm [\d.]+\s*page \d+ of \d+|page \d+ of \d+\s*seqrsm [\d.]+)\Z", "", text))
-    return squeezed("\n".join(pages))
-
-
-def strings(report):
-    """Every piece of text that both faces must show."""
-
-    def of_blocks(blocks):
-        for block in blocks:
-            if isinstance(block, Paragraph):
-                yield block.text
-            elif isinstance(block, Bullets):
-                yield from block.items
-            elif isinstance(block, KeyFigures):
-                for item in block.items:
-                    yield from (item.label, item.value, item.detail)
-            elif isinstance(block, Table):
-                yield block.caption
-                yield from (column.title for column in block.columns)
-                yield from (cell.text for row in block.rows for cell in row)
-            elif isinstance(block, FigureBlock):
-                yield block.caption
-                yield from (panel.title for panel in block.panels)
-                yield from (entry.label for entry in block.legend)
-            elif isinstance(block, Definitions):
-                yield from (text for pair in block.items for text in pair)
-            elif isinstance(block, Code):
-                yield from block.lines
-            elif isinstance(block, Details):
-                yield from of_blocks(block.blocks)
-
-    def of_sections(sections):
-        for section in sections:
-            yield section.title
-            yield from of_blocks(section.blocks)
-            yield from of_sections(section.sections)
-
-    yield from (report.title, report.subtitle, report.state)
-    yield from of_sections(report.sections)
-
-
-def all_blocks(sections):
-    for section in sections:
-        for block in section.blocks:
-            yield block
-            if isinstance(block, Details):
-                yield from block.blocks
-        yield from all_blocks(section.sections)
 
 
 @pytest.fixture(scope="module")
@@ -391,7 +293,7 @@ def test_fresh_runs_that_contradict_the_model_are_on_the_first_page(simulated):
         blocks = build_report(dataclasses.replace(simulated, analyses=(analysis,))).sections[0].blocks
         figures = next(block for block in blocks if isinstance(block, KeyFigures))
         assert figures.items[-1].value == word
-        assert decision_heading(analysis).endswith("contradict the model") == (word == "Doubt")
+        assert figures.items[-1].detail.endswith("contradict the model") == (word == "Doubt")
 
 
 def test_logit_scores_are_drawn_in_percent(simulated):

@@ -28,6 +28,8 @@ MEASURED = {
     "simulation": {
         "applications": {"ground-cover": [row("F2", 0.1, 0.3), row("F4", 1.0, 0.0), row("auto", 0.1, 0.3)]},
         "refused": {"F1": "the data base is too small"},
+        "failures": [],
+        "tolerance": 0.5,
     },
     "numerics": {
         "sampler": {
@@ -45,6 +47,7 @@ MEASURED = {
 }  # fmt: skip
 
 PLAN = {
+    "rungs": [],
     "why": "F2, strips: error at most 0.4 of 0.5 accepted",
     "effects": [
         {"name": "cast shadow", "verdict": "exact", "bound": 0.0, "text": "no step exceeds 0.3"},

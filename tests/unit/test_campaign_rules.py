@@ -19,7 +19,7 @@ from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.fit.optimum import optimum
-from seqrsm.report.study_text import searched_text
+from seqrsm.report.sections.study import searched_text
 from seqrsm.report.wording import mean_text, of_quadratic
 from seqrsm.spec.read import load_spec
 from seqrsm.store.database import _cut_off

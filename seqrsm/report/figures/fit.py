@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -43,24 +43,20 @@ def importance_panel(analysis: Analysis) -> str:
     return drawing.draw(paint, height_in=0.9 + 0.28 * max(len(rows), 1))
 
 
-def coefficient_panel(analysis: Analysis) -> tuple[str, int]:
-    """Draw coded coefficients with their confidence and credible intervals.
-
-    Returns
-    -------
-    svg : str
-    shown : int
-        Number of coefficients drawn: all but the intercept, or the ``MAX_COEFFICIENTS`` with the largest ratio to
-        their standard error.
-    """
+def drawn_coefficients(analysis: Analysis) -> list[int]:
+    """Coefficients to draw: all but the intercept, or the ``MAX_COEFFICIENTS`` that are most standard errors from 0."""
     fit, p = analysis.fit, analysis.model.p
     indices = [i for i in range(p) if fit.kinds[i] != "intercept" and np.isfinite(fit.estimate[i])]
     if len(indices) > MAX_COEFFICIENTS:
         weight = np.abs(np.nan_to_num(fit.t, nan=0.0))
         indices = sorted(sorted(indices, key=lambda i: -weight[i])[:MAX_COEFFICIENTS])
+    return indices
+
+
+def coefficient_panel(analysis: Analysis, indices: Sequence[int]) -> str:
+    """Draw some coded coefficients with their confidence and credible intervals."""
     height = 0.9 + 0.19 * len(indices)
-    svg = drawing.draw(partial(_paint_coefficients, analysis, indices), width_in=4.0, height_in=height)
-    return svg, len(indices)
+    return drawing.draw(partial(_paint_coefficients, analysis, indices), width_in=4.0, height_in=height)
 
 
 def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figure) -> None:
@@ -87,41 +83,26 @@ def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figu
     axes.grid(visible=True, axis="x")
 
 
-def residual_panels(analysis: Analysis) -> tuple[tuple[str, str], ...]:
-    """Draw studentised residuals against fitted score, normal quantile and run number.
+def residual_panels(analysis: Analysis) -> tuple[tuple[str, Callable[[], str]], ...]:
+    """Titles and drawings of studentised residuals against fitted score, normal quantile and run number.
 
-    Returns
-    -------
-    tuple of (title, svg)
-        Empty where studentised residuals do not exist.
+    Empty where studentised residuals do not exist.
     """
     studentised = analysis.fit.studentised
     known = np.isfinite(studentised)
     if np.count_nonzero(known) < 3:
         return ()
-    fitted = to_score(analysis, analysis.fit.fitted)
+    fitted, label = to_score(analysis, analysis.fit.fitted), score_label(analysis)
     texts = [text for text, shown in zip(run_texts(analysis, studentised, "residual"), known, strict=True) if shown]
-    return (
-        (
-            "Residuals against fitted score",
-            drawing.draw(
-                partial(_paint_residuals, fitted[known], studentised[known], f"fitted {score_label(analysis)}", texts)
-            ),
-        ),
-        ("Residuals against normal quantiles", drawing.draw(partial(_paint_normal, studentised[known]))),
-        (
-            "Residuals against run",
-            drawing.draw(
-                partial(
-                    _paint_residuals, analysis.data.run_ids[known].astype(np.float64), studentised[known], "run", texts
-                )
-            ),
-        ),
-        (
-            "Observed against fitted score",
-            drawing.draw(partial(_paint_observed, fitted, analysis.data.scores, score_label(analysis))),
-        ),
+    runs = analysis.data.run_ids[known].astype(np.float64)
+    y = studentised[known]
+    paints = (
+        ("Residuals against fitted score", partial(_paint_residuals, fitted[known], y, f"fitted {label}", texts)),
+        ("Residuals against normal quantiles", partial(_paint_normal, y)),
+        ("Residuals against run", partial(_paint_residuals, runs, y, "run", texts)),
+        ("Observed against fitted score", partial(_paint_observed, fitted, analysis.data.scores, label)),
     )
+    return tuple((title, partial(drawing.draw, paint)) for title, paint in paints)
 
 
 def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: list[str], figure: Figure) -> None:

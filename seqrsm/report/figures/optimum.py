@@ -219,18 +219,24 @@ def optimum_value_panel(analysis: Analysis) -> str:
     return drawing.draw(paint, height_in=2.3)
 
 
-def ridge_panels(analysis: Analysis, ridge: Ridge) -> tuple[str, str]:
-    """Draw the best score at each distance from the centre, and the coded settings that give it."""
-    names = [shortened(axis_label(analysis.region.factors[i]), 26) for i in analysis.region.numeric]
+def ridge_score_panel(analysis: Analysis, ridge: Ridge) -> str:
+    """Draw the best score at each distance from the centre."""
 
-    def score(figure: Figure) -> None:
+    def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         _solid_inside(axes, ridge, ridge.score, drawing.BLUE, "-", "")
         axes.set_ylabel(f"best mean {score_label(analysis)}")
         axes.set_xlabel("coded distance from the centre")
         drawing.light_grid(axes)
 
-    def settings(figure: Figure) -> None:
+    return drawing.draw(paint)
+
+
+def ridge_settings_panel(analysis: Analysis, ridge: Ridge) -> str:
+    """Draw the coded settings that are best at each distance from the centre."""
+    names = [shortened(axis_label(analysis.region.factors[i]), 26) for i in analysis.region.numeric]
+
+    def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         for index, name in enumerate(names):
             color = (drawing.BLUE, drawing.ORANGE, drawing.GREEN, drawing.MUTED)[index % 4]
@@ -241,7 +247,7 @@ def ridge_panels(analysis: Analysis, ridge: Ridge) -> tuple[str, str]:
         axes.legend(loc="best", fontsize=7)
         drawing.light_grid(axes)
 
-    return drawing.draw(score), drawing.draw(settings)
+    return drawing.draw(paint)
 
 
 _DASHES = ("-", (0, (6, 1.5)), (0, (3, 1.5)), (0, (6, 1.5, 1.5, 1.5)))

@@ -15,10 +15,17 @@ from seqrsm.fit.location import LocationRegion
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import set_numeric_axis
 from seqrsm.report.figures.surfaces import numeric_factor
-from seqrsm.report.study_text import LOCATION_METHODS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+LOCATION_METHODS = {
+    "scheffe": "confidence region",
+    "simulated": "confidence region",
+    "box_hunter": "Box-Hunter, stationary point",
+    "simulation set": "posterior set",
+}
+"""Short names of the constructions of :mod:`seqrsm.fit.location`."""
 
 _COLORS = {
     "scheffe": ("blue", drawing.BLUE),

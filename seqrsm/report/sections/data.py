@@ -9,12 +9,26 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import sharing
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.report.blocks import Align, Block, Bullets, Cell, Column, Definitions, Details, Paragraph, Section, Table
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Column,
+    Definitions,
+    Details,
+    Head,
+    Paragraph,
+    Section,
+    Table,
+    right,
+    table,
+)
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
     axis_label,
     counted,
     describe_factor,
+    factor_column,
     fixed_label,
     fixed_unit,
     format_value,
@@ -55,28 +69,22 @@ def question_section(dossier: Dossier) -> Section:
 
 
 def _applications(dossier: Dossier) -> Table:
-    rows = tuple(
+    rows = (
         (
-            Cell(application.name),
-            Cell(readable(application.utility)),
-            Cell(application.goal),
+            application.name,
+            readable(application.utility),
+            application.goal,
             number_cell(format_plain(application.weight), application.weight),
         )
         for application in dossier.spec.applications
     )
-    columns = (Column("Application"), Column("Score"), Column("Goal"), Column("Weight", align="right"))
-    return Table(columns, rows, "Applications")
+    return table("Applications", ("Application", "Score", "Goal", right("Weight")), rows)
 
 
 def _factor_table(factors: Sequence[Factor]) -> Table:
-    rows = []
-    for factor in factors:
-        kind, values = describe_factor(factor)
-        rows.append((Cell(axis_label(factor)), Cell(kind), Cell(values)))
-    columns = (Column("Factor"), Column("Kind and scale"), Column("Allowed"))
-    return Table(
-        columns, tuple(rows), "Factors; each is coded onto \u22121 to 1 on its scale before the model is formed"
-    )
+    rows = ((axis_label(factor), *describe_factor(factor)) for factor in factors)
+    caption = "Factors; each is coded onto \u22121 to 1 on its scale before the model is formed"
+    return table(caption, ("Factor", "Kind and scale", "Allowed"), rows)
 
 
 def _stop_text(dossier: Dossier) -> str:
@@ -150,24 +158,17 @@ def _batch_table(runs: Sequence[RunRecord]) -> Table:
                 whole_cell(batch),
                 whole_cell(len(members)),
                 whole_cell(sum(run.state == "scored" for run in members)),
-                Cell(", ".join(f"{readable(purpose)} {count}" for purpose, count in purposes.items())),
-                Cell(listing(sorted({run.source for run in members}))),
+                ", ".join(f"{readable(purpose)} {count}" for purpose, count in purposes.items()),
+                listing(sorted({run.source for run in members})),
             )
         )
-    columns = (
-        Column("Batch", align="right"),
-        Column("Runs", align="right"),
-        Column("Scored", align="right"),
-        Column("Purpose of the runs"),
-        Column("Source"),
-    )
-    return Table(columns, tuple(rows), "Batches in the order of proposal")
+    columns: tuple[Head, ...] = (*map(right, ("Batch", "Runs", "Scored")), "Purpose of the runs", "Source")
+    return table("Batches in the order of proposal", columns, rows)
 
 
 def _left_out_table(runs: Sequence[RunRecord]) -> Table:
-    rows = tuple((whole_cell(run.run_id), Cell(run.state), Cell(run.reason or "no reason recorded")) for run in runs)
-    columns = (Column("Run", align="right"), Column("State"), Column("Reason"))
-    return Table(columns, rows, "Runs that do not enter the fit")
+    rows = ((whole_cell(run.run_id), run.state, run.reason or "no reason recorded") for run in runs)
+    return table("Runs that do not enter the fit", (right("Run"), "State", "Reason"), rows)
 
 
 def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
@@ -176,14 +177,14 @@ def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
     by_name = {analysis.application: analysis for analysis in dossier.analyses}
     blocked = any(run.block for run in dossier.runs)
     with_error = {score.application for run in dossier.runs for score in run.scores if score.se is not None}
-    columns = [Column("Run", align="right"), Column("Batch", align="right")]
-    columns += [Column(readable(f.name), "" if isinstance(f, CategoricalFactor) else f.unit, _side(f)) for f in factors]
+    columns = [right("Run"), right("Batch")]
+    columns += [Column(readable(f.name)) if isinstance(f, CategoricalFactor) else factor_column(f) for f in factors]
     for name in applications:
         title = "Score" if len(applications) == 1 else f"Score {name}"
         unit = by_name[name].score_unit if name in by_name else ""
-        columns.append(Column(title, unit, "right"))
+        columns.append(right(title, unit))
         if name in with_error:
-            columns.append(Column("s.e.", unit, "right"))
+            columns.append(right("s.e.", unit))
     fitted = {int(run) for analysis in dossier.analyses for run in analysis.data.run_ids}
     left_out = any(run.state == "scored" and run.run_id not in fitted for run in dossier.runs) and bool(fitted)
     columns += [Column("State"), Column("Source"), Column("Purpose")]
@@ -211,10 +212,6 @@ def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
     if any(run.purpose == "confirmation" for run in dossier.runs):
         caption += "; confirmation runs test the fit and are no part of it"
     return Table(tuple(columns), tuple(rows), caption, sortable=True)
-
-
-def _side(factor: Factor) -> Align:
-    return "left" if isinstance(factor, CategoricalFactor) else "right"
 
 
 def _setting_cell(factor: Factor, value: float | str | None) -> Cell:

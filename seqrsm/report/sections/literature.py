@@ -7,7 +7,7 @@ from collections import Counter
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
-from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table
+from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, table
 from seqrsm.report.literature import Literature, literature, system_of
 from seqrsm.report.wording import counted, listing, of_quadratic, readable
 
@@ -68,30 +68,16 @@ def _agreement(found: Literature) -> str:
 
 
 def _comparison_table(found: Literature, analysis: Analysis) -> Table:
-    rows = tuple(
-        (
-            Cell(readable(row.parameter)),
-            Cell(row.printed),
-            Cell(row.agreed),
-            Cell(row.found),
-            Cell(f"{row.verdict}: {row.why}"),
-            Cell(row.tables),
-        )
+    rows = (
+        (readable(row.parameter), row.printed, row.agreed, row.found, f"{row.verdict}: {row.why}", row.tables)
         for row in found.comparisons
     )
-    columns = (
-        Column("Parameter"),
-        Column("Printed"),
-        Column("Most agree on"),
-        Column("This campaign"),
-        Column("Agreement"),
-        Column("Tables"),
-    )
+    columns = ("Parameter", "Printed", "Most agree on", "This campaign", "Agreement", "Tables")
     alone = ", by the quadratic alone," if of_quadratic(analysis) else ""
     caption = (
         f"{analysis.application}: recommended settings (with credible interval{alone} or all levels) and the literature"
     )
-    return Table(columns, rows, caption)
+    return table(caption, columns, rows)
 
 
 def _some(applications: tuple[str, ...]) -> str:
@@ -102,15 +88,9 @@ def _some(applications: tuple[str, ...]) -> str:
 
 
 def _statement_table(found: Literature) -> Table:
-    rows = tuple(
-        (
-            Cell(statement.parameter),
-            Cell(statement.printed),
-            Cell(statement.read_as),
-            Cell(", ".join(statement.tables)),
-            Cell(_some(statement.applications)),
-        )
-        for statement in summary(found.start.entries)
+    rows = (
+        (one.parameter, one.printed, one.read_as, ", ".join(one.tables), _some(one.applications))
+        for one in summary(found.start.entries)
     )
-    columns = (Column("Parameter"), Column("As printed"), Column("Read as"), Column("Tables"), Column("Application"))
-    return Table(columns, rows, f"Entries found for \u201c{found.asked}\u201d, as printed")
+    columns = ("Parameter", "As printed", "Read as", "Tables", "Application")
+    return table(f"Entries found for \u201c{found.asked}\u201d, as printed", columns, rows)

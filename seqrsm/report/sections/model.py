@@ -15,15 +15,26 @@ from seqrsm.report.blocks import (
     Cell,
     Column,
     Details,
+    Entry,
     Equation,
     FigureBlock,
+    Head,
     Panel,
     Paragraph,
     Section,
     Table,
+    right,
+    table,
 )
 from seqrsm.report.figures.data import coefficient_data, importance_data, residual_data
-from seqrsm.report.figures.fit import MAX_COEFFICIENTS, coefficient_panel, importance_panel, outliers, residual_panels
+from seqrsm.report.figures.fit import (
+    MAX_COEFFICIENTS,
+    coefficient_panel,
+    drawn_coefficients,
+    importance_panel,
+    outliers,
+    residual_panels,
+)
 from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import (
     decimals_for,
@@ -33,10 +44,11 @@ from seqrsm.report.rounding import (
     format_percent,
     format_significant,
 )
-from seqrsm.report.sections.study import largest_vif, term_blocks
-from seqrsm.report.study_text import profile_text
+from seqrsm.report.sections.study import largest_vif, profile_text, term_blocks
 from seqrsm.report.wording import (
     capital,
+    counted,
+    decimal_cell,
     level_phrase,
     listing,
     no_error_estimate,
@@ -45,6 +57,7 @@ from seqrsm.report.wording import (
     readable,
     readable_term,
     readable_text,
+    share_cell,
     significant_cell,
     slug,
     whole_cell,
@@ -75,7 +88,7 @@ def model_section(analysis: Analysis, key: str) -> Section:
     """Return model, fit statistics, analysis of variance and coefficients."""
     blocks: list[Block] = [
         *_region_blocks(analysis),
-        Paragraph(_model_text(analysis)),
+        Paragraph("", method=_model_text(analysis)),
         MODEL_EQUATION if analysis.model.order == 2 else FIRST_ORDER_EQUATION,
         _statistics_table(analysis),
     ]
@@ -95,24 +108,19 @@ def _region_blocks(analysis: Analysis) -> list[Block]:
     blocks: list[Block] = []
     names = analysis.region.names
     if analysis.region_history:
-        rows = tuple(
+        rows = (
             (
                 whole_cell(change.batch),
                 whole_cell(change.n_runs),
-                Cell(_REGION_KINDS.get(change.kind, change.kind)),
-                Cell(readable_text(change.text, names)),
+                _REGION_KINDS.get(change.kind, change.kind),
+                readable_text(change.text, names),
             )
             for change in analysis.region_history
         )
-        columns = (
-            Column("Batch", align="right"),
-            Column("Runs", align="right"),
-            Column("Change"),
-            Column("What it is"),
-        )
+        columns = (right("Batch"), right("Runs"), "Change", "What it is")
         where = "in a part of the campaign's region" if _is_part(analysis) else "over the whole region still"
         text = f"The surface is fitted {where}: {analysis.fit.n_runs} of {analysis.n_scored} scored runs enter."
-        blocks += [Paragraph(text), Table(columns, rows, "How the fitted region moved")]
+        blocks += [Paragraph(text), table("How the fitted region moved", columns, rows)]
     if analysis.sources is not None:
         blocks.append(Paragraph(readable_text(analysis.sources.text, names)))
     return blocks
@@ -150,25 +158,24 @@ def _model_text(analysis: Analysis) -> str:
 def _statistics_table(analysis: Analysis) -> Table:
     fit = analysis.fit
     unit = "logit" if analysis.response == "logit" else analysis.score_unit
+    condition = fit.condition_number
     pairs: list[tuple[str, Cell]] = [
         ("Runs N", whole_cell(fit.n_runs)),
         ("Terms p", whole_cell(fit.n_terms)),
         ("Residual degrees of freedom", whole_cell(fit.df_residual)),
         ("Residual standard deviation s", _known(with_unit(format_significant(fit.s, 3), unit), fit.s, analysis)),
-        ("R\u00b2", _known(_share(fit.r2), fit.r2, analysis)),
-        ("R\u00b2 adjusted", _known(_share(fit.r2_adjusted), fit.r2_adjusted, analysis)),
-        ("R\u00b2 predicted (each run left out in turn)", _known(_share(fit.r2_predicted), fit.r2_predicted, analysis)),
-        ("Condition number of the model matrix", significant_cell(fit.condition_number, 3)),
+        ("R\u00b2", _known(format_number(fit.r2, 3), fit.r2, analysis)),
+        ("R\u00b2 adjusted", _known(format_number(fit.r2_adjusted, 3), fit.r2_adjusted, analysis)),
+        (
+            "R\u00b2 predicted (each run left out in turn)",
+            _known(format_number(fit.r2_predicted, 3), fit.r2_predicted, analysis),
+        ),
+        ("Condition number of the model matrix", number_cell(format_significant(condition, 3), condition)),
     ]
     worst = largest_vif(analysis)
     if worst is not None:
         pairs.append((f"Largest variance inflation factor, of {worst[0]}", significant_cell(worst[1], 3)))
-    rows = tuple((Cell(label), cell) for label, cell in pairs)
-    return Table((Column("Quantity"), Column("Value", align="right")), rows, "Quality of the fit")
-
-
-def _share(value: float) -> str:
-    return format_number(value, 3)
+    return table("Quality of the fit", ("Quantity", right("Value")), pairs)
 
 
 def _known(text: str, value: float, analysis: Analysis) -> Cell:
@@ -181,37 +188,22 @@ def _known(text: str, value: float, analysis: Analysis) -> Cell:
 
 
 def _anova_table(analysis: Analysis) -> Table:
-    rows = tuple(
+    rows = (
         (
-            Cell(_source(row.source)),
+            f"\u2003{row.source}" if row.source in ("lack of fit", "pure error") else row.source,
             whole_cell(row.df),
-            significant_cell(row.ss, 4),
-            _blank_or(row.ms, 4),
-            _blank_or(row.f, 3),
-            p_cell(row.p) if math.isfinite(row.p) else Cell(""),
+            number_cell(format_significant(row.ss, 4), row.ss),
+            significant_cell(row.ms, 4),
+            significant_cell(row.f, 3),
+            p_cell(row.p),
         )
         for row in analysis.anova
     )
-    columns = (
-        Column("Source"),
-        Column("df", align="right"),
-        Column("Sum of squares", align="right"),
-        Column("Mean square", align="right"),
-        Column("F", align="right"),
-        Column("p", align="right"),
-    )
+    columns: tuple[Head, ...] = ("Source", *map(right, ("df", "Sum of squares", "Mean square", "F", "p")))
     caption = "Analysis of variance, sequential; lack of fit and pure error are the two parts of the residual"
     if analysis.response == "logit":
         caption += " (logit scale)"
-    return Table(columns, rows, caption)
-
-
-def _source(source: str) -> str:
-    return f"\u2003{source}" if source in ("lack of fit", "pure error") else source
-
-
-def _blank_or(value: float, digits: int) -> Cell:
-    return significant_cell(value, digits) if math.isfinite(value) else Cell("")
+    return table(caption, columns, rows)
 
 
 def _lack_of_fit_text(analysis: Analysis) -> str:
@@ -236,7 +228,8 @@ _NOT_COVERED = (
 
 
 def _coefficient_figure(analysis: Analysis) -> FigureBlock:
-    svg, shown = coefficient_panel(analysis)
+    indices = drawn_coefficients(analysis)
+    shown = len(indices)
     total = sum(kind not in ("intercept", "block") for kind in analysis.fit.kinds)
     level = level_phrase(analysis)
     caption = (
@@ -246,7 +239,8 @@ def _coefficient_figure(analysis: Analysis) -> FigureBlock:
     if shown < total:
         caption += f" Of {total} coefficients the {MAX_COEFFICIENTS} farthest from zero, in standard errors, are drawn."
     alt = f"Dot plot of {shown} coefficients with their intervals; the numbers stand in the table of coefficients."
-    panel = Panel("", alt, svg=svg, name="coefficients", data=partial(coefficient_data, analysis))
+    draw = partial(coefficient_panel, analysis, indices)
+    panel = Panel("", alt, draw, name="coefficients", data=partial(coefficient_data, analysis))
     return FigureBlock((panel,), caption, columns=2)
 
 
@@ -254,37 +248,31 @@ def _coefficient_table(analysis: Analysis) -> Table:
     fit = analysis.fit
     band = fit.interval(analysis.optimum.level)
     draws = analysis.posterior.term_draws
-    rows = []
+    rows: list[tuple[Entry, ...]] = []
     for i, name in enumerate(fit.names):
         estimate, se = float(fit.estimate[i]), float(fit.se[i])
         places = decimals_for(se, decimals_of_significant(estimate, 3))
-        low, high = float(band.low[i]), float(band.high[i])
         has_draws = i < draws.shape[1] and draws.shape[0] > 1
         mean, sd = (float(np.mean(draws[:, i])), float(np.std(draws[:, i], ddof=1))) if has_draws else (math.nan,) * 2
         rows.append(
             (
-                Cell(readable_term(name)),
-                _maybe(estimate, places),
-                _maybe(se, places),
-                _maybe(float(fit.t[i]), 1),
-                p_cell(float(fit.p_value[i])) if math.isfinite(fit.p_value[i]) else Cell(""),
-                _maybe(low, places),
-                _maybe(high, places),
-                _maybe(mean, places),
-                _maybe(sd, places),
+                readable_term(name),
+                *(decimal_cell(value, places) for value in (estimate, se)),
+                decimal_cell(float(fit.t[i]), 1),
+                p_cell(float(fit.p_value[i])),
+                *(decimal_cell(value, places) for value in (float(band.low[i]), float(band.high[i]), mean, sd)),
             )
         )
     level = level_phrase(analysis)
-    titles = ("Estimate", "s.e.", "t", "p", f"{level} low", f"{level} high", "Posterior mean", "Posterior sd")
-    columns = (Column("Term"), *(Column(title, align="right") for title in titles))
+    columns: tuple[Head, ...] = (
+        "Term",
+        *map(right, ("Estimate", "s.e.", "t", "p", f"{level} low", f"{level} high")),
+        *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
+    )
     caption = f"Coded coefficients, confidence interval ({level}) and posterior"
     if fit.aliased:
         caption += f"; not estimable from these runs: {listing([readable_term(name) for name in fit.aliased])}"
-    return Table(columns, tuple(rows), caption, sortable=True)
-
-
-def _maybe(value: float, places: int) -> Cell:
-    return number_cell(format_number(value, places), value) if math.isfinite(value) else Cell("")
+    return table(caption, columns, rows, sortable=True)
 
 
 def importance_section(analysis: Analysis, key: str) -> Section:
@@ -293,9 +281,10 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     tested = [row for row in analysis.importance if math.isfinite(row.f)]
     blocks: list[Block] = [
         Paragraph(
-            "Importance of a factor: the partial F test of all terms that hold it, against the model without it "
+            "",
+            method="Importance of a factor: the partial F test of all terms that hold it, against the model without it "
             "(RSL TR 380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of terms "
-            "left."
+            "left.",
         ),
         PARTIAL_F_EQUATION,
     ]
@@ -303,32 +292,29 @@ def importance_section(analysis: Analysis, key: str) -> Section:
         reason = no_error_estimate(analysis) or "no test exists for these runs"
         blocks.append(Paragraph(f"The importance of the factors cannot be tested: {reason}.", "warning"))
         return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
-    table_rows = tuple(
+    ranked = (rows[name] for name in ranked_factors(analysis) if name in rows)
+    cells = (
         (
-            Cell(readable(name)),
-            whole_cell(rows[name].df),
-            _blank_or(rows[name].f, 3),
-            p_cell(rows[name].p) if math.isfinite(rows[name].p) else Cell(""),
-            *(
-                number_cell(format_percent(x), x) if math.isfinite(x) else Cell("")
-                for x in (rows[name].share, rows[name].share_total)
-            ),
+            readable(row.factor),
+            whole_cell(row.df),
+            significant_cell(row.f, 3),
+            p_cell(row.p),
+            share_cell(row.share),
+            share_cell(row.share_total),
         )
-        for name in ranked_factors(analysis)
-        if name in rows
+        for row in ranked
     )
-    titles = ("df", "F", "p", "Variance, alone", "with products")
-    columns = (Column("Factor"), *(Column(title, align="right") for title in titles))
+    columns: tuple[Head, ...] = ("Factor", *map(right, ("df", "F", "p", "Variance, alone", "with products")))
     caption = (
         "Factors, the most important first. Variance: share of the fitted surface's variance over the region that the "
         "factor explains alone, and with its products"
     )
-    blocks.append(Table(columns, table_rows, caption, sortable=True))
+    blocks.append(table(caption, columns, cells, sortable=True))
     order = listing([readable(row.factor) for row in sorted(tested, key=lambda row: -row.f)])
     alt = f"Bars of the F ratio of each factor, from largest to smallest: {order}."
     caption = "F ratio of every factor; about 1 is what a factor without any effect gives."
-    svg = importance_panel(analysis)
-    panel = Panel("", alt, svg=svg, name="importance-of-factors", data=partial(importance_data, analysis))
+    draw, data = partial(importance_panel, analysis), partial(importance_data, analysis)
+    panel = Panel("", alt, draw, name="importance-of-factors", data=data)
     blocks.append(FigureBlock((panel,), caption))
     return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
 
@@ -340,22 +326,15 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
     if panels:
         blocks.append(Bullets(_findings(analysis)))
         alt = "Scatter plot of {}; what stands out is said in the list above it."
-        blocks.append(
-            FigureBlock(
-                tuple(
-                    Panel(
-                        title,
-                        alt.format(title[:1].lower() + title[1:]),
-                        svg=svg,
-                        name=slug(title),
-                        data=partial(residual_data, analysis),
-                    )
-                    for title, svg in panels
-                ),
-                "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie.",
-            )
+        data = partial(residual_data, analysis)
+        drawn = tuple(
+            Panel(title, alt.format(title[:1].lower() + title[1:]), draw, name=slug(title), data=data)
+            for title, draw in panels
         )
-        blocks.append(Details("Residuals, leverage and influence of runs", (_influence_table(analysis),)))
+        caption = "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie."
+        blocks.append(FigureBlock(drawn, caption))
+        details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
+        blocks.append(details)
     else:
         reason = no_error_estimate(analysis) or "every run is fitted exactly"
         blocks.append(Paragraph(f"There are no residuals to look at: {reason}."))
@@ -386,6 +365,9 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
         found.append(f"The recommended settings are {far}.")
         known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}
         found += [f"Run {run} stands out: {'; '.join(reasons)}." for run, reasons in known.items()]
+        if len(study.influential) > MAX_NAMED:
+            more = counted(len(study.influential) - MAX_NAMED, "more run stands", "more runs stand")
+            found.append(f"{more} out.")
     inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0
     found.append(f"{format_percent(float(np.mean(inside)))} of the studentised residuals lie within \u22122 and 2.")
     return tuple(found)
@@ -403,20 +385,16 @@ def _influence_table(analysis: Analysis) -> Table:
     chosen = np.arange(fit.n_runs)
     if fit.n_runs > MAX_INFLUENCE_ROWS:
         chosen = np.sort(np.argsort(-np.nan_to_num(fit.cooks_distance), kind="stable")[:MAX_INFLUENCE_ROWS])
-    rows = tuple(
+    rows = (
         (
             whole_cell(int(data.run_ids[i])),
-            _maybe(float(fit.y[i]), places),
-            _maybe(float(fit.fitted[i]), places),
-            _maybe(float(fit.residuals[i]), places),
-            _maybe(float(fit.studentised[i]), 2),
-            _maybe(float(fit.leverage[i]), 3),
-            _maybe(float(fit.cooks_distance[i]), 3),
+            *(decimal_cell(float(values[i]), places) for values in (fit.y, fit.fitted, fit.residuals)),
+            decimal_cell(float(fit.studentised[i]), 2),
+            *(decimal_cell(float(values[i]), 3) for values in (fit.leverage, fit.cooks_distance)),
         )
         for i in chosen
     )
     titles = ("Run", "Observed", "Fitted", "Residual", "Studentised", "Leverage", "Cook's distance")
-    columns = tuple(Column(title, align="right") for title in titles)
     scale = ", on the logit scale" if analysis.response == "logit" else ""
-    share = f", the {MAX_INFLUENCE_ROWS} runs with the largest Cook's distance" if len(rows) < fit.n_runs else ""
-    return Table(columns, rows, f"Residuals and influence{scale}{share}", sortable=True)
+    share = f", the {MAX_INFLUENCE_ROWS} runs with the largest Cook's distance" if len(chosen) < fit.n_runs else ""
+    return table(f"Residuals and influence{scale}{share}", map(right, titles), rows, sortable=True)

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from seqrsm.report.blocks import Block, Cell, Column, Table
+from seqrsm.report.blocks import Block, Cell, Paragraph, Table, right, table
 from seqrsm.report.rounding import format_significant
-from seqrsm.report.wording import number_cell, whole_cell
+from seqrsm.report.wording import number_cell, significant_cell, whole_cell
 
 
 def numerics_blocks(numerics: Mapping[str, Any]) -> list[Block]:
-    """One table for each part that was measured; none for those that were not."""
+    """One table for each part that was measured, or why it was not; nothing for those that were not asked for."""
     blocks: list[Block] = []
     sampler = numerics.get("sampler") or {}
-    for name, rows in {} if "why" in sampler else sampler.items():
-        blocks.append(_sampler_table(name, rows))
+    if "why" in sampler:
+        blocks.append(Paragraph(f"The sampler was not measured: {sampler['why']}."))
+    else:
+        blocks += [_sampler_table(name, rows) for name, rows in sampler.items()]
     precision = numerics.get("precision") or []
     if precision and "why" not in precision:
         blocks.append(_precision_table(precision))
@@ -24,66 +26,45 @@ def numerics_blocks(numerics: Mapping[str, Any]) -> list[Block]:
     return blocks
 
 
-def _number(value: float) -> Cell:
-    return number_cell(format_significant(value, 3), value)
-
-
 def _sampler_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    columns = (
-        Column("Method"),
-        Column("Interval of"),
-        Column("Draws", align="right"),
-        Column("Monte Carlo error of its ends", align="right"),
-        Column("Time", "s", "right"),
-    )
-    cells = tuple(
+    columns = ("Method", "Interval of", right("Draws"), right("Monte Carlo error of its ends"), right("Time", "s"))
+    cells = (
         (
-            Cell(row["method"]),
-            Cell(row["quantity"]),
+            row["method"],
+            row["quantity"],
             whole_cell(row["draws"]),
-            Cell(f"{format_significant(row['error_low'], 2)} and {format_significant(row['error_high'], 2)}"),
-            _number(row["seconds"]),
+            f"{format_significant(row['error_low'], 2)} and {format_significant(row['error_high'], 2)}",
+            significant_cell(row["seconds"]),
         )
         for row in rows
     )
-    return Table(columns, cells, f"Draws of the posterior of {name} against the Monte Carlo error of its intervals")
+    return table(f"Draws of the posterior of {name} against the Monte Carlo error of its intervals", columns, cells)
 
 
 def _precision_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     columns = (
-        Column("Score, single", align="right"),
-        Column("Score, double", align="right"),
-        Column("Median difference of a pixel", "1", "right"),
-        Column("Time, single", "ms", "right"),
-        Column("Time, double", "ms", "right"),
+        *(right("Score, single"), right("Score, double"), right("Median difference of a pixel", "1")),
+        *(right("Time, single", "ms"), right("Time, double", "ms")),
     )
-    cells = tuple(
+    cells = (
         (
-            number_cell(f"{row['score32']:.4f}", row["score32"]),
-            number_cell(f"{row['score64']:.4f}", row["score64"]),
+            *(number_cell(f"{row[name]:.4f}", row[name]) for name in ("score32", "score64")),
             Cell(f"{row['median_difference']:.1e}", row["median_difference"]),
-            _number(1000.0 * row["seconds32"]),
-            _number(1000.0 * row["seconds64"]),
+            *(significant_cell(1000.0 * row[name]) for name in ("seconds32", "seconds64")),
         )
         for row in rows
     )
-    return Table(columns, cells, "Single against double precision of the simulation, at some configurations")
+    return table("Single against double precision of the simulation, at some configurations", columns, cells)
 
 
 def _search_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    columns = (
-        Column("Restarts", align="right"),
-        Column("Efficiency, median", align="right"),
-        Column("Least", align="right"),
-        Column("Time", "s", "right"),
-    )
-    cells = tuple(
+    columns = (right("Restarts"), right("Efficiency, median"), right("Least"), right("Time", "s"))
+    cells = (
         (
             whole_cell(row["restarts"]),
-            number_cell(f"{row['efficiency']:.4f}", row["efficiency"]),
-            number_cell(f"{row['least_efficiency']:.4f}", row["least_efficiency"]),
-            _number(row["seconds"]),
+            *(number_cell(f"{row[name]:.4f}", row[name]) for name in ("efficiency", "least_efficiency")),
+            significant_cell(row["seconds"]),
         )
         for row in rows
     )
-    return Table(columns, cells, "Restarts of the search of the start design, against the best that was found")
+    return table("Restarts of the search of the start design, against the best that was found", columns, cells)

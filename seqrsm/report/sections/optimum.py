@@ -12,8 +12,6 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.design.factors import DiscreteFactor
 from seqrsm.report.blocks import (
     Block,
-    Cell,
-    Column,
     Definitions,
     Details,
     Equation,
@@ -21,21 +19,25 @@ from seqrsm.report.blocks import (
     Panel,
     Paragraph,
     Section,
-    Table,
+    right,
+    table,
 )
 from seqrsm.report.figures.data import contour_data, optimum_draws_data, optimum_values_data, ridge_data, slice_data
 from seqrsm.report.figures.optimum import (
     contour_panel,
     optimum_posterior_panel,
     optimum_value_panel,
-    ridge_panels,
+    ridge_score_panel,
+    ridge_settings_panel,
     slice_panel,
 )
 from seqrsm.report.figures.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
 from seqrsm.report.rounding import format_number, format_share, format_significant
 from seqrsm.report.sections.study import searched_blocks
 from seqrsm.report.wording import (
+    at_bound_text,
     axis_label,
+    decimal_cell,
     effects_text,
     format_setting,
     half_width_text,
@@ -67,50 +69,41 @@ PREDICTION_EQUATION = Equation(
 
 def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     """Return the optimum with its three intervals and the shape of the surface."""
-    optimum = analysis.optimum
-    level = level_phrase(analysis)
-    rows = tuple(
-        (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
-        for name, interval in (
-            ("Confidence: mean score at these settings", optimum.confidence),
-            ("Prediction: score of one future run", optimum.prediction),
-            (f"Prediction: mean of {optimum.replicates} future runs", optimum.prediction_mean),
-        )
-    )
+    optimum, m = analysis.optimum, analysis.optimum.replicates
+    intervals = [
+        ("Confidence: mean score at these settings", optimum.confidence),
+        ("Prediction: score of one future run", optimum.prediction),
+        (f"Prediction: mean of {m} future runs", optimum.prediction_mean),
+    ]
     allowed = optimum.with_departure if optimum.quadratic is None else None
     if allowed is not None:
-        rows += tuple(
-            (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
-            for name, interval in (
-                ("Confidence, departure allowed for", allowed.confidence),
-                ("Prediction of one run, departure allowed for", allowed.prediction),
-                (f"Prediction of {optimum.replicates} runs, departure allowed for", allowed.prediction_mean),
-            )
-        )
-    columns = (Column("Interval"), Column("From, to"), Column("Half-width", align="right"))
-    table = Table(columns, rows, f"Intervals at the optimum, {level}")
+        intervals += [
+            ("Confidence, departure allowed for", allowed.confidence),
+            ("Prediction of one run, departure allowed for", allowed.prediction),
+            (f"Prediction of {m} runs, departure allowed for", allowed.prediction_mean),
+        ]
+    rows = (
+        (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
+        for name, interval in intervals
+    )
+    columns = ("Interval", "From, to", right("Half-width"))
+    found = table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows)
     mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
     blocks: list[Block]
     if optimum.quadratic is None:
-        blocks = [
-            Paragraph(
-                mean + "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is "
-                "missing in print; z\u2080 is the full model row) is"
-            ),
-            PREDICTION_EQUATION,
-            table,
-        ]
+        how = (
+            "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
+            "print; z\u2080 is the full model row) is"
+        )
+        blocks = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
     else:
-        blocks = [
-            Paragraph(
-                mean
-                + "A departure from the quadratic is seen. Settings, mean and intervals are those of the quadratic "
-                "and a smooth departure together, all sizes of which that the scores do not exclude are averaged over, "
-                "with the weight that the scores give to each. The settings were chosen because the departure is good "
-                "there, so it counts as an error of its own size. The stop rule watches these intervals."
-            ),
-            table,
-        ]
+        text = (
+            "A departure from the quadratic is seen. Settings, mean and intervals are those of the quadratic and a "
+            "smooth departure together, all sizes of which that the scores do not exclude are averaged over, with the "
+            "weight that the scores give to each. The settings were chosen because the departure is good there, so it "
+            "counts as an error of its own size. The stop rule watches these intervals."
+        )
+        blocks = [Paragraph(mean + text), found]
     if allowed is not None:
         blocks.append(
             Paragraph(
@@ -152,19 +145,14 @@ def _shape(analysis: Analysis) -> list[Block]:
     blocks: list[Block] = [Paragraph(text)]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
-    rows = tuple(
-        (
-            number_cell(format_significant(float(value), 3), float(value)),
-            *(number_cell(format_number(float(x), 2), float(x)) for x in stationary.eigenvectors[:, j]),
-        )
-        for j, value in enumerate(stationary.eigenvalues)
+    rows = (
+        (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
+        for value, direction in zip(stationary.eigenvalues.tolist(), stationary.eigenvectors.T.tolist(), strict=True)
     )
-    columns = (
-        Column("Curvature", analysis.score_unit if analysis.response == "identity" else "", "right"),
-        *(Column(readable(analysis.region.names[index]), align="right") for index in numeric),
-    )
-    table = Table(columns, rows, "Principal curvatures of the fitted surface and their directions, in coded units")
-    return [*blocks, Details("Canonical analysis", (table,))]
+    unit = analysis.score_unit if analysis.response == "identity" else ""
+    columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
+    caption = "Principal curvatures of the fitted surface and their directions, in coded units"
+    return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
 
 
 def surface_section(analysis: Analysis, key: str) -> Section:
@@ -182,11 +170,12 @@ def surface_section(analysis: Analysis, key: str) -> Section:
 
 def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> FigureBlock:
     surfaces = [surface(analysis, x, y) for x, y in pairs]
+    limits = _limits(surfaces)
     panels = tuple(
         Panel(
             f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
             _contour_alt(analysis, s),
-            svg=contour_panel(analysis, s, _limits(surfaces)),
+            partial(contour_panel, analysis, s, limits),
             name=slug(f"surface {_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}"),
             data=partial(contour_data, analysis, s),
         )
@@ -242,15 +231,8 @@ def _slices(analysis: Analysis) -> FigureBlock:
             f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
             f"{optimum_setting_text(analysis, factor)}."
         )
-        panels.append(
-            Panel(
-                readable(factor.name),
-                alt,
-                svg=slice_panel(analysis, here),
-                name=slug(f"slice {factor.name}"),
-                data=partial(slice_data, analysis, here),
-            )
-        )
+        draw, data = partial(slice_panel, analysis, here), partial(slice_data, analysis, here)
+        panels.append(Panel(readable(factor.name), alt, draw, name=slug(f"slice {factor.name}"), data=data))
     level = level_phrase(analysis)
     caption = (
         f"Slices through the optimum, marked by the dashed line. Line or diamonds: fitted mean; dark band: confidence "
@@ -268,7 +250,7 @@ def _slices(analysis: Analysis) -> FigureBlock:
 def _ridge(analysis: Analysis, path: Ridge) -> FigureBlock:
     best = int(np.nanargmax(path.score if analysis.goal == "maximize" else -path.score))
     inside = f"up to {path.distance[path.allowed].max():.2g}" if np.any(path.allowed) else "nowhere"
-    score, settings = ridge_panels(analysis, path)
+    score, settings = partial(ridge_score_panel, analysis, path), partial(ridge_settings_panel, analysis, path)
     data = partial(ridge_data, analysis, path)
     alt = (
         f"Best fitted mean score against the coded distance from the centre, {score_text(analysis, path.score[0])} at "
@@ -276,11 +258,11 @@ def _ridge(analysis: Analysis, path: Ridge) -> FigureBlock:
     )
     names = listing([_name(analysis, index) for index in analysis.region.numeric])
     panels = (
-        Panel("Best score by distance", alt, svg=score, name="ridge-score", data=data),
+        Panel("Best score by distance", alt, score, name="ridge-score", data=data),
         Panel(
             "Settings on the ridge path",
             f"Coded {names} of the best point at each distance from the centre.",
-            svg=settings,
+            settings,
             name="ridge-settings",
             data=data,
         ),
@@ -300,22 +282,10 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
         item = setting_posterior(analysis, factor)
         mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
         text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
-        at_bound = "" if item is None or math.isnan(item.p_at_bound) else format_share(item.p_at_bound)
-        rows.append(
-            (
-                Cell(axis_label(factor)),
-                Cell(text),
-                Cell(setting_range_text(analysis, factor)),
-                Cell(at_bound),
-            )
-        )
+        rows.append((axis_label(factor), text, setting_range_text(analysis, factor), at_bound_text(analysis, factor)))
     level, there = level_phrase(analysis), "there" if of_quadratic(analysis) else "at the recommended settings"
-    columns = (
-        Column("Factor"),
-        Column("Mean", align="right"),
-        Column(f"{level} interval, or probability of each level{of_quadratic(analysis)}"),
-        Column("Probability at a bound", align="right"),
-    )
+    spread = f"{level} interval, or probability of each level{of_quadratic(analysis)}"
+    columns = ("Factor", right("Mean"), spread, right("Probability at a bound"))
     blocks: list[Block] = [
         Paragraph(
             f"Posterior mean of the score at the optimum{of_quadratic(analysis)}: "
@@ -324,7 +294,7 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
             f"{interval_text(analysis, posterior.predictive)}."
         ),
         *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
-        Table(columns, tuple(rows), "Posterior of the optimal settings"),
+        table("Posterior of the optimal settings", columns, rows),
         _posterior_figure(analysis),
         Details("How the posterior was computed", (Definitions(_sampler(analysis)),)),
     ]
@@ -363,26 +333,13 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
     panels = []
     for index, factor in enumerate(analysis.region.factors):
         alt = f"Posterior of the optimal {readable(factor.name)}: {setting_range_text(analysis, factor)}."
-        panels.append(
-            Panel(
-                readable(factor.name),
-                alt,
-                svg=optimum_posterior_panel(analysis, index),
-                name=slug(f"posterior of optimal {factor.name}"),
-                data=partial(optimum_draws_data, analysis, index),
-            )
-        )
+        draw, data = partial(optimum_posterior_panel, analysis, index), partial(optimum_draws_data, analysis, index)
+        name = slug(f"posterior of optimal {factor.name}")
+        panels.append(Panel(readable(factor.name), alt, draw, name=name, data=data))
     credible = interval_text(analysis, analysis.posterior.credible)
     alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
-    panels.append(
-        Panel(
-            "score at the optimum",
-            alt,
-            svg=optimum_value_panel(analysis),
-            name="posterior-of-score-at-optimum",
-            data=partial(optimum_values_data, analysis),
-        )
-    )
+    draw, data = partial(optimum_value_panel, analysis), partial(optimum_values_data, analysis)
+    panels.append(Panel("score at the optimum", alt, draw, name="posterior-of-score-at-optimum", data=data))
     caption = "Posterior of the optimal setting of every factor and of the mean score there" + (
         f"{of_quadratic(analysis)}. Dashed: what is recommended, by quadratic and departure together."
         if of_quadratic(analysis)

@@ -13,18 +13,19 @@ from seqrsm.campaign.images import ImagePanel, TruthPanel
 from seqrsm.report.blocks import (
     Block,
     Bullets,
-    Cell,
     Code,
-    Column,
     Definitions,
     Details,
     FigureBlock,
+    Head,
     LegendEntry,
     Panel,
     PanelData,
     Paragraph,
     Section,
     Table,
+    right,
+    table,
 )
 from seqrsm.report.figures.data import picture_data
 from seqrsm.report.images import (
@@ -146,36 +147,28 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
     rows = []
     if dossier.truth is not None:
         size = _size_cells(dossier.truth.cover.shape, dossier.truth.cell_m, count)
-        rows.append((Cell("Ground truth"), Cell(""), Cell(""), *size))
+        rows.append(("Ground truth", "", "", *size))
     for image in dossier.images:
         settings = format_settings(dossier.spec.factors, image.settings)
         size = _size_cells(image.greytone.shape[1:], image.pixel_m, count)
-        rows.append((Cell(image.title), Cell(settings), Cell(_score(image, unit)), *size))
-    columns = (
-        Column("Picture"),
-        Column("Settings"),
-        Column("Score \u00b1 s.e.", align="right"),
-        Column("Along by across track"),
-        Column("Cell or pixel", align="right"),
-        Column("Reduced", align="right"),
-        Column("Bar", align="right"),
+        rows.append((image.title, settings, _score(image, unit), *size))
+    columns: tuple[Head, ...] = (
+        *("Picture", "Settings", right("Score \u00b1 s.e."), "Along by across track"),
+        *map(right, ("Cell or pixel", "Reduced", "Bar")),
     )
-    return Table(
-        columns,
-        tuple(rows),
-        "What the pictures show; the score is that of the one image shown, with the standard error within it",
-    )
+    caption = "What the pictures show; the score is that of the one image shown, with the standard error within it"
+    return table(caption, columns, rows)
 
 
-def _size_cells(shape: tuple[int, ...], pixel_m: float, count: int) -> tuple[Cell, Cell, Cell, Cell]:
+def _size_cells(shape: tuple[int, ...], pixel_m: float, count: int) -> tuple[str, str, str, str]:
     """Extent, pixel, reduction and length of the scale bar of a picture."""
     rows, columns = shape
     factor = _reduction(shape, count)
     return (
-        Cell(f"{_length(columns * pixel_m)} by {_length(rows * pixel_m)}"),
-        Cell(_metres(pixel_m)),
-        Cell("no" if factor == 1 else f"{factor} times"),
-        Cell(_length(bar_length_m(-(-columns // factor), pixel_m * factor))),
+        f"{_length(columns * pixel_m)} by {_length(rows * pixel_m)}",
+        _metres(pixel_m),
+        "no" if factor == 1 else f"{factor} times",
+        _length(bar_length_m(-(-columns // factor), pixel_m * factor)),
     )
 
 
@@ -205,11 +198,11 @@ def assumption_section(dossier: Dossier) -> Section:
     if grouped.others:
         blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in grouped.others))]
     if grouped.about_covers:
-        table = _cover_table(grouped)
-        blocks.append(Details(f"Backscatter of each cover: {counted(len(table.rows), 'statement')}", (table,)))
+        covers = _cover_table(grouped)
+        blocks.append(Details(f"Backscatter of each cover: {counted(len(covers.rows), 'statement')}", (covers,)))
     if grouped.about_channels:
-        table = _channel_table(grouped)
-        blocks.append(Details(f"Scatter among fields and dates: {counted(len(table.rows), 'cover')}", (table,)))
+        channels = _channel_table(grouped)
+        blocks.append(Details(f"Scatter among fields and dates: {counted(len(channels.rows), 'cover')}", (channels,)))
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
     return Section("assumptions", "Assumptions and limits", tuple(blocks))
 
@@ -219,13 +212,13 @@ def _cover_table(grouped: GroupedNotes) -> Table:
     for text, names in grouped.about_covers:
         everyone = len(names) > 1 and set(names) == {n for _, known in grouped.about_covers for n in known}
         subject = "every cover" if everyone else ", ".join(readable(name) for name in names)
-        rows.append((Cell(subject), Cell(_sentence(text))))
-    rows.sort(key=lambda row: row[0].text == "every cover")
+        rows.append((subject, _sentence(text)))
+    rows.sort(key=lambda row: row[0] == "every cover")
     caption = (
         "How the mean backscatter of each cover was found, in all pictures of this report. In brackets what it rests "
         "on: public measurements, computed from public data, or assumed"
     )
-    return Table((Column("Cover"), Column("Statement")), tuple(rows), caption)
+    return table(caption, ("Cover", "Statement"), rows)
 
 
 def _channel_table(grouped: GroupedNotes) -> Table:
@@ -234,12 +227,11 @@ def _channel_table(grouped: GroupedNotes) -> Table:
     texts: dict[tuple[str, str], list[str]] = {}
     for cover, channel, text in grouped.about_channels:
         texts.setdefault((cover, channel), []).append(text)
-    rows = tuple(
-        (Cell(readable(cover)), *(Cell("; ".join(texts.get((cover, channel), []))) for channel in channels))
-        for cover in covers
+    rows = (
+        (readable(cover), *("; ".join(texts.get((cover, channel), [])) for channel in channels)) for cover in covers
     )
     caption = "Standard deviation of backscatter among fields of a cover and among dates, by channel"
-    return Table((Column("Cover"), *(Column(channel) for channel in channels)), rows, caption)
+    return table(caption, ("Cover", *channels), rows)
 
 
 def provenance_section(dossier: Dossier) -> Section:
@@ -255,13 +247,13 @@ def provenance_section(dossier: Dossier) -> Section:
 
 
 def _exact_settings(dossier: Dossier) -> Table:
-    rows = tuple(
-        (Cell(analysis.application), Cell(readable(factor.name)), Cell(_exact(analysis.optimum.settings[factor.name])))
+    rows = (
+        (analysis.application, readable(factor.name), _exact(analysis.optimum.settings[factor.name]))
         for analysis in dossier.analyses
         for factor in analysis.region.factors
     )
-    columns = (Column("Application"), Column("Factor"), Column("Setting", align="right"))
-    return Table(columns, rows, "Recommended settings to six digits, for making the same run again")
+    caption = "Recommended settings to six digits, for making the same run again"
+    return table(caption, ("Application", "Factor", right("Setting")), rows)
 
 
 def _exact(value: float | str) -> str:
@@ -271,10 +263,9 @@ def _exact(value: float | str) -> str:
 def _event_table(dossier: Dossier) -> Table:
     """Events by kind; their details name hosts and processes, which are nobody else's business."""
     counts = Counter(event.kind for event in dossier.events)
-    rows = tuple((Cell(readable(kind)), whole_cell(count)) for kind, count in counts.items())
-    columns = (Column("Event"), Column("Times", align="right"))
+    rows = ((readable(kind), whole_cell(count)) for kind, count in counts.items())
     caption = (
         "History of the campaign. The times of day are left out here, so that the same campaign gives the same report; "
         "seqrsm status --history and seqrsm export tell them"
     )
-    return Table(columns, rows, caption)
+    return table(caption, ("Event", right("Times")), rows)

@@ -15,18 +15,20 @@ from seqrsm.report.blocks import (
     Block,
     Bullets,
     Cell,
-    Column,
     FigureBlock,
+    Head,
     Panel,
     PanelData,
     Paragraph,
     Section,
     Table,
+    right,
+    table,
 )
 from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import format_number, format_plain, format_significant
 from seqrsm.report.sections.numerics import numerics_blocks
-from seqrsm.report.wording import listing, number_cell, slug, whole_cell, with_unit
+from seqrsm.report.wording import listing, number_cell, significant_cell, slug, whole_cell, with_unit
 from seqrsm.simulate.fidelity import MEANINGS, RUNGS
 
 if TYPE_CHECKING:
@@ -35,10 +37,10 @@ if TYPE_CHECKING:
 
 def speed_section(dossier: Dossier) -> Section | None:
     """Return which model each run was simulated by, and the measured trade-off; None without a simulator."""
-    simulator = dossier.spec.simulator
+    simulator, measured = dossier.spec.simulator, dossier.tradeoff
     if simulator is None:
-        tables = [] if dossier.tradeoff is None else numerics_blocks(dossier.tradeoff["numerics"])
-        return Section("speed", "Speed and accuracy of the numbers", tuple(tables)) if tables else None
+        blocks = [] if measured is None else tradeoff_blocks(measured, "")
+        return Section("speed", "Speed and accuracy of the numbers", tuple(blocks)) if blocks else None
     unit = dossier.spec.applications[0].unit
     accepted = with_unit(format_plain(simulator.tolerance), unit)
     how = (
@@ -46,27 +48,44 @@ def speed_section(dossier: Dossier) -> Section | None:
         if simulator.fidelity == "auto"
         else f"rung {simulator.fidelity} of the ladder of models, as asked for"
     )
-    blocks: list[Block] = [
+    blocks = [
         Paragraph(
             f"Runs are simulated by {how}. All models of a run draw the same occasion: its fields, date, moisture and "
             "training ground."
         )
     ]
-    table = _run_table(dossier, unit)
-    if table is not None:
-        blocks += [table, *_checks(dossier, unit)]
-    if dossier.plan is not None and dossier.plan["effects"]:
-        blocks.append(_effects_table(dossier.plan, unit))
-    measured = dossier.tradeoff
+    rungs = _run_table(dossier, unit)
+    if rungs is not None:
+        blocks += [rungs, *_checks(dossier, unit)]
+    if dossier.plan is not None:
+        blocks += plan_blocks(dossier.plan, unit, "the recommended settings")
     if measured is None:
         blocks.append(Paragraph("seqrsm tradeoff measures speed against accuracy on this scene; it was not run."))
     else:
-        for name, rows in measured["simulation"]["applications"].items():
-            blocks += _tradeoff_blocks(name, rows, simulator.tolerance, unit)
-        refused = [f"{rung} cannot be used: {reason}" for rung, reason in measured["simulation"]["refused"].items()]
-        blocks += [Bullets(tuple(refused))] if refused else []
-        blocks += numerics_blocks(measured["numerics"])
+        blocks += tradeoff_blocks(measured, unit)
     return Section("speed", "Speed and accuracy of the simulations", tuple(blocks))
+
+
+def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
+    """What ``seqrsm tradeoff`` measured: every model against the full simulation, then draws, precision and searches.
+
+    Parameters
+    ----------
+    measured : Mapping
+        From `seqrsm.campaign.tradeoff.measure_tradeoff`.
+    unit : str
+        Of the scores.
+    """
+    simulation = measured["simulation"]
+    if simulation is None:
+        return [Paragraph(f"Nothing was simulated: {measured['why']}."), *numerics_blocks(measured["numerics"])]
+    blocks: list[Block] = []
+    for name, rows in simulation["applications"].items():
+        blocks += _tradeoff_blocks(name, rows, simulation["tolerance"], unit)
+    notes = [f"{rung} cannot be used: {reason}" for rung, reason in simulation["refused"].items()]
+    notes += [f"A configuration could not be simulated: {reason}" for reason in simulation["failures"]]
+    blocks += [Bullets(tuple(notes))] if notes else []
+    return blocks + numerics_blocks(measured["numerics"])
 
 
 def _run_table(dossier: Dossier, unit: str) -> Table | None:
@@ -77,41 +96,48 @@ def _run_table(dossier: Dossier, unit: str) -> Table | None:
         if own:
             bound = max(float(found["bound"]) for found in own)
             left = listing(sorted({str(name) for found in own for name in found["left_out"]})) or "nothing"
-            worst = number_cell(format_significant(bound, 2) if bound > 0.0 else "0", bound)
-            rows.append((Cell(rung), Cell(MEANINGS[rung]), whole_cell(len(own)), worst, Cell(left)))
-    columns = (
-        Column("Model"),
-        Column("What is made"),
-        Column("Runs", align="right"),
-        Column("Largest error, bound", unit, "right"),
-        Column("Left out"),
-    )
-    return Table(columns, tuple(rows), "Models by which the runs were simulated") if rows else None
+            rows.append((rung, MEANINGS[rung], whole_cell(len(own)), _bound(bound), left))
+    columns = ("Model", "What is made", right("Runs"), right("Largest error, bound", unit), "Left out")
+    return table("Models by which the runs were simulated", columns, rows) if rows else None
+
+
+def _bound(bound: float | None) -> Cell:
+    """Bound of an error; None where none is known."""
+    if bound is None:
+        return Cell("no bound")
+    return number_cell(format_significant(bound, 2) if bound > 0.0 else "0", bound)
 
 
 _VERDICTS = {"exact": "proven to change nothing", "bounded": "within the tolerance", "needed": "needed"}
 
 
-def _effects_table(plan: Mapping[str, Any], unit: str) -> Table:
-    """What the planner says of every effect, in words."""
-    rows = tuple(
+def plan_blocks(plan: Mapping[str, Any], unit: str, where: str) -> list[Block]:
+    """What the planner says of every model of a run at some settings and of every effect, in words."""
+    rungs = [
         (
-            Cell(effect["name"]),
-            Cell(_VERDICTS[effect["verdict"]]),
-            Cell("no bound")
-            if effect["bound"] is None
-            else number_cell(format_significant(effect["bound"], 2) if effect["bound"] > 0.0 else "0", effect["bound"]),
-            Cell(effect["text"]),
+            rung["rung"],
+            rung["meaning"],
+            *(("", "") if rung["refused"] else (_bound(rung["bound"]), f"{1000.0 * rung['effort']:.0f}")),
+            rung["refused"] or ", ".join(rung["left_out"]) or "nothing left out",
         )
+        for rung in plan["rungs"]
+    ]
+    effects = [
+        (effect["name"], _VERDICTS[effect["verdict"]], _bound(effect["bound"]), effect["text"])
         for effect in plan["effects"]
-    )
-    columns = (
-        Column("Effect"),
-        Column("Leaving it out"),
-        Column("Changes the score by at most", unit, "right"),
-        Column("Test"),
-    )
-    return Table(columns, rows, f"What each effect does at the recommended settings. Chosen there: {plan['why']}")
+    ]
+    blocks: list[Block] = []
+    if rungs:
+        left = "Left out, or why it cannot be used"
+        columns = ("Model", "What is made", right("Error at most", unit), right("Time, about", "ms"), left)
+        blocks.append(table(f"Every model of a run at {where}", columns, rungs))
+    if effects:
+        heads = ("Effect", "Leaving it out", right("Changes the score by at most", unit), "Test")
+        caption = f"What each effect does at {where}. Chosen there: {plan['why']}"
+        blocks.append(table(caption, heads, effects))
+    else:
+        blocks.append(Paragraph(f"Chosen there: {plan['why']}"))
+    return blocks
 
 
 def _checks(dossier: Dossier, unit: str) -> list[Block]:
@@ -139,46 +165,44 @@ def _checks(dossier: Dossier, unit: str) -> list[Block]:
 
 
 def _tradeoff_blocks(name: str, rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str) -> list[Block]:
-    columns = (
-        Column("Model"),
-        Column("Time of the full simulation", "%", "right"),
-        Column("Bias \u00b1 s.e.", unit, "right"),
-        Column("Rms error", unit, "right"),
-        Column("Largest error", unit, "right"),
-        Column("Rank correlation", align="right"),
-        Column("Utility lost \u00b1 s.e.", unit, "right"),
+    columns: tuple[Head, ...] = (
+        "Model",
+        right("Time of a run", "ms"),
+        right("Time of the full simulation", "%"),
+        *(right(title, unit) for title in ("Bias \u00b1 s.e.", "Rms error", "Largest error", "Error at most")),
+        right("Rank correlation"),
+        right("Utility lost \u00b1 s.e.", unit),
     )
-    table = Table(
-        columns,
-        tuple(_row(row) for row in rows),
+    caption = (
         f"Each model against the full simulation (F4) for {name}, over {rows[-1]['configurations']} configurations and "
-        f"{rows[-1]['occasions']} occasions; the last row is what the planner chooses. Utility lost: by taking the "
-        "configuration that the model finds best",
+        f"{rows[-1]['occasions']} occasions; the last row is what the planner chooses, which accepts errors of "
+        f"{with_unit(format_plain(tolerance), unit)}. Time: median CPU time. Utility lost: by taking the configuration "
+        "that the model finds best"
     )
     alt = "; ".join(
         f"{row['rung']}: {100 * row['time_ratio']:.3g} % of the time, rms error {row['rms_error']:.2g}" for row in rows
     )
-    svg = drawing.draw(partial(_paint, rows, tolerance, unit))
-    data = partial(_data, rows)
-    panel = Panel(
-        f"Speed against accuracy, {name}", alt, svg=svg, name=slug(f"speed against accuracy {name}"), data=data
-    )
-    caption = (
+    draw = partial(drawing.draw, partial(_paint, rows, tolerance, unit))
+    title = f"Speed against accuracy, {name}"
+    panel = Panel(title, alt, draw, name=slug(f"speed against accuracy {name}"), data=partial(_data, rows))
+    under = (
         "Time of a run against the error of its score, each over that of the full simulation. Dotted: the tolerance; "
         "orange: what the planner chooses; dashed: models that no other beats in both. F4 has no error and "
         "is drawn at the bottom."
     )
-    return [FigureBlock((panel,), caption), table]
+    return [FigureBlock((panel,), under), table(caption, columns, map(_row, rows))]
 
 
 def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
     rank = row["rank_correlation"]
     return (
         Cell("planner" if row["rung"] == AUTO else row["rung"]),
+        significant_cell(1000.0 * row["seconds"]),
         number_cell(format_significant(100.0 * row["time_ratio"], 3), row["time_ratio"]),
         Cell(f"{format_number(row['bias'], 2)} \u00b1 {format_number(row['bias_se'], 2)}", row["bias"]),
         number_cell(format_number(row["rms_error"], 2), row["rms_error"]),
         number_cell(format_number(row["largest_error"], 2), row["largest_error"]),
+        _bound(row["bound"]),
         Cell("none") if rank is None else number_cell(format_number(rank, 2), rank),
         Cell(f"{format_number(row['utility_lost'], 2)} \u00b1 {format_number(row['utility_lost_se'], 2)}"),
     )

@@ -1,51 +1,35 @@
-"""What a thorough analysis adds: the place of the optimum, averages over models, blocks, paths."""
+"""What a thorough analysis adds: the place of the optimum, averages over models, blocks, paths, and tests asked for."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockStudy, PathPoint, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint, SearchedOptimum, Study, TermChoice
+from seqrsm.analysis.study import TermTest
 from seqrsm.fit.location import LocationRegion
-from seqrsm.report.blocks import (
-    Block,
-    Cell,
-    Column,
-    Details,
-    FigureBlock,
-    Panel,
-    PanelData,
-    Paragraph,
-    Section,
-    Table,
-)
-from seqrsm.report.figures.study import location_key, location_panel
+from seqrsm.report.blocks import Block, Details, FigureBlock, Panel, PanelData, Paragraph, Section, Table, right, table
+from seqrsm.report.figures.study import LOCATION_METHODS, location_key, location_panel
 from seqrsm.report.figures.surfaces import MAX_PAIRS, chosen_pairs
-from seqrsm.report.rounding import format_percent
-from seqrsm.report.study_text import (
-    LOCATION_METHODS,
-    averaged_text,
-    block_rows,
-    block_text,
-    location_caption,
-    location_text,
-    path_rows,
-    searched_rows,
-    searched_text,
-)
+from seqrsm.report.rounding import format_percent, format_significant
 from seqrsm.report.wording import (
     axis_label,
     capital,
+    half_width_text,
     interval_text,
     level_phrase,
-    number_cell,
+    p_cell,
     readable,
     readable_term,
     score_text,
+    share_cell,
+    significant_cell,
     slug,
+    whole_cell,
 )
 
 
@@ -54,13 +38,35 @@ def searched_blocks(analysis: Analysis) -> list[Block]:
     study = analysis.study
     if study is None:
         return []
-    rows = searched_rows(analysis, study)
-    text = searched_text(analysis, study)
-    if not rows:
+    found, text = study.searched, searched_text(analysis, study)
+    if not isinstance(found, SearchedOptimum):
         return [Paragraph(f"Intervals that allow for the search: {text[:1].lower()}{text[1:]}", "note")]
-    columns = (Column("Interval"), Column("From, to"), Column("Half-width", analysis.score_unit, "right"))
-    cells = tuple((Cell(capital(name)), Cell(ends), Cell(half)) for name, ends, half in rows)
-    return [Paragraph(text), Table(columns, cells, f"Intervals after the search, {level_phrase(analysis)}")]
+    rows = (
+        (name, interval_text(analysis, interval), format_significant(interval.half_width, 2))
+        for name, interval in (
+            ("Confidence interval of the mean, after search", found.confidence),
+            ("Prediction interval of one future run, after search", found.prediction),
+            (
+                f"Prediction interval of the mean of {analysis.optimum.replicates} runs, after search",
+                found.prediction_mean,
+            ),
+        )
+    )
+    columns = ("Interval", "From, to", right("Half-width", analysis.score_unit))
+    return [Paragraph(text), table(f"Intervals after the search, {level_phrase(analysis)}", columns, rows)]
+
+
+def searched_text(analysis: Analysis, study: Study) -> str:
+    """What the search does to the estimate, or why it is not known."""
+    found = study.searched
+    if isinstance(found, str):
+        return f"Not computed: {found}."
+    size = half_width_text(analysis, abs(found.optimism))
+    where = "" if analysis.optimum.quadratic is None else "At the optimum of the quadratic alone. "
+    return (
+        f"{where}The settings were chosen by the same scores, which makes their mean look about {size} too good "
+        "(bootstrap with the search repeated). Intervals that allow for it:"
+    )
 
 
 def location_section(analysis: Analysis, key: str) -> Section | None:
@@ -71,16 +77,40 @@ def location_section(analysis: Analysis, key: str) -> Section | None:
     if not study.locations:
         blocks: tuple[Block, ...] = (Paragraph(f"There is no confidence region of the place: {study.no_location}."),)
         return Section(f"{key}-location", "Place of the optimum", blocks)
-    rows = tuple(
-        (Cell(axis_label(factor)), *(Cell(location_text(region, j)) for region in study.locations))
+    rows = (
+        (axis_label(factor), *(location_text(region, j) for region in study.locations))
         for j, factor in enumerate(analysis.region.factors)
     )
-    columns = (Column("Factor"), *(Column(capital(LOCATION_METHODS[region.method])) for region in study.locations))
-    caption = location_caption(analysis, study.locations)
-    found: list[Block] = [Table(columns, rows, f"Where the optimum may lie, {level_phrase(analysis)}. {caption}")]
+    columns = ("Factor", *(capital(LOCATION_METHODS[region.method]) for region in study.locations))
+    caption = f"Where the optimum may lie, {level_phrase(analysis)}. {_location_caption(analysis, study.locations)}"
+    found: list[Block] = [table(caption, columns, rows)]
     found += _location_figure(analysis, study.locations)
     found += _paths(analysis, study)
     return Section(f"{key}-location", "Place of the optimum", tuple(found))
+
+
+def location_text(region: LocationRegion, j: int) -> str:
+    """Extent of a location region along factor ``j``."""
+    found = region.ranges[j]
+    if found.levels:
+        return ", ".join(found.levels)
+    if not math.isfinite(found.low_natural):
+        return "none"
+    return f"{format_significant(found.low_natural, 3)} to {format_significant(found.high_natural, 3)}"
+
+
+def _location_caption(analysis: Analysis, regions: Sequence[LocationRegion]) -> str:
+    """What the regions are."""
+    level = level_phrase(analysis)
+    texts = {
+        "scheffe": (
+            f"Confidence region ({level} or more) of the best settings of the bounded region: no other setting is "
+            "better beyond what Scheff\u00e9's simultaneous bound allows (Peterson, Cahya and del Castillo 2002)."
+        ),
+        "box_hunter": f"Box and Hunter's region ({level}) of the stationary point, where it lies inside the bounds.",
+        "simulation set": f"Posterior set: the best settings of the {level} deepest draws of the coefficients.",
+    }
+    return " ".join(texts[region.method] for region in regions)
 
 
 def _location_figure(analysis: Analysis, regions: Sequence[LocationRegion]) -> list[Block]:
@@ -99,7 +129,7 @@ def _location_figure(analysis: Analysis, regions: Sequence[LocationRegion]) -> l
             Panel(
                 f"{names[1]} against {names[0]}",
                 f"Settings that may be the best, seen along {names[0]} (across) and {names[1]} (up). {ends}.",
-                svg=location_panel(analysis, regions, x, y),
+                partial(location_panel, analysis, regions, x, y),
                 name=slug(f"location {names[1]} against {names[0]}"),
                 data=partial(_location_data, analysis, regions, x, y),
             )
@@ -136,15 +166,21 @@ def _paths(analysis: Analysis, study: Study) -> list[Block]:
 
 
 def _path_table(analysis: Analysis, path: Sequence[PathPoint], title: str) -> Table:
-    names = [axis_label(factor) for factor in analysis.region.factors]
-    columns = (
-        Column("Distance", align="right"),
-        *(Column(name, align="right") for name in names),
-        Column("Mean score", analysis.score_unit, "right"),
-        Column(""),
+    factors = analysis.region.factors
+    rows = (
+        (
+            f"{point.distance:.2f}",
+            *(
+                value if isinstance(value, str) else format_significant(value, 4)
+                for value in (point.settings[factor.name] for factor in factors)
+            ),
+            score_text(analysis, point.mean, unit=False),
+            "" if point.inside else "outside",
+        )
+        for point in path
     )
-    rows = tuple(tuple(Cell(text) for text in row) for row in path_rows(analysis, path))
-    return Table(columns, rows, title)
+    columns = (right("Distance"), *(right(axis_label(factor)) for factor in factors))
+    return table(title, (*columns, right("Mean score", analysis.score_unit), ""), rows)
 
 
 def term_blocks(analysis: Analysis) -> list[Block]:
@@ -155,37 +191,78 @@ def term_blocks(analysis: Analysis) -> list[Block]:
     found: list[Block] = []
     if isinstance(study.terms, TermChoice):
         found.append(Details("Which terms: averages over models", _choice_blocks(analysis, study.terms)))
+    else:
+        found.append(Paragraph(f"There is no average over models: {study.terms.rstrip('.')}.", "note"))
     if study.blocks is not None:
         found.append(Details("The recommended settings by block", _block_blocks(analysis, study.blocks)))
     return found
 
 
 def _choice_blocks(analysis: Analysis, found: TermChoice) -> tuple[Block, ...]:
-    order = np.argsort(-found.inclusion, kind="stable").tolist()
-    rows = tuple(
+    how = "All" if found.exhaustive else "A search visited"
+    units, share = found.models[0]
+    best, median = (", ".join(map(readable_term, some)) or "none" for some in (units, found.median))
+    rows = (
         (
-            Cell(readable_term(found.units[i])),
-            number_cell(format_percent(float(found.inclusion[i])), float(found.inclusion[i])),
-            number_cell(format_percent(float(found.prior_inclusion[i])), float(found.prior_inclusion[i])),
+            readable_term(found.units[i]),
+            share_cell(float(found.inclusion[i])),
+            share_cell(float(found.prior_inclusion[i])),
         )
-        for i in order
+        for i in np.argsort(-found.inclusion, kind="stable").tolist()
     )
-    columns = (Column("Term"), Column("Probability", align="right"), Column("Before the scores", align="right"))
     text = (
-        f"Probability that each term belongs to the model, over hierarchical models with Zellner's g prior. "
-        f"{capital(averaged_text(found, readable_term))} Averaged over models, the score at the recommended settings "
+        f"Probability that each term belongs to the model, over hierarchical models with Zellner's g prior. {how} "
+        f"{found.n_models} hierarchical models; the most probable ({format_percent(share)}) has: {best}. More likely "
+        f"than not: {median}. Averaged over models, the score at the recommended settings "
         f"is {score_text(analysis, found.mean)}, {level_phrase(analysis)} credible interval "
         f"{interval_text(analysis, found.confidence)}, of one future run {interval_text(analysis, found.prediction)}: "
         "these intervals hold the doubt about the terms, which those of one model leave out."
     )
-    return (Paragraph(text), Table(columns, rows, "Terms, the most probable first", sortable=True))
+    columns = ("Term", right("Probability"), right("Before the scores"))
+    return (Paragraph(text), table("Terms, the most probable first", columns, rows, sortable=True))
 
 
 def _block_blocks(analysis: Analysis, found: BlockStudy) -> tuple[Block, ...]:
+    rows = [(one.block, one) for one in found.same]
+    if isinstance(found.new, BlockResponse):
+        rows.append(("a new block", found.new))
     level = level_phrase(analysis)
-    columns = (Column("Block"), Column("Mean"), Column(f"{level} confidence"), Column(f"{level} prediction, one run"))
-    rows = tuple(tuple(Cell(text) for text in row) for row in block_rows(analysis, found))
-    return (Table(columns, rows, "The recommended settings by block"), Paragraph(block_text(found)))
+    cells = (
+        (name, score_text(analysis, one.mean), *(interval_text(analysis, x) for x in (one.confidence, one.prediction)))
+        for name, one in rows
+    )
+    columns = ("Block", "Mean", f"{level} confidence", f"{level} prediction, one run")
+    return (table("The recommended settings by block", columns, cells), Paragraph(_block_text(found)))
+
+
+def _block_text(found: BlockStudy) -> str:
+    """How much blocks differ."""
+    if isinstance(found.new, str):
+        return f"How blocks differ cannot be told: {found.new}."
+    ratio = " to ".join(format_significant(end, 2) for end in found.ratio)
+    text = (
+        f"Blocks are {found.effect} effects in the fit. Standard deviation of a run "
+        f"{format_significant(found.sigma, 3)}, of the blocks {format_significant(found.sigma_block, 3)} (restricted "
+        f"maximum likelihood, on the scale of the fit); credible interval of their ratio {ratio}. A run in a new block "
+        "brings that block's effect."
+    )
+    return f"{text} {capital(found.note)}." if found.note else text
+
+
+def profile_text(study: Study) -> str:
+    """What the profile of the transform's power says."""
+    found = study.profile
+    if isinstance(found, str):
+        return f"Scale of the scores not profiled: {found}."
+    name, zero = ("Box-Cox power", "logarithm") if found.family == "box-cox" else ("logit power", "logit")
+    ends = " to ".join("open" if math.isinf(end) else f"{end:.2f}" for end in (found.low, found.high))
+    if found.identity_inside:
+        verdict = "the scores may stay as they are (1)"
+    elif found.zero_inside:
+        verdict = f"the {zero} (0) fits the model better than the scores as they are (1)"
+    else:
+        verdict = f"neither the scores as they are (1) nor their {zero} (0) is the best scale"
+    return f"{name} {found.best:.2f} ({100 * found.level:g} % interval {ends}): {verdict}."
 
 
 def largest_vif(analysis: Analysis) -> tuple[str, float] | None:
@@ -196,3 +273,20 @@ def largest_vif(analysis: Analysis) -> tuple[str, float] | None:
         return None
     worst = max(known, key=lambda i: float(vif[i]))
     return readable_term(analysis.fit.names[worst]), float(vif[worst])
+
+
+def term_test_table(tests: Sequence[TermTest]) -> Table:
+    """Partial F tests that were asked for."""
+    rows = (
+        (
+            one.asked,
+            whole_cell(one.test.df),
+            significant_cell(one.test.ss, 4),
+            significant_cell(one.test.f, 4) if math.isfinite(one.test.f) else one.test.reason,
+            p_cell(one.test.p),
+            ", ".join(map(readable_term, one.terms)),
+        )
+        for one in tests
+    )
+    columns = ("Test", right("df"), right("Sum of squares"), right("F"), right("p"), "Terms")
+    return table("Partial F tests", columns, rows)

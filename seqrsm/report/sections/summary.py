@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
-from seqrsm.campaign.dossier import Dossier
-from seqrsm.report.blocks import Block, Bullets, Cell, Column, KeyFigure, KeyFigures, Paragraph, Section, Table
+from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
 from seqrsm.report.figures.surfaces import ranked_factors
-from seqrsm.report.rounding import (
-    format_p,
-    format_plain,
-    format_share,
-    format_significant,
-)
+from seqrsm.report.rounding import format_p, format_plain, format_share, format_significant
 from seqrsm.report.sections.compromise import compromise_summary
 from seqrsm.report.wording import (
+    at_bound_text,
     axis_label,
+    format_settings,
     half_width_text,
     interval_text,
     level_phrase,
@@ -29,38 +27,57 @@ from seqrsm.report.wording import (
     readable,
     readable_text,
     score_text,
-    setting_posterior,
     setting_range_text,
     settings_sentence,
     watched_interval,
     with_unit,
 )
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import RunRecord
+
+_TIES = 3
+"""Tied optima that are named."""
 
 
-def summary_section(dossier: Dossier) -> Section:
-    """Return the summary of a campaign: the compromise, if there is one, and one part for each application."""
-    if len(dossier.analyses) == 1:
-        return Section("summary", "Summary", (*_summary(dossier, dossier.analyses[0]), *compromise_summary(dossier)))
+def summary_section(
+    spec: CampaignSpec, analyses: Sequence[Analysis], compromise: CompromiseEstimate | None, runs: Sequence[RunRecord]
+) -> Section:
+    """Return the summary of a campaign: the compromise, if there is one, and one part for each application.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    analyses : sequence of Analysis
+        Empty where no application has scored runs enough.
+    compromise : CompromiseEstimate or None
+    runs : sequence of RunRecord
+        All of the campaign: what they cost is told.
+    """
+    spent = sum(run.cost for run in runs if run.state == "scored")
+    common = () if compromise is None else compromise_summary(spec.factors, compromise)
+    if len(analyses) == 1:
+        return Section("summary", "Summary", (*_summary(spec, analyses[0], spent), *common))
     parts = tuple(
-        Section(f"summary-{number}", analysis.application, _summary(dossier, analysis))
-        for number, analysis in enumerate(dossier.analyses, 1)
+        Section(f"summary-{number}", analysis.application, _summary(spec, analysis, spent))
+        for number, analysis in enumerate(analyses, 1)
     )
     if not parts:
         note = "No application of this campaign has enough scored runs for its model yet: there is no result to show."
         return Section("summary", "Summary", (Paragraph(note, "warning"),))
-    return Section("summary", "Summary", compromise_summary(dossier), parts)
+    return Section("summary", "Summary", common, parts)
 
 
-def _summary(dossier: Dossier, analysis: Analysis) -> tuple[Block, ...]:
-    blocks: list[Block] = [Paragraph(recommendation(analysis), "lead"), _key_figures(dossier, analysis)]
+def _summary(spec: CampaignSpec, analysis: Analysis, spent: float) -> tuple[Block, ...]:
+    blocks: list[Block] = [Paragraph(recommendation(analysis), "lead"), _key_figures(spec, analysis, spent)]
     blocks.append(_settings_table(analysis))
-    if analysis.optimum.at_bound:
-        edges = listing([_edge(text) for text in analysis.optimum.at_bound])
-        blocks.append(
-            Paragraph(
-                f"The optimum lies at the edge of the region: {edges}. A better setting may lie beyond it.", "note"
-            )
-        )
+    best = analysis.optimum
+    if best.ties and not best.ridge:
+        others = "; ".join(format_settings(analysis.region.factors, tie) for tie in best.ties[:_TIES])
+        blocks.append(Paragraph(f"As good: {others}{' and more' if len(best.ties) > _TIES else ''}.", "note"))
+    if best.at_bound:
+        edges = listing([_edge(text) for text in best.at_bound])
+        text = f"The optimum lies at the edge of the region: {edges}. A better setting may lie beyond it."
+        blocks.append(Paragraph(text, "note"))
     names = analysis.region.names
     blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings]
     blocks.append(Paragraph(_verdict(analysis)))
@@ -89,45 +106,34 @@ def recommendation(analysis: Analysis) -> str:
     return text + f" (prediction interval, {level})."
 
 
-def _key_figures(dossier: Dossier, analysis: Analysis) -> KeyFigures:
-    optimum, level = analysis.optimum, level_phrase(analysis)
-    stop = dossier.spec.stop
+def _key_figures(spec: CampaignSpec, analysis: Analysis, spent: float) -> KeyFigures:
+    optimum, level, stop = analysis.optimum, level_phrase(analysis), spec.stop
     missing = no_error_estimate(analysis)
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
-    width = analysis.decision.half_width
-    return KeyFigures(
+    ends, half = interval_text(analysis, optimum.prediction), half_width_text(analysis, optimum.prediction.half_width)
+    cost = f"cost so far {format_plain(float(f'{spent:.6g}'))}"
+    figures = (
+        ("1. Optimum: mean score", mean_text(analysis), missing or f"confidence interval {level}"),
+        ("2. Most important", *_most_important(analysis)),
         (
-            KeyFigure("1. Optimum: mean score", mean_text(analysis), missing or f"confidence interval {level}"),
-            KeyFigure("2. Most important", *_most_important(analysis)),
-            KeyFigure(
-                "3. Prediction interval there",
-                "none" if missing else interval_text(analysis, optimum.prediction),
-                missing
-                or f"one future run, {level}; half-width {half_width_text(analysis, optimum.prediction.half_width)}",
-            ),
-            KeyFigure(
-                "Half-width that decides",
-                _deciding(analysis, width),
-                f"target {target}: {watched_interval(stop)}",
-            ),
-            KeyFigure(
-                "Scored runs in the fit",
-                str(analysis.fit.n_runs),
-                f"{analysis.fit.n_terms} terms; budget {stop.max_runs} runs; {_cost_text(dossier)}",
-            ),
-            KeyFigure("Decision", *_decision_words(analysis)),
-        )
+            "3. Prediction interval there",
+            "none" if missing else ends,
+            missing or f"one future run, {level}; half-width {half}",
+        ),
+        ("Half-width that decides", _deciding(analysis), f"target {target}: {watched_interval(stop)}"),
+        (
+            "Scored runs in the fit",
+            str(analysis.fit.n_runs),
+            f"{analysis.fit.n_terms} terms; budget {stop.max_runs} runs; {cost}",
+        ),
+        ("Decision", *_decision_words(analysis)),
     )
+    return KeyFigures(tuple(KeyFigure(*figure) for figure in figures))
 
 
-def _cost_text(dossier: Dossier) -> str:
-    """Cost of all scored runs, in the campaign's own unit."""
-    spent = sum(run.cost for run in dossier.runs if run.state == "scored")
-    return f"cost so far {format_plain(float(f'{spent:.6g}'))}"
-
-
-def _deciding(analysis: Analysis, width: float) -> str:
+def _deciding(analysis: Analysis) -> str:
     """Return the watched half-width to three digits: it is held against a target."""
+    width = analysis.decision.half_width
     return with_unit(format_significant(width, 3), analysis.score_unit) if math.isfinite(width) else "none"
 
 
@@ -160,25 +166,18 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
 
 
 def _settings_table(analysis: Analysis) -> Table:
-    rows = []
-    for factor in analysis.region.factors:
-        posterior = setting_posterior(analysis, factor)
-        at_bound = math.nan if posterior is None else posterior.p_at_bound
-        rows.append(
-            (
-                Cell(axis_label(factor)),
-                Cell(optimum_setting_text(analysis, factor, unit=False)),
-                Cell(setting_range_text(analysis, factor)),
-                Cell("" if math.isnan(at_bound) else format_share(at_bound)),
-            )
+    rows = (
+        (
+            axis_label(factor),
+            optimum_setting_text(analysis, factor, unit=False),
+            setting_range_text(analysis, factor),
+            at_bound_text(analysis, factor),
         )
-    columns = (
-        Column("Factor"),
-        Column("Setting", align="right"),
-        Column(f"Credible interval {level_phrase(analysis)} of the optimal setting{of_quadratic(analysis)}"),
-        Column("Probability at a bound", align="right"),
+        for factor in analysis.region.factors
     )
-    return Table(columns, tuple(rows), f"Recommended settings for {analysis.application}")
+    credible = f"Credible interval {level_phrase(analysis)} of the optimal setting{of_quadratic(analysis)}"
+    columns = ("Factor", right("Setting"), credible, right("Probability at a bound"))
+    return table(f"Recommended settings for {analysis.application}", columns, rows)
 
 
 def _verdict(analysis: Analysis) -> str:

@@ -1,0 +1,294 @@
+"""What was found is told on the terminal, on the page and on paper: every kind of block, every builder of findings."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from report_dossiers import flight_dossier, simulated_dossier
+from report_texts import html_text, of_blocks, of_sections, pdf_text, squeezed
+from test_speed_section import KEPT, MEASURED, PLAN, with_fidelity
+from typer.testing import CliRunner
+
+import seqrsm.report.sections
+from seqrsm.analysis.study import term_tests
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.check import CheckResult
+from seqrsm.cli.app import app
+from seqrsm.cli.blocks import show_blocks, show_sections
+from seqrsm.cli.console import ascii_signs
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Column,
+    Definitions,
+    Details,
+    Equation,
+    FigureBlock,
+    KeyFigure,
+    KeyFigures,
+    LegendEntry,
+    Panel,
+    Paragraph,
+    Report,
+    Section,
+    right,
+    table,
+)
+from seqrsm.report.content import build_report
+from seqrsm.report.html import render_html
+from seqrsm.report.pdf import render_pdf
+from seqrsm.report.sections.check import check_sections, rehearsal_section
+from seqrsm.report.sections.speed import plan_blocks, speed_section, tradeoff_blocks
+from seqrsm.report.sections.study import term_test_table
+
+TWO_USES = """
+[campaign]
+name = "two uses"
+seed = 3
+[[factor]]
+name = "look_angle"
+unit = "deg"
+low = 20.0
+high = 60.0
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV", "HV"]
+[[application]]
+name = "crops"
+utility = "percent_correct"
+[[application]]
+name = "moisture"
+utility = "measured"
+goal = "minimize"
+[model]
+block = "day"
+[stop]
+half_width = 2.0
+"""
+
+RUNG = {
+    "rung": "F2", "meaning": "strips of the image", "refused": "", "left_out": ["cast shadow"], "bound": 0.43,
+    "effort": 0.017,
+}  # fmt: skip
+
+OF_EACH_KIND: tuple[Block, ...] = (
+    Paragraph("A finding of 12.5 dB.", "warning", " It rests on 3 words of method."),
+    Bullets(("first of 2", "second of 2")),
+    KeyFigures((KeyFigure("Score", "70.1 \u00b1 0.4 percent", "of 31 runs"),)),
+    table("Runs by rung", ("Rung", right("Runs", "1"), Column("More", extra=True)), [("F2", Cell("17", 17.0), "19")]),
+    FigureBlock(
+        (Panel("Slice", "A slice", lambda: '<svg width="9pt" height="9pt" viewBox="0 0 9 9"></svg>'),),
+        "Slices through 23 places",
+        legend=(LegendEntry("#000000", "crops"),),
+    ),
+    Equation("x + 1", "x plus 1"),
+    Definitions((("steps", "4100"), ("R-hat", "1.003"))),
+    Code(("seqrsm run campaign --max-runs 37",)),
+    Details("Folded", (Paragraph("Inside 41 folds."), Details("Rows", (Bullets(("row 43",)),), long=True))),
+)
+
+
+def on_terminal(show, things, capsys) -> str:
+    capsys.readouterr()
+    show(things)
+    return squeezed(capsys.readouterr().out)
+
+
+def written(sections) -> tuple[str, str]:
+    """Text of the page and of the paper that hold these sections."""
+    report = Report("t", "", "", "0", tuple(sections))
+    return html_text(render_html(report)), pdf_text(render_pdf(report), "t")
+
+
+def without_pictures(sections):
+    """The sections without what takes long to draw; pictures are looked at by the tests of the two written faces."""
+    return tuple(
+        dataclasses.replace(
+            section,
+            blocks=tuple(block for block in section.blocks if not isinstance(block, FigureBlock)),
+            sections=without_pictures(section.sections),
+        )
+        for section in sections
+    )
+
+
+def in_all_faces(sections, capsys) -> None:
+    """Every text of the sections stands in each face, but for what the terminal leaves out on purpose."""
+    on_page, on_paper = written(sections)
+    for text in of_sections(sections):
+        assert squeezed(text) in on_page, text
+        assert squeezed(text) in on_paper, text
+    on_the_terminal(sections, capsys)
+
+
+def on_the_terminal(sections, capsys) -> None:
+    """Every text of the sections that is for a terminal stands there."""
+    shown = on_terminal(show_sections, sections, capsys)
+    told = [text for text in of_sections(sections, terminal=True) if text]
+    assert told
+    for text in told:
+        assert squeezed(ascii_signs(text)) in shown, text
+
+
+def test_every_kind_of_block_has_three_faces(capsys) -> None:
+    assert {type(block) for block in OF_EACH_KIND} == set(get_args(Block))
+    in_all_faces((Section("one", "Title of 47", OF_EACH_KIND),), capsys)
+    shown = on_terminal(show_blocks, OF_EACH_KIND, capsys)
+    for left_out in ("method", "More", "Slice", "xplus1", "43"):
+        assert left_out not in shown
+    assert "Warning:Afindingof12.5dB." in shown
+    assert "Rows:inthereport" in shown
+
+
+def test_a_section_without_anything_for_a_terminal_has_no_title_there(capsys) -> None:
+    assert on_terminal(show_sections, (Section("x", "Title", (OF_EACH_KIND[4],)),), capsys) == ""
+
+
+@pytest.fixture(scope="module")
+def two_uses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("uses") / "campaign"
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(TWO_USES, encoding="utf-8")
+    rng = np.random.default_rng(2)
+    rows = ["look_angle,polarization,day,application,score"]
+    for i in range(36):
+        a, p = rng.uniform(-1, 1), i % 3
+        start = f"{40 + 20 * a:.2f},{('HH', 'VV', 'HV')[p]},day{i // 12}"
+        rows.append(f"{start},crops,{70 - 5 * a**2 + (3, 3, -4)[p] + rng.normal():.2f}")
+        rows.append(f"{start},moisture,{5 + 2 * (a - 0.3) ** 2 + 0.3 * rng.normal():.3f}")
+    (folder / "scores.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv")]).exit_code == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def studied(two_uses: Path, tmp_path_factory: pytest.TempPathFactory):
+    """Dossier with all that a thorough look finds, a compromise, and a tie."""
+    campaign = Campaign.open(two_uses)
+    first, second = campaign.analyse_all(thorough=True)
+    ties = ({**first.optimum.settings, "look_angle": 33.25}, {**first.optimum.settings, "polarization": "VV"})
+    first = dataclasses.replace(first, optimum=dataclasses.replace(first.optimum, ties=ties))
+    second = dataclasses.replace(second, study=dataclasses.replace(second.study, terms="too few runs"))
+    return dataclasses.replace(
+        flight_dossier(tmp_path_factory.mktemp("flight")),
+        spec=campaign.spec,
+        analyses=(first, second),
+        runs=campaign.store.runs(),
+        compromise=campaign.compromise((first, second)),
+    )
+
+
+def test_every_section_of_a_report_in_all_faces(studied, capsys) -> None:
+    in_all_faces(without_pictures(build_report(studied).sections), capsys)
+
+
+@pytest.mark.parametrize("name", ["simulated", "flight", "many", "saturated"])
+def test_every_section_of_a_report_on_the_terminal(name, request, capsys) -> None:
+    """The written faces of these are compared with their blocks in test_report_faces."""
+    on_the_terminal(build_report(request.getfixturevalue(name)).sections, capsys)
+
+
+def test_tied_optima_are_in_all_faces(studied, capsys) -> None:
+    sections = build_report(studied).sections[:1]
+    in_all_faces(sections, capsys)
+    found = [text for text in of_sections(sections) if text.startswith("As good: ")]
+    assert len(found) == 1
+    assert re.search(r"look angle 33.3?\d?.deg, polarization HH; look angle .*, polarization VV", found[0])
+
+
+def test_why_there_is_no_average_over_models_is_in_all_faces(studied) -> None:
+    texts = list(of_sections(build_report(studied).sections, terminal=True))
+    assert "There is no average over models: too few runs." in texts
+
+
+def test_what_fit_prints_stands_in_the_report(two_uses: Path) -> None:
+    """Every number of `seqrsm fit` is one of the report's blocks, whatever the width of the terminal."""
+    page = CliRunner().invoke(app, ["report", str(two_uses), "--html", str(two_uses / "r.html")])
+    assert page.exit_code == 0
+    text = ascii_signs("".join(html_text((two_uses / "r.html").read_text(encoding="utf-8"))))
+    for columns in ("", "80"):
+        shown = CliRunner().invoke(app, ["fit", str(two_uses)], env={"COLUMNS": columns})
+        assert shown.exit_code == 0
+        numbers = set(re.findall(r"(?<![\w.])-?\d+\.\d+", shown.stdout))
+        assert len(numbers) > 100
+        assert [number for number in numbers if number not in text] == []
+
+
+def test_what_is_measured_and_planned_is_in_all_faces(tmp_path: Path, capsys) -> None:
+    plan = {**PLAN, "rungs": [RUNG, {**RUNG, "rung": "F1", "refused": "a pixel is too small", "bound": None}]}
+    measured = {
+        **MEASURED,
+        "simulation": {**MEASURED["simulation"], "failures": ["no line of sight"]},
+        "numerics": {**MEASURED["numerics"], "sampler": {"why": "no scores yet"}},
+    }
+    dossier = with_fidelity(simulated_dossier(tmp_path), KEPT)
+    section = speed_section(dataclasses.replace(dossier, plan=plan, tradeoff=measured))
+    in_all_faces(without_pictures((section,)), capsys)
+    told = " ".join(of_blocks(section.blocks, terminal=True))
+    for text in ("a pixel is too small", "0.43", "no line of sight", "no scores yet", "F1 cannot be used"):
+        assert text in told
+    blocks = (
+        *tradeoff_blocks(measured, "percent"),
+        *tradeoff_blocks({"simulation": None, "why": "no simulator", "numerics": {}}, ""),
+        *plan_blocks({**plan, "effects": []}, "percent", "these settings"),
+    )
+    in_all_faces(without_pictures((Section("s", "S", blocks),)), capsys)
+    assert PLAN["why"] in " ".join(of_blocks(blocks, terminal=True))
+
+
+def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> None:
+    result = CheckResult(
+        "polder", 3, 27, 33, 28, 300, 0.0441, 3.604, "simulations", 301.5, "", ("Grass: assumed (assumed: me)",),
+        ("Grass",), ("gaps at 4 of 6 settings",),
+    )  # fmt: skip
+    rehearsed = {"campaigns": 200, "rows": [("runs needed, median", "41 (33 to 57)")], "notes": ["Truths are drawn."]}
+    tests = term_tests(studied.analyses[0], ["look_angle"])
+    in_all_faces(
+        (
+            *check_sections(result, every_note=False),
+            *check_sections(result, every_note=True),
+            rehearsal_section(rehearsed),
+            Section("tests", "Tests", (term_test_table(tests),)),
+        ),
+        capsys,
+    )
+
+
+BY_REPORT = {
+    "application_sections", "assumption_section", "compromise_section", "compromise_summary", "data_section",
+    "diagnostics_section", "history_section", "image_section", "importance_section", "literature_section",
+    "location_section", "model_section", "numerics_blocks", "optimum_section", "posterior_section",
+    "provenance_section", "question_section", "run_section", "searched_blocks", "summary_section", "surface_section",
+    "term_blocks",
+}  # fmt: skip
+BY_NAME = {
+    "check_sections", "plan_blocks", "rehearsal_section", "speed_section", "term_test_table", "tradeoff_blocks",
+}  # fmt: skip
+
+
+def test_no_builder_of_findings_is_left_out() -> None:
+    """A new one joins the report or a test above."""
+    found = set()
+    for module in pkgutil.iter_modules(seqrsm.report.sections.__path__, "seqrsm.report.sections."):
+        for name, value in vars(importlib.import_module(module.name)).items():
+            if inspect.isfunction(value) and value.__module__ == module.name and not name.startswith("_"):
+                given = str(inspect.signature(value).return_annotation)
+                if re.search(r"\b(?:Section|Block|Table|Paragraph)\b", given):
+                    found.add(name)
+    assert found == BY_REPORT | BY_NAME
+
+
+def test_a_face_that_loses_a_number_would_be_seen(capsys, monkeypatch) -> None:
+    monkeypatch.setattr("seqrsm.cli.blocks.show_table", lambda *_, **__: None)
+    with pytest.raises(AssertionError):
+        in_all_faces((Section("one", "Title", (table("Runs", ("Rung",), [("17",)]),)),), capsys)
