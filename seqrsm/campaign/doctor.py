@@ -51,7 +51,7 @@ def _warm_up() -> dict[str, float]:
     from seqrsm.design.split_plot import plot_sizes, split_plot_design
     from seqrsm.scattering.emissivity import load_emissivity_table
     from seqrsm.scattering.sigma0 import load_sigma0_table
-    from seqrsm.scene.synthetic import synthetic_scene
+    from seqrsm.scene.synthetic import Terrain, synthetic_scene
     from seqrsm.score.classification import percent_correct
     from seqrsm.score.retrieval import percent_correct_radiometer
     from seqrsm.sensor import radiometer
@@ -65,7 +65,7 @@ def _warm_up() -> dict[str, float]:
     optimal_design(model, region, 8, "G", seed=0, starts=2)  # begins with a D-optimal one
     split_plot_design(model, region, plot_sizes(8, 4), (0,))
     designed = time.perf_counter()
-    scene = synthetic_scene(60, 60, 10.0, categories=("Grass", "Trees"), relief_m=20.0)
+    scene = synthetic_scene(60, 60, 10.0, categories=("Grass", "Trees"), terrain=Terrain(20.0))
     radar = from_settings(
         {"frequency": 5.4, "polarization": "HH", "resolution": 20.0, "depression_angle": 45.0},
         {"bandwidth": 50.0, "peak_power": 1000.0, "altitude_m": 6000.0},

@@ -83,7 +83,7 @@ def scene_synthetic(
 ) -> None:
     """Draw a data base: terrain, fields, rivers, roads and towns."""
     from seqrsm.scene.file import save_scene
-    from seqrsm.scene.synthetic import synthetic_scene
+    from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
 
     scene = synthetic_scene(
         rows,
@@ -91,11 +91,8 @@ def scene_synthetic(
         cell_m,
         categories=[name.strip() for name in categories.split(",")],
         field_m=field_m,
-        relief_m=relief_m,
-        rivers=rivers,
-        towns=towns,
-        town_m=town_m,
-        roads=roads,
+        terrain=Terrain(relief_m),
+        features=Features(rivers, towns, roads, town_m=town_m),
         seed=seed,
     )
     save_scene(scene, out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -20,6 +21,40 @@ _BLOCK_M = 50.0
 LARGEST_SEED: Final = 2**63 - 1
 
 
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """Relief of a drawn scene.
+
+    Attributes
+    ----------
+    relief_m, rms_slope, exponent : float
+        See `seqrsm.scene.terrain.fractal_terrain`.
+    base_m : float
+        Height of the lowest point [m].
+    """
+
+    relief_m: float = 0.0
+    rms_slope: float | None = None
+    exponent: float = 3.5
+    base_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What lies on the fields of a drawn scene: numbers of rivers and towns, and whether there are roads.
+
+    ``river_m``, ``town_m`` and ``road_m`` are the width of a river, the mean radius of a town and the width of a road
+    [m].
+    """
+
+    rivers: int = 0
+    towns: int = 0
+    roads: bool = False
+    river_m: float = 30.0
+    town_m: float = 300.0
+    road_m: float = 12.0
+
+
 def synthetic_scene(
     rows: int,
     cols: int,
@@ -29,16 +64,8 @@ def synthetic_scene(
     shares: Sequence[float] | None = None,
     field_m: float = 150.0,
     layout: Literal["voronoi", "rectangles"] = "voronoi",
-    relief_m: float = 0.0,
-    rms_slope: float | None = None,
-    exponent: float = 3.5,
-    base_m: float = 0.0,
-    rivers: int = 0,
-    river_m: float = 30.0,
-    towns: int = 0,
-    town_m: float = 300.0,
-    roads: bool = False,
-    road_m: float = 12.0,
+    terrain: Terrain | None = None,
+    features: Features | None = None,
     seed: int = 0,
 ) -> Scene:
     """Scene of drawn fields on drawn terrain, with rivers, roads and towns if asked for.
@@ -60,15 +87,10 @@ def synthetic_scene(
         Mean side of a field [m], at least one cell.
     layout : "voronoi" or "rectangles"
         Form of the fields.
-    relief_m, rms_slope, exponent : float
-        See `seqrsm.scene.terrain.fractal_terrain`.
-    base_m : float
-        Height of the lowest point [m].
-    rivers, towns : int
-        Number of each.
-    river_m, town_m, road_m : float
-        Width of a river, mean radius of a town, width of a road [m].
-    roads : bool
+    terrain : Terrain, optional
+        Flat by default.
+    features : Features, optional
+        None by default.
     seed : int
         Seed of everything that is drawn.
 
@@ -77,6 +99,8 @@ def synthetic_scene(
     SceneError
         Impossible size, relief, slope, shares, field, feature or seed.
     """
+    terrain, features = terrain or Terrain(), features or Features()
+    relief_m = terrain.relief_m
     shares = [1.0] * len(categories) if shares is None else list(shares)
     if len(shares) != len(categories) or not categories or min(shares) < 0.0 or sum(shares) <= 0.0:
         message = f"{len(categories)} categories need as many shares >= 0, not all zero"
@@ -86,50 +110,53 @@ def synthetic_scene(
         raise SceneError(Problem(text, "Give fewer rows or columns", field="rows", value=rows))
     if not 0 <= seed <= LARGEST_SEED:
         raise SceneError(Problem("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed))
-    highest = base_m + relief_m
+    highest = terrain.base_m + relief_m
     if not highest <= HIGHEST_M:
         text = f"the land would reach {highest:g} m, which no ground does"
-        remedy = f"Give at most {HIGHEST_M - base_m:g} m of relief"
+        remedy = f"Give at most {HIGHEST_M - terrain.base_m:g} m of relief"
         raise SceneError(Problem(text, remedy, field="relief_m", value=relief_m))
     side = round(field_m / cell_m)
     if side < 1:
         raise SceneError(
             Problem(f"a field must be at least one cell of {cell_m} m wide", field="field_m", value=field_m)
         )
-    relief = fractal_terrain(rows, cols, cell_m, relief_m=relief_m, rms_slope=rms_slope, exponent=exponent, seed=seed)
+    relief = fractal_terrain(
+        rows, cols, cell_m, relief_m=relief_m, rms_slope=terrain.rms_slope, exponent=terrain.exponent, seed=seed
+    )
     if layout == "voronoi":
         piece = voronoi_labels(rows, cols, side, seed=seed)
     else:
         piece = rectangle_labels(rows, cols, side, side)
     wrong = [
-        Problem("must not be negative", field=name, value=value)
-        for name, value in (("rivers", rivers), ("towns", towns), ("river_m", river_m), ("road_m", road_m))
-        if value < 0
+        Problem("must not be negative", field=name, value=getattr(features, name))
+        for name in ("rivers", "towns", "river_m", "road_m")
+        if getattr(features, name) < 0
     ]
-    if wrong or town_m <= 0.0:
-        raise SceneError(*(wrong or [Problem("must be above zero", field="town_m", value=town_m)]))
+    if wrong or features.town_m <= 0.0:
+        raise SceneError(*(wrong or [Problem("must be above zero", field="town_m", value=features.town_m)]))
     # A draw for each piece, not for each of its cells.
     cover = draw_index(np.arange(int(piece.max()) + 1), shares, seed=seed + 1).astype(np.uint8)[piece]
     names, part = list(categories), np.zeros((rows, cols), dtype=np.int32)
-    river = river_mask(relief, rivers, river_m / cell_m, seed=seed + 2)
-    centres = town_centres(rows, cols, towns, seed=seed + 3)
-    if towns:
-        town = town_mask((rows, cols), centres, town_m / cell_m, seed=seed + 4)
+    river = river_mask(relief, features.rivers, features.river_m / cell_m, seed=seed + 2)
+    centres = town_centres(rows, cols, features.towns, seed=seed + 3)
+    if features.towns:
+        town = town_mask((rows, cols), centres, features.town_m / cell_m, seed=seed + 4)
         block = voronoi_labels(rows, cols, max(round(_BLOCK_M / cell_m), 1), seed=seed + 5)
         drawn = draw_index(np.arange(int(block.max()) + 1), _TOWN_SHARES, seed=seed + 6)
         kind = np.array([_number(names, name) for name in _TOWN], dtype=np.uint8)[drawn]
         cover[town], part[town] = kind[block[town]], 1 + block[town]
         del block, town
-    if rivers:
+    if features.rivers:
         cover[river], part[river] = _number(names, "Water"), -1
-    if roads:
-        road = road_mask(relief, cell_m, centres, river, road_m / cell_m, seed=seed + 7)
+    if features.roads:
+        road = road_mask(relief, cell_m, centres, river, features.road_m / cell_m, seed=seed + 7)
         cover[road], part[road] = _number(names, "Asphalt"), -2
     elevation = np.empty((rows, cols), dtype=np.float32)
-    np.add(base_m, relief, out=elevation, casting="same_kind")
+    np.add(terrain.base_m, relief, out=elevation, casting="same_kind")
     del relief
     piece[part != 0] = -1
-    features = "".join(f", {text}" for text, made in _features(rivers, towns, roads) if made)
+    parts = ((f"{features.rivers} rivers", features.rivers), (f"{features.towns} towns", features.towns))
+    made = "".join(f", {text}" for text, there in (*parts, ("roads", features.roads)) if there)
     return Scene(
         elevation_m=elevation,
         cover=cover,
@@ -140,12 +167,8 @@ def synthetic_scene(
         name=f"synthetic {rows} x {cols}, seed {seed}",
         licence="none needed: computed",
         provenance=f"seqrsm.scene.synthetic, {layout} fields of {field_m:g} m, relief {relief_m:g} m"
-        f"{features}, seed {seed}",
+        f"{made}, seed {seed}",
     )
-
-
-def _features(rivers: int, towns: int, roads: bool) -> tuple[tuple[str, bool], ...]:
-    return (f"{rivers} rivers", rivers > 0), (f"{towns} towns", towns > 0), ("roads", roads)
 
 
 def _number(names: list[str], name: str) -> int:

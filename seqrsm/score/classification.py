@@ -35,6 +35,25 @@ ENOUGH_PIXELS = 10.0
 """A class with fewer pure pixels than this is taught by all pixels that hold it."""
 
 
+@dataclass(frozen=True, slots=True)
+class Classifier:
+    """A maximum likelihood classifier of pixels; see `percent_correct`.
+
+    Attributes
+    ----------
+    likelihood : {"gaussian", "gamma"}
+    priors : {"equal", "area"}
+    training_purity : float
+    scale : {"decibel", "linear"}
+        What the Gaussian law sees of power: its decibels, or the numbers as they are (brightness in kelvin).
+    """
+
+    likelihood: Likelihood = "gaussian"
+    priors: Priors = "equal"
+    training_purity: float = TRAINING_PURITY
+    scale: Literal["decibel", "linear"] = "decibel"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class UtilityScore:
     """One value of a utility measure.
@@ -135,18 +154,8 @@ def percent_correct(
     tile, keys = tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
     power = image.apparent_sigma0().reshape(len(image.intensity), -1)[:, used].T.astype(np.float64)
     looks = image.looks[row]
-    score = score_pixels(
-        power,
-        looks,
-        counts,
-        tile,
-        seed=seed,
-        run_id=run_id,
-        likelihood=likelihood,
-        priors=priors,
-        training_purity=training_purity,
-        tile_keys=keys,
-    )
+    classifier = Classifier(likelihood, priors, training_purity)
+    score = score_pixels(power, looks, counts, tile, classifier, seed=seed, run_id=run_id, tile_keys=keys)
     return with_names(score, scene.categories)
 
 
@@ -167,13 +176,10 @@ def score_pixels(
     looks: FloatArray,
     counts: AnyArray,
     tile: IntArray,
+    classifier: Classifier | None = None,
     *,
     seed: int,
     run_id: int,
-    likelihood: Likelihood = "gaussian",
-    priors: Priors = "equal",
-    training_purity: float = TRAINING_PURITY,
-    scale: Literal["decibel", "linear"] = "decibel",
     covariates: FloatArray | None = None,
     tile_keys: FloatArray | None = None,
 ) -> UtilityScore:
@@ -189,10 +195,10 @@ def score_pixels(
         Scored cells of each class.
     tile : int64 array (n_pixels,)
         Tile number, 0 .. n_tiles - 1 without gaps.
-    seed, run_id, likelihood, priors, training_purity
+    classifier : Classifier, optional
+        By default that of `percent_correct`.
+    seed, run_id : int
         As in `percent_correct`.
-    scale : {"decibel", "linear"}
-        What the Gaussian law sees of `power`: its decibels, or the numbers as they are (brightness in kelvin).
     covariates : float64 array (n_pixels, n_covariates), optional
         Known for each pixel and no evidence of its class, such as the look angle: the Gaussian law of each class is
         conditional on them, its mean a straight line in each.
@@ -204,6 +210,7 @@ def score_pixels(
     UtilityScore
         Classes by number in `details`.
     """
+    law = Classifier() if classifier is None else classifier
     n_classes = counts.shape[1]
     n_tiles = int(tile.max()) + 1
     if tile_keys is None:
@@ -212,7 +219,7 @@ def score_pixels(
     half = halves(tile_keys)[tile]
     named = np.zeros(len(tile), dtype=np.int64)
     taught = np.zeros(n_classes, dtype=bool)
-    features = power if likelihood == "gamma" or scale == "linear" else decibels(power)
+    features = power if law.likelihood == "gamma" or law.scale == "linear" else decibels(power)
     # A conditional Gaussian is the joint one over that of the covariates alone.
     joint = features if covariates is None else np.column_stack([features, covariates])
     for tested in (0, 1):
@@ -221,16 +228,16 @@ def score_pixels(
         train = test if n_tiles == 1 else ~test
         if not test.any():
             continue
-        weights = _training_weights(counts[train], training_purity)
+        weights = _training_weights(counts[train], law.training_purity)
         known = weights.any(axis=0)
         taught |= known
-        if likelihood == "gamma":
+        if law.likelihood == "gamma":
             log_likelihood = _gamma_log_likelihood(features[train], weights, features[test], looks[test])
         else:
             log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
             if covariates is not None:
                 log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
-        if priors == "area":
+        if law.priors == "area":
             area = counts[train].sum(axis=0)
             log_likelihood += np.log(np.maximum(area, 1) / area.sum())
         log_likelihood[:, ~known] = -np.inf

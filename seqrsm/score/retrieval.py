@@ -15,6 +15,7 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem, SceneError
 from seqrsm.score.classification import (
     TRAINING_PURITY,
+    Classifier,
     Priors,
     UtilityScore,
     cluster_ratio,
@@ -87,11 +88,9 @@ def percent_correct_radiometer(
         np.ones(used.size),
         counts[used],
         tile,
+        Classifier(priors=priors, training_purity=training_purity, scale="linear"),
         seed=seed,
         run_id=run_id,
-        priors=priors,
-        training_purity=training_purity,
-        scale="linear",
         covariates=np.square(image.scan.look_rad[sample])[:, None],
         tile_keys=keys,
     )

@@ -16,7 +16,7 @@ from seqrsm.campaign.simulation import FidelityCheck
 from seqrsm.campaign.tradeoff import FILE, read_tradeoff
 from seqrsm.cli.app import app
 from seqrsm.scene.file import save_scene
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 
 LOOSE = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 12.0')
 
@@ -96,7 +96,7 @@ def test_every_score_keeps_rung_bound_and_seconds(tmp_path: Path, tiny_scene: Pa
 def test_a_violated_bound_sends_runs_to_a_safer_rung(tmp_path: Path) -> None:
     # Large enough that strips save time.
     scene = synthetic_scene(
-        320, 400, 5.0, categories=("Grass", "Trees", "Bareground"), field_m=80.0, relief_m=20.0, seed=3
+        320, 400, 5.0, categories=("Grass", "Trees", "Bareground"), field_m=80.0, terrain=Terrain(20.0), seed=3
     )
     save_scene(scene, tmp_path / "wide.npz")
     campaign = Campaign.open(make_tiny(tmp_path / "watched", tmp_path / "wide.npz", LOOSE))

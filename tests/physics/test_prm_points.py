@@ -7,7 +7,7 @@ import pytest
 
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 from seqrsm.simulate.bounds import quadrature_error
 from seqrsm.simulate.fidelity import RungPlan
 from seqrsm.simulate.radiometer.prm import meet_radiometer, simulate_radiometer
@@ -19,7 +19,9 @@ ALL = 10**6
 
 
 def scene(relief_m: float) -> Scene:
-    return synthetic_scene(240, 260, 30.0, categories=COVERS, field_m=500.0, relief_m=relief_m, exponent=3.6, seed=11)
+    return synthetic_scene(
+        240, 260, 30.0, categories=COVERS, field_m=500.0, terrain=Terrain(relief_m, exponent=3.6), seed=11
+    )
 
 
 def radiometer(**changes: float | str) -> object:

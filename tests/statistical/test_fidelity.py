@@ -11,7 +11,7 @@ import pytest
 
 from seqrsm.campaign.engines import ENGINES, Demand
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 from seqrsm.simulate.bounds import teaching_factor
 from seqrsm.simulate.fidelity import RUNGS
 from seqrsm.simulate.radar.sample import meet, radar_strips
@@ -25,7 +25,7 @@ SEED = 5
 @lru_cache(maxsize=8)
 def ground(kind: str, cover: tuple[str, ...] = COVERS, cell_m: float = 5.0) -> Scene:
     return synthetic_scene(
-        320, 360, cell_m, categories=cover, field_m=14.0 * cell_m, relief_m=RELIEF[kind], exponent=3.6, seed=11
+        320, 360, cell_m, categories=cover, field_m=14.0 * cell_m, terrain=Terrain(RELIEF[kind], exponent=3.6), seed=11
     )
 
 
@@ -85,7 +85,9 @@ def test_wider_cells_err_by_no_more_than_their_bound(kind: str) -> None:
 
 
 def test_wider_cells_are_chosen_where_a_pixel_holds_many() -> None:
-    scene = synthetic_scene(900, 900, 2.0, categories=COVERS, field_m=150.0, relief_m=40.0, exponent=3.6, seed=11)
+    scene = synthetic_scene(
+        900, 900, 2.0, categories=COVERS, field_m=150.0, terrain=Terrain(40.0, exponent=3.6), seed=11
+    )
     chosen, _ = plan(scene, radar(48.0), 1, "auto", 4.0)
     assert chosen.chosen.rung == "F1"
     assert chosen.chosen.coarse >= 2

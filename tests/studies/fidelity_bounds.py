@@ -20,7 +20,7 @@ import numpy as np
 
 from seqrsm.campaign.engines import ENGINES, Demand
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 from seqrsm.simulate.fidelity import largest_difference
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,7 +42,9 @@ def ground(engine: str, relief: str, seed: int) -> Scene:
     else:
         size, cell, covers, field = (1200, 1000), 15.0, LAND, 450.0
     height = RELIEF_M[engine][relief]
-    return synthetic_scene(*size, cell, categories=covers, field_m=field, relief_m=height, exponent=3.4, seed=seed)
+    return synthetic_scene(
+        *size, cell, categories=covers, field_m=field, terrain=Terrain(height, exponent=3.4), seed=seed
+    )
 
 
 def sensor(engine: str, rng: np.random.Generator) -> tuple[Any, dict[str, float | str]]:

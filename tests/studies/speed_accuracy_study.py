@@ -36,7 +36,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.optimum import optimum
 from seqrsm.scene.file import load_scene, save_scene
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "reports" / "speed-accuracy"
@@ -82,7 +82,9 @@ class Site:
         path = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-{self.name.replace(' ', '-')}-{made:08x}.npz"
         if not path.exists():
             draft = path.with_suffix(".draft.npz")
-            save_scene(synthetic_scene(**self.synthetic), draft)
+            given = dict(self.synthetic)
+            terrain = Terrain(given.pop("relief_m"), exponent=given.pop("exponent"))
+            save_scene(synthetic_scene(**given, terrain=terrain), draft)
             draft.replace(path)
         return str(path)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from seqrsm.score.classification import cluster_ratio, score_pixels
+from seqrsm.score.classification import Classifier, cluster_ratio, score_pixels
 from seqrsm.score.kernels_classify import count_classes
 
 
@@ -53,7 +53,7 @@ def test_gamma_law_reaches_the_bayes_share_of_speckle():
     expected = 50.0 * (special.gammainc(looks, looks * cut) + special.gammaincc(looks, looks * cut / ratio))
     counts = np.eye(2, dtype=np.int32)[truth]
     arguments = (power[:, None], np.full(n, looks), counts, np.arange(n) // 100)
-    gamma = score_pixels(*arguments, seed=1, run_id=1, likelihood="gamma")
+    gamma = score_pixels(*arguments, Classifier("gamma"), seed=1, run_id=1)
     gaussian = score_pixels(*arguments, seed=1, run_id=1)
     assert gamma.value == pytest.approx(expected, abs=1.0)
     assert gaussian.value < gamma.value + 0.3
@@ -65,7 +65,7 @@ def test_area_priors_name_the_common_class_when_nothing_else_is_known():
     truth = (rng.random(n) < 0.1).astype(int)
     power = 10.0 ** (0.1 * rng.normal(0, 1, (n, 1)))
     arguments = (power, np.ones(n), np.eye(2, dtype=np.int32)[truth], np.arange(n) // 50)
-    assert score_pixels(*arguments, seed=1, run_id=1, priors="area").value == pytest.approx(90.0, abs=1.0)
+    assert score_pixels(*arguments, Classifier(priors="area"), seed=1, run_id=1).value == pytest.approx(90.0, abs=1.0)
     assert score_pixels(*arguments, seed=1, run_id=1).value < 80.0
 
 
@@ -74,7 +74,7 @@ def test_every_cell_of_a_mixed_pixel_counts():
     counts[:, 0] += 1
     truth = (counts[:, 1] > 0).astype(int)
     # Class 1 pixels hold one cell of class 0: a quarter of their cells cannot be right.
-    score = score_pixels(power, looks, counts, tile, seed=1, run_id=1, training_purity=0.7)
+    score = score_pixels(power, looks, counts, tile, Classifier(training_purity=0.7), seed=1, run_id=1)
     expected = 100.0 * (4 * (truth == 0).sum() + 3 * (truth == 1).sum()) / counts.sum()
     assert score.value == pytest.approx(expected, abs=0.05)
     assert score.confusion[0, 1] == (truth == 1).sum()

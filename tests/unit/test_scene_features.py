@@ -11,14 +11,15 @@ from seqrsm.cli.app import app
 from seqrsm.errors import SceneError
 from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
 from seqrsm.scene.file import load_scene
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
 
 AROUND = np.ones((3, 3), dtype=int)
 
 
 def land(**changes):
-    given = {"categories": ("Wheat", "Grass"), "relief_m": 40.0, "seed": 4, "rivers": 1, "towns": 3, "roads": True}
-    return synthetic_scene(200, 260, 5.0, **{**given, **changes})
+    seed, terrain = changes.pop("seed", 4), Terrain(changes.pop("relief_m", 40.0))
+    features = Features(**{"rivers": 1, "towns": 3, "roads": True, **changes})
+    return synthetic_scene(200, 260, 5.0, categories=("Wheat", "Grass"), terrain=terrain, features=features, seed=seed)
 
 
 def where(scene, name):

@@ -18,7 +18,7 @@ from seqrsm.scene.fields import (
 )
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 from seqrsm.scene.terrain import fractal_terrain, rms_slope, slopes
 
 
@@ -120,7 +120,7 @@ def test_impossible_terrain() -> None:
 def test_synthetic_scene(layout: str) -> None:
     scene = synthetic_scene(
         200, 300, 5.0, categories=["Wheat", "Corn", "Water"], shares=[2, 1, 1], field_m=100.0, layout=layout,
-        relief_m=30.0, rms_slope=0.05, base_m=100.0, seed=4,
+        terrain=Terrain(30.0, rms_slope=0.05, base_m=100.0), seed=4,
     )  # fmt: skip
     found = scene_statistics(scene)
     assert (found.low_m, found.high_m) == pytest.approx((100.0, 130.0), abs=1e-4)

@@ -14,13 +14,13 @@ from seqrsm.cli.app import app
 from seqrsm.scene import statistics
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 
 ROOT = Path(__file__).parents[2]
 
 
 def made() -> object:
-    return synthetic_scene(40, 50, 10.0, categories=("Wheat", "Trees"), field_m=90.0, relief_m=30.0, seed=3)
+    return synthetic_scene(40, 50, 10.0, categories=("Wheat", "Trees"), field_m=90.0, terrain=Terrain(30.0), seed=3)
 
 
 def refuse(scene: object) -> None:

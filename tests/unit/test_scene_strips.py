@@ -10,7 +10,7 @@ import pytest
 from seqrsm.scene import terrain
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
 
 
 def made():
@@ -20,13 +20,8 @@ def made():
         5.0,
         categories=("Wheat", "Trees"),
         field_m=60.0,
-        relief_m=30.0,
-        base_m=2.5,
-        rivers=2,
-        river_m=20.0,
-        towns=2,
-        town_m=60.0,
-        roads=True,
+        terrain=Terrain(30.0, base_m=2.5),
+        features=Features(rivers=2, river_m=20.0, towns=2, town_m=60.0, roads=True),
         seed=3,
     )
 

@@ -101,8 +101,10 @@ def simulate_radar(
         occasion = with_moisture(still, scene, radar, table, lookups)
     grid = echo_grid(frame, radar)
     sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
+    if targets:
+        add_targets(sums, targets, scene.shape, radar, frame, grid)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
-    return _form_image(sums, scene, radar, frame, grid, occasion, targets, seed, run_id, notes, threads)
+    return _form_image(sums, scene, radar, frame, grid, occasion, seed, run_id, notes, threads)
 
 
 def _form_image(
@@ -112,15 +114,12 @@ def _form_image(
     frame: RadarFrame,
     grid: EchoGrid,
     occasion: Occasion,
-    targets: Sequence[CulturalTarget],
     seed: int,
     run_id: int,
     notes: tuple[str, ...],
     threads: int,
 ) -> RadarImage:
     """Phase two: resolution cells, receiver noise, fading and receiver."""
-    if targets:
-        add_targets(sums, targets, scene.shape, radar, frame, grid)
     law = row_law(frame, radar, grid)
     m = sums.shape[2]
     cells_a_pixel = float(frame.wrapped) or radar.pixel_spacing_m / frame.cell_m
