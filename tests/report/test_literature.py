@@ -88,6 +88,14 @@ def test_polarization_is_compared_by_channels(dossier):
     assert next(row for row in found.comparisons if row.parameter == "polarization").verdict == "agrees"
 
 
+@pytest.mark.parametrize("name", ["resolution", "resolution_m"])
+def test_a_fixed_value_is_compared_by_either_of_its_names(dossier, name):
+    simulator = dossier.spec.simulator.model_copy(update={"fixed": {name: 25.0}})
+    found = literature(dataclasses.replace(dossier.spec, simulator=simulator), dossier.analyses[0])
+    row = next(row for row in found.comparisons if row.parameter == "resolution")
+    assert row.found == "25\u00a0m, held fixed"
+
+
 def test_no_entry_is_said(dossier):
     spec = dataclasses.replace(dossier.spec, description="")
     analysis = dataclasses.replace(dossier.analyses[0], application="xyzzy")
