@@ -25,7 +25,7 @@ from scipy.optimize import minimize_scalar
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.conjugate import mixture_interval
-from seqrsm.fit.intervals import Interval, Prediction
+from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.linear_system import check_runs
 
 _LOG_ROOT = np.linspace(-7.0, 7.0, 57)  # log sqrt(rho): prior mass outside is below 1e-3 at either end
@@ -93,15 +93,6 @@ class RandomBlockPosterior:
     index: IntArray
     varying: bool = False
 
-    def day_effects(self) -> FloatArray:
-        """Posterior mean (b,) of every day's effect, shrunk towards 0."""
-        assert not self.varying
-        effects = np.empty((len(self.ratios), len(self.days)))
-        for c, ratio in enumerate(self.ratios):
-            r = self.weights * (self.y - self.Z @ self.mean[c])
-            effects[c] = ratio * np.bincount(self.index, r) / (1.0 + ratio * np.bincount(self.index, self.weights))
-        return np.asarray(self.shares @ effects)
-
     def sigma_ratio_interval(self, level: float = 0.95) -> tuple[float, float]:
         """Credible interval of sigma_day / sigma."""
         cumulative = np.concatenate([[0.0], np.cumsum(self.shares)])
@@ -111,11 +102,6 @@ class RandomBlockPosterior:
         tail = 0.5 * (1.0 - level)
         low, high = np.interp([tail, 1.0 - tail], cumulative, edges)
         return float(low), float(high)
-
-    def coefficient_interval(self, level: float = 0.95) -> Interval:
-        """Credible interval of every coefficient."""
-        scale = self.s[:, None] * np.sqrt(np.sum(np.square(self.factor), axis=2))
-        return mixture_interval(level, self.shares, np.array(self.df), self.mean.T, scale.T)
 
     @property
     def estimate(self) -> FloatArray:

@@ -242,11 +242,6 @@ class ConjugatePosterior:
             return np.full(self.mean.shape, np.nan)
         return np.asarray(self.marginal_scale * np.sqrt(self.a / (self.a - 1.0)))
 
-    def marginal_interval(self, level: float = 0.95) -> Interval:
-        """Equal-tailed credible interval of every coefficient."""
-        half = student_quantile(self.df, level) * self.marginal_scale
-        return Interval(self.mean - half, self.mean + half)
-
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """Value of z' Lambda^-1 z for rows (m, p) -> (m,)."""
         return np.asarray(np.sum(np.square(np.atleast_2d(rows) @ self.factor), axis=1))

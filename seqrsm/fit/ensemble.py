@@ -26,7 +26,6 @@ from seqrsm.fit import convergence
 from seqrsm.fit.conjugate import Flat, LinearBounds
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
 from seqrsm.fit.target import (
-    GammaPrior,
     GeneralModel,
     SamplerPrior,
     Target,
@@ -37,7 +36,7 @@ from seqrsm.fit.target import (
 )
 from seqrsm.progress import tell
 
-__all__ = ["EnsemblePosterior", "GammaPrior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
+__all__ = ["EnsemblePosterior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
@@ -62,10 +61,8 @@ class EnsemblePosterior:
         Coefficients.
     sigma : ndarray (draws,)
         Standard deviation (scale, for Student-t errors) of a run of weight 1.
-    nu : ndarray (draws,) or None
-        Degrees of freedom of Student-t errors when they were estimated.
     tau : ndarray (d,)
-        Integrated autocorrelation time of every coordinate (coefficients whitened, log sigma, log nu) [steps].
+        Integrated autocorrelation time of every coordinate (coefficients whitened, log sigma) [steps].
     ess : ndarray (d,)
         Effective sample size of every coordinate among the draws handed out.
     r_hat : ndarray (d,)
@@ -83,7 +80,6 @@ class EnsemblePosterior:
 
     beta: FloatArray
     sigma: FloatArray
-    nu: FloatArray | None
     tau: FloatArray
     ess: FloatArray
     r_hat: FloatArray
@@ -106,8 +102,7 @@ class GeneralPosterior:
     draws : ndarray (m, d)
         In the parameters' own units.
     tau, ess, r_hat, ess_ends, acceptance, steps, walkers, ensembles, seed
-        As in :class:`EnsemblePosterior`; ``tau``, ``ess`` and ``r_hat`` are of the parameters that were sampled:
-        those integrated out are independent draws given these.
+        As in :class:`EnsemblePosterior`.
     """
 
     names: tuple[str, ...]
@@ -150,7 +145,7 @@ def sample_posterior(
     *,
     errors: Literal["normal", "student_t"] = "normal",
     prior: SamplerPrior | None = None,
-    nu: float | GammaPrior = 4.0,
+    nu: float = 4.0,
     bounds: LinearBounds | None = None,
     seed: int,
     walkers: int = 128,
@@ -175,7 +170,7 @@ def sample_posterior(
     weights : ndarray (n,), optional
         Inverse relative variances, > 0; default 1.
     errors : str
-        Normal, or Student-t with ``nu`` degrees of freedom (> 0, or a :class:`GammaPrior` when unknown).
+        Normal, or Student-t with ``nu`` > 0 degrees of freedom.
     prior : Flat, NormalInverseGamma or WeakPrior, optional
         Default flat: p(beta, sigma) proportional to 1 / sigma.
     bounds : LinearBounds, optional
@@ -206,12 +201,11 @@ def sample_posterior(
     walkers = max(walkers + walkers % 2, 2 * target.d)
     chain = _Chain(target, ensembles, walkers, seed)
     reached = _run(chain, min_ess, max_draws, max_steps, max_seconds, progress)
-    beta, sigma, nu_draws = target.unpack(reached.kept.reshape(-1, target.d))
+    beta, sigma = target.unpack(reached.kept.reshape(-1, target.d))
     acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
     return EnsemblePosterior(
         beta,
         sigma,
-        nu_draws,
         reached.tau,
         reached.ess,
         reached.r_hat,
@@ -258,8 +252,6 @@ def sample_model(
     draws = model.natural(reached.kept.reshape(-1, target.d))[0]
     acceptance = {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()}
     names = tuple(parameter.name for parameter in model.parameters)
-    if model.complete is not None:
-        names, draws = model.complete(draws, np.random.default_rng([seed, len(draws)]))
     return GeneralPosterior(
         names,
         draws,

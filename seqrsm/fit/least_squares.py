@@ -80,7 +80,6 @@ __all__ = [
     "TermLike",
     "block_columns",
     "fit_least_squares",
-    "fit_matrix",
 ]
 
 _ESTIMABLE = 1e-9  # relative size of the null-space component below which a function counts as estimable
@@ -438,44 +437,6 @@ def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, .
     index = np.array([order.index(i) for i in ids], dtype=np.int64)
     contrasts = np.vstack([np.eye(len(order) - 1), -np.ones(len(order) - 1)]) if len(order) > 1 else np.zeros((1, 0))
     return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
-
-
-@dataclass(frozen=True, slots=True)
-class _Column:
-    """A column of a matrix that is given as such."""
-
-    name: str
-    kind: str
-
-
-def fit_matrix(
-    Z: FloatArray,
-    y: FloatArray,
-    names: Sequence[str],
-    *,
-    weights: FloatArray | None = None,
-    setting_ids: Sequence[object] | IntArray | None = None,
-    block_ids: Sequence[object] | IntArray | None = None,
-) -> LeastSquaresFit:
-    """Fit any linear model whose matrix is given: of any order, with any functions of the factors as columns.
-
-    Parameters
-    ----------
-    Z : ndarray (n, p)
-        A column of ones is the intercept; without one, sums of squares are about zero.
-    y, weights, setting_ids, block_ids
-        As in :func:`fit_least_squares`.
-    names : sequence of str (p,)
-
-    Raises
-    ------
-    FitError
-        As :func:`fit_least_squares`.
-    """
-    Z = np.asarray(Z, dtype=np.float64)
-    ones = np.flatnonzero(np.all(np.atleast_2d(Z) == 1.0, axis=0))[:1].tolist()
-    terms = [_Column(name, "intercept" if i in ones else "linear") for i, name in enumerate(names)]
-    return fit_least_squares(Z, y, terms, weights=weights, setting_ids=setting_ids, block_ids=block_ids)
 
 
 def _names_and_kinds(terms: Sequence[TermLike | str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -161,15 +161,6 @@ class BestSettings:
         found = [np.max(gain / distance, axis=1) for gain, distance in self._compare(points)]
         return np.asarray(np.concatenate(found) / self.fit.s)
 
-    def loss_bound(self, points: FloatArray) -> FloatArray:
-        """Upper bound (m,) of what each setting loses against the best setting, in score units.
-
-        Simultaneous in all settings compared and all points asked for.
-        """
-        c = self.scheffe * self.fit.s
-        found = [np.max(np.where(gain != 0.0, gain + c * d, 0.0), axis=1) for gain, d in self._compare(points)]
-        return np.asarray(np.maximum(np.concatenate(found), 0.0))
-
     def critical_value(self, point: FloatArray) -> float:
         """Quantile of the largest studentised difference from ``point`` (k,) over ``against``, by simulation."""
         point = np.asarray(point, dtype=np.float64)

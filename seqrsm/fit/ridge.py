@@ -12,7 +12,6 @@ import numpy as np
 from scipy.optimize import brentq
 
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.canonical import canonical_form
 
 Goal = Literal["maximize", "minimize"]
 
@@ -137,37 +136,6 @@ def steepest_path(
     direction = np.zeros_like(linear) if norm == 0.0 else (1.0 if goal == "maximize" else -1.0) * linear / norm
     distances = np.asarray(distances, dtype=np.float64)
     points = distances[:, None] * direction
-    return Path(distances, points, _values(constant, linear, quadratic, points), np.full(len(distances), np.nan))
-
-
-def canonical_path(
-    constant: float,
-    linear: FloatArray,
-    quadratic: FloatArray,
-    distances: FloatArray,
-    axis: int = 0,
-    threshold: float = 0.1,
-) -> Path:
-    """Straight path through the stationary point along one canonical axis.
-
-    Parameters
-    ----------
-    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
-        ``c + x'b + x'Bx``.
-    distances : ndarray (n,)
-        Signed coded distances from the stationary point.
-    axis : int
-        Which eigenvector, in falling order of the eigenvalues.
-    threshold : float
-        See :func:`canonical_form`.
-
-    Returns
-    -------
-    Path
-    """
-    form = canonical_form(constant, linear, quadratic, threshold)
-    distances = np.asarray(distances, dtype=np.float64)
-    points = form.point + distances[:, None] * form.eigenvectors[:, axis]
     return Path(distances, points, _values(constant, linear, quadratic, points), np.full(len(distances), np.nan))
 
 

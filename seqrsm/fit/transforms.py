@@ -13,7 +13,6 @@ from scipy.special import expit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.intervals import Interval
 
 NOMINAL_COUNT = 200.0  # a score of unknown count is clipped to 0.25 % ... 99.75 %
 
@@ -103,21 +102,6 @@ def clip_percent(percent: FloatArray) -> FloatArray:
 def logit_to_percent(logit: FloatArray) -> FloatArray:
     """Back-transform [%]: of an estimate it is the median response, of an interval's end the end."""
     return np.asarray(100.0 * expit(logit), dtype=np.float64)
-
-
-def interval_to_percent(interval: Interval) -> Interval:
-    """Interval [%] with the ends back-transformed: the same coverage, no longer symmetric."""
-    return Interval(logit_to_percent(interval.low), logit_to_percent(interval.high))
-
-
-def mean_percent(logit: FloatArray, sd: FloatArray) -> FloatArray:
-    """Mean response [%] when the logit is normal with the given mean and standard deviation.
-
-    The probit approximation expit(mu / sqrt(1 + (16 sqrt(3) / (15 pi))^2 sd^2)), within 1 point for sd up to 2
-    (Zeger, Liang, Albert 1988, Biometrics 44, 1049-1060).
-    """
-    constant = (16.0 * np.sqrt(3.0) / (15.0 * np.pi)) ** 2
-    return logit_to_percent(logit / np.sqrt(1.0 + constant * np.square(sd)))
 
 
 def _or_nan(values: FloatArray | None, like: FloatArray) -> FloatArray:

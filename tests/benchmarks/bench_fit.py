@@ -27,7 +27,7 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
-from seqrsm.fit.ensemble import EnsemblePosterior, GammaPrior, GeneralPosterior, sample_model, sample_posterior
+from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior, sample_model, sample_posterior
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.location import best_settings, location_region
 from seqrsm.fit.natural import natural_coefficients
@@ -35,7 +35,7 @@ from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.profile import box_cox_profile
 from seqrsm.fit.residuals import influential_runs, normal_plot
-from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
+from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.selection import average_models
 
 NU = 4.0
@@ -80,10 +80,6 @@ def samplers(
 ) -> dict[str, Callable[[], EnsemblePosterior | GeneralPosterior]]:
     """Every posterior that emcee samples, on the same 40 runs."""
     p = Z.shape[1]
-    weak = CoefficientPrior(np.where(np.arange(p) == 0, 70.0, 0.0), np.full(p, 20.0))
-    day, source = (np.arange(40) // 5).tolist(), (np.arange(40) % 3 == 0).astype(int).tolist()
-    flown = np.array(source, dtype=bool)
-    differs = Discrepancy(Z[:, :6], flown, np.full(6, 1.0), scale_sd=0.1)
     share = 1.0 / (1.0 + np.exp(-(y - 60.0) / 10.0))
     correct, trials = rng.binomial(200, share).astype(float), np.full(40, 200.0)
     logit = CoefficientPrior(np.zeros(p), np.where(np.arange(p) == 0, 10.0, 2.5))
@@ -91,15 +87,7 @@ def samplers(
     return {
         "normal errors, flat prior": lambda: sample_posterior(Z, y, seed=1),
         "Student-t errors": lambda: sample_posterior(Z, y, errors="student_t", nu=NU, seed=1),
-        "Student-t errors, degrees of freedom unknown": lambda: sample_posterior(
-            Z, y, errors="student_t", nu=GammaPrior(), seed=1
-        ),
         "bounded effects of two factors": lambda: sample_posterior(Z, y, bounds=bounds, seed=1),
-        "two sources of unequal variance": lambda: sample_model(normal_model(Z, y, weak, sources=source), seed=1),
-        "random days": lambda: sample_model(normal_model(Z, y, weak, days=day), seed=1),
-        "flights and simulations, discrepancy and scale": lambda: sample_model(
-            normal_model(Z, y, weak, sources=source, discrepancy=differs), seed=1
-        ),
         "beta-binomial counts": lambda: sample_model(beta_binomial_model(Z, correct, trials, logit), seed=1),
     }
 

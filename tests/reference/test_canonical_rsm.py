@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ import pytest
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.canonical import stationary_point
-from seqrsm.fit.ridge import canonical_path, ridge_path, steepest_path
+from seqrsm.fit.canonical import canonical_form, stationary_point
+from seqrsm.fit.ridge import ridge_path, steepest_path
 
 DATA = Path(__file__).parent / "data" / "rsm"
 
@@ -45,6 +46,14 @@ def check_canonical(model: QuadraticModel, beta: np.ndarray, expected: Any, thre
     for j, vector in enumerate(expected["eigenvectors_columns"]):
         mine = found.eigenvectors[:, j] * np.sign(found.eigenvectors[:, j] @ np.array(vector))
         np.testing.assert_allclose(mine, vector, atol=1e-10)
+
+
+def canonical_path(c, b, B, distances, threshold=0.1):
+    """Straight path through the stationary point along the first canonical axis."""
+    form = canonical_form(c, b, B, threshold)
+    points = form.point + distances[:, None] * form.eigenvectors[:, 0]
+    values = c + points @ b + np.sum((points @ B) * points, axis=1)
+    return SimpleNamespace(points=points, values=values)
 
 
 def check_path(path: Any, expected: dict[str, list[float]], k: int) -> None:

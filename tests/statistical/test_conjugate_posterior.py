@@ -39,7 +39,7 @@ def test_flat_prior_reproduces_least_squares(n: int) -> None:
     np.testing.assert_allclose(exact.mean, fit.estimate, rtol=1e-13)
     np.testing.assert_allclose(exact.marginal_scale, fit.se, rtol=1e-12)
     for level in (0.5, 0.95):
-        np.testing.assert_allclose(exact.marginal_interval(level).low, fit.interval(level).low, rtol=1e-11)
+        np.testing.assert_allclose(exact.predict(np.eye(6), level).confidence.low, fit.interval(level).low, rtol=1e-11)
         rows = np.random.default_rng(3).uniform(-1, 1, (5, 6))
         ours, theirs = exact.predict(rows, level, 2.0, 3), fit.predict(rows, level, 2.0, 3)
         np.testing.assert_allclose(ours.confidence.high, theirs.confidence.high, rtol=1e-11)

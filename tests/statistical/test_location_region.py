@@ -122,20 +122,6 @@ def test_regions_of_the_bounded_optimum_cover_at_least_as_stated(beta: np.ndarra
         assert np.mean(statistic <= 0.5 * critical) < LEVEL - near(LEVEL, sets)
 
 
-def test_loss_bound_covers_for_all_settings_at_once() -> None:
-    sets = 2000
-    fit, estimates, s = data_sets(BETA, sets, seed=2)
-    test = best_settings(MODEL, BOX, fit, level=LEVEL, n_against=150)
-    asked = BOX.sample(20, np.random.default_rng(3))
-    against = MODEL.matrix(test.against) @ BETA
-    loss = np.max(against) - MODEL.matrix(asked) @ BETA
-    inside = []
-    for e, v in zip(estimates, s, strict=True):
-        bound = dataclasses.replace(test, fit=dataclasses.replace(fit, estimate=e, s=float(v))).loss_bound(asked)
-        inside.append(np.all(bound >= loss - 1e-9))
-    assert np.mean(inside) > LEVEL - near(LEVEL, sets)
-
-
 def test_statistic_by_hand() -> None:
     """The largest of (z - z0)'b / (s sqrt((z - z0)' C (z - z0))), one setting after the other."""
     fit, _, _ = data_sets(BETA, 1)

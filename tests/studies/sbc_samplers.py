@@ -23,7 +23,8 @@ from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
 from seqrsm.fit.ensemble import WeakPrior, sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
-from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
+from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
+from seqrsm.fit.target import GeneralModel, Parameter
 
 Study = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
 
@@ -31,7 +32,7 @@ X = np.linspace(-1, 1, 12)
 Z = np.column_stack([np.ones(12), X])
 SD = np.full(2, 2.0)
 PRIOR = CoefficientPrior(np.zeros(2), SD)
-SOURCE, DAY = np.arange(12) % 2, np.arange(12) // 3
+DAY = np.arange(12) // 3
 LIGHT = {"min_ess": 400, "walkers": 32, "ensembles": 2, "max_seconds": 20.0}
 
 
@@ -44,31 +45,6 @@ def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
     found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, **LIGHT)
     return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
-
-
-def sources(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    beta, sigma = SD * rng.normal(size=2), np.array([half_normal(rng), half_normal(rng)])
-    y = Z @ beta + sigma[SOURCE] * rng.normal(size=12)
-    model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist())
-    return np.concatenate([beta, sigma]), sample_model(model, seed=seed, **LIGHT).draws
-
-
-def days(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    beta, sigma, tau = SD * rng.normal(size=2), half_normal(rng), half_normal(rng)
-    y = Z @ beta + tau * rng.normal(size=4)[DAY] + sigma * rng.normal(size=12)
-    model = normal_model(Z, y, PRIOR, days=DAY.tolist())
-    return np.array([*beta, sigma, tau]), sample_model(model, seed=seed, **LIGHT).draws
-
-
-def discrepancy(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    beta, sigma = SD * rng.normal(size=2), np.array([half_normal(rng), half_normal(rng)])
-    gamma, scale = rng.normal(size=1), 1.0 + 0.3 * float(rng.normal())
-    flight = SOURCE == 1
-    mean = np.where(flight, scale * (Z @ beta) + gamma[0], Z @ beta)
-    y = mean + sigma[SOURCE] * rng.normal(size=12)
-    differs = Discrepancy(np.ones((12, 1)), flight, np.ones(1), scale_sd=0.3)
-    model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist(), discrepancy=differs)
-    return np.array([*beta, *gamma, *sigma, scale]), sample_model(model, seed=seed, **LIGHT).draws
 
 
 def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +60,14 @@ def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
     beta, sigma = np.array([float(rng.normal()) * 2.0, 2.0 * half_normal(rng)]), half_normal(rng)
     y = Z @ beta + sigma * rng.normal(size=12)
     prior = CoefficientPrior(np.zeros(2), SD, np.array([-np.inf, 0.0]), np.array([np.inf, np.inf]))
-    return np.append(beta, sigma), sample_model(normal_model(Z, y, prior), seed=seed, **LIGHT).draws
+    start = prior.parameters(np.linalg.lstsq(Z, y, rcond=None)[0])
+
+    def log_density(v: np.ndarray) -> np.ndarray:
+        off = (y - v[:, :2] @ Z.T) / v[:, 2:]
+        return prior.log_density(v[:, :2]) - 0.5 * np.sum(off**2, axis=1) - 12 * np.log(v[:, 2]) - 0.5 * v[:, 2] ** 2
+
+    model = GeneralModel((*start, Parameter("sigma", max(float(np.std(y)), 0.05), 0.0)), log_density)
+    return np.append(beta, sigma), sample_model(model, seed=seed, **LIGHT).draws
 
 
 def exact(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -132,9 +115,6 @@ STUDIES: dict[str, Study] = {
     "random days, exact": blocks,
     "natural terms, emcee": elicited,
     "Student-t errors": student,
-    "two sources": sources,
-    "random days": days,
-    "discrepancy and scale": discrepancy,
     "beta-binomial": counts,
     "bounded coefficient": bounded,
 }

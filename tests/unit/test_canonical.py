@@ -11,7 +11,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.canonical import canonical_form, stationary_point
-from seqrsm.fit.ridge import canonical_path, ridge_path, steepest_path
+from seqrsm.fit.ridge import ridge_path, steepest_path
 
 
 @pytest.mark.parametrize(
@@ -145,12 +145,3 @@ def test_steepest_ascent_of_a_plane_is_straight() -> None:
     np.testing.assert_allclose(up.values, [1.0, 11.0])
     down = steepest_path(1.0, b, np.zeros((2, 2)), np.array([2.0]), "minimize")
     np.testing.assert_allclose(down.values, [-9.0])
-
-
-def test_canonical_path_passes_through_the_stationary_point() -> None:
-    b, B = np.array([0.4, 0.2]), np.array([[-1.0, 0.2], [0.2, -2.0]])
-    path = canonical_path(0.0, b, B, np.array([-1.0, 0.0, 1.0]), axis=1)
-    form = canonical_form(0.0, b, B)
-    np.testing.assert_allclose(path.points[1], form.point)
-    # along an axis the surface is value + eigenvalue * distance^2
-    np.testing.assert_allclose(path.values, form.value + form.eigenvalues[1] * np.array([1.0, 0.0, 1.0]))
