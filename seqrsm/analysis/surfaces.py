@@ -11,6 +11,7 @@ from functools import partial
 from typing import ClassVar, Final, Protocol
 
 import numpy as np
+from numpy.random import Generator
 
 from seqrsm.analysis.runs import (
     ScoredRuns,
@@ -109,12 +110,7 @@ class Surface(Protocol):
         """Variance (m,) of the mean, in units of ``s`` squared."""
 
     def draws(
-        self,
-        stated: NormalInverseGamma | None,
-        bounds: LinearBounds | None,
-        sampler: Sampler,
-        n: int,
-        rng: np.random.Generator,
+        self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
         """About ``n`` posterior draws under the prior that is ``stated`` and ``bounds`` of single terms."""
 
@@ -227,12 +223,7 @@ class Quadratic:
         return self.fit.variance_unscaled(rows)
 
     def draws(
-        self,
-        stated: NormalInverseGamma | None,
-        bounds: LinearBounds | None,
-        sampler: Sampler,
-        n: int,
-        rng: np.random.Generator,
+        self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
         """By the errors; without a stated prior a flat one where the runs can carry it: credible and t intervals agree.
 
@@ -340,12 +331,7 @@ class RandomBlocks(Quadratic):
         return self.posterior.variance(rows) / self.s**2
 
     def draws(
-        self,
-        stated: NormalInverseGamma | None,
-        bounds: LinearBounds | None,
-        sampler: Sampler,
-        n: int,
-        rng: np.random.Generator,
+        self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
         """Exact, whatever the sampler; the prior is flat."""
         del stated, sampler
@@ -434,12 +420,7 @@ class TwoSources(Quadratic):
         return self.both.variance_unscaled(rows)
 
     def draws(
-        self,
-        stated: NormalInverseGamma | None,
-        bounds: LinearBounds | None,
-        sampler: Sampler,
-        n: int,
-        rng: np.random.Generator,
+        self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
         """Where errors are normal exact, whatever the sampler, unless hardly any draw holds the bounds."""
         both, p = self.both, self.model.p

@@ -25,7 +25,6 @@ from seqrsm.fit import convergence
 from seqrsm.fit.conjugate import Flat, LinearBounds
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
 from seqrsm.fit.target import (
-    GammaPrior,
     GeneralModel,
     SamplerPrior,
     Target,
@@ -36,7 +35,7 @@ from seqrsm.fit.target import (
 )
 from seqrsm.progress import tell
 
-__all__ = ["EnsemblePosterior", "GammaPrior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
+__all__ = ["EnsemblePosterior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
@@ -83,10 +82,8 @@ class EnsemblePosterior:
         Coefficients.
     sigma : ndarray (draws,)
         Standard deviation (scale, for Student-t errors) of a run of weight 1.
-    nu : ndarray (draws,) or None
-        Degrees of freedom of Student-t errors when they were estimated.
     tau : ndarray (d,)
-        Integrated autocorrelation time of every coordinate (coefficients whitened, log sigma, log nu) [steps].
+        Integrated autocorrelation time of every coordinate (coefficients whitened, log sigma) [steps].
     ess : ndarray (d,)
         Effective sample size of every coordinate among the draws handed out.
     r_hat : ndarray (d,)
@@ -104,7 +101,6 @@ class EnsemblePosterior:
 
     beta: FloatArray
     sigma: FloatArray
-    nu: FloatArray | None
     tau: FloatArray
     ess: FloatArray
     r_hat: FloatArray
@@ -170,7 +166,7 @@ def sample_posterior(
     *,
     errors: Literal["normal", "student_t"] = "normal",
     prior: SamplerPrior | None = None,
-    nu: float | GammaPrior = 4.0,
+    nu: float = 4.0,
     bounds: LinearBounds | None = None,
     seed: int,
     effort: Effort | None = None,
@@ -189,7 +185,7 @@ def sample_posterior(
     weights : ndarray (n,), optional
         Inverse relative variances, > 0; default 1.
     errors : str
-        Normal, or Student-t with ``nu`` degrees of freedom (> 0, or a :class:`GammaPrior` when unknown).
+        Normal, or Student-t with ``nu`` > 0 degrees of freedom.
     prior : Flat, NormalInverseGamma or WeakPrior, optional
         Default flat: p(beta, sigma) proportional to 1 / sigma.
     bounds : LinearBounds, optional
@@ -212,11 +208,10 @@ def sample_posterior(
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
     target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
     chain, reached = _run(target, Effort() if effort is None else effort, seed)
-    beta, sigma, nu_draws = target.unpack(reached.kept.reshape(-1, target.d))
+    beta, sigma = target.unpack(reached.kept.reshape(-1, target.d))
     return EnsemblePosterior(
         beta,
         sigma,
-        nu_draws,
         reached.tau,
         reached.ess,
         reached.r_hat,

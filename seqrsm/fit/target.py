@@ -1,8 +1,7 @@
 """Log posterior densities for the sampler, in whitened coordinates, and the proposal they are sampled with.
 
-Coordinates of a walker: u (p,), log sigma, and log nu when the degrees of freedom of Student-t errors are unknown, with
-beta = mean + scale * L u. ``mean``, ``L`` and ``scale`` come from a conjugate posterior, the *base*; for normal errors
-and a conjugate prior the base is the target itself.
+Coordinates of a walker: u (p,) and log sigma, with beta = mean + scale * L u. ``mean``, ``L`` and ``scale`` come from a
+conjugate posterior, the *base*; for normal errors and a conjugate prior the base is the target itself.
 
 Below it, any other model with a log density: parameters with bounds are sampled on an unbounded scale, x = log(v - low)
 for one bound, the logit of the share of the interval for two, with the Jacobian. The proposal is then a Student-t
@@ -44,17 +43,6 @@ class WeakPrior:
     sigma_scale: float
 
 
-@dataclass(frozen=True, slots=True)
-class GammaPrior:
-    """Prior of the degrees of freedom nu of Student-t errors, density nu^(shape - 1) exp(-rate nu).
-
-    The default, shape 2 and rate 0.1 (mean 20), is that of Juarez and Steel (2010), J. Bus. Econ. Stat. 28, 52-66.
-    """
-
-    shape: float = 2.0
-    rate: float = 0.1
-
-
 SamplerPrior = Flat | NormalInverseGamma | WeakPrior
 
 
@@ -77,9 +65,9 @@ _MANY = 1000
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Normal-inverse-gamma distribution of (u, log sigma), with an independent normal for log nu when there is one.
+    """Normal-inverse-gamma distribution of (u, log sigma).
 
-    sigma^2 ~ InverseGamma(a, b), u | sigma ~ N(centre, sigma^2 MM'), log nu ~ N(nu_centre, nu_width^2).
+    sigma^2 ~ InverseGamma(a, b), u | sigma ~ N(centre, sigma^2 MM').
 
     Attributes
     ----------
@@ -87,8 +75,6 @@ class Proposal:
     M, inverse : ndarray (p, p)
         Lower triangular, and its inverse: a product is faster here than a triangular solve in every step.
     a, b : float
-    nu_centre, nu_width : float
-        ``nu_width`` 0: no such coordinate.
     """
 
     centre: FloatArray
@@ -96,18 +82,13 @@ class Proposal:
     inverse: FloatArray
     a: float
     b: float
-    nu_centre: float
-    nu_width: float
 
     def draw(self, random: Any, n: int) -> FloatArray:
         """Draw (n, d) with a ``numpy.random.RandomState``."""
         p = self.centre.size
         sigma = np.sqrt(self.b / random.standard_gamma(self.a, size=n))
         u = self.centre + sigma[:, None] * (random.standard_normal((n, p)) @ self.M.T)
-        columns = [u, np.log(sigma)[:, None]]
-        if self.nu_width > 0.0:
-            columns.append(self.nu_centre + self.nu_width * random.standard_normal((n, 1)))
-        return np.hstack(columns)
+        return np.hstack([u, np.log(sigma)[:, None]])
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Normalised log density (n, d) -> (n,)."""
@@ -116,9 +97,6 @@ class Proposal:
         value = -(p + 2.0 * self.a) * x[:, p] - (0.5 * np.sum(np.square(g), axis=1) + self.b) * np.exp(-2.0 * x[:, p])
         value += self.a * np.log(self.b) - gammaln(self.a) + np.log(2.0)
         value -= np.sum(np.log(np.diagonal(self.M))) + 0.5 * p * np.log(2.0 * np.pi)
-        if self.nu_width > 0.0:
-            value -= 0.5 * np.square((x[:, p + 1] - self.nu_centre) / self.nu_width)
-            value -= np.log(self.nu_width) + 0.5 * np.log(2.0 * np.pi)
         return np.asarray(value)
 
     def tuned(self, draws: FloatArray) -> Proposal:
@@ -129,9 +107,7 @@ class Proposal:
         residual = (draws[:, :p] - centre) * np.sqrt(precision)[:, None]
         M = np.linalg.cholesky(residual.T @ residual / draws.shape[0])
         rate = float(np.mean(precision) / np.var(precision))
-        nu = draws[:, p + 1] if self.nu_width > 0.0 else np.zeros(2)
-        shape = float(np.mean(precision)) * rate
-        return Proposal(centre, M, np.linalg.inv(M), shape, rate, float(np.mean(nu)), float(np.std(nu)))
+        return Proposal(centre, M, np.linalg.inv(M), float(np.mean(precision)) * rate, rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +125,7 @@ class Target:
     d : int
         Dimensions.
     unpack : callable
-        (n, d) -> beta (n, p), sigma (n,), nu (n,) or None.
+        (n, d) -> beta (n, p), sigma (n,).
     bounds : LinearBounds or None
         Of the first coordinates.
     """
@@ -158,7 +134,7 @@ class Target:
     proposal: TunedProposal
     exact: bool
     d: int
-    unpack: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray | None]]
+    unpack: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
     bounds: LinearBounds | None = None
 
     def start(self, random: Any, n: int) -> FloatArray:
@@ -176,14 +152,12 @@ def build_target(
     w: FloatArray,
     errors: str,
     prior: SamplerPrior,
-    nu: float | GammaPrior,
+    nu: float,
     bounds: LinearBounds | None = None,
 ) -> Target:
     """Assemble the target; arguments as in ``sample_posterior``."""
     student = errors == "student_t"
-    free_nu = student and isinstance(nu, GammaPrior)
-    nu_start = (nu.shape / nu.rate if isinstance(nu, GammaPrior) else nu) if student else np.inf
-    base = _base(Z, y, w, prior, nu_start)
+    base = _base(Z, y, w, prior, nu if student else np.inf)
     if base.b == 0.0:
         raise FitError(Problem("the model reproduces every score exactly, so sigma has no posterior to sample"))
     p, scale = Z.shape[1], base.scale
@@ -197,7 +171,6 @@ def build_target(
         R = np.linalg.qr(np.column_stack([A.T, r0]))[1]
         A, r0 = np.ascontiguousarray(R[:, :p].T), np.asarray(R[:, p])
     log_prior = _log_prior(prior, base)
-    nu_prior = nu if isinstance(nu, GammaPrior) else None
     half_log_w = 0.5 * float(np.sum(np.log(w)))
     inner = None if bounds is None else bounds.seen_from(base.mean, scale * base.factor)
 
@@ -208,27 +181,19 @@ def build_target(
             value = half_log_w - n * log_sigma
             if not student:
                 value -= 0.5 * np.sum(square, axis=1)
-            elif nu_prior is None:
-                value -= 0.5 * (nu_start + 1.0) * np.sum(np.log1p(square / nu_start), axis=1)
             else:
-                degrees = np.exp(x[:, p + 1])
-                value -= 0.5 * (degrees + 1.0) * np.sum(np.log1p(square / degrees[:, None]), axis=1)
-                value += n * (gammaln(0.5 * (degrees + 1.0)) - gammaln(0.5 * degrees) - 0.5 * np.log(degrees))
-                value += nu_prior.shape * x[:, p + 1] - nu_prior.rate * degrees  # with the Jacobian of log nu
+                value -= 0.5 * (nu + 1.0) * np.sum(np.log1p(square / nu), axis=1)
             value += log_prior(x[:, :p], log_sigma)
             if inner is not None:
                 value[~inner.hold(x[:, :p])] = -np.inf
         return np.where(np.isfinite(value), value, -np.inf)
 
-    centre, width = (float(np.log(nu_start)) - 0.5, 1.2) if free_nu else (0.0, 0.0)
-    proposal = Proposal(np.zeros(p), np.eye(p) / scale, np.eye(p) * scale, tail * base.a, tail * base.b, centre, width)
+    proposal = Proposal(np.zeros(p), np.eye(p) / scale, np.eye(p) * scale, tail * base.a, tail * base.b)
 
-    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        beta = base.mean + scale * (x[:, :p] @ base.factor.T)
-        return beta, np.exp(x[:, p]), np.exp(x[:, p + 1]) if free_nu else None
+    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return base.mean + scale * (x[:, :p] @ base.factor.T), np.exp(x[:, p])
 
-    exact = tail == 1.0 and inner is None
-    return Target(log_prob, proposal, exact, p + 2 if free_nu else p + 1, unpack, inner)
+    return Target(log_prob, proposal, tail == 1.0 and inner is None, p + 1, unpack, inner)
 
 
 def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: SamplerPrior, nu: float) -> ConjugatePosterior:
@@ -401,9 +366,9 @@ def general_target(model: GeneralModel) -> Target:
     mode = _mode(log_prob, start)
     covariance = _covariance(log_prob, mode)
 
-    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         values, _ = model.natural(x)
-        return values, np.ones(len(values)), None
+        return values, np.ones(len(values))
 
     return Target(log_prob, StudentProposal.of(mode, covariance), False, d, unpack)
 

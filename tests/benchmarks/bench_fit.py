@@ -27,7 +27,7 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
-from seqrsm.fit.ensemble import EnsemblePosterior, GammaPrior, GeneralPosterior, sample_model, sample_posterior
+from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior, sample_model, sample_posterior
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.location import best_settings, location_region
 from seqrsm.fit.natural import natural_coefficients
@@ -87,9 +87,6 @@ def samplers(
     return {
         "normal errors, flat prior": lambda: sample_posterior(Z, y, seed=1),
         "Student-t errors": lambda: sample_posterior(Z, y, errors="student_t", nu=NU, seed=1),
-        "Student-t errors, degrees of freedom unknown": lambda: sample_posterior(
-            Z, y, errors="student_t", nu=GammaPrior(), seed=1
-        ),
         "bounded effects of two factors": lambda: sample_posterior(Z, y, bounds=bounds, seed=1),
         "beta-binomial counts": lambda: sample_model(beta_binomial_model(Z, correct, trials, logit), seed=1),
     }

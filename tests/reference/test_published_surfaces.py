@@ -10,7 +10,6 @@ Besides the printed digits, everything is compared with statsmodels.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +21,7 @@ from statsmodels.stats.outliers_influence import OLSInfluence
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
+from seqrsm.fit.least_squares import fit_least_squares
 
 SMELL = """66 40 .3 4  39 120 .3 4  43 40 .7 4  49 120 .7 4  58 40 .5 2  17 120 .5 2  -5 40 .5 6  -40 120 .5 6
 65 80 .3 2  7 80 .7 2  43 80 .3 6  -22 80 .7 6  -31 80 .5 4  -35 80 .5 4  -26 80 .5 4"""
@@ -75,6 +74,13 @@ def check_against_statsmodels(found: dict, table: np.ndarray, factors: dict[str,
     ):
         np.testing.assert_allclose([run[key] for run in runs], want, rtol=1e-7, atol=1e-12, err_msg=key)
     assert found["press"] == pytest.approx(float(np.sum(np.square(influence.resid_press))), rel=1e-9)
+
+
+def fit_matrix(Z, y, names):
+    """Least squares with any columns; the first one of ones is the intercept."""
+    ones = np.flatnonzero(np.all(Z == 1.0, axis=0))[:1]
+    kinds = ["intercept" if i in ones else "linear" for i in range(len(names))]
+    return fit_least_squares(Z, y, [SimpleNamespace(name=n, kind=k) for n, k in zip(names, kinds, strict=True)])
 
 
 def test_odour_of_a_chemical(tmp_path: Path) -> None:
@@ -142,11 +148,6 @@ def test_yield_of_a_chemical_process(tmp_path: Path) -> None:
         pytest.approx(87.0, abs=0.1),
         pytest.approx(176.5, abs=0.1),
     )
-
-
-def fit_matrix(Z: np.ndarray, y: np.ndarray, names: Sequence[str]) -> LeastSquaresFit:
-    kinds = ["intercept" if np.all(column == 1.0) else "linear" for column in Z.T]
-    return fit_least_squares(Z, y, [SimpleNamespace(name=n, kind=k) for n, k in zip(names, kinds, strict=True)])
 
 
 def test_stack_loss_with_a_matrix_of_its_own() -> None:

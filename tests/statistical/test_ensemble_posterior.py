@@ -9,7 +9,7 @@ from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
-from seqrsm.fit.ensemble import Effort, EnsemblePosterior, GammaPrior, WeakPrior, sample_posterior
+from seqrsm.fit.ensemble import Effort, EnsemblePosterior, WeakPrior, sample_posterior
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
 from seqrsm.fit.robust import student_draws
 
@@ -147,10 +147,8 @@ def test_an_outlier_moves_student_t_errors_less() -> None:
     bad = y.copy()
     bad[3] += 25.0
     clean, flat = posterior(Z, y, w), posterior(Z, bad, w)
-    robust = sample_posterior(Z, bad, w, errors="student_t", nu=GammaPrior(), seed=3, effort=Effort(min_ess=2000))
+    robust = sample_posterior(Z, bad, w, errors="student_t", seed=3, effort=Effort(min_ess=2000))
     assert np.linalg.norm(robust.beta.mean(axis=0) - clean.mean) < 0.5 * np.linalg.norm(flat.mean - clean.mean)
-    assert robust.nu is not None
-    assert np.median(robust.nu) < 10.0
 
 
 def test_reproducible_and_alone_with_its_random_numbers() -> None:

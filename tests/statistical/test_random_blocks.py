@@ -181,7 +181,12 @@ def test_days_that_do_not_differ_and_days_that_do() -> None:
     apart = fit_random_blocks(Z, y, day.tolist())
     low, high = apart.sigma_ratio_interval()
     means = np.array([np.mean(y[day == d] - Z[day == d] @ apart.reml.estimate) for d in range(8)])
+    row = Z[:1]
+    effects = [apart.predict(row, day=d).mean[0] - apart.predict(row).mean[0] for d in range(8)]
+    np.testing.assert_allclose(effects, means, atol=0.5)
     assert low < np.std(means, ddof=1) < high
+    half_widths = apart.predict(np.eye(Z.shape[1])).confidence.half_width
+    assert half_widths[0] > 5 * half_widths[1]
 
 
 def test_refused_and_warned() -> None:

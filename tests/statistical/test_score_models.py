@@ -15,6 +15,19 @@ from seqrsm.fit.target import GeneralModel, Parameter, StudentProposal
 ONE = CoefficientPrior(np.array([0.0]), np.array([5.0]))
 
 
+def normal_model(Z: np.ndarray, y: np.ndarray, prior: CoefficientPrior, sigma: float | None = None) -> GeneralModel:
+    """Normal errors of a known standard deviation, or of one that is half-normal(1)."""
+    p, coefficients = Z.shape[1], prior.parameters(np.linalg.lstsq(Z, y, rcond=None)[0])
+    scale = [] if sigma is not None else [Parameter("sigma", max(float(np.std(y)), 0.05), 0.0)]
+
+    def log_density(v: np.ndarray) -> np.ndarray:
+        s = np.full(len(v), sigma) if sigma is not None else v[:, p]
+        off = (y - v[:, :p] @ Z.T) / s[:, None]
+        return prior.log_density(v[:, :p]) - 0.5 * np.sum(off**2, axis=1) - len(y) * np.log(s) - 0.5 * s**2
+
+    return GeneralModel((*coefficients, *scale), log_density)
+
+
 def grid_margins(axes: list[np.ndarray], log_density: np.ndarray) -> list[np.ndarray]:
     """Cumulative margins on the axes (even steps) of a density on their product."""
     density = np.exp(log_density - log_density.max())
