@@ -125,11 +125,6 @@ def ingest_files(
     return tuple(_report(one, outcome, dry_run) for one, outcome in zip(read, outcomes, strict=True))
 
 
-def ingest_file(store: Store, spec: CampaignSpec, path: Path | str, *, dry_run: bool = False) -> IngestReport:
-    """Take one file in; see `ingest_files`."""
-    return ingest_files(store, spec, [path], dry_run=dry_run)[0]
-
-
 def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
     file, outside, unscored, remarks = read
     new = outcome.already is None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -92,7 +92,7 @@ def measure_tradeoff(
         makers: dict[str, Callable[[], Any]] = {
             "sampler": lambda: _sampler(spec),
             "precision": lambda: _precision(spec, kept["rows"]),
-            "design_search": lambda: [asdict(row) for row in search_rows(spec, restarts=RESTARTS, searches=3)],
+            "design_search": lambda: search_rows(spec, restarts=RESTARTS, searches=3),
         }
         for done, (name, make) in enumerate(makers.items()):
             if name not in kept["numerics"] or name == "sampler":
@@ -249,10 +249,9 @@ def _sampler(spec: CampaignSpec) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for application in spec.applications:
         try:
-            rows = sampler_rows(spec, application, fit_application(spec, application, runs))
+            found[application.name] = sampler_rows(spec, application, fit_application(spec, application, runs))
         except FitError as error:
             return {"why": f"no posterior to sample: {error}"}
-        found[application.name] = [asdict(row) for row in rows]
     return found
 
 
@@ -261,4 +260,4 @@ def _precision(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> Any:
     if spec.simulator is None:
         return {"why": "no simulator"}
     chosen = [row["settings"] for row in rows if not row["failure"]][:4]
-    return [asdict(row) for row in precision_rows(spec, chosen)]
+    return precision_rows(spec, chosen)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,89 +38,6 @@ CHAINS = 8
 """Runs of emcee with seeds of their own."""
 
 
-@dataclass(frozen=True, slots=True)
-class SamplerRow:
-    """Monte Carlo error of an interval of the posterior, from sets of draws.
-
-    Attributes
-    ----------
-    method : str
-        "exact": independent draws from the exact posterior; "emcee": the ensemble sampler thinned to ``draws``, or the
-        name of what took its place.
-    quantity : str
-        "future score" at the recommended settings, or "utility at the optimum" over the region.
-    draws, sets : int
-        Draws in a set, and how many sets there were.
-    low, high : float
-        Ends of the interval, the mean over the sets [score units].
-    error_low, error_high : float
-        Monte Carlo standard error of the ends from one set: their standard deviation over the sets [score units].
-        It is itself uncertain by a share of 1 / sqrt(2 (sets - 1)).
-    seconds : float
-        CPU time of one set; emcee's is that of a whole chain, whatever is kept of it.
-    """
-
-    method: str
-    quantity: Quantity
-    draws: int
-    sets: int
-    low: float
-    high: float
-    error_low: float
-    error_high: float
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class PrecisionRow:
-    """One image in single and in double precision, everything random drawn alike.
-
-    Attributes
-    ----------
-    settings : dict
-        Natural units.
-    score32, score64 : float
-        Score of the first application [score units].
-    median_difference, largest_difference : float
-        Relative difference of a pixel's power or brightness.
-    seconds32, seconds64 : float
-        CPU time of the image.
-    """
-
-    settings: dict[str, float | str]
-    score32: float
-    score64: float
-    median_difference: float
-    largest_difference: float
-    seconds32: float
-    seconds64: float
-
-
-@dataclass(frozen=True, slots=True)
-class SearchRow:
-    """Start designs found with a number of restarts.
-
-    Attributes
-    ----------
-    restarts, searches, failed : int
-        Local searches in one search, how many searches with seeds of their own, and how many found no design at all.
-    efficiency, least_efficiency : float
-        Median and smallest D-efficiency against the best design of all rows, in (0, 1]; nan where all failed.
-    d_efficiency : float or None
-        Median against the best continuous design, where that is known.
-    seconds : float
-        CPU time of a search, the median.
-    """
-
-    restarts: int
-    searches: int
-    failed: int
-    efficiency: float
-    least_efficiency: float
-    d_efficiency: float | None
-    seconds: float
-
-
 def sampler_rows(
     spec: CampaignSpec,
     application: ApplicationSpec,
@@ -129,7 +46,7 @@ def sampler_rows(
     sizes: Sequence[int] = SIZES,
     pool: int = POOL,
     chains: int = CHAINS,
-) -> tuple[SamplerRow, ...]:
+) -> list[dict[str, Any]]:
     """Draws against the Monte Carlo error of the ends of two intervals, by exact draws and by emcee.
 
     Parameters
@@ -143,7 +60,15 @@ def sampler_rows(
 
     Returns
     -------
-    tuple of SamplerRow
+    list of dict
+        The Monte Carlo error of an interval, from sets of draws. ``method``: "exact", independent draws from the exact
+        posterior; "emcee", the ensemble sampler thinned to ``draws``, or the name of what took its place. ``quantity``:
+        "future score" at the recommended settings, or "utility at the optimum" over the region. ``draws``, ``sets``:
+        draws in a set, and how many sets there were. ``low``, ``high``: ends of the interval, the mean over the sets
+        [score units]. ``error_low``, ``error_high``: Monte Carlo standard error of the ends from one set, their
+        standard deviation over the sets [score units], itself uncertain by a share of 1 / sqrt(2 (sets - 1)).
+        ``seconds``: CPU time of one set; emcee's is that of a whole chain, whatever is kept of it.
+
         Exact rows are missing where the model has no exact posterior (Student-t errors), those of emcee where the
         program draws exactly whatever is asked for (random blocks; flights beside simulations).
 
@@ -154,45 +79,37 @@ def sampler_rows(
     """
     best = optimum(fitted.model, fitted.region, fitted.surface.estimate, application.goal)
     row = fitted.surface.rows(best.point[None, :])[0]
-    rows: list[SamplerRow] = []
+    rows: list[dict[str, Any]] = []
     if fitted.surface.errors.exact:
-        one = _quantities(spec, application, fitted, row, "exact", pool)
+        _, drawn_values, taken = _quantities(spec, application, fitted, row, "exact", pool)
         for n in sizes:
             if pool // n >= 2:
-                sets = {name: values[: pool // n * n].reshape(-1, n) for name, values in one.values.items()}
-                rows += _sampler_rows(spec, "exact", n, sets, {name: s * n / pool for name, s in one.seconds.items()})
+                sets = {name: values[: pool // n * n].reshape(-1, n) for name, values in drawn_values.items()}
+                rows += _sampler_rows(spec, "exact", n, sets, {name: s * n / pool for name, s in taken.items()})
     kept = [n for n in sizes if n <= max(sizes[0], 4000)]
     drawn = [
         _quantities(replace(spec, seed=spec.seed + chain), application, fitted, row, "emcee", max(kept))
         for chain in range(chains)
     ]
-    methods = sorted({one.method for one in drawn})  # of Student-t errors "gibbs" where emcee does not converge
+    methods = sorted({method for method, _, _ in drawn})  # of Student-t errors "gibbs" where emcee does not converge
     for n in kept if chains > 1 and "exact" not in methods else ():
-        sets = {name: np.array([_thinned(one.values[name], n) for one in drawn]) for name in drawn[0].values}
-        seconds = {name: min(one.seconds[name] for one in drawn) for name in drawn[0].values}
+        sets = {name: np.array([_thinned(values[name], n) for _, values, _ in drawn]) for name in drawn[0][1]}
+        seconds = {name: min(own[name] for _, _, own in drawn) for name in drawn[0][1]}
         rows += _sampler_rows(spec, " or ".join(methods), n, sets, seconds)
-    return tuple(rows)
-
-
-@dataclass(frozen=True, slots=True)
-class _Drawn:
-    """Draws (m,) of each quantity [score units], how they were made, and the CPU time each took [s]."""
-
-    method: str
-    values: dict[Quantity, FloatArray]
-    seconds: dict[Quantity, float]
+    return rows
 
 
 def _quantities(
     spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, row: FloatArray, sampler: Sampler, n: int
-) -> _Drawn:
+) -> tuple[str, dict[Quantity, FloatArray], dict[Quantity, float]]:
+    """How draws were made, those (n,) of each quantity [score units], and the CPU time each took [s]."""
     start = time.process_time()
     draws: Draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n)
     future = future_scores(spec, fitted, draws, row, 1)
     drawn = time.process_time()
     _, best = optimum_draws(fitted.model, fitted.region, draws.terms, application.goal)
     end = time.process_time()
-    return _Drawn(
+    return (
         str(draws.made["method"]),
         {"future score": future, "utility at the optimum": fitted.scale.to_score(best)},
         {"future score": drawn - start, "utility at the optimum": end - start},
@@ -211,23 +128,23 @@ def _sampler_rows(
     n: int,
     sets: Mapping[Quantity, FloatArray],
     seconds: Mapping[Quantity, float],
-) -> list[SamplerRow]:
+) -> list[dict[str, Any]]:
     tail = 0.5 * (1.0 - spec.stop.level)
     rows = []
     for name, values in sets.items():
         low, high = np.quantile(values, [tail, 1.0 - tail], axis=1)
         rows.append(
-            SamplerRow(
-                method,
-                name,
-                n,
-                len(values),
-                float(np.mean(low)),
-                float(np.mean(high)),
-                float(np.std(low, ddof=1)),
-                float(np.std(high, ddof=1)),
-                seconds[name],
-            )
+            {
+                "method": method,
+                "quantity": name,
+                "draws": n,
+                "sets": len(values),
+                "low": float(np.mean(low)),
+                "high": float(np.mean(high)),
+                "error_low": float(np.std(low, ddof=1)),
+                "error_high": float(np.std(high, ddof=1)),
+                "seconds": seconds[name],
+            }
         )
     return rows
 
@@ -237,7 +154,7 @@ def precision_rows(
     configurations: Sequence[Mapping[str, float | str]],
     *,
     repeats: int = 3,
-) -> tuple[PrecisionRow, ...]:
+) -> list[dict[str, Any]]:
     """Engine in single against double precision, at some configurations of a campaign with a simulator.
 
     Parameters
@@ -247,15 +164,23 @@ def precision_rows(
         Levels of the factors; one whose sensor cannot be built or cannot image the scene is left out.
     repeats : int
         Images of each precision, of which the fastest counts.
+
+    Returns
+    -------
+    list of dict
+        One image in single and in double precision, everything random drawn alike. ``settings``: natural units.
+        ``score32``, ``score64``: score of the first application [score units]. ``median_difference``,
+        ``largest_difference``: relative difference of a pixel's power or brightness. ``seconds32``, ``seconds64``: CPU
+        time of the image.
     """
     rows = []
     for settings in configurations:
         with contextlib.suppress(UserError):
             rows.append(_precision_row(spec, settings, repeats))
-    return tuple(rows)
+    return rows
 
 
-def _precision_row(spec: CampaignSpec, settings: Mapping[str, float | str], repeats: int) -> PrecisionRow:
+def _precision_row(spec: CampaignSpec, settings: Mapping[str, float | str], repeats: int) -> dict[str, Any]:
     task = task_of(spec, NO_RUN, settings)
     engine, utility = ENGINES[task.engine], task.utilities[0][1]
     precisions: tuple[Precision, ...] = ("float32", "float64")
@@ -273,15 +198,15 @@ def _precision_row(spec: CampaignSpec, settings: Mapping[str, float | str], repe
     single, double = pixels
     seen = np.isfinite(double) & (double != 0.0)
     difference = np.abs(single[seen] - double[seen]) / np.abs(double[seen])
-    return PrecisionRow(
-        dict(settings),
-        scores[0],
-        scores[1],
-        float(np.median(difference)),
-        float(np.max(difference)),
-        seconds[0],
-        seconds[1],
-    )
+    return {
+        "settings": dict(settings),
+        "score32": scores[0],
+        "score64": scores[1],
+        "median_difference": float(np.median(difference)),
+        "largest_difference": float(np.max(difference)),
+        "seconds32": seconds[0],
+        "seconds64": seconds[1],
+    }
 
 
 def some_configurations(spec: CampaignSpec, n: int) -> list[dict[str, float | str]]:
@@ -296,7 +221,7 @@ def search_rows(
     *,
     restarts: Sequence[int] | None = None,
     searches: int = 5,
-) -> tuple[SearchRow, ...]:
+) -> list[dict[str, Any]]:
     """Restarts of the search of the campaign's start design against the efficiency reached.
 
     Parameters
@@ -306,6 +231,14 @@ def search_rows(
         By default one, an eighth of, as many as, and eight times as many as the campaign itself makes.
     searches : int
         Searches of each, with seeds of their own.
+
+    Returns
+    -------
+    list of dict
+        ``restarts``, ``searches``, ``failed``: local searches in one search, how many searches with seeds of their own,
+        and how many found no design at all. ``efficiency``, ``least_efficiency``: median and smallest D-efficiency
+        against the best design of all rows, in (0, 1]; nan where all failed. ``d_efficiency``: median against the best
+        continuous design, None where that is not known. ``seconds``: CPU time of a search, the median.
     """
     model = QuadraticModel(spec.factors, spec.model.order)
     n = start_size(model, spec) - CENTRE_REPEATS
@@ -326,18 +259,18 @@ def search_rows(
             seconds.append(time.process_time() - begin)
         found.append((values, against_bound, seconds))
     best = max((max(values) for values, _, _ in found if values), default=np.nan)
-    return tuple(
-        SearchRow(
-            starts,
-            searches,
-            searches - len(values),
-            float(np.median(values)) / best if values else np.nan,
-            min(values) / best if values else np.nan,
-            _median([e for e in against_bound if e is not None]),
-            float(np.median(seconds)),
-        )
+    return [
+        {
+            "restarts": starts,
+            "searches": searches,
+            "failed": searches - len(values),
+            "efficiency": float(np.median(values)) / best if values else np.nan,
+            "least_efficiency": min(values) / best if values else np.nan,
+            "d_efficiency": _median([e for e in against_bound if e is not None]),
+            "seconds": float(np.median(seconds)),
+        }
         for starts, (values, against_bound, seconds) in zip(wanted, found, strict=True)
-    )
+    ]
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -105,9 +105,7 @@ def minimum_aberration(k: int, runs: int) -> tuple[FloatArray, tuple[tuple[int, 
     return points, tuple(sorted(relation, key=lambda word: (len(word), word)))
 
 
-def central_composite(
-    k: int, axial: Axial = "face", centre_runs: int = 3, factorial: FloatArray | None = None
-) -> FloatArray:
+def central_composite(k: int, axial: Axial = "face", centre_runs: int = 3) -> FloatArray:
     """Central composite design (Box & Wilson 1951): factorial, axial and centre points.
 
     Parameters
@@ -119,16 +117,12 @@ def central_composite(
         Box & Hunter 1957); the rotatable design shrunk into [-1, 1].
     centre_runs : int
         Runs at the centre.
-    factorial : ndarray (F, k), optional
-        Takes the place of the full two-level factorial, say a fraction of resolution V.
     """
     if k < 2 or centre_runs < 0:
         raise DesignError(Problem("a central composite design needs two or more factors", value=k))
-    cube = full_factorial([2] * k) if factorial is None else np.asarray(factorial, dtype=np.float64)
-    if cube.ndim != 2 or cube.shape[1] != k:
-        raise DesignError(Problem(f"the factorial part must have {k} columns", value=cube.shape))
     if axial not in ("face", "rotatable", "inscribed"):
         raise DesignError(Problem("unknown axial distance", "Use face, rotatable or inscribed.", value=axial))
+    cube = full_factorial([2] * k)
     alpha = 1.0 if axial == "face" else float(cube.shape[0]) ** 0.25
     axes = alpha * np.repeat(np.eye(k), 2, axis=0) * np.tile([-1.0, 1.0], k)[:, None]
     points = np.vstack([cube, axes, np.zeros((centre_runs, k))])

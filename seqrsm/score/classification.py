@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
     from seqrsm.simulate.radar.result import RadarImage
 
-Likelihood = Literal["gaussian", "gamma"]
-Priors = Literal["equal", "area"]
-
 TILE_M = 250.0
 """Side of a tile [m]: about the size of a farm's block of fields."""
 
@@ -33,25 +30,6 @@ TRAINING_PURITY = 0.8
 
 ENOUGH_PIXELS = 10.0
 """A class with fewer pure pixels than this is taught by all pixels that hold it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Classifier:
-    """A maximum likelihood classifier of pixels; see `percent_correct`.
-
-    Attributes
-    ----------
-    likelihood : {"gaussian", "gamma"}
-    priors : {"equal", "area"}
-    training_purity : float
-    scale : {"decibel", "linear"}
-        What the Gaussian law sees of power: its decibels, or the numbers as they are (brightness in kelvin).
-    """
-
-    likelihood: Likelihood = "gaussian"
-    priors: Priors = "equal"
-    training_purity: float = TRAINING_PURITY
-    scale: Literal["decibel", "linear"] = "decibel"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,19 +68,16 @@ def percent_correct(
     seed: int,
     run_id: int,
     tile_m: float = TILE_M,
-    likelihood: Likelihood = "gaussian",
-    priors: Priors = "equal",
-    training_purity: float = TRAINING_PURITY,
 ) -> UtilityScore:
     """Percent of scored cells that a maximum likelihood classifier names rightly.
 
     The classifier sees decibels of the calibrated image (range dependence of flat ground removed, noise left in) in all
     channels together. Tiles of ground are split at random into two halves; each half is classified by what the other
-    taught, so all ground is tested once. A class is taught by the pixels that it fills to `training_purity`, or where
+    taught, so all ground is tested once. A class is taught by the pixels that it fills to `TRAINING_PURITY`, or where
     they are fewer than ten by all pixels that hold it; a pixel's weight is its cells. A class absent from the teaching
     half cannot be named in the other. Neighbouring tiles may share a field, so fields never seen would score lower.
 
-    Priors are equal by default: a classifier with the area's priors can score well by naming the commonest class
+    Priors are equal: a classifier with the area's priors can score well by naming the commonest class
     everywhere, which tells little about the sensor.
 
     Parameters
@@ -114,12 +89,6 @@ def percent_correct(
         Key of the split into halves: the sample of training fields is part of the run's randomness.
     tile_m : float
         Side of a tile [m], > 0. A pixel belongs to the tile of its centre.
-    likelihood : {"gaussian", "gamma"}
-        Gaussian with each class's own mean and covariance, or a gamma law with the pixel's looks about the class's mean
-        power, channels independent.
-    priors : {"equal", "area"}
-    training_purity : float
-        0 to 1; 0 trains on every pixel.
 
     Returns
     -------
@@ -153,10 +122,7 @@ def percent_correct(
         across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
     tile, keys = tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
     power = image.apparent_sigma0().reshape(len(image.intensity), -1)[:, used].T.astype(np.float64)
-    looks = image.looks[row]
-    classifier = Classifier(likelihood, priors, training_purity)
-    score = score_pixels(power, looks, counts, tile, classifier, seed=seed, run_id=run_id, tile_keys=keys)
-    return with_names(score, scene.categories)
+    return with_names(score_pixels(power, counts, tile, seed=seed, run_id=run_id, tile_keys=keys), scene.categories)
 
 
 def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:
@@ -173,13 +139,12 @@ def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:
 
 def score_pixels(
     power: FloatArray,
-    looks: FloatArray,
     counts: AnyArray,
     tile: IntArray,
-    classifier: Classifier | None = None,
     *,
     seed: int,
     run_id: int,
+    scale: Literal["decibel", "linear"] = "decibel",
     covariates: FloatArray | None = None,
     tile_keys: FloatArray | None = None,
 ) -> UtilityScore:
@@ -189,16 +154,14 @@ def score_pixels(
     ----------
     power : float64 array (n_pixels, n_channels)
         Linear power, >= 0.
-    looks : float64 array (n_pixels,)
-        Independent samples; used by the gamma law only.
     counts : int array (n_pixels, n_classes)
         Scored cells of each class.
     tile : int64 array (n_pixels,)
         Tile number, 0 .. n_tiles - 1 without gaps.
-    classifier : Classifier, optional
-        By default that of `percent_correct`.
-    seed, run_id : int
+    seed, run_id
         As in `percent_correct`.
+    scale : {"decibel", "linear"}
+        What the Gaussian law sees of `power`: its decibels, or the numbers as they are (brightness in kelvin).
     covariates : float64 array (n_pixels, n_covariates), optional
         Known for each pixel and no evidence of its class, such as the look angle: the Gaussian law of each class is
         conditional on them, its mean a straight line in each.
@@ -210,7 +173,6 @@ def score_pixels(
     UtilityScore
         Classes by number in `details`.
     """
-    law = Classifier() if classifier is None else classifier
     n_classes = counts.shape[1]
     n_tiles = int(tile.max()) + 1
     if tile_keys is None:
@@ -219,7 +181,7 @@ def score_pixels(
     half = halves(tile_keys)[tile]
     named = np.zeros(len(tile), dtype=np.int64)
     taught = np.zeros(n_classes, dtype=bool)
-    features = power if law.likelihood == "gamma" or law.scale == "linear" else decibels(power)
+    features = power if scale == "linear" else decibels(power)
     # A conditional Gaussian is the joint one over that of the covariates alone.
     joint = features if covariates is None else np.column_stack([features, covariates])
     for tested in (0, 1):
@@ -228,18 +190,12 @@ def score_pixels(
         train = test if n_tiles == 1 else ~test
         if not test.any():
             continue
-        weights = _training_weights(counts[train], law.training_purity)
+        weights = _training_weights(counts[train], TRAINING_PURITY)
         known = weights.any(axis=0)
         taught |= known
-        if law.likelihood == "gamma":
-            log_likelihood = _gamma_log_likelihood(features[train], weights, features[test], looks[test])
-        else:
-            log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
-            if covariates is not None:
-                log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
-        if law.priors == "area":
-            area = counts[train].sum(axis=0)
-            log_likelihood += np.log(np.maximum(area, 1) / area.sum())
+        log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
+        if covariates is not None:
+            log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
         log_likelihood[:, ~known] = -np.inf
         named[test] = np.argmax(log_likelihood, axis=1)
         del weights, log_likelihood  # of a large image they fill as much memory as all the rest
@@ -427,11 +383,3 @@ def covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, pi
         own = (pixels[k] * covariance[k] + prior_pixels * pooled) / (pixels[k] + prior_pixels)
         roots[k] = np.linalg.cholesky(own)
     return roots
-
-
-def _gamma_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray, looks: FloatArray) -> FloatArray:
-    """Log likelihood (n_test, n_classes) of gamma power with the pixel's looks about the class's mean, eq. (3-11)."""
-    total = weights.sum(axis=0)
-    mean = (weights.T @ train) / np.where(total > 0.0, total, 1.0)[:, None]
-    mean = np.maximum(mean, np.finfo(np.float64).tiny)
-    return np.asarray(-looks[:, None] * (np.log(mean).sum(axis=1) + test @ (1.0 / mean).T))

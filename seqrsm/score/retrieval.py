@@ -13,16 +13,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem, SceneError
-from seqrsm.score.classification import (
-    TRAINING_PURITY,
-    Classifier,
-    Priors,
-    UtilityScore,
-    cluster_ratio,
-    score_pixels,
-    tiles,
-    with_names,
-)
+from seqrsm.score.classification import UtilityScore, cluster_ratio, score_pixels, tiles, with_names
 from seqrsm.score.kernels_classify import count_classes
 
 if TYPE_CHECKING:
@@ -44,8 +35,6 @@ def percent_correct_radiometer(
     seed: int,
     run_id: int,
     tile_m: float | None = None,
-    priors: Priors = "equal",
-    training_purity: float = TRAINING_PURITY,
 ) -> UtilityScore:
     """Percent of scored cells that a Gaussian maximum likelihood classifier names rightly from brightness [K].
 
@@ -61,8 +50,6 @@ def percent_correct_radiometer(
         Key of the split into halves.
     tile_m : float, optional
         Side of a tile [m]; an eighth of the scene's shorter side if not given.
-    priors, training_purity
-        As in `percent_correct`.
 
     Returns
     -------
@@ -85,12 +72,11 @@ def percent_correct_radiometer(
     tile, keys = _tiles(image, scene, sample, line, tile_m, seed, run_id)
     score = score_pixels(
         brightness,
-        np.ones(used.size),
         counts[used],
         tile,
-        Classifier(priors=priors, training_purity=training_purity, scale="linear"),
         seed=seed,
         run_id=run_id,
+        scale="linear",
         covariates=np.square(image.scan.look_rad[sample])[:, None],
         tile_keys=keys,
     )

@@ -19,8 +19,6 @@ class Sample:
     ----------
     values : float64 array (n_draws, n_channels, n_pixels)
         What the image shows: apparent sigma0 [1] or brightness [K], once for each draw of fading or receiver noise.
-    looks : float64 array (n_pixels,)
-        Independent samples N; ones for a radiometer.
     across_m, along_m : float64 array (n_pixels,)
         Centre of each pixel from the image's near or left edge, and from its beginning [m].
     extent_m : tuple of float
@@ -47,7 +45,6 @@ class Sample:
     """
 
     values: FloatArray
-    looks: FloatArray
     across_m: FloatArray
     along_m: FloatArray
     extent_m: tuple[float, float]

@@ -201,23 +201,6 @@ class Store:
             ledger.move(ids, "running", values, detail={"owner": _this_process()})
             return ledger.runs(RUNS.c.id.in_(ids))
 
-    def record_score(
-        self,
-        run_id: int,
-        application: str,
-        score: float,
-        *,
-        se: float | None = None,
-        n: int | None = None,
-        correct: int | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        executed: Mapping[str, float | str] | None = None,
-    ) -> bool:
-        """Record one application's score; see `record_scores`."""
-        return self.record_scores(
-            run_id, [NewScore(application, score, se, n, correct, metadata or {})], executed=executed
-        )
-
     def record_scores(
         self, run_id: int, scores: Sequence[NewScore], *, executed: Mapping[str, float | str] | None = None
     ) -> bool:
@@ -347,10 +330,6 @@ class Store:
         except _DryRunError:
             pass
         return outcomes
-
-    def ingest_scores(self, runs: Sequence[IngestedRun], *, name: str, sha256: str, row_count: int) -> IngestOutcome:
-        """Take in the runs of one file; see `ingest_files`."""
-        return self.ingest_files([IngestedFile(name, sha256, row_count, tuple(runs))])[0]
 
     def void_ranking(self, ranking: int, why: str) -> None:
         """Take an interpreter's ranking out; the scores follow from the others, and the ranking stays in the store."""

@@ -29,7 +29,7 @@ from seqrsm.scene.terrain import fractal_terrain
 from seqrsm.simulate.radiometer import kernels_prm
 from seqrsm.simulate.radiometer.frame import RadiometerFrame, make_radiometer_frame
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
-from seqrsm.simulate.radiometer.prm import RadiationMap, radiation_map, simulate_radiometer
+from seqrsm.simulate.radiometer.prm import Meeting, radiation_map, simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
 
@@ -119,8 +119,8 @@ def main() -> None:
             look = source.lookup(s.categories, 10.0, "H")
             occasion = nominal_radiometer_occasion(r, [look], s.n_fields)
 
-            def mapped(look=look, occasion=occasion, ground=ground, f=f) -> RadiationMap:
-                return radiation_map(f, r, [look], air, ground, occasion)
+            def mapped(look=look, occasion=occasion, ground=ground, f=f) -> np.ndarray:
+                return radiation_map(Meeting(f, None, [look], occasion, air, 0.0), r, ground)[0]
 
             arguments = arguments_of(mapped)
             kernel[label] = best_of(15, lambda a=arguments: kernels_prm.emit_cells(*a))
@@ -128,7 +128,7 @@ def main() -> None:
             if source is table:
                 e = look.emissivity[:, 0]
                 slow = best_of(5, lambda f=f, e=e, ground=ground: naive(f, e, ground, air))
-                ours, theirs = mapped().antenna_k[0], naive(f, e, ground, air)
+                ours, theirs = mapped()[0], naive(f, e, ground, air)
                 both = (ours > 0.0) & (theirs > 0.0)
                 apart = float(np.quantile(np.abs(ours - theirs)[both], 0.999))
         made = []
@@ -141,7 +141,7 @@ def main() -> None:
         look = load_emissivity_table().lookup(s.categories, r.frequency_ghz, "H")
         still = nominal_radiometer_occasion(r, [look], s.n_fields)
         no_air = make_atmosphere(r.frequency_ghz, atmosphere="none")
-        antenna = radiation_map(f, r, [look], no_air, np.full_like(ground, 300.0), still).antenna_k[0]
+        antenna = radiation_map(Meeting(f, None, [look], still, no_air, 0.0), r, np.full_like(ground, 300.0))[0][0]
         slow_scan = best_of(3, lambda f=f, a=antenna, i=made[-1]: naive_image(f, a, i))
         quiet = simulate_radiometer(
             s, r, load_emissivity_table(), seed=1, run_id=1, precision=precision, random_occasion=False

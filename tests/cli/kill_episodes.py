@@ -24,7 +24,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 from seqrsm.campaign.export import export
-from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.ingest import ingest_files
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
 from seqrsm.store.store import STORE_NAME, Store
@@ -202,7 +202,7 @@ def _make_measured(folder: Path, n: int) -> Path:
 def _make_ingested(folder: Path) -> Path:
     _make_measured(folder, 1)
     with Store.open(folder, create=True, campaign="measured", seed=2) as store:
-        ingest_file(store, load_spec(folder), folder / "scores0.csv")
+        ingest_files(store, load_spec(folder), [folder / "scores0.csv"])
     return folder
 
 

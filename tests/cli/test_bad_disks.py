@@ -17,7 +17,7 @@ import pytest
 from kill_episodes import check_consistent
 from typer.testing import CliRunner
 
-from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.ingest import ingest_files
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
 from seqrsm.store.store import STORE_NAME, Store
@@ -59,7 +59,7 @@ def folder(tmp_path: Path) -> Path:
     (place / "first.csv").write_text(scores(30), encoding="utf-8")
     (place / "second.csv").write_text(scores(800, start=100), encoding="utf-8")
     with Store.open(place, create=True, campaign="disk") as store:
-        ingest_file(store, load_spec(place), place / "first.csv")
+        ingest_files(store, load_spec(place), [place / "first.csv"])
     return place
 
 

@@ -202,7 +202,7 @@ def test_the_trade_off_calls_no_exact_draws_emcee(done: Path) -> None:
     campaign = Campaign.open(done)
     spec, one = campaign.spec, campaign.spec.applications[0]
     rows = sampler_rows(spec, one, fit_application(spec, one, campaign.store.runs()), sizes=(100, 400), pool=4000)
-    assert {(row.method, row.draws) for row in rows} == {("exact", 100), ("exact", 400)}
+    assert {(row["method"], row["draws"]) for row in rows} == {("exact", 100), ("exact", 400)}
 
 
 def test_copies_keep_the_occasions(done: Path, tmp_path: Path) -> None:

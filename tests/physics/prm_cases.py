@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.frame import make_radiometer_frame
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
-from seqrsm.simulate.radiometer.prm import radiation_map, simulate_radiometer
+from seqrsm.simulate.radiometer.prm import Meeting, radiation_map, simulate_radiometer
 
 
 @dataclass
@@ -83,7 +84,9 @@ def mapped(s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, 
     lookups = [table.lookup(s.categories, r.frequency_ghz, channel) for channel in r.channels]
     occasion = nominal_radiometer_occasion(r, lookups, s.n_fields)
     ground = np.broadcast_to(np.asarray(ground_k, dtype=dtype), frame.elevation_m.shape)
-    return radiation_map(frame, r, lookups, air, np.ascontiguousarray(ground), occasion, planck), frame
+    met = Meeting(frame, None, lookups, occasion, air, planck)
+    antenna_k, offset, state = radiation_map(met, r, np.ascontiguousarray(ground))
+    return SimpleNamespace(antenna_k=antenna_k, offset=offset, state=state), frame
 
 
 def isothermal_air(depth_np: float, temperature_k: float, space_k: float) -> Atmosphere:

@@ -74,14 +74,6 @@ def test_rotatable_designs_have_the_same_variance_on_spheres(k, axial):
     assert np.ptp(prediction_variance(model(k), central_composite(k, "face"), sphere(k, 1.0))) > 0.1
 
 
-def test_a_fraction_may_take_the_place_of_the_cube():
-    points = central_composite(5, "rotatable", 6, minimum_aberration(5, 16)[0])
-    assert points.shape == (32, 5)
-    assert np.max(points) == 2.0
-    variance = prediction_variance(model(5), points, sphere(5, 1.0))
-    assert np.ptp(variance) < 1e-10 * variance.mean()
-
-
 @pytest.mark.parametrize(("k", "edge", "total"), [(3, 12, 15), (4, 24, 27), (5, 40, 46), (6, 48, 54), (7, 56, 62)])
 def test_box_behnken_counts_and_balance(k, edge, total):
     points = box_behnken(k)
@@ -130,7 +122,6 @@ def test_sobol_has_one_point_in_each_interval(seed):
         lambda: full_factorial([2] * 30),
         lambda: central_composite(1),
         lambda: central_composite(3, "oblique"),
-        lambda: central_composite(3, factorial=np.zeros((4, 2))),
         lambda: box_behnken(2),
         lambda: box_behnken(3, -1),
         lambda: latin_hypercube(0, 2, 1),

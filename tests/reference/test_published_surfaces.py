@@ -20,7 +20,7 @@ from statsmodels.stats.outliers_influence import OLSInfluence
 
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.ingest import ingest_files
 from seqrsm.fit.least_squares import fit_least_squares
 
 SMELL = """66 40 .3 4  39 120 .3 4  43 40 .7 4  49 120 .7 4  58 40 .5 2  17 120 .5 2  -5 40 .5 6  -40 120 .5 6
@@ -42,7 +42,7 @@ def analysed(folder: Path, text: str, factors: dict[str, tuple[float, float]], g
     rows = [",".join(["score", *factors]), *(",".join(repr(float(v)) for v in row) for row in table)]
     (folder / "scores.csv").write_text("\n".join(rows), encoding="utf-8")
     campaign = Campaign.open(folder)
-    ingest_file(campaign.store, campaign.spec, folder / "scores.csv")
+    ingest_files(campaign.store, campaign.spec, [folder / "scores.csv"])
     (analysis,) = campaign.analyse_all(thorough=True)
     return analysis_to_json(analysis), table
 

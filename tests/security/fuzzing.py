@@ -307,7 +307,7 @@ def _tiff_bytes(compression: str | None) -> bytes:
 
 def _export_bytes(folder: Path) -> bytes:
     from seqrsm.campaign.export import export
-    from seqrsm.campaign.ingest import ingest_file
+    from seqrsm.campaign.ingest import ingest_files
     from seqrsm.store.store import Store
 
     place = folder / "campaign"
@@ -317,7 +317,7 @@ def _export_bytes(folder: Path) -> bytes:
     (place / "s.csv").write_text("x,score\n0,1\n0.5,2\n")
     spec = load_spec(place)
     with Store.open(place, create=True, campaign="f") as store:
-        ingest_file(store, spec, place / "s.csv")
+        ingest_files(store, spec, [place / "s.csv"])
         export(store, spec, place / "all.json")
     return (place / "all.json").read_bytes()
 

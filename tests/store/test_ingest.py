@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from seqrsm.campaign.form import write_form
-from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.ingest import ingest_files
 from seqrsm.errors import ScoresFileError, StoreError
 from seqrsm.spec.read import load_spec
+from seqrsm.store.records import NewScore
 from seqrsm.store.store import NewRun
 
 SPEC = """\
@@ -51,7 +52,7 @@ def campaign(tmp_path, store):
         (tmp_path / "campaign.toml").write_text(SPEC.format(more=more))
         path = tmp_path / name
         path.write_text(text)
-        return ingest_file(store, load_spec(tmp_path), path, **options)
+        return ingest_files(store, load_spec(tmp_path), [path], **options)[0]
 
     return ingest
 
@@ -166,7 +167,7 @@ def test_dry_run_reports_the_same_and_writes_nothing(campaign, store, state):
 
 def test_all_or_nothing(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})] * 2)
-    store.record_score(1, "crops", 50.0)
+    store.record_scores(1, [NewScore("crops", 50.0)])
     before = snapshot(store)
     with pytest.raises(StoreError) as caught:
         campaign("run_id," + HEADER + "\n2,2,4,HH,70\n1,2,4,HH,71\n99,2,4,HH,72\n,2,4,HH,73\n")
@@ -185,7 +186,7 @@ def test_other_settings_for_a_scored_run(campaign):
 
 def test_a_void_run_is_replaced_and_kept(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"}, "repeat", block="b")])
-    store.record_score(1, "crops", 50.0)
+    store.record_scores(1, [NewScore("crops", 50.0)])
     store.void(1, "wrong field")
     report = campaign("run_id," + HEADER + "\n1,2.5,4,HH,70\n")
     assert (report.created, report.replaced, report.matched) == ((2,), ((1, 2),), ())
@@ -235,7 +236,7 @@ def test_flevoland(store):
     """The real scores: 224 rows, as counted by `wc -l`, none outside the region."""
     folder = Path(__file__).parents[2] / "campaigns" / "flevoland"
     spec = load_spec(folder)
-    report = ingest_file(store, spec, folder / "flight_scores.csv")
+    report = ingest_files(store, spec, [folder / "flight_scores.csv"])[0]
     assert (report.n_scores, len(report.created), report.outside_region) == (224, 224, ())
     lines = (folder / "flight_scores.csv").read_text().splitlines()[1:]
     for run, line in zip(store.runs(), lines, strict=True):

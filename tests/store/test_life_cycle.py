@@ -39,14 +39,14 @@ def test_runs_of_another_host_are_taken_back_when_it_falls_silent(store, monkeyp
     assert [run.state for run in store.runs()] == ["issued", "running"]
     # It was only asleep: its score is kept once, whoever comes first.
     assert store.claim([ids[0]])[0].attempts == 2
-    assert store.record_score(ids[0], "crops", 5.0)
-    assert not store.record_score(ids[0], "crops", 5.0)
+    assert store.record_scores(ids[0], [NewScore("crops", 5.0)])
+    assert not store.record_scores(ids[0], [NewScore("crops", 5.0)])
 
 
 def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
     ids = store.add_batch([RUN, RUN, RUN], issue=True)
     store.claim(ids[:2])
-    store.record_score(ids[0], "crops", 5.0)
+    store.record_scores(ids[0], [NewScore("crops", 5.0)])
     with monkeypatch.context() as elsewhere:
         elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
         store.claim([ids[2]])

@@ -31,13 +31,13 @@ with Store.open(folder, url=url, campaign="test") as store:
     for number in range(files_each):
         for run in store.claim(limit=2):
             print("claimed", run.run_id, flush=True)
-            store.record_score(run.run_id, "crops", float(run.run_id))
+            store.record_scores(run.run_id, [NewScore("crops", float(run.run_id))])
         store.ingest_files([file(f"{me}-{number}.csv", me, number)])
         store.ingest_files([file("shared.csv", 99, number)])  # everybody has it; it counts once
     while claimed := store.claim(limit=1):
         for run in claimed:
             print("claimed", run.run_id, flush=True)
-            store.record_score(run.run_id, "crops", float(run.run_id))
+            store.record_scores(run.run_id, [NewScore("crops", float(run.run_id))])
     store.release_stale()
 """
 

@@ -16,7 +16,7 @@ from seqrsm.store.store import STORE_NAME, NewRun, Store
 
 WORKER = """
 import sys, time
-from seqrsm.store.store import Store
+from seqrsm.store.store import NewScore, Store
 folder, url, n = sys.argv[1], sys.argv[2] or None, int(sys.argv[3])
 with Store.open(folder, url=url, create=True, campaign="test") as store:
     print("ready", flush=True)
@@ -24,7 +24,7 @@ with Store.open(folder, url=url, create=True, campaign="test") as store:
     while claimed := store.claim(limit=n):
         for run in claimed:
             time.sleep(0.01)  # the run itself, without which one worker may be done before the other gets a turn
-            store.record_score(run.run_id, "crops", run.settings["x"])
+            store.record_scores(run.run_id, [NewScore("crops", run.settings["x"])])
             print(run.run_id, flush=True)
 """
 

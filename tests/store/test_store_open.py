@@ -16,6 +16,7 @@ import sqlalchemy as sa
 from seqrsm.errors import StoreError
 from seqrsm.store import database as store_connection
 from seqrsm.store.database import MIGRATIONS, Database, network_file_system
+from seqrsm.store.records import NewScore
 from seqrsm.store.schema import HEAD, METADATA, REVISIONS
 from seqrsm.store.store import STORE_NAME, NewRun, Store
 
@@ -26,7 +27,7 @@ RUN = NewRun({"x": 1.0})
 def folder(tmp_path):
     with Store.open(tmp_path, create=True, campaign="test") as store:
         store.add_batch([RUN] * 300)
-        store.record_score(1, "crops", 3.0)
+        store.record_scores(1, [NewScore("crops", 3.0)])
     return tmp_path
 
 

@@ -26,7 +26,7 @@ def bring(store: Store, state: str) -> int:
     elif state == "failed":
         store.fail(run_id, "no fuel")
     elif state == "scored":
-        store.record_score(run_id, "crops", 50.0)
+        store.record_scores(run_id, [NewScore("crops", 50.0)])
     elif state == "void":
         store.void(run_id, "wrong day")
     assert store.run(run_id).state == state
@@ -59,7 +59,9 @@ def test_the_ordinary_way(store):
     store.issue([run_id])
     (claimed,) = store.claim(limit=5)
     assert (claimed.run_id, claimed.state, claimed.attempts) == (run_id, "running", 1)
-    assert store.record_score(run_id, "crops", 71.5, se=1.5, n=10, correct=7, metadata={"a": [1, math.nan]})
+    assert store.record_scores(
+        run_id, [NewScore("crops", 71.5, se=1.5, n=10, correct=7, metadata={"a": [1, math.nan]})]
+    )
     run = store.run(run_id)
     assert (run.state, run.purpose, run.why, run.cost, run.block) == (
         "scored",
@@ -85,7 +87,7 @@ def test_only_legal_transitions(store, state, target):
     before = store.run(run_id), store.events()
     action = {
         "issued": lambda: store.issue([run_id]),
-        "scored": lambda: store.record_score(run_id, "ice", 1.0),
+        "scored": lambda: store.record_scores(run_id, [NewScore("ice", 1.0)]),
         "failed": lambda: store.fail(run_id, "why"),
         "void": lambda: store.void(run_id, "why"),
     }[target]
@@ -111,9 +113,9 @@ def test_one_illegal_run_stops_the_whole_change(store):
 
 def test_a_score_is_recorded_once(store):
     run_id = bring(store, "scored")
-    assert not store.record_score(run_id, "crops", 50.0)
+    assert not store.record_scores(run_id, [NewScore("crops", 50.0)])
     with pytest.raises(StoreError, match="scored already"):
-        store.record_score(run_id, "crops", 50.5)
+        store.record_scores(run_id, [NewScore("crops", 50.5)])
     assert len(store.run(run_id).scores) == 1
 
 

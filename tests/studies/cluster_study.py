@@ -19,6 +19,7 @@ import cluster_jobs  # noqa: E402
 from reliability_report import machine, write_section  # noqa: E402
 
 from seqrsm.simulate.runner import run_many  # noqa: E402
+from seqrsm.store.records import NewScore  # noqa: E402
 from seqrsm.store.store import NewRun, Store  # noqa: E402
 
 BUSY_S, RUNS = 0.5, 40
@@ -60,7 +61,7 @@ def per_score(folder: Path) -> float:
         store.claim(ids)
         begin = time.monotonic()
         for run_id in ids:
-            store.record_score(run_id, "a", 1.0)
+            store.record_scores(run_id, [NewScore("a", 1.0)])
         return (time.monotonic() - begin) / len(ids)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.store.records import IngestedRun, NewScore
+from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation" / "flevoland_flights.md"
@@ -85,7 +85,7 @@ def take_in(campaign: Campaign, settings, scores: np.ndarray, source: str, name:
         IngestedRun(None, one, source, "", 1.0, (NewScore("crops", float(score)),))
         for one, score in zip(settings, scores, strict=True)
     ]
-    campaign.store.ingest_scores(runs, name=name, sha256=name, row_count=len(runs))
+    campaign.store.ingest_files([IngestedFile(name, name, len(runs), tuple(runs))])
 
 
 def look(campaign: Campaign, points: np.ndarray, real: np.ndarray, flown: list[int]) -> dict[str, float]:

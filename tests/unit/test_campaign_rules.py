@@ -14,7 +14,7 @@ from scipy import stats
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.to_json import optimum_to_json
 from seqrsm.campaign.fidelity_watch import to_repeat
-from seqrsm.campaign.ingest import ingest_file
+from seqrsm.campaign.ingest import ingest_files
 from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.decide.intervals import t_quantile
@@ -137,7 +137,7 @@ def measured(folder: Path, interval: str, surface: Callable[[float, float], floa
     path.write_text("x,y,score,note\n" + "\n".join(rows) + "\n", encoding="utf-8")
     spec = load_spec(folder)
     with Store.open(folder, create=True, campaign="rules", seed=1) as store:
-        ingest_file(store, spec, path)
+        ingest_files(store, spec, [path])
         return spec, store.runs()
 
 

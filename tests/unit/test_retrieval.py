@@ -15,7 +15,7 @@ from prm_cases import Table, image, radiometer, scene
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.score.classification import Classifier, score_pixels
+from seqrsm.score.classification import score_pixels
 from seqrsm.score.retrieval import (
     _crossed_fit,
     percent_correct_radiometer,
@@ -76,16 +76,15 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     angle = rng.uniform(0.0, 1.0, (n, 1))
     x = label + 20.0 * angle[:, 0] + rng.normal(0.0, 0.1, n)
     counts = np.stack([1 - label, label], axis=1)
-    arguments = (x[:, None], np.ones(n), counts, np.arange(n) // 50)
-    linear = Classifier(scale="linear")
-    blind = score_pixels(*arguments, linear, seed=1, run_id=1).value
-    told = score_pixels(*arguments, linear, seed=1, run_id=1, covariates=angle).value
+    arguments = (x[:, None], counts, np.arange(n) // 50)
+    blind = score_pixels(*arguments, seed=1, run_id=1, scale="linear").value
+    told = score_pixels(*arguments, seed=1, run_id=1, scale="linear", covariates=angle).value
     assert with_angle > 85.0
     assert blind < 60.0
     assert told > 99.0
     # A covariate that gives the class away is not used as evidence of it.
-    useless = score_pixels(rng.normal(size=(n, 1)), np.ones(n), counts, np.arange(n) // 50, linear, seed=1, run_id=1,
-                           covariates=label[:, None] + rng.normal(0.0, 0.3, (n, 1))).value  # fmt: skip
+    useless = score_pixels(rng.normal(size=(n, 1)), counts, np.arange(n) // 50, seed=1, run_id=1,
+                           scale="linear", covariates=label[:, None] + rng.normal(0.0, 0.3, (n, 1))).value  # fmt: skip
     assert useless < 60.0
 
 

@@ -25,7 +25,6 @@ def sample(n=3000, n_channels=2, n_classes=5, draws=1, covariates=False, rare=Fa
     cover = np.where(np.arange(9) < part[:, None], own[:, None], other[:, None]).astype(np.uint8)
     return SimpleNamespace(
         values=power,
-        looks=np.full(n, 4.0),
         across_m=rng.uniform(0.0, 3999.0, n),
         along_m=rng.uniform(0.0, 2999.0, n),
         extent_m=(3999.0, 2999.0),
@@ -47,7 +46,6 @@ def by_arrays(sample, n_classes, linear):
     tile, keys = tiles(sample.across_m[used], sample.along_m[used], sample.extent_m, 250.0, seed=1, run_id=2)
     return score_pixels(
         sample.values[:, :, used].transpose(0, 2, 1).reshape(draws * used.size, n_channels),
-        np.tile(sample.looks[used], draws),
         np.tile(counts[used], (draws, 1)),
         np.tile(tile, draws),
         Classifier(scale="linear" if linear else "decibel"),

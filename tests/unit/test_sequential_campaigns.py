@@ -21,7 +21,7 @@ from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
 from seqrsm.simulate import runner
 from seqrsm.spec.read import SimulatorSpec, load_spec
-from seqrsm.store.records import CONFIRMATION, IngestedRun, NewRun, NewScore
+from seqrsm.store.records import CONFIRMATION, IngestedFile, IngestedRun, NewRun, NewScore
 
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
 
@@ -100,7 +100,7 @@ def test_eight_factors(campaign) -> None:
         IngestedRun(None, settings, "simulation", "", 1.0, (NewScore("score", bowl(settings, i)),))
         for i, settings in enumerate(made.spec.region.decode(points))
     ]
-    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), tuple(runs))])
     (analysis,) = made.analyse_all(n_draws=200)
     assert analysis.fit.n_terms == 45
     assert not analysis.decision.held  # 3 x 45 runs are asked for
@@ -166,7 +166,7 @@ def test_student_errors_recover_from_one_wild_outlier(campaign) -> None:
                 {"x0": float(x), "x1": float(y)} for x in (-1, -0.5, 0, 0.5, 1) for y in (-1, -0.5, 0, 0.5, 1)
             )
         ]
-        made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+        made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), tuple(runs))])
         (found[errors],) = made.analyse_all(n_draws=1000)
     robust, naive = found["student_t"], found["normal"]
     truth = np.array([0.2, 0.2])
@@ -341,7 +341,7 @@ def test_two_applications_and_a_cost(campaign) -> None:
         moisture = 4 + 2 * (x - 0.5) ** 2 + (y + 0.4) ** 2 + 0.2 * rng.normal()
         scores = (NewScore("crops", crops), NewScore("moisture", moisture))
         runs.append(IngestedRun(None, settings, "flight", "", 1.0, scores))
-    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), tuple(runs))])
     analyses = made.analyse_all(n_draws=300)
     assert all(analysis.region_state.box.whole for analysis in analyses)
     found = made.compromise(analyses)
@@ -409,11 +409,11 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
         IngestedRun(None, s, "flight", "", 20.0, (NewScore("score", bowl(s, 100 + i) + 4.0 + 2 * s["x0"]),))
         for i, s in enumerate(made.spec.region.decode(rng.uniform(-1, 1, (12, 2))))
     ]
-    made.store.ingest_scores(flights[:2], name="a.csv", sha256="1", row_count=2)
+    made.store.ingest_files([IngestedFile("a.csv", "1", 2, tuple(flights[:2]))])
     few = made.analyse_all()[0]
     assert few.sources.prior_driven
     assert any("prior" in warning for warning in few.warnings)
-    made.store.ingest_scores(flights[2:], name="b.csv", sha256="2", row_count=10)
+    made.store.ingest_files([IngestedFile("b.csv", "2", 10, tuple(flights[2:]))])
     many = made.analyse_all()[0]
     assert many.sources.n_flights == 12
     assert many.sources.interval.low < 4.4 < many.sources.interval.high

@@ -70,23 +70,25 @@ def test_interval_ends_of_both_samplers_and_their_errors_follow_student_t(campai
     spec, application = campaign.spec, campaign.spec.applications[0]
     fitted = fit_application(spec, application, campaign.store.runs())
     rows = sampler_rows(spec, application, fitted, sizes=(100, 400, 1600), pool=32_000, chains=6)
-    assert {(row.method, row.draws) for row in rows} == {(m, n) for m in ("exact", "emcee") for n in (100, 400, 1600)}
-    assert [row.sets for row in rows if row.method == "exact"] == [320, 320, 80, 80, 20, 20]
+    assert {(row["method"], row["draws"]) for row in rows} == {
+        (m, n) for m in ("exact", "emcee") for n in (100, 400, 1600)
+    }
+    assert [row["sets"] for row in rows if row["method"] == "exact"] == [320, 320, 80, 80, 20, 20]
     best = optimum(fitted.model, fitted.region, fitted.surface.estimate, "maximize")
     found = fitted.surface.predict(fitted.surface.rows(best.point[None, :]), 0.9)
     t = stats.t(fitted.surface.df_residual, found.mean[0], found.se_prediction[0])
     for row in rows:
-        if row.quantity != "future score":
+        if row["quantity"] != "future score":
             continue
-        error = np.sqrt(0.05 * 0.95 / row.draws) / t.pdf(t.ppf(0.05))  # of a sample quantile
-        at_hand = error / np.sqrt(row.sets)
+        error = np.sqrt(0.05 * 0.95 / row["draws"]) / t.pdf(t.ppf(0.05))  # of a sample quantile
+        at_hand = error / np.sqrt(row["sets"])
         # a quantile of 100 draws is biased by some tenths of its error
-        assert abs(row.low - t.ppf(0.05)) < 4 * at_hand + 0.3 * error, row
-        assert abs(row.high - t.ppf(0.95)) < 4 * at_hand + 0.3 * error, row
-        spread = 4 / np.sqrt(2 * (row.sets - 1)) + 0.1
-        for measured in (row.error_low, row.error_high):
+        assert abs(row["low"] - t.ppf(0.05)) < 4 * at_hand + 0.3 * error, row
+        assert abs(row["high"] - t.ppf(0.95)) < 4 * at_hand + 0.3 * error, row
+        spread = 4 / np.sqrt(2 * (row["sets"] - 1)) + 0.1
+        for measured in (row["error_low"], row["error_high"]):
             assert 1 - spread < measured / error < 1 + spread, row
-    ends = {(row.method, row.draws): row.high for row in rows if row.quantity == "utility at the optimum"}
+    ends = {(row["method"], row["draws"]): row["high"] for row in rows if row["quantity"] == "utility at the optimum"}
     assert ends["exact", 1600] == pytest.approx(ends["emcee", 1600], abs=0.1)
     # the optimum of a draw is never below its value at the recommended settings
     assert ends["exact", 1600] > found.mean[0]
@@ -97,7 +99,7 @@ def test_precision_rows_are_those_of_the_images(campaign):
     settings = some_configurations(spec, 2)
     impossible = {**settings[0], "resolution": 1e-4}
     rows = precision_rows(spec, [*settings, impossible], repeats=1)
-    assert [row.settings for row in rows] == settings
+    assert [row["settings"] for row in rows] == settings
     task = task_of(spec, NO_RUN, settings[1])
     one, two = (
         simulate_radar(
@@ -106,16 +108,16 @@ def test_precision_rows_are_those_of_the_images(campaign):
         for precision in ("float32", "float64")
     )
     worst = np.max(np.abs(one - two) / two)
-    assert rows[1].largest_difference == pytest.approx(worst, rel=1e-12)
-    assert 0.0 < rows[1].median_difference < 1e-6 < 1e-3 > rows[1].largest_difference
-    assert rows[1].score32 == pytest.approx(rows[1].score64, abs=0.2)
+    assert rows[1]["largest_difference"] == pytest.approx(worst, rel=1e-12)
+    assert 0.0 < rows[1]["median_difference"] < 1e-6 < 1e-3 > rows[1]["largest_difference"]
+    assert rows[1]["score32"] == pytest.approx(rows[1]["score64"], abs=0.2)
 
 
 def test_more_restarts_reach_no_less(campaign):
     spec = campaign.spec
     rows = search_rows(spec, restarts=(1, 40), searches=4)
-    assert [(row.restarts, row.searches, row.failed) for row in rows] == [(1, 4, 0), (40, 4, 0)]
-    assert rows[0].least_efficiency <= rows[0].efficiency <= rows[1].efficiency <= 1.0
+    assert [(row["restarts"], row["searches"], row["failed"]) for row in rows] == [(1, 4, 0), (40, 4, 0)]
+    assert rows[0]["least_efficiency"] <= rows[0]["efficiency"] <= rows[1]["efficiency"] <= 1.0
     model = QuadraticModel(spec.factors)
     centre = np.tile(spec.region.centre(), (3, 1))
     values = [
@@ -123,4 +125,4 @@ def test_more_restarts_reach_no_less(campaign):
         for n in (1, 40)
         for i in range(4)
     ]
-    assert rows[0].least_efficiency == pytest.approx(min(values[:4]) / max(values), rel=1e-12)
+    assert rows[0]["least_efficiency"] == pytest.approx(min(values[:4]) / max(values), rel=1e-12)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +34,7 @@ from seqrsm.simulate.radar.occasion import (
     nominal_occasion,
 )
 from seqrsm.simulate.radar.receiver import received
-from seqrsm.simulate.radar.registration import Registration
+from seqrsm.simulate.radar.registration import register
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.row_law import row_law
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
@@ -151,16 +152,17 @@ def _form_image(
         incidence_angle_deg=np.rad2deg(law.incidence_rad),
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
-        registration=Registration(
-            frame,
-            grid,
-            radar.range_format == "ground",
-            cells_a_pixel,
-            grid.n_bins,
-            n_pixels,
-            scene.shape,
-            len(scene.categories),
-            1 if frame.wrapped else 0,
+        registration=cache(
+            partial(
+                register,
+                frame,
+                grid,
+                ground_format=radar.range_format == "ground",
+                cells_a_pixel=cells_a_pixel,
+                n_azimuth=n_pixels,
+                scene_shape=scene.shape,
+                n_categories=len(scene.categories),
+            )
         ),
         radar=radar,
         occasion=occasion,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,8 +11,8 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.occasion import Occasion
-from seqrsm.simulate.radar.registration import Registration
 
 _POINTS: Final = 3
 """Points a side at which a pixel of the rectangular picture looks up the polar image."""
@@ -40,8 +41,8 @@ class RadarImage:
     range_spacing_m, azimuth_spacing_m : float
         Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that
         of its rectangular picture.
-    registration : Registration
-        Pixel of each cell of the scene, shadow and layover, made when asked for.
+    registration : callable
+        Gives what `register` does: pixel of each cell of the scene, and its state; made when asked for, and once.
     radar : RadarConfiguration
     occasion : Occasion
         State of the ground in this run.
@@ -64,7 +65,7 @@ class RadarImage:
     incidence_angle_deg: FloatArray
     range_spacing_m: float
     azimuth_spacing_m: float
-    registration: Registration
+    registration: Callable[[], tuple[AnyArray, AnyArray]]
     radar: RadarConfiguration
     occasion: Occasion
     quarter_turns: int
@@ -75,17 +76,17 @@ class RadarImage:
     @property
     def pixel_of_cell(self) -> AnyArray:
         """Pixel ``row * n_azimuth + column`` of each cell of the scene, int32 (rows, cols); -1 where there is none."""
-        return self.registration.pixel_of_cell
+        return self.registration()[0]
 
     @property
     def shadow(self) -> BoolArray:
         """Cells of the scene (rows, cols) that return nothing for geometry."""
-        return self.registration.shadow
+        return np.asarray((self.registration()[1] & np.uint8(kernels.CAST_SHADOW | kernels.SELF_SHADOW)) != 0)
 
     @property
     def layover(self) -> BoolArray:
         """Cells of the scene (rows, cols) whose echo is mixed with other ground in range."""
-        return self.registration.layover
+        return np.asarray((self.registration()[1] & np.uint8(kernels.LAYOVER)) != 0)
 
     def apparent_sigma0(self) -> AnyArray:
         """Intensity over what flat ground of sigma0 = 1 would return: calibrated, noise left in, linear."""

@@ -8,7 +8,7 @@ ground. Both draw the same occasion as the full image of that run; fading is dra
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -156,7 +156,6 @@ def radar_strips(
     n_columns = mean.shape[2]
     return Sample(
         values=values,
-        looks=np.repeat(law.looks, n_columns),
         across_m=np.repeat(law.ground_range_m - law.ground_range_m[0], n_columns),
         along_m=np.tile((column + 0.5) * radar.pixel_spacing_m, grid.n_bins),
         extent_m=(float(np.ptp(law.ground_range_m)), (n_pixels - 0.5) * radar.pixel_spacing_m),
@@ -348,7 +347,6 @@ def radar_flat_sample(
     k = len(column)
     return Sample(
         values=values,
-        looks=np.repeat(law.looks, k),
         across_m=np.repeat(row * radar.pixel_spacing_m, k),
         along_m=np.tile((column + 0.5) * radar.pixel_spacing_m, len(row)),
         extent_m=((n_bins - 1) * radar.pixel_spacing_m, (n_pixels - 0.5) * radar.pixel_spacing_m),
@@ -370,18 +368,8 @@ def _flat_law(frame: RadarFrame, radar: RadarConfiguration, row: IntArray) -> Ro
     flat = replace(frame, lowest_m=np.zeros_like(frame.lowest_m), highest_m=np.zeros_like(frame.highest_m))
     law = row_law(flat, radar, echo_grid(flat, radar))
     row = np.minimum(row, len(law.looks) - 1)
-    return RowLaw(
-        slant_range_m=law.slant_range_m[row],
-        ground_range_m=law.ground_range_m[row],
-        incidence_rad=law.incidence_rad[row],
-        factor_w=law.factor_w[row],
-        beam_cells=law.beam_cells[row],
-        range_width=law.range_width[row],
-        looks=law.looks[row],
-        noise_w=law.noise_w[row],
-        calibration_w=law.calibration_w[row],
-        reference_w=1.0,
-    )
+    rows = {one.name: getattr(law, one.name)[row] for one in fields(law) if one.name != "reference_w"}
+    return RowLaw(**rows, reference_w=1.0)
 
 
 def _points(low: AnyArray, size: float, width: FloatArray, n: int) -> tuple[IntArray, FloatArray, BoolArray]:

@@ -8,7 +8,7 @@ of 50 to 100 m scatter by 0.8 to 1.1 dB about the mean of their field beyond wha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
@@ -28,28 +28,23 @@ _SEED: Final = 1979
 """Of the pieces' outlines, which are the same in every run; their backscatter is drawn anew."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
-    """A scene whose fields are cut into pieces: ``scene.field_id`` numbers pieces, ``parent[piece]`` is its field."""
-
-    scene: Scene
-    parent: IntArray
-
-
 @lru_cache(maxsize=2)
-def pieces(scene: Scene, texture_m: float) -> Pieces:
-    """Fields cut into Voronoi pieces of ``texture_m`` [m] on average a side, at least a cell."""
+def pieces(scene: Scene, texture_m: float) -> tuple[Scene, IntArray]:
+    """Fields cut into Voronoi pieces of ``texture_m`` [m] on average a side, at least a cell.
+
+    The scene whose ``field_id`` numbers pieces, and the field that each piece is of (n_pieces,).
+    """
     rows, cols = scene.shape
     cut = voronoi_labels(rows, cols, max(round(texture_m / scene.cell_m), 1), seed=_SEED)
     width = int(cut.max()) + 1
     found, number = np.unique(scene.field_id.astype(np.int64) * width + cut, return_inverse=True)
     piece = number.reshape(rows, cols).astype(np.int32)
-    return Pieces(replace(scene, field_id=piece), found // width)
+    return replace(scene, field_id=piece), found // width
 
 
 def ground_of(scene: Scene, radar: RadarConfiguration) -> Scene:
     """The scene as a radar's frame wants it: with pieces in place of fields where it asks for texture."""
-    return pieces(scene, radar.texture_m).scene if radar.texture_db > 0.0 else scene
+    return pieces(scene, radar.texture_m)[0] if radar.texture_db > 0.0 else scene
 
 
 def with_texture(
@@ -76,7 +71,7 @@ def with_texture(
     """
     if radar.texture_db == 0.0:
         return occasion
-    parent = pieces(scene, radar.texture_m).parent
+    _, parent = pieces(scene, radar.texture_m)
     draws = generator(seed, run_id, "texture").standard_normal((1 + len(CHANNELS), len(parent)))
     offset = occasion.field_offset_db[:, parent]
     for c, (channel, lookup) in enumerate(zip(radar.channels, lookups, strict=True)):

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, BoolArray, FloatArray, Precision
+from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
@@ -48,28 +48,6 @@ _LOOKS = 129
 
 LUT_STEPS = 1024
 """Steps of the tables of emissivity and sky in sin(theta/2): 0.06 to 0.11 deg each."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RadiationMap:
-    """What every element sends to the antenna.
-
-    Attributes
-    ----------
-    antenna_k : float array (n_channels, n, m)
-        Antenna temperature the element alone would give, in kelvin of radiation (`planck_offset_k`); 0 if not seen.
-    offset : float array (n, m)
-        Displacement by height, towards higher row numbers [cells].
-    state : uint8 array (n, m)
-        Bits of `kernels_prm`: BLOCKED, NO_DATA.
-    planck_offset_k : float
-        h f / k where radiation is by Planck's law, 0 by Rayleigh-Jeans.
-    """
-
-    antenna_k: AnyArray
-    offset: AnyArray
-    state: AnyArray
-    planck_offset_k: float
 
 
 def simulate_radiometer(
@@ -114,28 +92,28 @@ def simulate_radiometer(
     met = meet_radiometer(
         scene, radiometer, table, seed=seed, run_id=run_id, precision=precision, random_occasion=random_occasion
     )
-    frame, lookups, occasion, air = met.frame, met.lookups, met.occasion, met.air
-    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
-    mapped = radiation_map(frame, radiometer, lookups, air, ground_k, occasion, met.planck_k)
-    effects = effects_k(radiometer, lookups, air, frame, ground_k)
-    notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
+    ground_k = surface_temperature_k(scene, met.frame, radiometer, met.lookups[0], met.occasion)
+    mapped = radiation_map(met, radiometer, ground_k)
+    effects = effects_k(radiometer, met.lookups, met.air, met.frame, ground_k)
+    notes = dict.fromkeys(note for lookup in met.lookups for note in lookup.notes)
     return scan_image(
-        frame,
+        met,
         mapped,
         radiometer,
-        met.scan,
-        occasion,
-        moist=lookups[0].moist,
         effects_k=effects,
         seed=seed,
         run_id=run_id,
-        notes=(*notes, *air.notes, *effect_notes(effects, met.planck_k)),
+        notes=(*notes, *met.air.notes, *effect_notes(effects, met.planck_k)),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Meeting:
-    """What one run of a radiometer meets: the scene in its frame, its scan, emissivities, air, and the occasion."""
+    """What one run of a radiometer meets: the scene in its frame, its scan, emissivities, air, and the occasion.
+
+    ``planck_k`` is h f / k [K], and the air made with it, where radiation is by Planck's law; 0 by Rayleigh-Jeans, eqs.
+    (3-32) to (3-34).
+    """
 
     frame: RadiometerFrame
     scan: ScanGeometry
@@ -213,48 +191,41 @@ def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: E
 
 
 def radiation_map(
-    frame: RadiometerFrame,
-    radiometer: RadiometerConfiguration,
-    lookups: Sequence[EmissivityLookup],
-    air: Atmosphere,
-    ground_k: AnyArray,
-    occasion: RadiometerOccasion,
-    planck_offset_k: float = 0.0,
-) -> RadiationMap:
+    met: Meeting, radiometer: RadiometerConfiguration, ground_k: AnyArray
+) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Program POWER: what every element sends to the antenna, eq. (3-35).
 
     Parameters
     ----------
-    frame : RadiometerFrame
+    met : Meeting
     radiometer : RadiometerConfiguration
-    lookups : sequence of EmissivityLookup
-        One for each channel.
-    air : Atmosphere
-        Made with the same `planck_offset_k`.
     ground_k : float array (n, m)
         Physical temperature [K].
-    occasion : RadiometerOccasion
-    planck_offset_k : float
-        h f / k to count by Planck's law [K]; 0 for Rayleigh-Jeans, eqs. (3-32) to (3-34).
 
     Returns
     -------
-    RadiationMap
+    antenna_k : float array (n_channels, n, m)
+        Antenna temperature the element alone would give, in kelvin of radiation; 0 if not seen.
+    offset : float array (n, m)
+        Displacement by height, towards higher row numbers [cells].
+    state : uint8 array (n, m)
+        Bits of `kernels_prm`: BLOCKED, NO_DATA.
     """
+    frame = met.frame
     dtype = frame.elevation_m.dtype
     n, m = frame.elevation_m.shape
-    geometry = row_geometry(frame.across_m, frame, air)
-    antenna = np.empty((len(lookups), n, m), dtype=dtype)
+    geometry = row_geometry(frame.across_m, frame, met.air)
+    antenna = np.empty((len(met.lookups), n, m), dtype=dtype)
     state = np.empty((n, m), dtype=np.uint8)
     kernels_prm.emit_cells(
         frame.elevation_m,
         frame.cover,
         frame.field,
-        ground_k if planck_offset_k == 0.0 else radiation_equivalent_k(ground_k, planck_offset_k).astype(dtype),
+        ground_k if met.planck_k == 0.0 else radiation_equivalent_k(ground_k, met.planck_k).astype(dtype),
         geometry,
         frame.height_m,
         frame.cell_m,
-        *emission_tables(lookups, air, occasion, dtype),
+        *emission_tables(met.lookups, met.air, met.occasion, dtype),
         antenna,
         state,
     )
@@ -263,7 +234,7 @@ def radiation_map(
     else:
         offset = np.empty((n, m), dtype=dtype)
         kernels_prm.displace_cells(frame.elevation_m, frame.across_m, frame.height_m, frame.cell_m, offset)
-    return RadiationMap(antenna, offset, state, planck_offset_k)
+    return antenna, offset, state
 
 
 def row_geometry(
@@ -340,13 +311,10 @@ def _pairs(lut: AnyArray) -> AnyArray:
 
 
 def scan_image(
-    frame: RadiometerFrame,
-    mapped: RadiationMap,
+    met: Meeting,
+    mapped: tuple[AnyArray, AnyArray, AnyArray],
     radiometer: RadiometerConfiguration,
-    scan: ScanGeometry,
-    occasion: RadiometerOccasion,
     *,
-    moist: BoolArray,
     effects_k: Mapping[str, float],
     seed: int,
     run_id: int,
@@ -356,12 +324,11 @@ def scan_image(
 
     Parameters
     ----------
-    frame : RadiometerFrame
-    mapped : RadiationMap
+    met : Meeting
+    mapped : tuple of array
+        Of `radiation_map`.
     radiometer : RadiometerConfiguration
-    scan : ScanGeometry
-    occasion : RadiometerOccasion
-    moist, effects_k, notes
+    effects_k, notes
         Recorded with the image.
     seed, run_id : int
         Key of the noise.
@@ -370,10 +337,12 @@ def scan_image(
     -------
     RadiometerImage
     """
-    n_channels, n, m = mapped.antenna_k.shape
-    total = np.zeros_like(mapped.antenna_k)
+    frame, scan = met.frame, met.scan
+    antenna_k, offset, state = mapped
+    n_channels, n, m = antenna_k.shape
+    total = np.zeros_like(antenna_k)
     weight = np.zeros((n, m), dtype=total.dtype)
-    kernels_prm.bin_angle(mapped.antenna_k, mapped.offset, mapped.state, total, weight)
+    kernels_prm.bin_angle(antenna_k, offset, state, total, weight)
     look = np.arctan2(frame.across_m, frame.height_m)
     edge = np.arctan2(np.append(frame.across_m, -frame.across_m[0] + frame.cell_m) - 0.5 * frame.cell_m, frame.height_m)
     part = np.clip(0.5 + 0.5 * look / scan.half_angle_rad, 0.0, 1.0)
@@ -386,8 +355,8 @@ def scan_image(
     )
     mean = np.empty((n_channels, len(scan.look_rad), scan.n_sweeps))
     kernels_prm.average_across(rows, seen, edge, scan.look_rad, scan.beamwidth_rad, scan.across, per_width, mean)
-    if mapped.planck_offset_k > 0.0:
-        mean = mapped.planck_offset_k / np.log1p(mapped.planck_offset_k / mean)
+    if met.planck_k > 0.0:
+        mean = met.planck_k / np.log1p(met.planck_k / mean)
     mean, nedt = _lines(mean, radiometer.nedt_k(mean), scan)
     brightness = mean
     if nedt.any():
@@ -401,13 +370,13 @@ def scan_image(
     sweep = (scan.height_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.look_rad[0], scan.step_rad)
     sampled = (len(scan.look_rad), radiometer.resolution_m, scan.sweep_advance_m, scan.n_sweeps)
     kernels_prm.register_cells(
-        mapped.offset,
-        mapped.state,
+        offset,
+        state,
         np.array([*sweep, *sampled, scan.sweeps_a_line, scan.n_lines], dtype=np.float64),
         footprint,
         coverage,
     )
-    dtype = mapped.antenna_k.dtype
+    dtype = antenna_k.dtype
     back = -frame.quarter_turns
     return RadiometerImage(
         brightness_k=brightness.astype(dtype),
@@ -416,10 +385,10 @@ def scan_image(
         scan=scan,
         pixel_of_cell=np.ascontiguousarray(np.rot90(footprint, back)),
         coverage=np.ascontiguousarray(np.rot90(coverage, back)),
-        blocked=np.ascontiguousarray(np.rot90((mapped.state & kernels_prm.BLOCKED) != 0, back)),
+        blocked=np.ascontiguousarray(np.rot90((state & kernels_prm.BLOCKED) != 0, back)),
         radiometer=radiometer,
-        occasion=occasion,
-        moist=moist,
+        occasion=met.occasion,
+        moist=met.lookups[0].moist,
         quarter_turns=frame.quarter_turns,
         effects_k=effects_k,
         notes=(*notes, *scan.notes, *_ENGINE_NOTES),

@@ -85,7 +85,6 @@ def _grid(met: Meeting, sample: IntArray, line: FloatArray | IntArray) -> dict[s
     look = scan.look_rad[sample]
     away = scan.height_m * np.tan(np.clip(look, -1.5, 1.5))
     return {
-        "looks": np.ones(len(look)),
         "across_m": np.clip(away, -half, half) + half,
         "along_m": (line + 0.5) * scan.advance_m,
         "extent_m": (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m),
