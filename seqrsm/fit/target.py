@@ -366,9 +366,9 @@ def general_target(model: GeneralModel) -> Target:
     mode = _mode(log_prob, start)
     covariance = _covariance(log_prob, mode)
 
-    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         values, _ = model.natural(x)
-        return values, np.ones(len(values)), None
+        return values, np.ones(len(values))
 
     return Target(log_prob, StudentProposal.of(mode, covariance), False, d, unpack)
 
