@@ -276,7 +276,7 @@ class _Model(Protocol):
     errors: str
     weights: Literal["equal", "se", "counts"]
     block: str | None
-    block_effect: Literal["fixed", "random"]
+    block_effect: str
     region: Literal["adaptive", "fixed"] | None
 
 
