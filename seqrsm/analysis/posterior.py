@@ -40,7 +40,7 @@ from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 from seqrsm.spec.tables import ExpectedOptimum, KnowledgeSpec
 
 if TYPE_CHECKING:
-    from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior
+    from seqrsm.fit.ensemble import Sampled
 
 
 def stated_prior(
@@ -414,7 +414,7 @@ def _spread(n: int, wanted: int) -> IntArray:
     return np.linspace(0, n - 1, min(wanted, n)).astype(np.int64)
 
 
-def _sampled(chain: EnsemblePosterior | GeneralPosterior, errors: str, draws: int) -> Made:
+def _sampled(chain: Sampled, errors: str, draws: int) -> Made:
     return {
         "method": "emcee",
         "errors": errors,

@@ -13,29 +13,6 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 
 
-def variance_drop(C: FloatArray, row: FloatArray, z: FloatArray, weight: float = 1.0) -> float:
-    """How much one run lowers the variance of one contrast.
-
-    Parameters
-    ----------
-    C : ndarray (p, p)
-        Unscaled covariance ``(Z'WZ)^-1``.
-    row : ndarray (p,)
-        The contrast l.
-    z : ndarray (p,)
-        Model row of the run.
-    weight : float
-        Relative weight of the run, > 0.
-
-    Returns
-    -------
-    float
-        In units of sigma squared, >= 0.
-    """
-    Cz = C @ z
-    return float((row @ Cz) ** 2 / (1.0 / weight + z @ Cz))
-
-
 def linear_gain(C: FloatArray, W: FloatArray, Z: FloatArray, weight: float = 1.0) -> FloatArray:
     """Gain ``z'CWCz / (1/w + z'Cz)`` of every candidate: the drop of ``trace(WC)``.
 

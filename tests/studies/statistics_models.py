@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from statistics_cases import COMPARED, LEVEL, Row, surface
 
-from seqrsm.decide.sources import discrepancy_sd, fit_sources
+from seqrsm.decide.sources import discrepancy_sd, fit_sources, to_flight
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import Flat
@@ -55,7 +55,7 @@ def flights(model: QuadraticModel, points: np.ndarray, beta: np.ndarray, rng: np
     found = fit_sources(model, points, y, flown, prior_sd=DISCREPANCY_SD)
     betas, sigma = found.draws(DRAWS, rng)
     noise = sigma * rng.normal(size=DRAWS)
-    return truth, found.estimate, found.flight_draws(betas), noise, SIGMA * float(rng.normal())
+    return truth, found.estimate, to_flight(model, betas), noise, SIGMA * float(rng.normal())
 
 
 def at_the_optimum(sets: int, name: str) -> Iterator[Row]:

@@ -117,7 +117,7 @@ def test_intervals_hold_their_level_of_the_draws() -> None:
     row = MODEL.matrix(np.array([[0.4, -0.7]]))
     rng = np.random.default_rng(2)
     beta, sigma = found.draws(200_000, rng)
-    means = found.flight_draws(beta) @ row[0]
+    means = to_flight(MODEL, beta) @ row[0]
     for weight, replicates in ((1.0, 1), (2.0, 5)):
         predicted = found.predict(row, 0.9, weight, replicates)
         future = means + sigma / np.sqrt(weight * replicates) * rng.normal(size=len(sigma))
