@@ -24,7 +24,7 @@ from seqrsm.analysis.runs import (
 )
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.sources import SourceFit, fit_sources, source_prior
+from seqrsm.decide.sources import SourceFit, fit_sources, source_prior, to_flight
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
@@ -429,7 +429,7 @@ class TwoSources(Quadratic):
         prior = source_prior(self.model, Z.shape[1] - 2 * p, both.prior_sd, both.s_simulation, stated)
         runs = replace(
             self._runs(Z, weights, prior, stated),
-            to_terms=both.flight_draws,
+            to_terms=partial(to_flight, self.model),
             own_columns=False,
             sigma_unit=float(1.0 / np.sqrt(both.flight_weight)),
         )
@@ -438,7 +438,7 @@ class TwoSources(Quadratic):
             (beta, sigma), share = within(draw, runs.seen_from_all(bounds), n)
             if bounds is None or enough(len(sigma), n):
                 made: Made = {"method": "exact", "draws": len(sigma), "sources": 2}
-                return Draws(both.flight_draws(beta), sigma, made, share)
+                return Draws(to_flight(self.model, beta), sigma, made, share)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
     def limits(self, what: str) -> str:

@@ -142,10 +142,11 @@ class _Chooser:
         local = self.box.local(points[inside])
         used = [run for run, kept in zip(done, inside, strict=True) if kept]
         flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
-        two = self.two_sources(done, source)
+        two = not self.filling and len({run.source for run in done} | {source}) > 1
         Z = stacked_rows(self.model, local, flights) if two else self.model.matrix(local)
-        new_day = self.spec.model.block is not None and source == "flight"
-        columns = _day_columns(used) if new_day else self.block_columns(used)
+        blocked = self.spec.model.block is not None
+        new_day = blocked and source == "flight"
+        columns = _day_columns(used) if new_day else block_columns([run.block if blocked else "" for run in used])[0]
         rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
         of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
@@ -185,14 +186,6 @@ class _Chooser:
         found = self.analysis.posterior.optimum_points[:_TARGETS]
         rows = (lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None
         return Sought(self.target(), found, rows, self.beta(), self.analysis.goal)
-
-    def block_columns(self, used: Sequence[_Made]) -> FloatArray:
-        """Contrasts of the blocks of ``used``; without columns where there are none."""
-        columns, _ = block_columns([run.block for run in used] if self.spec.model.block else [""] * len(used))
-        return columns
-
-    def two_sources(self, done: Sequence[_Made], source: str) -> bool:
-        return not self.filling and len({run.source for run in done} | {source}) > 1
 
     def flight_weight(self) -> float:
         found = self.analysis.sources

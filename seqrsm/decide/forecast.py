@@ -17,7 +17,19 @@ MODEL_ALPHA = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What the interval of a rule can still become; see the fields of the same names of ``Decision``."""
+    """What the interval of a rule can still become.
+
+    Attributes
+    ----------
+    noise_floor : float
+        Half-width that no number of runs can go below, score units.
+    attainable_half_width : float
+        Half-width expected when the budget is spent, score units.
+    attainable_mean_half_width : float
+        The same for the mean of ``replicates`` runs, score units.
+    runs_needed : int or None
+        Estimated total number of runs until the rule holds; None: out of reach.
+    """
 
     noise_floor: float
     attainable_half_width: float

@@ -216,10 +216,6 @@ class SourceFit:
         sigma = np.concatenate([found / np.sqrt(r) for _, found, r in parts])[order]
         return beta, sigma
 
-    def flight_draws(self, draws: FloatArray) -> FloatArray:
-        """Coefficients (m, p) of the flight's surface from draws of all coefficients."""
-        return to_flight(self.model, draws)
-
 
 def _by_ratio(
     model: QuadraticModel,

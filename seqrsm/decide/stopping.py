@@ -7,12 +7,12 @@ for a number of runs (or another guard), pure error, no significant lack of fit,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from seqrsm.arrays import BoolArray
-from seqrsm.decide.forecast import amount, forecast, futility
+from seqrsm.decide.forecast import Forecast, amount, forecast, futility
 from seqrsm.decide.intervals import Agreement
 from seqrsm.decide.intervals import half_width as interval_half_width
 from seqrsm.decide.rule import StopRule, conditions, rule_half_width
@@ -47,8 +47,8 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
-    """Stop or go on, and why.
+class Decision(Forecast):
+    """Stop or go on, and why; with what more runs would give.
 
     Attributes
     ----------
@@ -61,14 +61,6 @@ class Decision:
         Every part of the rule.
     half_width : float
         Half-width the rule looked at (with the guard "anytime" the wider one), score units.
-    noise_floor : float
-        Half-width that no number of runs can go below, score units.
-    attainable_half_width : float
-        Half-width expected when the budget is spent, score units.
-    attainable_mean_half_width : float
-        The same for the mean of ``replicates`` runs, score units.
-    runs_needed : int or None
-        Estimated total number of runs until the rule holds; None: out of reach.
     budget_spent : bool
         ``n_runs >= max_runs``.
     wants_confirmation : bool
@@ -83,10 +75,6 @@ class Decision:
     conditions_hold: bool
     checks: tuple[Check, ...]
     half_width: float
-    noise_floor: float
-    attainable_half_width: float
-    attainable_mean_half_width: float
-    runs_needed: int | None
     budget_spent: bool
     wants_confirmation: bool
     futility: tuple[str, ...]
@@ -263,10 +251,7 @@ def decide(
         conditions_hold=now,
         checks=tuple(checks),
         half_width=width,
-        noise_floor=ahead.noise_floor,
-        attainable_half_width=ahead.attainable_half_width,
-        attainable_mean_half_width=ahead.attainable_mean_half_width,
-        runs_needed=None if ahead.runs_needed is None else ahead.runs_needed + spent - n_runs,
+        **asdict(ahead) | {"runs_needed": None if ahead.runs_needed is None else ahead.runs_needed + spent - n_runs},
         budget_spent=budget_spent,
         wants_confirmation=rule.guard == "confirmation" and before_confirmation and confirmation is None,
         futility=() if held else useless,

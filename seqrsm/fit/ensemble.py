@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import emcee
 import numpy as np
@@ -72,9 +72,39 @@ class Effort:
     max_seconds: float = 120.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampled:
+    """The evidence that draws are from the posterior.
+
+    Attributes
+    ----------
+    tau : ndarray (d,)
+        Integrated autocorrelation time of every coordinate that was sampled [steps].
+    ess : ndarray (d,)
+        Effective sample size of every coordinate among the draws handed out.
+    r_hat : ndarray (d,)
+        Rank-normalised split R-hat across the independent ensembles.
+    ess_ends : ndarray (parameters,)
+        Effective sample size of the ends of the 95 % interval, the smaller of the two, of every parameter.
+    acceptance : dict
+        Accepted share by move.
+    steps, walkers, ensembles : int
+        Steps made by every walker; walkers of one ensemble; number of ensembles.
+    """
+
+    tau: FloatArray
+    ess: FloatArray
+    r_hat: FloatArray
+    ess_ends: FloatArray
+    acceptance: dict[str, float]
+    steps: int
+    walkers: int
+    ensembles: int
+
+
 @dataclass(frozen=True, slots=True)
-class EnsemblePosterior:
-    """Draws from the posterior and the evidence that they are such.
+class EnsemblePosterior(Sampled):
+    """Draws of a linear model's parameters; sampled are whitened coefficients and log sigma.
 
     Attributes
     ----------
@@ -82,61 +112,25 @@ class EnsemblePosterior:
         Coefficients.
     sigma : ndarray (draws,)
         Standard deviation (scale, for Student-t errors) of a run of weight 1.
-    tau : ndarray (d,)
-        Integrated autocorrelation time of every coordinate (coefficients whitened, log sigma) [steps].
-    ess : ndarray (d,)
-        Effective sample size of every coordinate among the draws handed out.
-    r_hat : ndarray (d,)
-        Rank-normalised split R-hat across the independent ensembles.
-    ess_ends : ndarray (p + 1,)
-        Effective sample size of the ends of the 95 % interval, the smaller of the two, of every coefficient and sigma.
-    acceptance : dict
-        Accepted share by move.
-    steps, walkers, ensembles : int
-        Steps made by every walker; walkers of one ensemble; number of ensembles.
-    errors : str
-        "normal" or "student_t".
-    seed : int
     """
 
     beta: FloatArray
     sigma: FloatArray
-    tau: FloatArray
-    ess: FloatArray
-    r_hat: FloatArray
-    ess_ends: FloatArray
-    acceptance: dict[str, float]
-    steps: int
-    walkers: int
-    ensembles: int
-    errors: str
-    seed: int
 
 
 @dataclass(frozen=True, slots=True)
-class GeneralPosterior:
-    """Draws of the parameters of a :class:`~seqrsm.fit.target.GeneralModel`, and the evidence for them.
+class GeneralPosterior(Sampled):
+    """Draws of the parameters of a :class:`~seqrsm.fit.target.GeneralModel`.
 
     Attributes
     ----------
     names : tuple of str (d,)
     draws : ndarray (m, d)
         In the parameters' own units.
-    tau, ess, r_hat, ess_ends, acceptance, steps, walkers, ensembles, seed
-        As in :class:`EnsemblePosterior`.
     """
 
     names: tuple[str, ...]
     draws: FloatArray
-    tau: FloatArray
-    ess: FloatArray
-    r_hat: FloatArray
-    ess_ends: FloatArray
-    acceptance: dict[str, float]
-    steps: int
-    walkers: int
-    ensembles: int
-    seed: int
 
     def of(self, name: str) -> FloatArray:
         """Draws (m,) of one parameter, or (m, c) of all whose names begin with ``name[``."""
@@ -209,20 +203,7 @@ def sample_posterior(
     target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
     chain, reached = _run(target, Effort() if effort is None else effort, seed)
     beta, sigma = target.unpack(reached.kept.reshape(-1, target.d))
-    return EnsemblePosterior(
-        beta,
-        sigma,
-        reached.tau,
-        reached.ess,
-        reached.r_hat,
-        _ess_ends(np.column_stack([beta, sigma]), len(reached.kept)),
-        chain.acceptance,
-        chain.steps,
-        chain.walkers,
-        chain.ensembles,
-        errors,
-        seed,
-    )
+    return EnsemblePosterior(beta, sigma, **_evidence(chain, reached, np.column_stack([beta, sigma])))
 
 
 def sample_model(
@@ -246,19 +227,8 @@ def sample_model(
     target = general_target(model)
     chain, reached = _run(target, Effort() if effort is None else effort, seed)
     draws = model.natural(reached.kept.reshape(-1, target.d))[0]
-    return GeneralPosterior(
-        tuple(parameter.name for parameter in model.parameters),
-        draws,
-        reached.tau,
-        reached.ess,
-        reached.r_hat,
-        _ess_ends(draws, len(reached.kept)),
-        chain.acceptance,
-        chain.steps,
-        chain.walkers,
-        chain.ensembles,
-        seed,
-    )
+    names = tuple(parameter.name for parameter in model.parameters)
+    return GeneralPosterior(names, draws, **_evidence(chain, reached, draws))
 
 
 class _Chain:
@@ -297,11 +267,6 @@ class _Chain:
         self.stored = np.empty((0, self._n, self._target.d))
         self.thin = 1
         self.steps = 0
-
-    @property
-    def acceptance(self) -> dict[str, float]:
-        """Accepted share by move."""
-        return {name: move.accepted / max(move.proposed, 1) for name, move in self.moves.items()}
 
     def advance(self, steps: int, deadline: float, wanted: int) -> None:
         """Make about ``steps`` more steps, fewer when the deadline passes, on the way to so many ``wanted`` in all."""
@@ -348,10 +313,20 @@ def _thinned(chains: FloatArray, every: int) -> FloatArray:
     return flat[:, ::every]
 
 
-def _ess_ends(draws: FloatArray, steps: int) -> FloatArray:
-    """Effective draws at the ends of the 95 % interval of each column (steps * walkers, d), walkers as chains."""
-    chains = draws.reshape(steps, -1, draws.shape[1])
-    return np.array([convergence.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])])
+def _evidence(chain: _Chain, reached: _Reached, draws: FloatArray) -> dict[str, Any]:
+    """For `Sampled`, with the draws (steps * walkers, d) handed out, walkers as chains."""
+    chains = draws.reshape(len(reached.kept), -1, draws.shape[1])
+    ends = [convergence.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])]
+    return {
+        "tau": reached.tau,
+        "ess": reached.ess,
+        "r_hat": reached.r_hat,
+        "ess_ends": np.array(ends),
+        "acceptance": {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()},
+        "steps": chain.steps,
+        "walkers": chain.walkers,
+        "ensembles": chain.ensembles,
+    }
 
 
 def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:

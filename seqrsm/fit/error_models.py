@@ -23,7 +23,7 @@ from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.weights import own_weights
 
 if TYPE_CHECKING:
-    from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior
+    from seqrsm.fit.ensemble import Sampled
 
 Sampler: TypeAlias = Literal["exact", "emcee"]
 
@@ -427,7 +427,7 @@ def _spread(n: int, wanted: int) -> IntArray:
     return np.linspace(0, n - 1, min(wanted, n)).astype(np.int64)
 
 
-def _sampled(chain: EnsemblePosterior | GeneralPosterior, errors: str, draws: int) -> Made:
+def _sampled(chain: Sampled, errors: str, draws: int) -> Made:
     return {
         "method": "emcee",
         "errors": errors,

@@ -16,7 +16,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import DesignError, Problem
 from seqrsm.fit.rank_one import information_gain, linear_gain
 from seqrsm.propose.candidates import Choice, Search
-from seqrsm.propose.known import Known, percent
+from seqrsm.propose.known import Known, average_matrix, percent
 from seqrsm.propose.steepest import steepest_points
 
 
@@ -144,7 +144,9 @@ class Average(_Variance):
 
     @property
     def _W(self) -> FloatArray:
-        return self.known.average
+        known, W = self.known, np.zeros_like(self.known.C)
+        W[: known.model.p, : known.model.p] = average_matrix(known.model, known.region)
+        return W
 
     def _says(self, choice: Choice) -> tuple[str, str]:
         return "average", f"lowers the mean prediction variance over the region by {self._share(choice)}"

@@ -116,14 +116,6 @@ class Known:
         extra = len(self.C) - rows.shape[1]
         return np.hstack([rows, np.zeros((len(rows), extra))]) if extra else rows
 
-    @property
-    def average(self) -> FloatArray:
-        """W of the I criterion, (p, p)."""
-        W = np.zeros_like(self.C)
-        p = self.model.p
-        W[:p, :p] = average_matrix(self.model, self.region)
-        return W
-
     def standard_error(self, row: FloatArray) -> float:
         """Of the mean at a model row, in units of sigma."""
         return float(np.sqrt(row @ self.C @ row))
