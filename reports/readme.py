@@ -69,7 +69,7 @@ def _run(command: str, folder: Path) -> list[str]:
         tools.mkdir()
         (tools / "seqrsm").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m seqrsm "$@"\n', encoding="utf-8")
         (tools / "seqrsm").chmod(0o755)
-    surroundings = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "NO_COLOR": "1"}
+    surroundings = {**os.environ, "PATH": f"{tools}:{os.environ['PATH']}", "NO_COLOR": "1", "COLUMNS": "120"}
     surroundings["PYTHONPATH"] = f"{ROOT}:{os.environ.get('PYTHONPATH', '')}"
     done = subprocess.run(
         command, shell=True, cwd=folder, env=surroundings, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT

@@ -170,8 +170,7 @@ def run(
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
     from seqrsm.campaign.loop import run_campaign
-    from seqrsm.cli.show import show_look
-    from seqrsm.cli.show_fit import show_outcome
+    from seqrsm.cli.show_fit import show_look, show_outcome
 
     campaign = _opened(folder)
     with display("reading") as shown:
@@ -322,7 +321,8 @@ def status(
 ) -> None:
     """Runs by state, optimum and intervals so far, stop or go on and why; of a folder of campaigns, a line for each."""
     from seqrsm.campaign.status import campaign_status, campaigns_in, overview
-    from seqrsm.cli.show import show_overview, show_status
+    from seqrsm.cli.show import show_overview
+    from seqrsm.cli.show_fit import show_status
     from seqrsm.spec.read import load_spec
 
     if folders := campaigns_in(folder):

@@ -65,7 +65,7 @@ def stderr() -> Console:
 
 def say(text: str) -> None:
     """One line for people, on stderr, taken literally (no markup)."""
-    stderr().print(text, markup=False)
+    stderr().print(ascii_signs(text), markup=False)
 
 
 def fail(text: str, code: int) -> NoReturn:
@@ -347,13 +347,3 @@ class _RateColumn(ProgressColumn):
         if not speed:
             return Text("")
         return Text(f"{speed:.1f}/s" if speed >= 1.0 else f"{1.0 / speed:.1f} s each")
-
-
-def number(value: float, digits: int = 4) -> str:
-    """A float to ``digits`` significant digits; a dash where there is none."""
-    if not math.isfinite(value):
-        return "-"
-    if value != 0 and (abs(value) >= 10 ** max(digits, 4) or abs(value) < 1e-4):
-        return f"{value:.{digits - 1}e}"
-    decimals = max(0, digits - 1 - (math.floor(math.log10(abs(value))) if value else 0))
-    return f"{value:.{decimals}f}"

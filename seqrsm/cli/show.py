@@ -5,96 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.cli.console import heading, line, number, say, show_table
-from seqrsm.design.factors import setting_with_unit, settings_text
-from seqrsm.report.wording import interval_names, watched_interval
+from seqrsm.cli.console import heading, line, show_table
+from seqrsm.design.factors import settings_text
+from seqrsm.report.rounding import format_significant
 
 if TYPE_CHECKING:
-    from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.scene.scene import Scene
     from seqrsm.spec.read import CampaignSpec
     from seqrsm.store.records import RunRecord
-
-
-# -- run ----------------------------------------------------------------------------------------------------------
-
-
-def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
-    """One line a look, on stderr: score, half-width against its target, and what is still missing."""
-    decision = analysis.decision
-    name = f"{analysis.application}: " if len(spec.applications) > 1 else ""
-    missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
-    rest = (
-        "the stop rule holds" if decision.held else f"missing: {', '.join(missing)}" if missing else "to be confirmed"
-    )
-    mean = f"{number(analysis.optimum.mean, 3)} {analysis.score_unit}".rstrip()
-    say(
-        f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {number(decision.half_width, 3)} "
-        f"(target {spec.stop.half_width:g})  {rest}"
-    )
-
-
-# -- status, runs -------------------------------------------------------------------------------------------------
-
-
-def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
-    """Where the campaign stands."""
-    states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
-    rows = [
-        ["runs", states],
-        ["budget", f"{result['max_runs']} runs; cost spent {result['cost_spent']:g}"],
-        [
-            "target",
-            f"{watched_interval(spec.stop)}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
-        ],
-    ]
-    if result["simulated_by"] is not None:
-        rows.append(["simulated by", _simulated_by(result["simulated_by"])])
-    if (shared := result["common_random_numbers"])["runs"]:
-        text = f"shared by {shared['runs']} runs, in {shared['occasions']} occasions that are blocks of the fit"
-        rows.append(["random numbers", text])
-    show_table((), rows, title=f"campaign {result['campaign']}", sides=("left",))
-    for application in result["applications"]:
-        _show_application(spec, result, application)
-    for run in result["failed"]:
-        line(f"run {run['run_id']} failed: {run['reason']}")
-    if "history" in result:
-        heading("History")
-    for event in result.get("history", ()):
-        run_id = "" if event["run_id"] is None else f" run {event['run_id']}"
-        stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
-        detail = ", ".join(f"{name} {value}" for name, value in (event["detail"] or {}).items())
-        line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
-
-
-def _simulated_by(found: Mapping[str, Any]) -> str:
-    """Runs of each rung with the largest bound, and the checks."""
-    parts = [
-        f"{rung} {own['runs']}" + (f" (error at most {own['bound']:.2g})" if own["bound"] > 0.0 else "")
-        for rung, own in found["rungs"].items()
-    ]
-    checks = f"{found['checks']} checked, {found['violations'] or 'no'} bound violated"
-    return f"{', '.join(parts)}; {checks}"
-
-
-def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application: Mapping[str, Any]) -> None:
-    look = application["last_look"]
-    if look is None:
-        heading(application["name"])
-        line(application.get("reason") or "no scored run yet", 2)
-        return
-    best, unit = look["optimum"], application["unit"]
-    rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in spec.factors]
-    show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
-    line(f"mean score {_known(best['mean'])} {unit}".rstrip())
-    for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
-        if kind in best:
-            watched = f", target \u00b1 {result['target_half_width']:g}" if kind == result["interval"] else ""
-            line(f"{words}: \u00b1 {_known(best[kind]['half_width'])}{watched}", 2)
-    heading("Decision: stop" if look["held"] else "Decision: go on")
-    for reason in look["reasons"]:
-        line(f"- {reason}", 2)
 
 
 def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
@@ -109,8 +28,8 @@ def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
         for application in one["applications"]:
             look = application["last_look"]
             unit = application["unit"]
-            mean = "-" if look is None else f"{_known(look['optimum']['mean'])} {unit}".rstrip()
-            width = "-" if look is None else f"\u00b1 {_known(look['half_width'])}"
+            mean = "-" if look is None else f"{known_text(look['optimum']['mean'])} {unit}".rstrip()
+            width = "-" if look is None else f"\u00b1 {known_text(look['half_width'])}"
             decision = "-" if look is None else "stop" if look["held"] else "go on"
             rows.append([one["folder"], *counts, application["name"], mean, width, target, decision])
     heads = ["campaign", "scored", "waiting", "failed", "application", "optimum", "half-width", "target", "decision"]
@@ -121,8 +40,9 @@ def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
             line(f"{one['folder']}: {one['error']}")
 
 
-def _known(value: float | None) -> str:
-    return "-" if value is None else number(value, 3)
+def known_text(value: float | None) -> str:
+    """A stored score or half-width, which is None where there was none."""
+    return "-" if value is None else format_significant(value, 3)
 
 
 def show_templates(found: Mapping[str, str]) -> None:
@@ -155,7 +75,9 @@ def show_proposals(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
 def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
     """Runs that were carried out."""
     for run in runs:
-        found = ", ".join(f"{score.application} {number(score.score)}" for score in run.scores) or run.reason
+        found = (
+            ", ".join(f"{score.application} {format_significant(score.score, 4)}" for score in run.scores) or run.reason
+        )
         line(f"run {run.run_id}: {run.state}, {found} ({settings_text(spec.factors, run.settings)})")
     line(f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} carried out")
 
@@ -186,8 +108,8 @@ def show_ingest(report: IngestReport) -> None:
                 [
                     one.interpreter,
                     str(one.rankings),
-                    number(one.sharpness, 2),
-                    f"{number(one.low, 2)} to {number(one.high, 2)}",
+                    format_significant(one.sharpness, 2),
+                    f"{format_significant(one.low, 2)} to {format_significant(one.high, 2)}",
                     "-" if one.agreement is None else f"{one.agreement:.2f}",
                 ]
                 for one in summary.interpreters
@@ -208,7 +130,7 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
             rows = [[category, f"{100 * share:.2f} %"] for category, share in value.items()]
             show_table(["category", "share"], rows)
         elif isinstance(value, float):
-            line(f"{name}: {number(value)}")
+            line(f"{name}: {format_significant(value, 4)}")
         elif isinstance(value, int | str):
             line(f"{name}: {value}")
     if scene.temperature_k is not None:

@@ -1,17 +1,21 @@
-"""What was found in the scores, on the terminal: the sections of the report, the summary last."""
+"""What was found in the scores, on the terminal: all of it with the summary last, a look in a line, where it stands."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.blocks import show_blocks, show_sections
-from seqrsm.cli.console import heading, line
+from seqrsm.cli.console import heading, line, say, show_table
+from seqrsm.cli.show import known_text
+from seqrsm.design.factors import setting_with_unit
+from seqrsm.report.rounding import format_significant
 from seqrsm.report.sections.application import application_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import summary_section
+from seqrsm.report.wording import interval_names, watched_interval
 
 if TYPE_CHECKING:
     from seqrsm.analysis.compromise import CompromiseEstimate
@@ -19,6 +23,7 @@ if TYPE_CHECKING:
     from seqrsm.analysis.study import TermTest
     from seqrsm.campaign.campaign import Campaign
     from seqrsm.campaign.loop import Outcome
+    from seqrsm.spec.read import CampaignSpec
 
 
 def show_fit(
@@ -51,3 +56,77 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
         line("Stopped for futility." if outcome.futile else "The budget ended the campaign.")
     split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())
     line(f"{outcome.n_scored} runs scored in all; time: {split}")
+
+
+def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
+    """One line a look, on stderr: score, half-width against its target, and what is still missing."""
+    decision = analysis.decision
+    name = f"{analysis.application}: " if len(spec.applications) > 1 else ""
+    missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
+    rest = (
+        "the stop rule holds" if decision.held else f"missing: {', '.join(missing)}" if missing else "to be confirmed"
+    )
+    mean = f"{format_significant(analysis.optimum.mean, 3)} {analysis.score_unit}".rstrip()
+    say(
+        f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
+        f"(target {spec.stop.half_width:g})  {rest}"
+    )
+
+
+def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
+    """Where the campaign stands."""
+    states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
+    rows = [
+        ["runs", states],
+        ["budget", f"{result['max_runs']} runs; cost spent {result['cost_spent']:g}"],
+        [
+            "target",
+            f"{watched_interval(spec.stop)}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
+        ],
+    ]
+    if result["simulated_by"] is not None:
+        rows.append(["simulated by", _simulated_by(result["simulated_by"])])
+    if (shared := result["common_random_numbers"])["runs"]:
+        text = f"shared by {shared['runs']} runs, in {shared['occasions']} occasions that are blocks of the fit"
+        rows.append(["random numbers", text])
+    show_table((), rows, title=f"campaign {result['campaign']}", sides=("left",))
+    for application in result["applications"]:
+        _show_application(spec, result, application)
+    for run in result["failed"]:
+        line(f"run {run['run_id']} failed: {run['reason']}")
+    if "history" in result:
+        heading("History")
+    for event in result.get("history", ()):
+        run_id = "" if event["run_id"] is None else f" run {event['run_id']}"
+        stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
+        detail = ", ".join(f"{name} {value}" for name, value in (event["detail"] or {}).items())
+        line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
+
+
+def _simulated_by(found: Mapping[str, Any]) -> str:
+    """Runs of each rung with the largest bound, and the checks."""
+    parts = [
+        f"{rung} {own['runs']}" + (f" (error at most {own['bound']:.2g})" if own["bound"] > 0.0 else "")
+        for rung, own in found["rungs"].items()
+    ]
+    checks = f"{found['checks']} checked, {found['violations'] or 'no'} bound violated"
+    return f"{', '.join(parts)}; {checks}"
+
+
+def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application: Mapping[str, Any]) -> None:
+    look = application["last_look"]
+    if look is None:
+        heading(application["name"])
+        line(application.get("reason") or "no scored run yet", 2)
+        return
+    best, unit = look["optimum"], application["unit"]
+    rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in spec.factors]
+    show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
+    line(f"mean score {known_text(best['mean'])} {unit}".rstrip())
+    for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
+        if kind in best:
+            watched = f", target \u00b1 {result['target_half_width']:g}" if kind == result["interval"] else ""
+            line(f"{words}: \u00b1 {known_text(best[kind]['half_width'])}{watched}", 2)
+    heading("Decision: stop" if look["held"] else "Decision: go on")
+    for reason in look["reasons"]:
+        line(f"- {reason}", 2)

@@ -9,7 +9,7 @@ what is `Details.long` or `Column.extra` only that it is there. What it shows it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -245,6 +245,15 @@ class Section:
     blocks: tuple[Block, ...]
     sections: tuple[Section, ...] = ()
     new_page: bool = False
+
+
+def unfolded(blocks: Iterable[Block]) -> Iterator[Block]:
+    """Blocks in their order, those of `Details` in its place."""
+    for block in blocks:
+        if isinstance(block, Details):
+            yield from unfolded(block.blocks)
+        else:
+            yield block
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from seqrsm.store.records import LookRecord
 
@@ -26,8 +25,8 @@ class Look:
         Estimated score at that optimum.
     settings : Mapping
         Optimum of that look, natural units.
-    held : bool or None
-        Whether the stop rule held; None where it was not recorded.
+    held : bool
+        Whether the stop rule held.
     """
 
     n_runs: int
@@ -36,13 +35,13 @@ class Look:
     prediction_half_width: float
     mean: float
     settings: Mapping[str, float | str]
-    held: bool | None
+    held: bool
 
 
 def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, ...]:
     """Read the looks of one application, in order; of two at the same number of runs the later one counts.
 
-    The summary is either flat or shaped like ``fit --json`` (``optimum`` and ``stop`` inside).
+    Their summaries are those of `seqrsm.analysis.to_json.look_summary`.
     """
     looks: dict[int, Look] = {}
     for record in sorted((r for r in records if r.application == application), key=lambda r: r.look):
@@ -51,37 +50,17 @@ def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, .
 
 
 def _read(record: LookRecord) -> Look:
-    summary = record.summary
-    optimum = _mapping(summary.get("optimum")) or summary
-    stop = _mapping(summary.get("stop"))
-    held = summary.get("held", stop.get("held"))
-    settings = _mapping(optimum.get("settings")) or _mapping(summary.get("settings"))
+    summary, optimum = record.summary, record.summary["optimum"]
     return Look(
         n_runs=record.after_run,
-        half_width=_number(summary.get("half_width", stop.get("half_width"))),
-        confidence_half_width=_half_width(optimum, "confidence"),
-        prediction_half_width=_half_width(optimum, "prediction"),
-        mean=_number(optimum.get("mean")),
-        settings={str(name): value if isinstance(value, str) else _number(value) for name, value in settings.items()},
-        held=held if isinstance(held, bool) else None,
+        half_width=_number(summary["half_width"]),
+        confidence_half_width=_number(optimum["confidence"]["half_width"]),
+        prediction_half_width=_number(optimum["prediction"]["half_width"]),
+        mean=_number(optimum["mean"]),
+        settings=dict(optimum["settings"]),
+        held=summary["held"],
     )
 
 
-def _mapping(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else math.nan
-
-
-def _half_width(optimum: Mapping[str, Any], name: str) -> float:
-    flat = optimum.get(f"{name}_half_width")
-    if flat is not None:
-        return _number(flat)
-    interval = optimum.get(name)
-    if isinstance(interval, Mapping):
-        if interval.get("half_width") is not None:
-            return _number(interval["half_width"])
-        return 0.5 * (_number(interval.get("high")) - _number(interval.get("low")))
-    return math.nan
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

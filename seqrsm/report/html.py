@@ -9,7 +9,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from seqrsm.report.blocks import Block, Details, Equation, Report, Section
+from seqrsm.report.blocks import Equation, Report, Section, unfolded
 from seqrsm.report.figures.drawing import svg_for_html
 from seqrsm.report.mathml import equations_to_mathml
 
@@ -51,16 +51,8 @@ def render_html(report: Report) -> str:
 
 def _equations(sections: tuple[Section, ...]) -> Iterator[Equation]:
     """Yield every equation of a report."""
-
-    def among(blocks: tuple[Block, ...]) -> Iterator[Equation]:
-        for block in blocks:
-            if isinstance(block, Equation):
-                yield block
-            elif isinstance(block, Details):
-                yield from among(block.blocks)
-
     for section in sections:
-        yield from among(section.blocks)
+        yield from (block for block in unfolded(section.blocks) if isinstance(block, Equation))
         yield from _equations(section.sections)
 
 

@@ -84,11 +84,6 @@ def format_significant(value: float, digits: int = 3) -> str:
     return format_number(value, decimals_of_significant(value, digits))
 
 
-def format_with_uncertainty(value: float, uncertainty: float) -> str:
-    """Format a value to the digits its uncertainty supports; three significant digits where that is unknown."""
-    return format_number(value, decimals_for(uncertainty, decimals_of_significant(value, 3)))
-
-
 def format_plus_minus(value: float, uncertainty: float, decimals: int | None = None) -> str:
     """Format ``value ± uncertainty``, both to the same decimal place: that of the uncertainty unless given."""
     if decimals is None:

@@ -336,8 +336,7 @@ def level_probabilities(analysis: Analysis, factor: Factor) -> dict[str, float]:
 
 def settings_sentence(analysis: Analysis) -> str:
     """Return the recommended settings: ``"frequency 9.4 GHz, resolution 12 m and polarization HV"``."""
-    parts = [f"{readable(factor.name)} {optimum_setting_text(analysis, factor)}" for factor in analysis.region.factors]
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return listing([f"{readable(f.name)} {optimum_setting_text(analysis, f)}" for f in analysis.region.factors])
 
 
 def level_phrase(analysis: Analysis) -> str:

@@ -49,7 +49,7 @@ except SystemExit:
 
 def test_fit_and_status_load_no_engine() -> None:
     """numba and the engines, and what draws and typesets, take time that only runs, proposals and reports need."""
-    found = loaded_by("import seqrsm.campaign.campaign, seqrsm.analysis.to_json, seqrsm.cli.show_fit, seqrsm.cli.show")
+    found = loaded_by("import seqrsm.campaign.campaign, seqrsm.analysis.to_json, seqrsm.cli.show_fit")
     assert "sqlalchemy" in found
     assert not found & {"numba", "matplotlib", "jinja2", "typst"}
 

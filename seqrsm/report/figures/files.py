@@ -7,14 +7,13 @@ import csv
 import io
 import json
 import math
-import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 from seqrsm.progress import tell
-from seqrsm.report.blocks import Block, Details, FigureBlock, Panel, PanelData, Report, Section
+from seqrsm.report.blocks import FigureBlock, Panel, PanelData, Report, Section, unfolded
 from seqrsm.report.files import put
 from seqrsm.report.wording import slug
 
@@ -53,7 +52,7 @@ def write_figures(report: Report, folder: Path) -> tuple[Path, ...]:
         made = {
             ".svg": _svg(panel).encode("utf-8"),
             ".pdf": _typeset(panel, title, "pdf"),
-            ".png": panel.png or figure_png(panel, title),
+            ".png": panel.png or _typeset(panel, title, "png"),
         }
         if panel.data is not None:
             made[".csv"] = _csv_text(panel.data()).encode("utf-8")
@@ -79,28 +78,12 @@ def named_panels(report: Report) -> Iterator[tuple[str, str, str, Panel]]:
 
 def _panels(sections: tuple[Section, ...], prefix: str) -> Iterator[tuple[str, str, str, Panel]]:
     for section in sections:
-        for block in _figures(section.blocks):
+        figures = (block for block in unfolded(section.blocks) if isinstance(block, FigureBlock))
+        for block in figures:
             for panel in block.panels:
                 if panel.name:
                     yield panel.title or section.title, block.caption, prefix, panel
         yield from _panels(section.sections, f"{slug(section.title)}-" if section.sections else prefix)
-
-
-def _figures(blocks: tuple[Block, ...]) -> Iterator[FigureBlock]:
-    for block in blocks:
-        if isinstance(block, FigureBlock):
-            yield block
-        elif isinstance(block, Details):
-            yield from _figures(block.blocks)
-
-
-def figure_png(panel: Panel, title: str, width_px: int | None = None) -> bytes:
-    """Return a drawing as PNG on white, at 300 dots per inch or ``width_px`` pixels wide."""
-    ppi = _PPI
-    if width_px is not None:
-        width = re.search(r'\swidth="([\d.]+)pt"', panel.svg)
-        ppi = 72.0 * width_px / (float(width[1]) if width else _BITMAP_WIDTH_PT)
-    return _typeset(panel, title, "png", ppi)
 
 
 def _svg(panel: Panel) -> str:
@@ -117,8 +100,8 @@ def _svg(panel: Panel) -> str:
     )
 
 
-def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"], ppi: float = _PPI) -> bytes:
-    """Set one picture on a page of its own size."""
+def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"]) -> bytes:
+    """Set one picture on a page of its own size, a bitmap on white at 300 dots per inch."""
     import typst
 
     picture = list(panel.png) if panel.png else panel.svg
@@ -130,7 +113,7 @@ def _typeset(panel: Panel, title: str, form: Literal["pdf", "png"], ppi: float =
         "width": _BITMAP_WIDTH_PT if panel.png else None,
     }
     source = _SOURCE.replace(b"fill: none", b"fill: white") if form == "png" else _SOURCE
-    return bytes(typst.compile(source, format=form, ppi=ppi, sys_inputs={"about": json.dumps(about)}))
+    return bytes(typst.compile(source, format=form, ppi=_PPI, sys_inputs={"about": json.dumps(about)}))
 
 
 def _csv_text(data: PanelData) -> str:

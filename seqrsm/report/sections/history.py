@@ -118,7 +118,7 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
                 number_cell(width, look.half_width),
                 decimal_cell(look.mean, score_decimals(analysis)),
                 *settings,
-                "" if look.held is None else _holds(look.held),
+                _holds(look.held),
             )
         )
     columns: tuple[Head, ...] = (
