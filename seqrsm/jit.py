@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 from seqrsm import __version__
 
 _PACKAGE = Path(__file__).parent
-_KERNEL_FILES = "*/kernels*.py"
+_KERNEL_FILES = "**/kernels*.py"
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -11,7 +11,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from seqrsm.scene.scene import Scene, load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.scene import Scene
 
 STEP = 2
 

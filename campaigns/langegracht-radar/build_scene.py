@@ -17,7 +17,8 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels
-from seqrsm.scene.scene import NO_COVER, Scene, save_scene
+from seqrsm.scene.file import save_scene
+from seqrsm.scene.scene import NO_COVER, Scene
 
 SEED = 1979
 CROP_SHARES = {"Wheat": 0.30, "Corn": 0.25, "Oats": 0.10, "Vegetables": 0.20, "Forage": 0.10, "Bareground": 0.05}

@@ -17,7 +17,8 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.scene.fields import connected_patches, voronoi_labels
-from seqrsm.scene.scene import NO_COVER, Scene, save_scene
+from seqrsm.scene.file import save_scene
+from seqrsm.scene.scene import NO_COVER, Scene
 
 SEED = 1979
 COVER = {

@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
+from seqrsm.analysis.conclude import stop_rule
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analyse import stop_rule
-from seqrsm.campaign.engines import ENGINES
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import NO_RUN, carry_out, configuration, scene_at, task_of
-from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, fixed_problem, load_spec
-from seqrsm.campaign.store import STORE_NAME, Store
+from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_image, task_of
 from seqrsm.decide.stopping import target_problem
-from seqrsm.design.factors import setting_text
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import FitError, Problem, SpecError
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.store.store import STORE_NAME, Store
 
 PROBES = 4
 """Simulations at the centre of the region, for each level of the categorical factors, that measure noise and time; they
@@ -131,95 +130,8 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     return result
 
 
-def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
-    """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
-
-    Returns
-    -------
-    tuple of str
-        What combinations of the parameters do, such as gaps between lines, and where.
-
-    Raises
-    ------
-    UserError
-        What is wrong with them.
-    """
-    if spec.simulator is None:
-        raise SpecError(
-            Problem(
-                "this campaign has no simulator: its scores are measured",
-                "Propose flights (`seqrsm propose --source flight`), then `seqrsm ingest` and `seqrsm fit`.",
-            )
-        )
-    if not bool(np.any(scene_at(str(spec.scene_path)).scored)):
-        raise SpecError(
-            Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
-        )
-    centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
-    combinations = _check_sensors(spec)
-    first = carry_out(centre)
-    if first.failure:
-        raise SpecError(
-            Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
-        )
-    return combinations
-
-
-def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
-    """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
-
-    Returns
-    -------
-    tuple of str
-        Each kind of note of the sensors, how often it was met, and one example.
-
-    Raises
-    ------
-    SpecError
-        The settings that cannot be flown, with the numbers.
-    """
-    scene = scene_at(str(spec.scene_path))
-    points = _corners(spec)
-    found: dict[str, tuple[Problem, list[str]]] = {}
-    met: dict[str, list[str]] = {}
-    for settings in spec.region.decode(points):
-        shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
-        try:
-            task = task_of(spec, 0, settings)
-            engine = ENGINES[task.engine]
-            for note in engine.examine(scene, configuration(task), engine.table(task.table)):
-                met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
-        except UserError as error:
-            for problem in error.problems:
-                found.setdefault(str(problem), (problem, []))[1].append(shown)
-    if found:
-        told = [_sensor_problem(spec, problem, where, len(points)) for problem, where in found.values()]
-        raise SpecError(*told[:10])
-    return tuple(
-        f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
-        for kind, notes in met.items()
-    )
-
-
-def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], n_points: int) -> Problem:
-    """A sensor's problem with its place in campaign.toml: what is wrong everywhere does not lie with a factor."""
-    if problem.file is not None:
-        return problem
-    if len(where) == n_points and problem.field not in spec.region.names:
-        return fixed_problem(spec, problem)
-    text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
-    return Problem(text, "Narrow the factor, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
-
-
-def _corners(spec: CampaignSpec) -> FloatArray:
-    corners = spec.region.candidates(n_continuous_levels=3, limit=3000)
-    return corners[:3000]
-
-
 def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[float, int, float, tuple[str, ...]]:
     """Noise, its degrees of freedom, and seconds of a simulated run, from runs that are not kept."""
-    from seqrsm.campaign.simulation import simulate_image
-
     points = [_with_levels(spec, levels) for levels in spec.region.level_combinations()]
     settings = [spec.region.decode(point)[0] for point in points if spec.region.feasible(point)[0]][:8]
     # Ids far beyond any campaign's: their occasions are no run's.
@@ -251,9 +163,6 @@ def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:
 
 def _noise_of_scores(spec: CampaignSpec) -> tuple[float, int, str]:
     """Residual standard deviation of the scores already there, and its degrees of freedom."""
-    from seqrsm.campaign.loop import Campaign
-    from seqrsm.errors import FitError
-
     store = Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed)
     try:
         analyses: Sequence[Any] = Campaign(spec, store).analyse_all()

@@ -56,8 +56,8 @@ def _warm_up() -> dict[str, float]:
     from seqrsm.score.retrieval import percent_correct_radiometer
     from seqrsm.sensor import radiometer
     from seqrsm.sensor.radar import from_settings
-    from seqrsm.simulate.prm import simulate_radiometer
-    from seqrsm.simulate.psm import simulate_radar
+    from seqrsm.simulate.radar.psm import simulate_radar
+    from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
     start = time.perf_counter()
     factors = (ContinuousFactor("x", -1.0, 1.0), ContinuousFactor("y", -1.0, 1.0))

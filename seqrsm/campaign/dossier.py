@@ -2,71 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import platform
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any
 
-from seqrsm.arrays import AnyArray
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.compromise import CompromiseEstimate
-from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord
-from seqrsm.campaign.spec import CampaignSpec
-
-
-@dataclass(frozen=True, slots=True)
-class ImagePanel:
-    """One simulated image with what is needed to read it.
-
-    Attributes
-    ----------
-    title : str
-        For example "At the optimum".
-    settings : Mapping[str, float | str]
-        Sensor settings in natural units, by factor name.
-    channels : tuple of str
-        Polarization of each plane of ``greytone``.
-    greytone : ndarray (channels, across, along) of uint8
-        RSL TR 380-1 eq. (3-18); across the track from near to far range, or in the direction of the sweep.
-    pixel_m : float
-        Ground size of a pixel [m].
-    score, score_se : float
-        Utility of this image and its standard error, in score units.
-    caption : str
-        What the image shows and what was drawn at random.
-    """
-
-    title: str
-    settings: Mapping[str, float | str]
-    channels: tuple[str, ...]
-    greytone: AnyArray
-    pixel_m: float
-    score: float
-    score_se: float
-    caption: str
-
-
-@dataclass(frozen=True, slots=True)
-class TruthPanel:
-    """The ground truth in the frame of the images.
-
-    Attributes
-    ----------
-    cover : ndarray (range, azimuth) of uint8
-        Index into ``categories``; 255 is no data.
-    categories : tuple of str
-        Names of the cover categories.
-    cell_m : float
-        Size of a data-base cell [m].
-    name, licence, provenance : str
-        What the site is, and its terms of use.
-    """
-
-    cover: AnyArray
-    categories: tuple[str, ...]
-    cell_m: float
-    name: str
-    licence: str
-    provenance: str
+from seqrsm import __version__
+from seqrsm.analysis.compromise import CompromiseEstimate
+from seqrsm.analysis.results import Analysis
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, explain_image, report_pictures, truth_panel
+from seqrsm.campaign.simulation import NO_RUN
+from seqrsm.campaign.tradeoff import read_tradeoff
+from seqrsm.errors import UserError
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,3 +68,112 @@ class Dossier:
     compromise: CompromiseEstimate | None = None
     tradeoff: Mapping[str, Any] | None = None
     plan: Mapping[str, Any] | None = None
+
+
+def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
+    """Dossier of a campaign as it stands.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    step : callable
+        Told what is being done.
+
+    Raises
+    ------
+    FitError
+        Too few scores for a response surface.
+    ConvergenceError
+        The sampler did not converge.
+    """
+    spec, store = campaign.spec, campaign.store
+    step("sampling the posterior")
+    analyses = campaign.analyse_all(sampler="emcee", thorough=True)
+    pictures, assumptions = Pictures((), None, ()), _measured_assumptions(campaign)
+    if spec.simulator is not None:
+        step("simulating pictures")
+        pictures = report_pictures(campaign, analyses)
+    return Dossier(
+        spec=spec,
+        analyses=analyses,
+        runs=store.runs(),
+        looks=store.looks(),
+        events=store.events(),
+        images=pictures.panels,
+        truth=pictures.truth,
+        assumptions=(*assumptions, *pictures.notes),
+        provenance=_provenance(campaign),
+        reproduce=_reproduce(campaign),
+        compromise=campaign.compromise(analyses),
+        tradeoff=read_tradeoff(spec.folder),
+        plan=_plan(campaign),
+    )
+
+
+def _plan(campaign: Campaign) -> Mapping[str, Any] | None:
+    """The planner's verdicts at the recommended settings; None without a simulator, or where it cannot work there."""
+    if campaign.spec.simulator is None:
+        return None
+    try:
+        return explain_image(campaign, (), NO_RUN)
+    except UserError:
+        return None
+
+
+def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
+    spec = campaign.spec
+    errors = {
+        "normal": "normal",
+        "student_t": "Student-t with 4 degrees of freedom",
+        "beta_binomial": "beta-binomial, with one correlation of the decisions within a run",
+    }[spec.model.errors]
+    variance = {
+        "equal": "equal variance",
+        "se": "variance in proportion to the square of their standard errors",
+        "counts": "variance in proportion to that of independent decisions, as many as were counted",
+    }[spec.model.weights]
+    found = [
+        f"errors of different runs are independent, {errors}, with {variance}"
+        + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
+        f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region",
+    ]
+    if spec.simulator is not None:
+        size = spec.runs_an_occasion
+        own = "each simulated run is one occasion"
+        if size is not None:
+            own = f"up to {size} simulated runs share one occasion and are a block of the fit (common random numbers)"
+        found.append(
+            f"{own}: backscatter of fields and dates, soil moisture, wind, fading, receiver noise and the training "
+            f"sample are drawn anew from the campaign's seed and the {'run' if size is None else 'occasion'}'s "
+            f"{'id' if size is None else 'number'}"
+        )
+    return tuple(found)
+
+
+def _provenance(campaign: Campaign) -> dict[str, str]:
+    spec, store = campaign.spec, campaign.store
+    found = {
+        "campaign": spec.name,
+        "specification (SHA-256)": spec.spec_hash,
+        "seed": str(spec.seed),
+        "seqrsm": __version__,
+        "Python": platform.python_version(),
+        "libraries": ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "emcee")),
+    }
+    for file in store.files():
+        found[f"scores file {file.name}"] = f"{file.row_count} rows, SHA-256 {file.sha256}"
+    truth = truth_panel(spec, 0)
+    if truth is not None:
+        found["scene"] = truth.name
+        found["scene, licence"] = truth.licence
+        found["scene, provenance"] = truth.provenance
+    return found
+
+
+def _reproduce(campaign: Campaign) -> tuple[str, ...]:
+    name = campaign.folder.name
+    if campaign.spec.simulator is not None:
+        return (f"seqrsm run {name}", f"seqrsm report {name}")
+    inside = (campaign.folder / file.name for file in campaign.store.files())
+    files = [f"seqrsm ingest {name} {f'{name}/' if file.exists() else ''}{file.name}" for file in inside]
+    return (*files, f"seqrsm fit {name}", f"seqrsm report {name}")

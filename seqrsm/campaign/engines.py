@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
-from seqrsm.campaign.own_utility import call_utility, find_utility
-from seqrsm.errors import Problem, SpecError
+import numpy as np
+
+from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.own_code import own_function
 from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
@@ -22,18 +26,19 @@ from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.fidelity import Plan, RungPlan
-from seqrsm.simulate.fidelity_radar import plan_radar
-from seqrsm.simulate.fidelity_radiometer import plan_radiometer
-from seqrsm.simulate.frame import make_frame
-from seqrsm.simulate.ground import look_up
-from seqrsm.simulate.prm import check_radiometer, meet_radiometer, simulate_radiometer
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.prm_sample import radiometer_sample
-from seqrsm.simulate.psm import Precision, RadarImage, blind_channels, finer_than_cells, simulate_radar
-from seqrsm.simulate.psm_sample import meet, radar_record, radar_sample
-from seqrsm.simulate.receiver import named_function, transfer_function
+from seqrsm.simulate.radar.fidelity import plan_radar
+from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.ground import look_up
+from seqrsm.simulate.radar.psm import Precision, blind_channels, finer_than_cells, simulate_radar
+from seqrsm.simulate.radar.receiver import named_function, transfer_function
+from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radar.sample import meet, radar_record, radar_sample
+from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
+from seqrsm.simulate.radiometer.fidelity import plan_radiometer
+from seqrsm.simulate.radiometer.prm import check_radiometer, meet_radiometer, simulate_radiometer
+from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.simulate.radiometer.sample import radiometer_sample
 from seqrsm.simulate.sample import Sample
-from seqrsm.simulate.targets import CulturalTarget, check_targets, load_targets
 
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration
@@ -339,3 +344,56 @@ ENGINES: Mapping[str, Engine] = {
         masks=("blocked",),
     ),
 }
+
+
+_FIELD = "[[application]] utility"
+
+
+def find_utility(name: str) -> Callable[..., Any]:
+    """The function called ``name``, "package.module:function" or "path/of/module.py:function".
+
+    Raises
+    ------
+    SpecError
+        It cannot be imported, whatever the reason.
+    """
+    try:
+        return own_function(name)
+    except Exception as error:  # the user's module may do anything
+        text = f"the utility cannot be imported: {_words(error)}"
+        remedy = "Put its module beside campaign.toml, or install its package."
+        raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
+
+
+def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -> UtilityScore:
+    """Score of an image by a utility of the user's own, which returns a `UtilityScore` or a number.
+
+    Raises
+    ------
+    SpecError
+        It cannot be imported, raises, or returns no finite score.
+    """
+    function = find_utility(name)
+    try:
+        found = function(image, scene, seed=seed, run_id=run_id)
+    except UserError:
+        raise
+    except Exception as error:  # the user's function may do anything
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"the utility failed: {_words(error)}"
+        remedy = f"See line {place.lineno} of {place.filename}."
+        raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
+    if isinstance(found, int | float | np.number) and not isinstance(found, bool):
+        found = UtilityScore(float(found), 0.0, 0, 0, np.zeros((0, 0), dtype=np.int64), {})
+    if not isinstance(found, UtilityScore):
+        text = (
+            f"the utility returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"
+        )
+        raise SpecError(Problem(text, "Return one of them.", field=_FIELD, value=name))
+    if not math.isfinite(found.value):
+        raise SpecError(Problem(f"the utility returned {found.value}", "Return a number.", field=_FIELD, value=name))
+    return found
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -14,10 +14,10 @@ from pathlib import Path
 
 from seqrsm import __version__
 from seqrsm.campaign.engines import ENGINES
-from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
-from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
-from seqrsm.campaign.store import Store
 from seqrsm.errors import Problem, StoreError
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
+from seqrsm.store.store import Store
 
 FORMAT = "seqrsm-export-1"
 MAX_ATTACHED = 20_000_000

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.campaign.records import EventRecord, RunRecord
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import EventRecord, RunRecord
 
 if TYPE_CHECKING:
     from seqrsm.campaign.simulation import FidelityCheck

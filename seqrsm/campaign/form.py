@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from seqrsm.campaign.export import safe_cell
-from seqrsm.campaign.records import RunRecord
-from seqrsm.campaign.spec import CampaignSpec
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import Problem, UserError
 from seqrsm.score.cells import FactorColumn
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import RunRecord
 
 
 def factor_columns(factors: Sequence[Factor]) -> list[FactorColumn]:

@@ -9,26 +9,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from seqrsm.analysis.occasions import occasion_of
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.campaign.dossier import ImagePanel, TruthPanel
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of
-from seqrsm.campaign.image_files import write_geotiff, write_mask, write_npz, write_png
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.occasions import occasion_of
-from seqrsm.campaign.pictures import GreyScale, Picture, grey_scales, greytones, picture_of
+from seqrsm.campaign.pictures import (
+    GreyScale,
+    Picture,
+    grey_scales,
+    greytones,
+    picture_of,
+    write_geotiff,
+    write_mask,
+    write_npz,
+    write_png,
+)
 from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
-from seqrsm.campaign.spec import CampaignSpec, fixed_problem
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
 from seqrsm.progress import tell
 from seqrsm.score.classification import UtilityScore
+from seqrsm.spec.read import CampaignSpec, fixed_problem
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
-    from seqrsm.campaign.loop import Campaign
+    from seqrsm.analysis.results import Analysis
+    from seqrsm.campaign.campaign import Campaign
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
@@ -191,6 +199,62 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
             text = f"{shown} breaks the constraint {constraint.expr}"
             problems.append(Problem(text, "Set the other factors, too", field="--set"))
     return problems or [Problem(f"{shown} lies outside the campaign's region", "See campaign.toml", field="--set")]
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePanel:
+    """One simulated image with what is needed to read it.
+
+    Attributes
+    ----------
+    title : str
+        For example "At the optimum".
+    settings : Mapping[str, float | str]
+        Sensor settings in natural units, by factor name.
+    channels : tuple of str
+        Polarization of each plane of ``greytone``.
+    greytone : ndarray (channels, across, along) of uint8
+        RSL TR 380-1 eq. (3-18); across the track from near to far range, or in the direction of the sweep.
+    pixel_m : float
+        Ground size of a pixel [m].
+    score, score_se : float
+        Utility of this image and its standard error, in score units.
+    caption : str
+        What the image shows and what was drawn at random.
+    """
+
+    title: str
+    settings: Mapping[str, float | str]
+    channels: tuple[str, ...]
+    greytone: AnyArray
+    pixel_m: float
+    score: float
+    score_se: float
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class TruthPanel:
+    """The ground truth in the frame of the images.
+
+    Attributes
+    ----------
+    cover : ndarray (range, azimuth) of uint8
+        Index into ``categories``; 255 is no data.
+    categories : tuple of str
+        Names of the cover categories.
+    cell_m : float
+        Size of a data-base cell [m].
+    name, licence, provenance : str
+        What the site is, and its terms of use.
+    """
+
+    cover: AnyArray
+    categories: tuple[str, ...]
+    cell_m: float
+    name: str
+    licence: str
+    provenance: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,329 +1,262 @@
-"""The campaign itself: the only stateful object. simulate or ingest -> fit -> decide -> propose -> again.
-
-All state is in the store. Every step first looks at what is there, so a campaign that was killed at any moment goes on
-where it was, and ends with the same result as one that was not.
-"""
+"""The closed loop: simulate, fit, decide and propose until the stop rule holds or there is no point in going on."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Literal
 
-from seqrsm.campaign.analyse import CONFIRMATION, analyse, scored_runs
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.compromise import CompromiseEstimate, campaign_compromise
-from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
-from seqrsm.campaign.heartbeat import heartbeat
-from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
-from seqrsm.campaign.occasions import occasion_of, share_occasions
-from seqrsm.campaign.posterior import Sampler
-from seqrsm.campaign.records import NewRun, RunRecord
-from seqrsm.campaign.serialise import look_summary
-from seqrsm.campaign.spec import CampaignSpec, load_spec
-from seqrsm.campaign.store import Store
-from seqrsm.campaign.surface import block_labels, occasions_shared
+from seqrsm.analysis.compromise import CompromiseEstimate
+from seqrsm.analysis.conclude import CONFIRMATION
+from seqrsm.analysis.fitted import confirmation_reason
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.campaign.campaign import WAITING, Campaign, Progress, n_fitted, silent
+from seqrsm.campaign.next_runs import rounded_settings, start_size
+from seqrsm.campaign.simulation import check_simulator
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.store.records import NewRun, RunRecord
 
-if TYPE_CHECKING:
-    from seqrsm.campaign.closed_loop import Outcome
-    from seqrsm.campaign.ingest import IngestReport
-
-Progress = Callable[[int, int], None]
-WAITING = ("proposed", "issued", "running")
-MAX_ATTEMPTS = 3
-"""How often a simulated run is begun that fails through no fault of its settings."""
+Ending = Literal["stop", "budget spent", "futility"]
 
 
-def _silent(*_: object) -> None:
-    pass
-
-
-def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
-    """Scores that can be fitted, of the application that has the fewest; each occasion more takes one."""
-    scored = [scored_runs(spec.region, runs, one.name) for one in spec.applications]
-    return min(
-        len(data.scores) - (occasions_shared(data) > 0) * (len(set(block_labels(spec, data))) - 1) for data in scored
-    )
-
-
-class Campaign:
-    """A campaign folder, open.
-
-    Parameters
-    ----------
-    spec : CampaignSpec
-    store : Store
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a call of `run_campaign` ended.
 
     Attributes
     ----------
-    folder : Path
-        The campaign's folder.
+    held : bool
+        The stop rule holds; otherwise the budget is spent, or
+    futile : bool
+        going on was found useless and ``[stop] futility = "stop"``.
+    analyses : tuple of Analysis
+        One for each application.
+    seconds : dict
+        Time spent by stage in this call [s].
+    n_scored : int
+        Scored runs in all, confirmation runs included.
+    compromise : CompromiseEstimate or None
+        Over several applications and considerations.
     """
 
-    def __init__(self, spec: CampaignSpec, store: Store) -> None:
-        self.spec = spec
-        self.store = store
-        self.folder = spec.folder
+    held: bool
+    analyses: tuple[Analysis, ...]
+    seconds: dict[str, float]
+    n_scored: int
+    compromise: CompromiseEstimate | None = None
+    futile: bool = False
 
-    @classmethod
-    def open(cls, folder: Path) -> Self:
-        """Open the campaign in ``folder``, making its store at the first use.
+    def to_json(self) -> dict[str, Any]:
+        """Outcome as a JSON document."""
+        return {
+            "held": self.held,
+            "futile": self.futile,
+            "n_scored": self.n_scored,
+            "seconds": self.seconds,
+            "applications": [analysis_to_json(analysis) for analysis in self.analyses],
+            "compromise": None if self.compromise is None else self.compromise.to_json(),
+        }
 
-        Raises
-        ------
-        SpecError, StoreError
-        """
-        spec = load_spec(folder)
-        store = Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed)
-        return cls(spec, store)
 
-    # -- looking --------------------------------------------------------------------------------------------------
+def run_campaign(
+    campaign: Campaign,
+    *,
+    max_runs: int | None = None,
+    batch: int | None = None,
+    workers: int = 1,
+    cluster: str | None = None,
+    on_progress: Progress = silent,
+    on_look: Callable[[Analysis], None] = silent,
+    say: Callable[[str], None] = silent,
+) -> Outcome:
+    """Simulate, fit, decide and propose until the stop rule holds, the budget is spent, or going on is useless.
 
-    def analyse_all(
-        self,
-        application: str | None = None,
-        *,
-        sampler: Sampler = "exact",
-        n_draws: int = 4000,
-        thorough: bool = False,
-    ) -> tuple[Analysis, ...]:
-        """Analysis of every application, or of the one named; ``thorough`` adds the study of each.
+    Parameters
+    ----------
+    campaign : Campaign
+    max_runs, batch : int, optional
+        In place of the campaign's own.
+    workers, cluster
+        Where to simulate.
+    on_progress, on_look, say : callables
+        Told of every run (done, total), every look, and every step in words.
 
-        Raises
-        ------
-        FitError, ConvergenceError, SpecError
-        """
-        wanted = self.spec.applications if application is None else (self.spec.application(application),)
-        runs = self.store.runs()
-        return tuple(
-            analyse(
-                self.spec, app, runs, self.store.looks(app.name), sampler=sampler, n_draws=n_draws, thorough=thorough
-            )
-            for app in wanted
-        )
+    Raises
+    ------
+    UserError
+        No run of the start design, or of several batches after it, gave a score, and with what reasons.
+    """
+    simulate = partial(campaign.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
+    loop = _ClosedLoop(campaign, simulate, on_look, say)
+    return loop.run(max_runs or campaign.spec.stop.max_runs, batch or campaign.spec.batch)
 
-    def compromise(self, analyses: Sequence[Analysis] | None = None) -> CompromiseEstimate | None:
-        """The compromise over all applications and considerations; None where there is nothing to weigh."""
-        return campaign_compromise(self.spec, self.analyse_all() if analyses is None else analyses)
 
-    def look(self) -> tuple[Analysis, ...]:
-        """Analyse what is there and record it once: a second look at the same runs is not a look."""
-        analyses = self.analyse_all(n_draws=1000)
-        self._record_looks(analyses)
-        return analyses
+@dataclass(frozen=True, slots=True)
+class _ClosedLoop:
+    """One call of `run_campaign`.
 
-    def _record_looks(self, analyses: Sequence[Analysis]) -> None:
-        for analysis in analyses:
-            last = self.store.looks(analysis.application)
-            if not last or last[-1].after_run != analysis.n_scored:
-                known = last[-1].summary.get("region", {}).get("history", []) if last else []
-                for change in analysis.region_history[len(known) :]:
-                    self.store.add_event("region", {"application": analysis.application, "text": change.text})
-                self.store.record_look(analysis.n_scored, analysis.application, look_summary(analysis))
+    Attributes
+    ----------
+    campaign : Campaign
+    simulate : callable
+        Carries out what is issued, where the user wants it; returns the runs it carried out.
+    on_look, say : callables
+        Told of every look, and of every step in words.
+    seconds : dict
+        Time spent so far by stage [s].
+    """
 
-    # -- proposing ------------------------------------------------------------------------------------------------
+    campaign: Campaign
+    simulate: Callable[[], Sequence[RunRecord]]
+    on_look: Callable[[Analysis], None]
+    say: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
 
-    def propose(
-        self,
-        n: int | None = None,
-        *,
-        source: str = "simulation",
-        csv: Path | None = None,
-        analyses: Sequence[Analysis] | None = None,
-    ) -> tuple[RunRecord, ...]:
-        """Issue the next runs, flights in random order; the first call issues the start design.
+    def run(self, budget: int, batch: int) -> Outcome:
+        """Go on from what is in the store to the end; see `run_campaign`.
 
         Parameters
         ----------
-        n : int, optional
-            Runs wanted; the campaign's batch by default. The start design has its own size.
-        source : "simulation", "flight" or "best"
-            "best" takes for each run the source that gains more for its cost.
-        csv : Path, optional
-            Form for a flight crew, one row a run, the score left empty.
-        analyses : sequence of Analysis, optional
-            Of the scores as they are; made here if not given.
+        budget : int
+            Runs of the whole campaign, confirmation runs apart.
+        batch : int
+            Runs proposed at a time.
+        """
+        campaign, spec = self.campaign, self.campaign.spec
+        self._refuse_less_than_a_start(budget)
+        if spec.simulator is None and not campaign.store.runs(source="simulation"):
+            check_simulator(spec)
+        while True:
+            with self._timed("simulate"):
+                made = self.simulate()
+            self._refuse_hopeless(made)
+            if self._n_used() == 0:
+                self.say("checking the simulator with one image at the centre of the region")
+                check_simulator(spec)
+                self.say("searching the start design")
+                with self._timed("propose"):
+                    runs = campaign.propose()
+                self.say(f"start design of {len(runs)} runs")
+                continue
+            left = budget - self._n_used()
+            if self._too_few() and left > 0:
+                self.say("too few scores for a fit; going on with the start design")
+                with self._timed("propose"):
+                    campaign.propose()
+                continue
+            with self._timed("fit"):
+                analyses = campaign.look()
+            for analysis in analyses:
+                self.on_look(analysis)
+            if all(analysis.decision.held for analysis in analyses):
+                return self._finish("stop", analyses)
+            if any(analysis.decision.wants_confirmation for analysis in analyses):
+                self._add_confirmation(analyses)
+                continue
+            if left <= 0:
+                return self._finish("budget spent", analyses)
+            if spec.stop.futility == "stop" and self._futile(analyses):
+                return self._finish("futility", analyses)
+            with self._timed("propose"):
+                campaign.propose(min(batch, left), analyses=analyses)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        since = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
+
+    def _n_used(self) -> int:
+        """Runs that count against the budget."""
+        runs = self.campaign.store.runs()
+        return sum(run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION for run in runs)
+
+    def _too_few(self) -> bool:
+        """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
 
         Raises
         ------
-        UserError
-            Unknown source, a form that exists already, or too few scores and none to wait for.
+        StoreError
+            They wait for flights that nobody has scored.
         """
-        if source not in ("simulation", "flight", "best"):
+        spec, runs = self.campaign.spec, self.campaign.store.runs()
+        fitted = n_fitted(spec, runs)
+        terms = QuadraticModel(spec.factors, spec.model.order).p
+        flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
+        if fitted > terms or not flights:
+            return fitted <= terms
+        raise StoreError(
+            Problem(
+                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights wait for theirs",
+                "Take them in with `seqrsm ingest`, or give them up with `seqrsm void`; `run` simulates only.",
+            )
+        )
+
+    def _refuse_less_than_a_start(self, budget: int) -> None:
+        """A smaller budget for one call ends the campaign early, and nothing else; the start design is made whole."""
+        spec = self.campaign.spec
+        least = start_size(QuadraticModel(spec.factors, spec.model.order), spec)
+        if budget < least and self._n_used() == 0:
+            remedy = f"Give {least} or more, or leave it out."
+            raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
+
+    def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
+        """Batches without a single score would be proposed again for ever."""
+        if not made or any(run.state != "failed" for run in made):
+            return
+        attempts = self.campaign.spec.attempts
+        runs = [run for run in self.campaign.store.runs(source="simulation") if run.state in ("scored", "failed")]
+        batches = list(dict.fromkeys(run.batch for run in reversed(runs)))[:attempts]
+        last = [run for run in runs if run.batch in batches]
+        never = not any(run.state == "scored" for run in runs)
+        if never or (len(batches) == attempts and all(run.state == "failed" for run in last)):
+            reasons = list(dict.fromkeys(run.reason for run in reversed(last)))
             raise UserError(
-                Problem("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
+                *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])
             )
-        if csv is not None and csv.exists():
-            raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
-        if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
-            raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
-        made = self.store.runs()
-        proposed = self._proposals(made, n or self.spec.batch, source, analyses)
-        runs = in_random_order(proposed, self.spec.seed, len(made))
-        size, region = self.spec.runs_an_occasion, self.spec.region
-        deal = None if size is None else partial(share_occasions, size=size, region=region)
-        ids = self.store.add_batch(runs, issue=True, deal=deal)
-        records = tuple(run for run in self.store.runs() if run.run_id in set(ids))
-        if csv is not None:
-            from seqrsm.campaign.form import write_form
 
-            write_form(csv, self.spec, records)
-        return records
+    def _futile(self, analyses: Sequence[Analysis]) -> bool:
+        """Whether this look and the one before found going on useless for every application that does not hold yet."""
+        for analysis in analyses:
+            looks = self.campaign.store.looks(analysis.application)
+            before = looks[-2].summary.get("futility") if len(looks) > 1 else None
+            if not analysis.decision.held and not (analysis.decision.futility and before):
+                return False
+        return True
 
-    def _proposals(
-        self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
-    ) -> list[NewRun]:
-        active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
-        model = QuadraticModel(self.spec.factors, self.spec.model.order)
-        fitted = n_fitted(self.spec, runs)
-        failed = [run for run in runs if run.state == "failed"]
-        cheaper = "simulation" if self.spec.simulator is not None else "flight"
-        start_source = cheaper if source == "best" else source
-        if not active:
-            return start_batch(self.spec, model, start_source, failed=failed)
-        if fitted <= model.p:
-            waiting = [run for run in active if run.state in WAITING]
-            if len(active) <= model.p or not waiting:
-                return start_batch(self.spec, model, start_source, active, failed)
-            raise StoreError(
-                Problem(
-                    f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting",
-                    "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
-                )
+    def _finish(self, kind: Ending, analyses: Sequence[Analysis]) -> Outcome:
+        """Confirm what the last look's ``analyses`` recommend, where nothing has yet, and sample the posterior."""
+        campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
+        if held and campaign.spec.simulator is not None and any(a.confirmation is None for a in analyses):
+            self._add_confirmation(analyses)
+            with self._timed("simulate"):
+                self.simulate()
+        self.say("sampling the posterior")
+        with self._timed("sample"):
+            analyses = campaign.analyse_all(sampler="emcee")
+        n_scored = len(store.runs("scored"))
+        if not any(event.detail.get("n_scored") == n_scored for event in store.events(kind=kind)):
+            store.add_event(kind, {"n_scored": n_scored})
+        return Outcome(held, analyses, self.seconds, n_scored, campaign.compromise(analyses), kind == "futility")
+
+    def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:
+        """Fresh runs at the recommended settings; several applications each get their own."""
+        spec = self.campaign.spec
+        runs = [
+            NewRun(
+                rounded_settings(spec.region, spec.region.code([analysis.optimum.settings]))[0],
+                CONFIRMATION,
+                confirmation_reason(analysis.application),
+                cost=spec.cost.simulation,
             )
-        if not analyses:
-            analyses = self.analyse_all()
-            self._record_looks(analyses)  # whoever proposes and ingests only has looked, too
-        return next_batch(self.spec, analyses, active, n, source, failed)
-
-    # -- carrying out ---------------------------------------------------------------------------------------------
-
-    def simulate(
-        self, *, workers: int = 1, cluster: str | None = None, on_progress: Progress = _silent
-    ) -> tuple[RunRecord, ...]:
-        """Carry out every issued simulation run; each score is durable as soon as it is there.
-
-        Returns
-        -------
-        tuple of RunRecord
-            The runs carried out in this call, failed ones included.
-        """
-        self.store.release_stale()
-        proposed = [run.run_id for run in self.store.runs("proposed", source="simulation")]
-        if proposed:
-            self.store.issue(proposed)
-        waiting = {run.run_id: run for run in self.store.runs("issued", source="simulation")}
-        carried: set[int] = set()
-        waiting |= self._repeat_doubtful()
-        while waiting:
-            try:
-                claimed = self.store.claim(waiting)
-                carried |= {run.run_id for run in claimed}
-                again = self._carry_out(claimed, workers, cluster, on_progress)
-            finally:
-                self.store.release(waiting)
-            waiting = {run.run_id: run for run in again} | self._repeat_doubtful()
-        return tuple(run for run in self.store.runs() if run.run_id in carried)
-
-    def _repeat_doubtful(self) -> dict[int, RunRecord]:
-        """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""
-        widening = widening_of(self.store.events(kind=VIOLATED))
-        ids = to_repeat(self.spec, self.store.runs("scored"), widening) if widening else ()
-        if not ids:
-            return {}
-        made = self.store.repeat(ids, "a check found the bound of its simulation's error too small")
-        return {run.run_id: run for run in self.store.runs("issued") if run.run_id in made}
-
-    def _carry_out(
-        self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
-    ) -> list[RunRecord]:
-        """Simulate runs that this process holds; those that failed through no fault of theirs are to be tried again."""
-        from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
-        from seqrsm.simulate.runner import Lost, run_many
-
-        again: list[RunRecord] = []
-        if not claimed:
-            return again
-        widening = widening_of(self.store.events(kind=VIOLATED))
-        tasks = [
-            task_of(self.spec, run.run_id, run.proposed, widening, occasion_of(run.source, run.block))
-            for run in claimed
+            for analysis in analyses
+            if analysis.confirmation is None
+            for _ in range(spec.stop.confirmation_runs)
         ]
-        files = files_of(tasks[0]) if cluster is not None else ()
-        with heartbeat(self.store):
-            for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
-                run = claimed[index]
-                if isinstance(result, Lost):
-                    self.store.fail(run.run_id, result.reason)
-                elif not result.failure:
-                    self.store.record_scores(run.run_id, result.scores)
-                    if result.check is not None and result.check.violated:
-                        self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
-                else:
-                    self.store.fail(run.run_id, result.failure)
-                    if result.again and run.attempts < MAX_ATTEMPTS:
-                        self.store.issue([run.run_id])
-                        again.append(run)
-        return again
-
-    def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:
-        """Take in files of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
-        from seqrsm.campaign.ingest import ingest_files
-
-        return ingest_files(self.store, self.spec, files, dry_run=dry_run)
-
-    def void(self, run_id: int, why: str) -> None:
-        """Take a run out of the fit."""
-        self.store.void(run_id, why)
-
-    def export(self, file: Path) -> None:
-        """Write everything to ``file``, by its suffix .csv or .json."""
-        from seqrsm.campaign.export import export
-
-        export(self.store, self.spec, file)
-
-    # -- the closed loop ------------------------------------------------------------------------------------------
-
-    def run(
-        self,
-        *,
-        max_runs: int | None = None,
-        batch: int | None = None,
-        workers: int = 1,
-        cluster: str | None = None,
-        on_progress: Progress = _silent,
-        on_look: Callable[[Analysis], None] = _silent,
-        say: Callable[[str], None] = _silent,
-    ) -> Outcome:
-        """Simulate, fit, decide and propose until the stop rule holds, the budget is spent, or going on is useless.
-
-        Parameters
-        ----------
-        max_runs, batch : int, optional
-            In place of the campaign's own.
-        workers, cluster
-            Where to simulate.
-        on_progress, on_look, say : callables
-            Told of every run (done, total), every look, and every step in words.
-
-        Raises
-        ------
-        UserError
-            No run of the start design, or of several batches after it, gave a score, and with what reasons.
-        """
-        from seqrsm.campaign.closed_loop import ClosedLoop
-
-        simulate = partial(self.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
-        return ClosedLoop(self, simulate, on_look, say).run(
-            max_runs or self.spec.stop.max_runs, batch or self.spec.batch
-        )
-
-    def rehearse(self, n_campaigns: int, *, on_progress: Progress = _silent) -> dict[str, Any]:
-        """Operating characteristics of the stop rule on truths drawn from the current posterior."""
-        from seqrsm.campaign.rehearsal import rehearse_campaign
-
-        return rehearse_campaign(self, n_campaigns, on_progress)
+        self.say(f"{len(runs)} confirmation runs at the recommended settings")
+        self.campaign.store.add_batch(runs, issue=True)

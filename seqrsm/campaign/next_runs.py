@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.fitted import range_text
+from seqrsm.analysis.posterior import stated_prior
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.fitted import range_text
-from seqrsm.campaign.knowledge import stated_prior
-from seqrsm.campaign.records import NewRun, RunRecord
-from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec
 from seqrsm.decide.moving import Box, needed_runs, sub_region, whole_box
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
@@ -23,6 +21,8 @@ from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.blocks import block_columns
 from seqrsm.propose.batch import Proposal, Rows, propose_batch
 from seqrsm.rng import generator
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.store.records import NewRun, RunRecord
 
 START = "start"
 CENTRE_REPEATS = 3

@@ -14,12 +14,12 @@ from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from seqrsm.campaign.export import FORMAT
-from seqrsm.campaign.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
-from seqrsm.campaign.schema import STATES
-from seqrsm.campaign.spec import SPEC_NAME, load_spec
-from seqrsm.campaign.store import Store
-from seqrsm.campaign.templates import new_folder
 from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.spec.read import SPEC_NAME, load_spec
+from seqrsm.spec.templates import new_folder
+from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
+from seqrsm.store.schema import STATES
+from seqrsm.store.store import Store
 
 MAX_BYTES = 500_000_000
 _AGAIN = "Export the campaign again: seqrsm export DIR FILE.json"

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from seqrsm.campaign.analyse import stop_rule
-from seqrsm.campaign.fitted import fit_application, range_text
+from seqrsm.analysis.conclude import stop_rule
+from seqrsm.analysis.fitted import fit_application, range_text
+from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
-from seqrsm.campaign.posterior import draw_coefficients
 from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
 from seqrsm.design.optimal import start_design
-
-if TYPE_CHECKING:
-    from seqrsm.campaign.loop import Campaign
 
 
 def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[int, int], None]) -> dict[str, Any]:

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from seqrsm.analysis.occasions import STREAM_0
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
-from seqrsm.campaign.occasions import STREAM_0
-from seqrsm.campaign.records import NewScore
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
-from seqrsm.scene.scene import Scene, load_scene
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
 from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference
-from seqrsm.simulate.psm import Precision
+from seqrsm.simulate.radar.psm import Precision
 from seqrsm.simulate.sample import Sample
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
+from seqrsm.store.records import NewScore
 
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
@@ -285,3 +290,88 @@ def _new_score(
         "fidelity": fidelity,
     }
     return NewScore(application, found.value, se=found.se if found.se > 0.0 else None, metadata=metadata)
+
+
+def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
+    """Scene, sensor at the corners of the region, scattering data, and one image at its centre, before any run.
+
+    Returns
+    -------
+    tuple of str
+        What combinations of the parameters do, such as gaps between lines, and where.
+
+    Raises
+    ------
+    UserError
+        What is wrong with them.
+    """
+    if spec.simulator is None:
+        raise SpecError(
+            Problem(
+                "this campaign has no simulator: its scores are measured",
+                "Propose flights (`seqrsm propose --source flight`), then `seqrsm ingest` and `seqrsm fit`.",
+            )
+        )
+    if not bool(np.any(scene_at(str(spec.scene_path)).scored)):
+        raise SpecError(
+            Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
+        )
+    centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
+    combinations = _check_sensors(spec)
+    first = carry_out(centre)
+    if first.failure:
+        raise SpecError(
+            Problem(f"the centre of the region cannot be simulated: {first.failure}", file=str(spec.folder))
+        )
+    return combinations
+
+
+def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
+    """Build the sensor at every corner of the region, so that no run fails for a contradiction of its parameters.
+
+    Returns
+    -------
+    tuple of str
+        Each kind of note of the sensors, how often it was met, and one example.
+
+    Raises
+    ------
+    SpecError
+        The settings that cannot be flown, with the numbers.
+    """
+    scene = scene_at(str(spec.scene_path))
+    points = _corners(spec)
+    found: dict[str, tuple[Problem, list[str]]] = {}
+    met: dict[str, list[str]] = {}
+    for settings in spec.region.decode(points):
+        shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
+        try:
+            task = task_of(spec, 0, settings)
+            engine = ENGINES[task.engine]
+            for note in engine.examine(scene, configuration(task), engine.table(task.table)):
+                met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
+        except UserError as error:
+            for problem in error.problems:
+                found.setdefault(str(problem), (problem, []))[1].append(shown)
+    if found:
+        told = [_sensor_problem(spec, problem, where, len(points)) for problem, where in found.values()]
+        raise SpecError(*told[:10])
+    return tuple(
+        f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
+        for kind, notes in met.items()
+    )
+
+
+def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], n_points: int) -> Problem:
+    """A sensor's problem with its place in campaign.toml: what is wrong everywhere does not lie with a factor."""
+    if problem.file is not None:
+        return problem
+    if len(where) == n_points and problem.field not in spec.region.names:
+        return fixed_problem(spec, problem)
+    text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
+    return Problem(text, "Narrow the factor, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
+
+
+def _corners(spec: CampaignSpec) -> FloatArray:
+    corners = spec.region.candidates(n_continuous_levels=3, limit=3000)
+    return corners[:3000]

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from seqrsm import __version__
+from seqrsm.analysis.occasions import sharing
 from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
-from seqrsm.campaign.occasions import sharing
-from seqrsm.campaign.records import LookRecord, RunRecord
-from seqrsm.campaign.spec import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
-from seqrsm.campaign.store import Store
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
+from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
+from seqrsm.store.records import LookRecord, RunRecord
+from seqrsm.store.store import Store
 
 
 def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
@@ -128,8 +128,8 @@ def latest_look(
     dict
         ``name``, ``unit``, ``last_look`` (a look's summary, or None before the first fit), ``reason`` (why it is None).
     """
-    from seqrsm.campaign.analyse import CONFIRMATION, analyse
-    from seqrsm.campaign.serialise import look_summary
+    from seqrsm.analysis.conclude import CONFIRMATION, analyse
+    from seqrsm.analysis.to_json import look_summary
 
     mine = [look for look in looks if look.application == application.name]
     found: dict[str, Any] = {"name": application.name, "unit": application.unit, "last_look": None}

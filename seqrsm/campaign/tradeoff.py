@@ -17,15 +17,15 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm import __version__
+from seqrsm.analysis.fitted import fit_application
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.fitted import fit_application
 from seqrsm.campaign.simulation import plan_of, score_by, task_of
-from seqrsm.campaign.spec import CampaignSpec
-from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
 from seqrsm.errors import FitError, UserError
 from seqrsm.plain import plain
 from seqrsm.simulate.fidelity import MEANINGS, RUNGS
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.store import STORE_NAME, Store
 
 FILE: Final = "tradeoff.json"
 

@@ -14,19 +14,19 @@ from typing import Literal
 
 import numpy as np
 
+from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.posterior import Draws, Sampler, draw_coefficients, future_scores
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.engines import ENGINES
-from seqrsm.campaign.fitted import Fitted
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, rounded_settings, start_size
-from seqrsm.campaign.posterior import Draws, Sampler, draw_coefficients, future_scores
 from seqrsm.campaign.simulation import NO_RUN, simulate_image, task_of
-from seqrsm.campaign.spec import ApplicationSpec, CampaignSpec
 from seqrsm.design.optimal import START_SEARCHES, START_SEARCHES_CONSTRAINED, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import DesignError, UserError
 from seqrsm.fit.optimum import optimum, optimum_draws
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.psm import Precision
+from seqrsm.simulate.radar.psm import Precision
+from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 
 Quantity = Literal["future score", "utility at the optimum"]
 

@@ -21,8 +21,8 @@ from seqrsm.cli.standalone import catalog, design, doctor, parameters
 from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
-    from seqrsm.campaign.loop import Campaign
+    from seqrsm.analysis.results import Analysis
+    from seqrsm.campaign.campaign import Campaign
 
 app = typer.Typer(
     name="seqrsm",
@@ -41,7 +41,7 @@ Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of
 
 def _opened(folder: Path) -> Campaign:
     """The campaign in a folder; its data base is closed when the command ends."""
-    from seqrsm.campaign.loop import Campaign
+    from seqrsm.campaign.campaign import Campaign
 
     campaign = Campaign.open(folder)
     at_end(campaign.store.close)
@@ -88,7 +88,7 @@ def init(
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
     """Make a campaign folder from a template, from what the literature asks for, or from an export."""
-    from seqrsm.campaign.templates import copy_template, templates
+    from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
         from seqrsm.cli.show import show_templates
@@ -113,7 +113,7 @@ def init(
         say(f"made {folder} from {source}; next: seqrsm status {folder}")
         return
     if application is not None:
-        from seqrsm.campaign.from_catalog import init_from_catalog, tables_text
+        from seqrsm.spec.from_catalog import init_from_catalog, tables_text
 
         application = " ".join((application, *(more or ())))
         found = init_from_catalog(application, folder)
@@ -161,6 +161,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
+    from seqrsm.campaign.loop import run_campaign
     from seqrsm.cli.show import show_look, show_outcome
 
     campaign = _opened(folder)
@@ -176,7 +177,8 @@ def run(
                 say(text)
             shown.step(text)
 
-        outcome = campaign.run(
+        outcome = run_campaign(
+            campaign,
             max_runs=max_runs,
             batch=batch,
             workers=workers,
@@ -282,9 +284,8 @@ def fit(
     as_json: AsJson = False,
 ) -> None:
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
-    from seqrsm.campaign.serialise import analysis_to_json
-    from seqrsm.campaign.serialise_study import tests_to_json
-    from seqrsm.campaign.term_tests import term_tests
+    from seqrsm.analysis.study import term_tests
+    from seqrsm.analysis.to_json import analysis_to_json, tests_to_json
     from seqrsm.cli.show_fit import show_compromise, show_fit
     from seqrsm.cli.show_study import show_tests
 
@@ -316,9 +317,9 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Runs by state, optimum and intervals so far, stop or go on and why; of a folder of campaigns, a line for each."""
-    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.status import campaign_status, campaigns_in, overview
     from seqrsm.cli.show import show_overview, show_status
+    from seqrsm.spec.read import load_spec
 
     if folders := campaigns_in(folder):
         if history:
@@ -340,11 +341,12 @@ def rehearse(
     as_json: AsJson = False,
 ) -> None:
     """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""
+    from seqrsm.campaign.rehearsal import rehearse_campaign
     from seqrsm.cli.show import show_rehearsal
 
     campaign = _opened(folder)
     with display("rehearsing", inner=False) as shown:
-        result = campaign.rehearse(campaigns, on_progress=partial(shown.count, "rehearsing"))
+        result = rehearse_campaign(campaign, campaigns, partial(shown.count, "rehearsing"))
     print_json(result) if as_json else show_rehearsal(result)
 
 
@@ -360,9 +362,9 @@ def tradeoff(
     as_json: AsJson = False,
 ) -> None:
     """Measure speed against accuracy of this campaign's simulations and numbers; goes on after an interruption."""
-    from seqrsm.campaign.spec import load_spec
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.show_fidelity import show_tradeoff
+    from seqrsm.spec.read import load_spec
 
     with display("measuring", inner=False) as shown:
         result = measure_tradeoff(
@@ -387,7 +389,7 @@ def report(
     ] = None,
 ) -> None:
     """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
-    from seqrsm.campaign.assemble import assemble
+    from seqrsm.campaign.dossier import assemble
     from seqrsm.report import write_report
 
     campaign = _opened(folder)

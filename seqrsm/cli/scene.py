@@ -82,7 +82,7 @@ def scene_synthetic(
     seed: Annotated[int, typer.Option(min=0, help="Another seed, another land.")] = 0,
 ) -> None:
     """Draw a data base: terrain, fields, rivers, roads and towns."""
-    from seqrsm.scene.scene import save_scene
+    from seqrsm.scene.file import save_scene
     from seqrsm.scene.synthetic import synthetic_scene
 
     scene = synthetic_scene(
@@ -110,7 +110,7 @@ def scene_show(
 ) -> None:
     """Say what a data base holds."""
     from seqrsm.cli.show import show_scene
-    from seqrsm.scene.scene import load_scene
+    from seqrsm.scene.file import load_scene
     from seqrsm.scene.statistics import scene_statistics
 
     scene = load_scene(file)

@@ -9,14 +9,14 @@ from seqrsm.cli.console import heading, line, number, say, show_table
 from seqrsm.design.factors import setting_with_unit, settings_text
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
+    from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.check import CheckResult
-    from seqrsm.campaign.closed_loop import Outcome
     from seqrsm.campaign.ingest import IngestReport
-    from seqrsm.campaign.records import RunRecord
-    from seqrsm.campaign.spec import CampaignSpec
+    from seqrsm.campaign.loop import Outcome
     from seqrsm.design.factors import Factor
     from seqrsm.scene.scene import Scene
+    from seqrsm.spec.read import CampaignSpec
+    from seqrsm.store.records import RunRecord
 
 
 # -- run ----------------------------------------------------------------------------------------------------------
@@ -81,7 +81,7 @@ def show_check(result: CheckResult, verbose: bool) -> None:
         for combination in result.combinations:
             line(f"- {combination}")
     if result.notes:
-        from seqrsm.campaign.notes import summarise_notes
+        from seqrsm.campaign.assumptions import summarise_notes
 
         more = "" if verbose else "; all of them with -v or --json"
         heading(f"What the simulation rests on ({len(result.notes)} statements{more})")

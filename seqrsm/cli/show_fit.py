@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING
 from seqrsm.cli.console import heading, line, number, show_table
 from seqrsm.cli.show_study import show_study
 from seqrsm.design.factors import setting_text, settings_text
-from seqrsm.report.phrases import (
-    effects_text,
-    interval_text,
-    level_phrase,
-    loss_text,
-    mean_text,
-    no_error_estimate,
-    of_quadratic,
-    optimum_setting_text,
-    setting_posterior,
-    setting_range_text,
-)
+from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import (
     decimals_for,
     decimals_of_significant,
@@ -31,12 +20,23 @@ from seqrsm.report.rounding import (
     format_share,
     format_significant,
 )
-from seqrsm.report.surfaces import ranked_factors
-from seqrsm.report.wording import with_unit
+from seqrsm.report.wording import (
+    effects_text,
+    interval_text,
+    level_phrase,
+    loss_text,
+    mean_text,
+    no_error_estimate,
+    of_quadratic,
+    optimum_setting_text,
+    setting_posterior,
+    setting_range_text,
+    with_unit,
+)
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
-    from seqrsm.campaign.compromise import CompromiseEstimate
+    from seqrsm.analysis.compromise import CompromiseEstimate
+    from seqrsm.analysis.results import Analysis
     from seqrsm.design.factors import Factor
 
 

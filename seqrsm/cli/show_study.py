@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from seqrsm.cli.console import heading, line, number, show_table
-from seqrsm.report.phrases import interval_text, level_phrase, score_text
 from seqrsm.report.rounding import format_p, format_percent, format_significant
 from seqrsm.report.study_text import (
     LOCATION_METHODS,
@@ -20,11 +19,11 @@ from seqrsm.report.study_text import (
     searched_rows,
     searched_text,
 )
+from seqrsm.report.wording import interval_text, level_phrase, score_text
 
 if TYPE_CHECKING:
-    from seqrsm.campaign.analysis import Analysis
-    from seqrsm.campaign.findings import Study, TermChoice
-    from seqrsm.campaign.term_tests import TermTest
+    from seqrsm.analysis.results import Analysis, Study, TermChoice
+    from seqrsm.analysis.study import TermTest
 
 _SHOWN_RUNS = 5
 

@@ -65,7 +65,7 @@ def design(
     with display("searching"):
         result: dict[str, Any] = standalone_design(request, csv)
         if plot is not None:
-            from seqrsm.report.design_figure import write_design_figure
+            from seqrsm.report.figures.design import write_design_figure
 
             write_design_figure(plot, result["fraction_of_design_space"], result["terms"])
     print_json(result) if as_json else show_design(result)

@@ -300,7 +300,7 @@ def _effective_p(rule: StopRule, p: float, departure: Departure | None) -> float
     * otherwise p decides.
 
     Measured with k = 2, 24 runs and k = 3, 30 runs, 2000 data sets each, standard error 1 % or less (the study is
-    ``tests/benchmarks/statistics_study.py``, its table ``reports/statistics/README.md``): the rule blocks 5 and 4 % of
+    ``tests/studies/statistics_study.py``, its table ``reports/statistics/README.md``): the rule blocks 5 and 4 % of
     right quadratics with equal noise (the test alone 6 and 5 %); 15 and 24 % where the noise at the optimum is 0.4 of
     that elsewhere (14 and 34 %); smooth departures as large as the noise 69 to 100 and 44 to 100 % (35 to 68 and 21 to
     63 %). Excused are 2 to 3 % of right quadratics with equal noise, 4 and 12 % of those with unequal noise, 1 % or

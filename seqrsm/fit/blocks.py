@@ -1,12 +1,32 @@
-"""Block effects: flight days and sources as sum-to-zero columns."""
+"""Blocks, such as flight days: sum-to-zero columns of fixed effects, or a random effect.
+
+Random: u_d ~ N(0, rho sigma^2) on every run of a day, beside each run's own error.
+
+Given the ratio rho everything is as in least squares with V = W^-1 + rho JJ' within a day, so coefficients, day effects
+and future runs are Student-t. With a flat prior on the coefficients and on log sigma the likelihood of rho is the
+restricted (REML) likelihood; its posterior is taken on a grid, with a half-Cauchy prior of scale 1 on sqrt(rho), the
+ratio of the two standard deviations. Intervals are mixtures over that grid: they carry what few days leave unknown,
+which a plug-in REML interval does not.
+
+References
+----------
+Patterson, Thompson (1971), Recovery of inter-block information when block sizes are unequal, Biometrika 58, 545-554.
+Gelman (2006), Prior distributions for variance parameters in hierarchical models, Bayesian Analysis 1, 515-534.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.conjugate import mixture_interval
+from seqrsm.fit.intervals import Interval, Prediction
+from seqrsm.fit.linear_system import check_runs
 
 
 def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, ...]]:
@@ -29,3 +49,330 @@ def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, .
     index = np.array([order.index(i) for i in ids], dtype=np.int64)
     contrasts = np.vstack([np.eye(len(order) - 1), -np.ones(len(order) - 1)]) if len(order) > 1 else np.zeros((1, 0))
     return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
+
+
+_LOG_ROOT = np.linspace(-7.0, 7.0, 57)  # log sqrt(rho): prior mass outside is below 1e-3 at either end
+_FEW_DAYS = 4
+_NEGLIGIBLE = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class Reml:
+    """Restricted maximum likelihood: the plug-in answer.
+
+    Attributes
+    ----------
+    ratio : float
+        sigma_day^2 / sigma^2, 0 where that is most likely.
+    sigma, sigma_day : float
+    estimate, se : ndarray (p,)
+        Generalised least squares at that ratio.
+    """
+
+    ratio: float
+    sigma: float
+    sigma_day: float
+    estimate: FloatArray
+    se: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class RandomBlockPosterior:
+    """Posterior of the model with random days.
+
+    Attributes
+    ----------
+    days : tuple
+        Names, in order of first appearance.
+    ratios, shares : ndarray (c,)
+        Grid of variance ratios and their posterior probabilities.
+    mean : ndarray (c, p)
+        Coefficients given each ratio.
+    factor : ndarray (c, p, p)
+        L with (Z'V^-1 Z)^-1 = LL' given each ratio.
+    s : ndarray (c,)
+        Scale of a run of weight 1.
+    df : float
+        Residual degrees of freedom n - p.
+    reml : Reml
+    reason : str
+        Why intervals for a new day rest on the prior; empty when there are days enough.
+    varying : bool
+        Effects vary with the settings within a day; single days cannot be asked for.
+    """
+
+    days: tuple[object, ...]
+    ratios: FloatArray
+    shares: FloatArray
+    mean: FloatArray
+    factor: FloatArray
+    s: FloatArray
+    df: float
+    reml: Reml
+    reason: str
+    Z: FloatArray
+    y: FloatArray
+    weights: FloatArray
+    index: IntArray
+    varying: bool = False
+
+    def day_effects(self) -> FloatArray:
+        """Posterior mean (b,) of every day's effect, shrunk towards 0."""
+        assert not self.varying
+        effects = np.empty((len(self.ratios), len(self.days)))
+        for c, ratio in enumerate(self.ratios):
+            r = self.weights * (self.y - self.Z @ self.mean[c])
+            effects[c] = ratio * np.bincount(self.index, r) / (1.0 + ratio * np.bincount(self.index, self.weights))
+        return np.asarray(self.shares @ effects)
+
+    def sigma_ratio_interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Credible interval of sigma_day / sigma."""
+        cumulative = np.concatenate([[0.0], np.cumsum(self.shares)])
+        edges = np.sqrt(
+            np.concatenate([[self.ratios[0]], np.sqrt(self.ratios[1:] * self.ratios[:-1]), self.ratios[-1:]])
+        )
+        tail = 0.5 * (1.0 - level)
+        low, high = np.interp([tail, 1.0 - tail], cumulative, edges)
+        return float(low), float(high)
+
+    def coefficient_interval(self, level: float = 0.95) -> Interval:
+        """Credible interval of every coefficient."""
+        scale = self.s[:, None] * np.sqrt(np.sum(np.square(self.factor), axis=2))
+        return mixture_interval(level, self.shares, np.array(self.df), self.mean.T, scale.T)
+
+    @property
+    def estimate(self) -> FloatArray:
+        """Posterior mean (p,) of the coefficients: of the average day."""
+        return np.asarray(self.shares @ self.mean)
+
+    @property
+    def s_new_day(self) -> float:
+        """Standard deviation of a run of weight 1 on a new day, root mean square over the ratios."""
+        return float(np.sqrt(self.shares @ (np.square(self.s) * (1.0 + self.ratios))))
+
+    def variance(self, rows: FloatArray) -> FloatArray:
+        """Variance (m,) of the average day's response at rows (m, p), over ratios, without the doubt about sigma."""
+        rows = np.atleast_2d(rows)
+        h = np.sum(np.square(np.einsum("mp,cpq->cmq", rows, self.factor)), axis=2)
+        centre = rows @ self.mean.T
+        between = np.square(centre - (centre @ self.shares)[:, None]) @ self.shares
+        return np.asarray(self.shares @ (np.square(self.s)[:, None] * h) + between)
+
+    def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Independent draws: coefficients (n, p), sigma (n,) and sigma_day (n,)."""
+        which = rng.choice(len(self.shares), size=n, p=self.shares)
+        sigma = self.s[which] * np.sqrt(self.df / rng.chisquare(self.df, n))
+        normal = rng.standard_normal((n, self.mean.shape[1]))
+        beta = self.mean[which] + sigma[:, None] * np.einsum("npq,nq->np", self.factor[which], normal)
+        return beta, sigma, sigma * np.sqrt(self.ratios[which])
+
+    def predict(
+        self,
+        rows: FloatArray,
+        level: float = 0.95,
+        *,
+        day: object | None = None,
+        weight: float = 1.0,
+        replicates: int = 1,
+        apart: bool = False,
+    ) -> Prediction:
+        """Mean response and future runs, on a new day or on one of the days flown.
+
+        Parameters
+        ----------
+        rows : ndarray (m, p)
+        level : float
+        day : optional
+            One of ``days``: the response includes that day's effect. None: ``confidence`` is of the response of the
+            average day, ``prediction`` of runs on a new day, which brings its own effect.
+        weight, replicates
+            As in ``LeastSquaresFit.predict``; all replicates fall on one day.
+        apart : bool
+            Each replicate falls on a new day of its own instead.
+
+        Returns
+        -------
+        Prediction
+            Its standard errors are root mean squares over the ratios, with the scatter of the centres.
+        """
+        rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
+        centre, h, extra = (np.empty((rows.shape[0], len(self.ratios))) for _ in range(3))
+        assert day is None or not self.varying
+        where = None if day is None else self.days.index(day)
+        for c, ratio in enumerate(self.ratios):
+            shifted, centre[:, c], extra[:, c] = rows, rows @ self.mean[c], ratio
+            if where is not None:
+                inside = self.index == where
+                share = ratio / (1.0 + ratio * float(np.sum(self.weights[inside])))
+                k = share * self.weights[inside]
+                shifted = rows - k @ self.Z[inside]
+                centre[:, c] += float(k @ (self.y[inside] - self.Z[inside] @ self.mean[c]))
+                extra[:, c] = share
+            h[:, c] = np.sum(np.square(shifted @ self.factor[c]), axis=1)
+        own = 1.0 / (replicates * weight)
+        mean_scale = self.s * np.sqrt(h if where is None else h + extra)
+        new_scale = self.s * np.sqrt(h + (extra / replicates if apart and where is None else extra) + own)
+        mean = centre @ self.shares
+        between = np.square(centre - mean[:, None])
+        se = [np.sqrt((np.square(scale) + between) @ self.shares) for scale in (mean_scale, new_scale)]
+        df = np.array(self.df)
+        confidence = mixture_interval(level, self.shares, df, centre, mean_scale)
+        prediction = mixture_interval(level, self.shares, df, centre, new_scale)
+        return Prediction(mean, confidence, prediction, se[0], se[1], level, self.reason if where is None else "")
+
+
+def fit_random_blocks(
+    Z: FloatArray,
+    y: FloatArray,
+    days: Sequence[object],
+    *,
+    weights: FloatArray | None = None,
+    similarity: FloatArray | None = None,
+) -> RandomBlockPosterior:
+    """Fit ``y = Z beta + u_day + e``.
+
+    Parameters
+    ----------
+    Z : ndarray (n, p)
+        Model matrix without block columns, n > p, of full rank.
+    y : ndarray (n,)
+    days : sequence (n,)
+        Day of each run.
+    weights : ndarray (n,), optional
+        Inverse relative variances of the runs' own errors.
+    similarity : ndarray (n, n), optional
+        Correlation of a day's effects on two of its runs, positive semidefinite with ones on its diagonal: the effect
+        then varies with the settings. By default 1: the effect of a day is one number.
+
+    Raises
+    ------
+    FitError
+        Scores that cannot be used, a single day, no residual degrees of freedom, or terms the runs cannot tell apart.
+    """
+    Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
+    check_runs(Z, y, w, Z.shape[1])
+    names = tuple(dict.fromkeys(days))
+    n, p = Z.shape
+    if len(names) < 2:
+        raise FitError(Problem("one day cannot show how days differ", "Fly on a second day or fit without blocks."))
+    if n <= p or np.linalg.matrix_rank(Z / np.maximum(np.linalg.norm(Z, axis=0), 1e-300)) < p:
+        raise FitError(Problem(f"{n} runs do not determine {p} terms and their scatter", "Add runs or drop terms."))
+    index = np.array([names.index(day) for day in days], dtype=np.int64)
+    ratios = np.exp(2.0 * _LOG_ROOT)
+    runs = _reduce(Z, y, w, index) if similarity is None else _rotated(Z, y, w, index, similarity)
+    mean, factor, scale, log_likelihood = _given(ratios, runs)
+    log_share = log_likelihood + _LOG_ROOT - np.log1p(ratios)  # half-Cauchy on sqrt(rho), times d rho / d log rho
+    shares = np.exp(log_share - np.max(log_share))
+    keep = shares > _NEGLIGIBLE
+    shares = shares[keep] / np.sum(shares[keep])
+    few = len(names) <= _FEW_DAYS
+    reason = (
+        f"{len(names)} blocks hardly show how blocks differ: intervals for a new one rest on the prior" if few else ""
+    )
+    return RandomBlockPosterior(
+        names,
+        ratios[keep],
+        shares,
+        mean[keep],
+        factor[keep],
+        scale[keep],
+        float(n - p),
+        _reml(runs, ratios, log_likelihood),
+        reason,
+        Z,
+        y,
+        w,
+        index,
+        similarity is not None,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Reduced:
+    """The runs as rows whose covariance is diagonal at any ratio of variances: n rows become p + 1 + days.
+
+    Within a day W^(1/2) V W^(1/2) = I + ratio uu', u = sqrt(w): only the direction of u depends on the ratio. What
+    is orthogonal to it is triangularised once for all ratios.
+
+    Attributes
+    ----------
+    within : ndarray (p + 1, p + 1)
+        Triangle of the rows [Z, y] orthogonal to every u.
+    along : ndarray (d, p + 1)
+        Rows along u, one a day, of variance ``1 + ratio * total``.
+    total : ndarray (d,)
+        |u|^2, the weight of each day.
+    log_weights : float
+        Sum of log w.
+    n : int
+        Runs.
+    """
+
+    within: FloatArray
+    along: FloatArray
+    total: FloatArray
+    log_weights: float
+    n: int
+
+
+def _reduce(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray) -> _Reduced:
+    root = np.sqrt(w)
+    X = np.column_stack([Z, y]) * root[:, None]
+    total: FloatArray = np.bincount(index, w).astype(np.float64)
+    along = np.zeros((total.size, X.shape[1]))
+    np.add.at(along, index, root[:, None] * X)
+    along /= np.sqrt(total)[:, None]
+    within = np.asarray(np.linalg.qr(X - (root / np.sqrt(total)[index])[:, None] * along[index], mode="r"))
+    return _Reduced(within, along, total, float(np.sum(np.log(w))), Z.shape[0])
+
+
+def _rotated(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray, similarity: FloatArray) -> _Reduced:
+    """As `_reduce` for effects that vary within a day: W^(1/2) V W^(1/2) = I + ratio Q diag(total) Q'."""
+    root = np.sqrt(w)
+    X = np.column_stack([Z, y]) * root[:, None]
+    rows, totals = [], []
+    for day in range(int(index.max()) + 1):
+        own = np.flatnonzero(index == day)
+        total, Q = np.linalg.eigh(root[own, None] * similarity[np.ix_(own, own)] * root[own])
+        rows.append(Q.T @ X[own])
+        totals.append(np.maximum(total, 0.0))
+    none = np.zeros((X.shape[1], X.shape[1]))
+    return _Reduced(none, np.vstack(rows), np.concatenate(totals), float(np.sum(np.log(w))), Z.shape[0])
+
+
+def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Mean (c, p), factor (c, p, p), scale (c,) and log restricted likelihood (c,) at each ratio."""
+    n, p = runs.n, runs.within.shape[1] - 1
+    stretch = 1.0 + ratios[:, None] * runs.total
+    within = np.broadcast_to(runs.within, (len(ratios), *runs.within.shape))
+    white = np.concatenate([within, runs.along / np.sqrt(stretch)[:, :, None]], axis=1)
+    log_det = np.sum(np.log(stretch), axis=1) - runs.log_weights
+    R: FloatArray = np.asarray(np.linalg.qr(white, mode="r"), dtype=np.float64)
+    # The last column of R holds Q'y and, below it, the length of the residual.
+    residual = np.abs(R[:, p, p])
+    if np.any(residual <= 1e-13 * np.linalg.norm(white[:, :, p], axis=1)):
+        raise FitError(Problem("the model reproduces every score exactly, so there is no scatter to divide"))
+    inverse: FloatArray = np.asarray(np.linalg.inv(R[:, :p, :p]), dtype=np.float64)
+    log_det_r = np.sum(np.log(np.abs(np.diagonal(R[:, :p, :p], axis1=1, axis2=2))), axis=1)
+    log_likelihood = -0.5 * log_det - log_det_r - (n - p) * np.log(residual)
+    mean: FloatArray = np.asarray((inverse @ R[:, :p, p, None])[:, :, 0], dtype=np.float64)
+    return mean, inverse, residual / np.sqrt(n - p), log_likelihood
+
+
+def _reml(runs: _Reduced, ratios: FloatArray, log_likelihood: FloatArray) -> Reml:
+    def at(ratio: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        return _given(np.array([ratio]), runs)
+
+    peak = int(np.argmax(log_likelihood))
+    around = np.log(ratios[[max(peak - 1, 0), min(peak + 1, len(ratios) - 1)]])
+    found = minimize_scalar(
+        lambda t: -float(at(float(np.exp(t)))[3][0]),
+        bounds=(float(around[0]), float(around[1])),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    ratio = float(np.exp(found.x)) if -float(found.fun) > float(at(0.0)[3][0]) else 0.0
+    mean, factor, s, _ = at(ratio)
+    se = s[0] * np.sqrt(np.sum(np.square(factor[0]), axis=1))
+    return Reml(ratio, float(s[0]), float(s[0]) * float(np.sqrt(ratio)), mean[0], se)

@@ -6,6 +6,10 @@ The posterior is of the same form, with Lambda = Lambda0 + Z'WZ, and every margi
 freedom. It is the reference that the ensemble sampler is checked against, and the posterior itself where the model is
 normal. It is computed by orthogonal factorisation of the stacked rows [W^(1/2) Z; Lambda0^(1/2)]: Z'WZ is never formed.
 
+Bounds of linear combinations of coefficients cut the prior off. The posterior is then that under the whole prior, cut
+off in the same place: draws of the latter that hold the bounds are draws of the former; where too few do, the ensemble
+sampler works inside the bounds.
+
 References
 ----------
 Gelman et al., Bayesian Data Analysis, 3rd ed., section 14.2 (flat prior) and chapter 14.8 (prior as extra rows).
@@ -13,17 +17,140 @@ Gelman et al., Bayesian Data Analysis, 3rd ed., section 14.2 (flat prior) and ch
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.special import gammaln, stdtr
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
-from seqrsm.fit.checks import check_runs
 from seqrsm.fit.intervals import Interval, Prediction, student_quantile
+from seqrsm.fit.linear_system import check_runs
+
+_MOST = 60  # times the draws wanted, before rejection gives up
+_FIRST_STEP = 0.3  # largest distance from a bound at which a walker starts, in standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class LinearBounds:
+    """``low <= rows @ beta <= high``.
+
+    Attributes
+    ----------
+    rows : ndarray (c, p)
+        Linearly independent.
+    low, high : ndarray (c,)
+        -inf and inf where there is no bound; low < high.
+    """
+
+    rows: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    def hold(self, beta: FloatArray) -> BoolArray:
+        """Which coefficients (n, p) lie inside."""
+        value = beta @ self.rows.T
+        return np.asarray(np.all((value >= self.low) & (value <= self.high), axis=1))
+
+    def seen_from(self, mean: FloatArray, transform: FloatArray) -> LinearBounds:
+        """The same bounds of u (p,), with ``beta = mean + transform @ u``."""
+        offset = self.rows @ mean
+        return LinearBounds(self.rows @ transform, self.low - offset, self.high - offset)
+
+    def moved_inside(self, u: FloatArray, random: Any) -> FloatArray:
+        """Points (n, p) moved to inside, by the shortest way and to random distances from the bounds they broke.
+
+        ``u`` is whitened: one step is about a standard deviation. ``random`` is a ``numpy.random.RandomState``.
+        """
+        value = u @ self.rows.T
+        step = _FIRST_STEP * np.linalg.norm(self.rows, axis=1)
+        step = np.where(np.isfinite(self.high - self.low), np.minimum(step, 0.5 * (self.high - self.low)), step)
+        depth = step * random.uniform(0.01, 1.0, size=value.shape)
+        wanted = np.where(value < self.low, self.low + depth, value)
+        wanted = np.where(value > self.high, self.high - depth, wanted)
+        back = np.linalg.lstsq(self.rows, (wanted - value).T, rcond=None)[0]
+        return np.asarray(u + back.T)
+
+
+def bounded_draws(
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds, n: int
+) -> tuple[tuple[FloatArray, ...], float]:
+    """Draws that hold the bounds, and the share of all draws that do: the probability without bounds.
+
+    Parameters
+    ----------
+    draw : callable
+        So many draws -> coefficients (m, p) and whatever belongs to them, each (m, ...).
+    bounds : LinearBounds
+    n : int
+        Draws wanted; fewer are given where hardly any hold.
+    """
+    kept: list[tuple[FloatArray, ...]] = []
+    made = found = 0
+    while found < n and made < _MOST * n:
+        new = draw(n)
+        inside = bounds.hold(new[0])
+        made, found = made + len(inside), found + int(np.count_nonzero(inside))
+        kept.append(tuple(column[inside] for column in new))
+    together = tuple(np.concatenate(columns)[:n] for columns in zip(*kept, strict=True))
+    return together, found / made
+
+
+_STEPS = 100
+
+
+def mixture_cdf(x: FloatArray, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray) -> FloatArray:
+    """P(X <= x) (m,) of m mixtures with ``shares`` (c,), degrees of freedom (c,), centres and scales (m, c)."""
+    return np.asarray(np.sum(shares * stdtr(df, (x[:, None] - centre) / scale), axis=1))
+
+
+def mixture_quantile(
+    probability: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """Quantile (m,) of each mixture, by Newton steps inside a shrinking bracket.
+
+    Arguments as in :func:`mixture_cdf`, scales > 0; ``probability`` in (0, 1).
+    """
+    far = 10.0 * scale
+    low, high = np.min(centre - far, axis=1), np.max(centre + far, axis=1)
+    for _ in range(200):  # heavy tails: widen until the quantile is bracketed
+        short = mixture_cdf(low, shares, df, centre, scale) > probability
+        long = mixture_cdf(high, shares, df, centre, scale) < probability
+        if not np.any(short | long):
+            break
+        width = high - low
+        low, high = np.where(short, low - width, low), np.where(long, high + width, high)
+    x = 0.5 * (low + high)
+    tiny = 4.0 * np.finfo(np.float64).eps * np.maximum(np.abs(low) + np.abs(high), np.max(scale, axis=1))
+    log_constant = gammaln(0.5 * (df + 1.0)) - gammaln(0.5 * df) - 0.5 * np.log(df * np.pi)
+    for _ in range(_STEPS):
+        excess = mixture_cdf(x, shares, df, centre, scale) - probability
+        low, high = np.where(excess < 0.0, x, low), np.where(excess < 0.0, high, x)
+        log_kernel = log_constant - 0.5 * (df + 1.0) * np.log1p(np.square((x[:, None] - centre) / scale) / df)
+        density = np.sum(shares * np.exp(log_kernel) / scale, axis=1)
+        with np.errstate(divide="ignore", over="ignore"):
+            newton = x - excess / density
+        new = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        done = bool(np.all(np.abs(new - x) <= tiny))
+        x = new
+        if done:
+            break
+    return np.asarray(x)
+
+
+def mixture_interval(
+    level: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
+) -> Interval:
+    """Equal-tailed interval of each mixture."""
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie between 0 and 1, got {level}")
+    tail = 0.5 * (1.0 - level)
+    return Interval(
+        mixture_quantile(tail, shares, df, centre, scale), mixture_quantile(1.0 - tail, shares, df, centre, scale)
+    )
 
 
 @dataclass(frozen=True, slots=True)

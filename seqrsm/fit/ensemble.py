@@ -22,12 +22,19 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConvergenceError, FitError, Problem
-from seqrsm.fit import diagnostics
-from seqrsm.fit.bounds import LinearBounds
-from seqrsm.fit.conjugate import Flat
-from seqrsm.fit.general_target import GeneralModel, general_target
+from seqrsm.fit import convergence
+from seqrsm.fit.conjugate import Flat, LinearBounds
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
-from seqrsm.fit.target import GammaPrior, SamplerPrior, Target, TunedProposal, WeakPrior, build_target
+from seqrsm.fit.target import (
+    GammaPrior,
+    GeneralModel,
+    SamplerPrior,
+    Target,
+    TunedProposal,
+    WeakPrior,
+    build_target,
+    general_target,
+)
 from seqrsm.progress import tell
 
 __all__ = ["EnsemblePosterior", "GammaPrior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
@@ -91,7 +98,7 @@ class EnsemblePosterior:
 
 @dataclass(frozen=True, slots=True)
 class GeneralPosterior:
-    """Draws of the parameters of a :class:`~seqrsm.fit.general_target.GeneralModel`, and the evidence for them.
+    """Draws of the parameters of a :class:`~seqrsm.fit.target.GeneralModel`, and the evidence for them.
 
     Attributes
     ----------
@@ -329,18 +336,18 @@ class _Chain:
         """Autocorrelation time, R-hat and effective sample size of what is stored so far."""
         n, walkers, d = self.stored.shape
         some = np.linspace(0, walkers - 1, min(_TAU_WALKERS, walkers)).astype(np.int64)
-        tau = diagnostics.autocorrelation_time(self.stored[:, some])
+        tau = convergence.autocorrelation_time(self.stored[:, some])
         largest = float(np.max(tau))
         burn = min(int(np.ceil(_BURN_TAUS * largest)), n // 2) if np.isfinite(largest) else n // 2
         after = self.stored[burn:]
         stride = max(int(largest / 2.0) if np.isfinite(largest) else 1, -(-after.shape[0] * walkers // max_draws), 1)
         kept = after[::-1][::stride][::-1]
-        kept_tau = np.maximum(diagnostics.autocorrelation_time(kept[:, some]), 1.0)
+        kept_tau = np.maximum(convergence.autocorrelation_time(kept[:, some]), 1.0)
         ess = kept.shape[0] * walkers / kept_tau
         long_enough = after.shape[0] > _TAUS * largest and kept.shape[0] >= 4
         chains = after.reshape(after.shape[0], self.ensembles, -1, d)
         every = max(after.shape[0] * chains.shape[2] // _R_HAT_DRAWS, 1)
-        r_hat = np.array([diagnostics.r_hat(_thinned(chains[:, :, :, j], every)) for j in range(d)])
+        r_hat = np.array([convergence.r_hat(_thinned(chains[:, :, :, j], every)) for j in range(d)])
         return _Reached(tau * self.thin, r_hat, ess, kept, long_enough)
 
 
@@ -353,7 +360,7 @@ def _thinned(chains: FloatArray, every: int) -> FloatArray:
 def _ess_ends(draws: FloatArray, steps: int) -> FloatArray:
     """Effective draws at the ends of the 95 % interval of each column (steps * walkers, d), walkers as chains."""
     chains = draws.reshape(steps, -1, draws.shape[1])
-    return np.array([diagnostics.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])])
+    return np.array([convergence.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])])
 
 
 def _run(

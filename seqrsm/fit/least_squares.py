@@ -3,6 +3,8 @@
 Rows of the model matrix ``Z`` are runs in coded units. Weights are inverse *relative* variances: run i has variance
 sigma^2 / weight_i. Nothing is dropped silently: terms that the runs cannot tell apart are named in ``aliased``, their
 estimates are nan, and predictions are given only where they do not depend on the choice among them.
+
+Beside the coefficients: what single runs do to a fit, in leverage, deleted residuals, PRESS and Cook's distance.
 """
 
 from __future__ import annotations
@@ -17,11 +19,57 @@ from scipy.special import stdtr
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import anova as _anova
-from seqrsm.fit import influence, linear_system
+from seqrsm.fit import linear_system
 from seqrsm.fit.anova import AnovaRow, LackOfFit
 from seqrsm.fit.blocks import block_columns
-from seqrsm.fit.checks import check_runs
 from seqrsm.fit.intervals import FTest, Interval, Prediction, f_ratio, student_quantile
+from seqrsm.fit.linear_system import check_runs
+
+_LEVERAGE_ONE = 1e-10  # 1 - h below this: the run alone fixes a direction of the model
+
+
+@dataclass(frozen=True, slots=True)
+class RunDiagnostics:
+    """Per-run figures of one fit; nan where undefined.
+
+    Attributes
+    ----------
+    studentised : ndarray (n,)
+        Externally studentised residuals, Student-t with ``df - 1`` degrees of freedom under the model.
+    cooks_distance : ndarray (n,)
+    press : float
+        Sum of squared deleted residuals, weighted; nan when a run has leverage 1.
+    leverage_one_runs : tuple of int
+        Indices of runs with leverage 1.
+    """
+
+    studentised: FloatArray
+    cooks_distance: FloatArray
+    press: float
+    leverage_one_runs: tuple[int, ...]
+
+
+def run_diagnostics(r: FloatArray, leverage: FloatArray, df: int, rank: int) -> RunDiagnostics:
+    """Diagnostics from weighted residuals ``r = sqrt(w) (y - fitted)`` (n,) and leverages (n,).
+
+    ``df`` residual degrees of freedom, ``rank`` fitted parameters. Undefined figures are nan.
+    """
+    free = 1.0 - leverage
+    fixed = free < _LEVERAGE_ONE
+    free = np.where(fixed, np.nan, free)
+    sse = float(r @ r)
+    deleted = np.square(r) / free
+    studentised = np.full(r.shape, np.nan)
+    if df > 1:
+        variance = (sse - deleted) / (df - 1)  # s^2 without run i
+        usable = variance > 1e-14 * sse
+        studentised[usable] = r[usable] / np.sqrt(variance[usable] * free[usable])
+    cooks = np.full(r.shape, np.nan)
+    if df > 0 and rank > 0 and sse > 0.0:
+        cooks = deleted * leverage / free * df / (rank * sse)
+    press = float("nan") if np.any(fixed) else float(np.sum(np.square(r / free)))
+    return RunDiagnostics(studentised, cooks, press, tuple(int(i) for i in np.flatnonzero(fixed)))
+
 
 __all__ = [
     "AnovaRow",
@@ -330,7 +378,7 @@ def fit_least_squares(
     s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
     sst = _anova.total_ss(y, w, "intercept" in kinds)
-    diagnostics = influence.run_diagnostics(r, leverage, df, rank)
+    diagnostics = run_diagnostics(r, leverage, df, rank)
     r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
     df_total = n - (1 if "intercept" in kinds else 0)
     return LeastSquaresFit(

@@ -9,11 +9,16 @@ the rank is read from the diagonal of R, and the solution is refined on the augm
 with its residuals in double-double arithmetic. f = y, g = 0 gives the least-squares solution; f = 0, g = -e_j gives
 column j of (X'X)^-1.
 
+A double-double number is held as an unevaluated sum ``high + low`` of two doubles, about 32 digits. Only IEEE double
+arithmetic is used, so results are the same on every platform (the 80-bit ``numpy.longdouble`` is not).
+
 References
 ----------
 Bjorck (1967), Iterative refinement of linear least squares solutions I, BIT 7, 257-278.
 Demmel, Hida, Riedy, Li (2009), Extra-precise iterative refinement for overdetermined least squares problems,
 ACM Trans. Math. Softw. 35, 28.
+Dekker (1971), A floating-point technique for extending the available precision, Numer. Math. 18, 224-242.
+Ogita, Rump, Oishi (2005), Accurate sum and dot product, SIAM J. Sci. Comput. 26, 1955-1988.
 """
 
 from __future__ import annotations
@@ -25,7 +30,92 @@ from scipy.linalg import qr, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.fit import double_double
+from seqrsm.errors import FitError, Problem
+
+
+def check_runs(Z: FloatArray, y: FloatArray, weights: FloatArray, n_terms: int) -> None:
+    """Refuse runs whose score, weight or setting cannot be used, all at once and by number.
+
+    Raises
+    ------
+    FitError
+        A score or setting that is not finite, a weight that is not positive and finite.
+    ValueError
+        Shapes that disagree: a mistake of the calling program.
+    """
+    n = y.shape[0] if y.ndim == 1 else -1
+    if n_terms < 1 or Z.ndim != 2 or Z.shape != (n, n_terms) or weights.shape != (n,):
+        raise ValueError(f"shapes disagree: Z {Z.shape}, y {y.shape}, weights {weights.shape}, {n_terms} terms")
+    problems = []
+    for bad, what in (
+        (~np.isfinite(y), "a score that is not a finite number"),
+        (~(np.isfinite(weights) & (weights > 0.0)), "a weight that is not a positive finite number"),
+        (~np.all(np.isfinite(Z), axis=1), "a setting that is not a finite number"),
+    ):
+        if np.any(bad):
+            runs = ", ".join(str(i + 1) for i in np.flatnonzero(bad))
+            problems.append(Problem(f"run {runs} (counted from 1) has {what}", "void it or correct it"))
+    if problems:
+        raise FitError(*problems)
+
+
+_SPLITTER = 134217729.0  # 2**27 + 1: cuts a 53-bit significand into two halves of at most 26 bits
+
+
+def two_sum(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return ``(s, e)`` with s the rounded sum and s + e exactly a + b (Knuth); arrays broadcast."""
+    s = a + b
+    v = s - a
+    return s, (a - (s - v)) + (b - v)
+
+
+def two_product(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return ``(p, e)`` with p the rounded product and p + e exactly a * b (Dekker); |a|, |b| below about 1e292."""
+    p = a * b
+    t = _SPLITTER * a
+    a_high = t - (t - a)
+    a_low = a - a_high
+    t = _SPLITTER * b
+    b_high = t - (t - b)
+    b_low = b - b_high
+    return p, ((a_high * b_high - p) + a_high * b_low + a_low * b_high) + a_low * b_low
+
+
+def add(a_high: FloatArray, a_low: FloatArray, b_high: FloatArray, b_low: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Sum of two double-double arrays, renormalised so that ``|low|`` is at most half an ulp of ``high``."""
+    s, e = two_sum(a_high, b_high)
+    return two_sum(s, e + (a_low + b_low))
+
+
+def sum_first_axis(high: FloatArray, low: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pairwise double-double sum over axis 0 (at least one element)."""
+    while high.shape[0] > 1:
+        half = high.shape[0] // 2
+        s, e = add(high[:half], low[:half], high[half : 2 * half], low[half : 2 * half])
+        if high.shape[0] % 2:
+            s[0], e[0] = add(s[0], e[0], high[-1], low[-1])
+        high, low = s, e
+    return high[0], low[0]
+
+
+def matmul(A: FloatArray, x_high: FloatArray, x_low: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Product ``A @ (x_high + x_low)`` in double-double.
+
+    Parameters
+    ----------
+    A : ndarray (n, p)
+        Plain doubles.
+    x_high, x_low : ndarray (p, m)
+
+    Returns
+    -------
+    tuple of ndarray (n, m)
+        High and low part.
+    """
+    columns = A.T[:, :, None]  # (p, n, 1)
+    p, e = two_product(columns, x_high[:, None, :])
+    return sum_first_axis(p, e + columns * x_low[:, None, :])
+
 
 EPSILON = float(np.finfo(np.float64).eps)
 _MAX_REFINEMENTS = 12
@@ -110,20 +200,20 @@ def solve_augmented(
         d = Q.T @ f_step
         b_step = solve_triangular(R, d - h, check_finite=False)
         r_step = (f_step - Q @ d) + Q @ h
-        r_high, r_low = double_double.add(r_high, r_low, r_step, np.zeros_like(f))
-        b_high, b_low = double_double.add(b_high, b_low, b_step, np.zeros_like(g))
+        r_high, r_low = add(r_high, r_low, r_step, np.zeros_like(f))
+        b_high, b_low = add(b_high, b_low, b_step, np.zeros_like(g))
         size = float(np.max(np.abs(b_step), initial=0.0))
         floor = 1e-6 * float(np.max(np.abs(b_high), initial=0.0))
         done = bool(np.all(np.abs(b_step) <= 0.125 * EPSILON * np.maximum(np.abs(b_high), floor)))
         if done or size == 0.0 or size > 0.5 * previous:
             break
         previous = size
-        high, low = double_double.matmul(X, b_high, b_low)
-        high, low = double_double.add(high, low, r_high, r_low)
-        s, e = double_double.add(f, np.zeros_like(f), -high, -low)
+        high, low = matmul(X, b_high, b_low)
+        high, low = add(high, low, r_high, r_low)
+        s, e = add(f, np.zeros_like(f), -high, -low)
         f_step = s + e
-        high, low = double_double.matmul(np.ascontiguousarray(X.T), r_high, r_low)
-        s, e = double_double.add(g, np.zeros_like(g), -high, -low)
+        high, low = matmul(np.ascontiguousarray(X.T), r_high, r_low)
+        s, e = add(g, np.zeros_like(g), -high, -low)
         g_step = s + e
     return b_high, r_high
 

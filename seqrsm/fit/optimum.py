@@ -16,8 +16,17 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.constrained import climb, line_ascent, polish
-from seqrsm.fit.faces import cube_maxima, face_maxima, well_curved
-from seqrsm.fit.slices import Slice, deepest, feasible_cover, full_points, slices, stack
+from seqrsm.fit.faces import (
+    Slice,
+    cube_maxima,
+    deepest,
+    face_maxima,
+    feasible_cover,
+    full_points,
+    slices,
+    stack,
+    well_curved,
+)
 
 Goal = Literal["maximize", "minimize"]
 

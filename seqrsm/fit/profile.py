@@ -20,7 +20,7 @@ from scipy.special import chdtri
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
-from seqrsm.fit.checks import check_runs
+from seqrsm.fit.linear_system import check_runs
 from seqrsm.fit.transforms import clip_percent
 
 

@@ -16,8 +16,8 @@ from scipy.special import expit, gammaln
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.checks import check_runs
-from seqrsm.fit.general_target import GeneralModel, Parameter
+from seqrsm.fit.linear_system import check_runs
+from seqrsm.fit.target import GeneralModel, Parameter
 
 _STIRLING = 60.0  # from here on the series is exact to the last digits
 

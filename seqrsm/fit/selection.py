@@ -20,17 +20,216 @@ Madigan, York (1995), Bayesian graphical models for discrete data, Int. Stat. Re
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
-from seqrsm.fit.checks import check_runs
-from seqrsm.fit.conjugate import ConjugatePosterior
+from seqrsm.errors import FitError, Problem
+from seqrsm.fit.anova import sequential_ss
+from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, mixture_interval, posterior
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.mixture import mixture_interval
-from seqrsm.fit.model_space import FactorTerm, ModelSpace, Unit, hierarchical_models, search_models, units_of
+from seqrsm.fit.linear_system import check_runs
+
+_CHUNK = 2048
+_SECOND_ORDER = ("interaction", "square")
+_RIDGE = 1e-13  # keeps the factorisation of a singular model going; such models are then refused
+_ALIASED = 1e-10  # share of a column's length that the others leave: below, the model is singular
+
+
+class FactorTerm(Protocol):
+    """What selection needs to know of a term; ``seqrsm.design.quadratic.Term`` has it."""
+
+    @property
+    def name(self) -> str:
+        """Name of the column."""
+
+    @property
+    def kind(self) -> str:
+        """One of "intercept", "linear", "category", "interaction", "square"."""
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Factors in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """Columns that enter together, and the units (by position) that they need."""
+
+    name: str
+    columns: tuple[int, ...]
+    parents: tuple[int, ...]
+
+
+def units_of(terms: Sequence[FactorTerm | str]) -> tuple[Unit, ...]:
+    """Group the columns into units; a plain string is a block column and belongs to none."""
+    groups: dict[tuple[bool, bool, tuple[str, ...]], list[int]] = {}
+    names: dict[tuple[bool, bool, tuple[str, ...]], str] = {}
+    for i, term in enumerate(terms):
+        if not isinstance(term, str) and term.kind != "intercept":
+            key = (term.kind in _SECOND_ORDER, term.kind == "square", tuple(sorted(term.factors)))
+            groups.setdefault(key, []).append(i)
+            names.setdefault(key, ":".join(term.factors) + ("^2" if key[1] else ""))
+    place = {key[2][0]: position for position, key in enumerate(groups) if not key[0]}
+    units = []
+    for key, columns in groups.items():
+        second, _, factors = key
+        parents = tuple(place[f] for f in factors if f in place) if second else ()
+        units.append(Unit(names[key], tuple(columns), parents))
+    return tuple(units)
+
+
+class ModelSpace:
+    """Evidence and prior of models given as rows of booleans over the units."""
+
+    def __init__(
+        self,
+        Z: FloatArray,
+        y: FloatArray,
+        w: FloatArray,
+        terms: Sequence[FactorTerm | str],
+        units: tuple[Unit, ...],
+        g: float | None,
+        prior: tuple[float, float],
+    ) -> None:
+        self.units, self._prior = units, prior
+        self._Z, self._y, self._w = Z, y, w
+        free = [i for unit in units for i in unit.columns]
+        self.always = np.array([i for i in range(len(terms)) if i not in set(free)], dtype=np.int64)
+        self._unit = np.array([u for u, unit in enumerate(units) for _ in unit.columns])
+        self._free = np.array(free, dtype=np.int64)
+        root = np.sqrt(w)
+        base = Z[:, self.always] * root[:, None]
+        Q = np.linalg.qr(base)[0] if self.always.size else np.zeros((len(y), 0))
+        X, t = Z[:, self._free] * root[:, None], y * root
+        for _ in range(2):
+            X, t = X - Q @ (Q.T @ X), t - Q @ (Q.T @ t)
+        self.m = len(y) - sum(df for df, _ in sequential_ss([base], t))
+        total = float(t @ t)
+        if self.m < 2:
+            what = f"{len(y)} runs leave nothing to choose terms by, beside the mean and the blocks"
+            raise FitError(Problem(what, 'Add runs, or set [model] terms = "full".'))
+        if total <= (1e-14 * float(np.linalg.norm(y * root))) ** 2:
+            raise FitError(Problem("the scores do not vary, so no term can be told from none", "Add runs."))
+        length = np.linalg.norm(X, axis=0)
+        self._X = X / np.where(length > 0.0, length, 1.0)
+        self._gram, self._cross = self._X.T @ self._X, self._X.T @ t / np.sqrt(total)
+        self._centred = X
+        self.g = float(max(len(y), self._free.size**2)) if g is None else g
+
+    def log_posterior(self, models: BoolArray) -> FloatArray:
+        """Log evidence plus log prior (c,), up to one constant; -inf for models that the runs cannot carry."""
+        found = [self._log_evidence(models[i : i + _CHUNK]) for i in range(0, len(models), _CHUNK)]
+        return np.concatenate(found) + self.log_prior(models)
+
+    def _log_evidence(self, models: BoolArray) -> FloatArray:
+        inside = models[:, self._unit]
+        size = np.count_nonzero(inside, axis=1)
+        both = inside[:, :, None] & inside[:, None, :]
+        gram: FloatArray = np.where(both, self._gram, 0.0)
+        diagonal = np.arange(gram.shape[1])
+        gram[:, diagonal, diagonal] += np.where(inside, _RIDGE, 1.0)
+        cross = np.where(inside, self._cross, 0.0)
+        L = np.linalg.cholesky(gram)
+        ok = (np.min(np.square(L[:, diagonal, diagonal]), axis=1) > _ALIASED) & (size < self.m)
+        projected = np.linalg.solve(L, cross[:, :, None])[:, :, 0]
+        r2 = np.clip(np.sum(np.square(projected), axis=1), 0.0, 1.0)
+        log_bf = 0.5 * (self.m - size) * np.log1p(self.g) - 0.5 * self.m * np.log1p(self.g * (1.0 - r2))
+        return np.where(ok, log_bf, -np.inf)
+
+    def log_prior(self, models: BoolArray) -> FloatArray:
+        """Log prior probability (c,) of hierarchical models."""
+        value = np.zeros(len(models))
+        with np.errstate(divide="ignore"):
+            for u, unit in enumerate(self.units):
+                share = self._prior[1] if unit.parents else self._prior[0]
+                allowed = np.all(models[:, list(unit.parents)], axis=1) if unit.parents else np.bool_(True)
+                value += np.where(allowed, np.where(models[:, u], np.log(share), np.log1p(-share)), 0.0)
+        return value
+
+    def prior_inclusion(self) -> FloatArray:
+        """Prior probability (u,) that each unit is present."""
+        first, second = self._prior
+        return np.array([second * first ** len(unit.parents) if unit.parents else first for unit in self.units])
+
+    def fit(self, model: BoolArray) -> tuple[ConjugatePosterior, IntArray]:
+        """Posterior of one model for its columns."""
+        inside = model[self._unit]
+        columns = np.concatenate([self.always, self._free[inside]])
+        X = self._centred[:, inside]
+        Lambda0 = np.zeros((columns.size, columns.size))
+        Lambda0[self.always.size :, self.always.size :] = X.T @ X / self.g
+        prior = NormalInverseGamma(np.zeros(columns.size), Lambda0, 0.0, 0.0)
+        return posterior(self._Z[:, columns], self._y, self._w, prior), columns
+
+
+def hierarchical_models(units: tuple[Unit, ...], limit: int) -> BoolArray | None:
+    """All hierarchical models (c, u), or None when there are more than ``limit``."""
+    first = [u for u, unit in enumerate(units) if not unit.parents]
+    second = [u for u, unit in enumerate(units) if unit.parents]
+    count, rows = 0, []
+    for chosen in _subsets(first):
+        present = set(chosen)
+        allowed = [u for u in second if present.issuperset(units[u].parents)]
+        count += 2 ** len(allowed)
+        if count > limit:
+            return None
+        block = np.zeros((2 ** len(allowed), len(units)), dtype=np.bool_)
+        block[:, chosen] = True
+        codes = np.arange(2 ** len(allowed))
+        for bit, u in enumerate(allowed):
+            block[:, u] = (codes >> bit) & 1
+        rows.append(block)
+    return np.vstack(rows)
+
+
+def _subsets(items: list[int]) -> Iterator[list[int]]:
+    # The largest set has most models: beginning with it a space that is too large is noticed at once.
+    for code in range(2 ** len(items) - 1, -1, -1):
+        yield [item for bit, item in enumerate(items) if code >> bit & 1]
+
+
+def search_models(
+    space: ModelSpace, units: tuple[Unit, ...], steps: int, rng: np.random.Generator
+) -> tuple[BoolArray, FloatArray]:
+    """Distinct models met by Metropolis walks that add or drop one unit (MC3), and their log posterior."""
+    children: list[list[int]] = [[] for _ in units]
+    for u, unit in enumerate(units):
+        for parent in unit.parents:
+            children[parent].append(u)
+    seen: dict[bytes, float] = {}
+
+    def score(model: BoolArray) -> float:
+        key = model.tobytes()
+        if key not in seen:
+            seen[key] = float(space.log_posterior(model[None, :])[0])
+        return seen[key]
+
+    def moves(model: BoolArray) -> list[int]:
+        return [
+            u
+            for u, unit in enumerate(units)
+            if (not model[u] and all(model[v] for v in unit.parents))
+            or (model[u] and not any(model[v] for v in children[u]))
+        ]
+
+    starts = [np.zeros(len(units), dtype=np.bool_), np.array([not unit.parents for unit in units])]
+    for model in starts:
+        here, open_moves = score(model), moves(model)
+        for _ in range(steps // len(starts)):
+            new = model.copy()
+            u = open_moves[int(rng.integers(len(open_moves)))]
+            new[u] = not new[u]
+            there, new_moves = score(new), moves(new)
+            ratio = there - here + np.log(len(open_moves) / len(new_moves))
+            if np.log(rng.random()) < ratio or not np.isfinite(here):
+                model, here, open_moves = new, there, new_moves
+    models = np.array([np.frombuffer(key, dtype=np.bool_) for key in seen])
+    return models, np.array(list(seen.values()))
+
 
 _MAX_LISTED = 50_000
 _KEPT_SHARE = 0.999

@@ -119,7 +119,7 @@ class Panel:
     alt : str
         What a reader who cannot see it should know.
     svg : str
-        Drawing made by ``seqrsm.report.drawing``; "" when ``png`` is given.
+        Drawing made by ``seqrsm.report.figures.drawing``; "" when ``png`` is given.
     png : bytes
         Bitmap; b"" when ``svg`` is given.
     name : str

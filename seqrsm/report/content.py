@@ -5,20 +5,20 @@ from __future__ import annotations
 from typing import TypeVar
 
 import seqrsm
-from seqrsm.campaign.analysis import Analysis
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.progress import tell
 from seqrsm.report.blocks import Report, Section
-from seqrsm.report.section_compromise import compromise_section
-from seqrsm.report.section_data import data_section, question_section, run_section
-from seqrsm.report.section_history import history_section
-from seqrsm.report.section_literature import literature_section
-from seqrsm.report.section_model import diagnostics_section, importance_section, model_section
-from seqrsm.report.section_optimum import optimum_section, posterior_section, surface_section
-from seqrsm.report.section_sources import assumption_section, image_section, provenance_section
-from seqrsm.report.section_speed import speed_section
-from seqrsm.report.section_study import location_section
-from seqrsm.report.section_summary import summary_section
+from seqrsm.report.sections.compromise import compromise_section
+from seqrsm.report.sections.data import data_section, question_section, run_section
+from seqrsm.report.sections.history import history_section
+from seqrsm.report.sections.literature import literature_section
+from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
+from seqrsm.report.sections.optimum import optimum_section, posterior_section, surface_section
+from seqrsm.report.sections.sources import assumption_section, image_section, provenance_section
+from seqrsm.report.sections.speed import speed_section
+from seqrsm.report.sections.study import location_section
+from seqrsm.report.sections.summary import summary_section
 
 _Made = TypeVar("_Made", bound=Section | None)
 

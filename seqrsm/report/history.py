@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from seqrsm.campaign.records import LookRecord
+from seqrsm.store.records import LookRecord
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from seqrsm.report.blocks import Block, Details, Equation, Report, Section
-from seqrsm.report.drawing import svg_for_html
+from seqrsm.report.figures.drawing import svg_for_html
 from seqrsm.report.mathml import equations_to_mathml
 
 if TYPE_CHECKING:

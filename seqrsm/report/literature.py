@@ -6,15 +6,20 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.spec import CampaignSpec
+from seqrsm.analysis.results import Analysis
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.design.factors import CategoricalFactor, Factor, span
-from seqrsm.report.phrases import optimum_setting_text, setting_posterior, setting_range_text
 from seqrsm.report.rounding import NOTHING, format_plain
-from seqrsm.report.wording import describe_factor, with_unit
+from seqrsm.report.wording import (
+    describe_factor,
+    optimum_setting_text,
+    setting_posterior,
+    setting_range_text,
+    with_unit,
+)
 from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.spec.read import CampaignSpec
 from seqrsm.units import unit_factor
 
 #: What campaigns and the tables of 1979 call differently.

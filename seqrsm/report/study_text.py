@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from seqrsm.campaign.analysis import Analysis
-from seqrsm.campaign.findings import BlockResponse, BlockStudy, PathPoint, SearchedOptimum, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint, SearchedOptimum, Study, TermChoice
 from seqrsm.fit.location import LocationRegion
-from seqrsm.report.phrases import half_width_text, interval_text, level_phrase, score_text
 from seqrsm.report.rounding import format_percent, format_significant
-from seqrsm.report.wording import capital
+from seqrsm.report.wording import capital, half_width_text, interval_text, level_phrase, score_text
 
 LOCATION_METHODS = {
     "scheffe": "confidence region",

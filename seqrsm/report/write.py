@@ -53,7 +53,7 @@ def write_report(
         step("typesetting PDF")
         written.append(put(pdf, render_pdf(report)))
     if figures is not None:
-        from seqrsm.report.figure_files import write_figures
+        from seqrsm.report.figures.files import write_figures
 
         step("writing figures")
         written += write_figures(report, figures)

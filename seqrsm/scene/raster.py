@@ -14,8 +14,9 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.fields import connected_patches
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.geotiff import Raster, read_geotiff
-from seqrsm.scene.scene import MAX_CELLS, NO_COVER, Scene, save_scene
+from seqrsm.scene.scene import MAX_CELLS, NO_COVER, Scene
 
 _ROWS_AT_ONCE = 256
 _MOST_TOLD: Final = 10

@@ -16,11 +16,11 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.rng import generator
-from seqrsm.simulate.kernels import count_classes
+from seqrsm.simulate.radar.kernels import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.psm import RadarImage
+    from seqrsm.simulate.radar.result import RadarImage
 
 Likelihood = Literal["gaussian", "gamma"]
 Priors = Literal["equal", "area"]

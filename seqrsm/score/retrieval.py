@@ -22,11 +22,11 @@ from seqrsm.score.classification import (
     tiles,
     with_names,
 )
-from seqrsm.simulate.kernels import count_classes
+from seqrsm.simulate.radar.kernels import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
-    from seqrsm.simulate.prm_image import RadiometerImage
+    from seqrsm.simulate.radiometer.result import RadiometerImage
 
 Quantity = Literal["soil_moisture", "water_fraction"]
 

@@ -30,7 +30,7 @@ from seqrsm.score.classification import (
     with_names,
 )
 from seqrsm.score.retrieval import polynomial_terms, retrieve, tile_side_m
-from seqrsm.simulate.kernels import count_classes
+from seqrsm.simulate.radar.kernels import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene

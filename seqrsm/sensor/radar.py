@@ -109,7 +109,7 @@ class RadarConfiguration:
         Eq. (3-11) with any real N; eq. (3-12), refused below 16 looks, where it goes negative too often; or none.
     receiver : str
         M of eq. (3-1): linear, square_law, saturation, compression, agc, or ``package.module:function`` of a power
-        array (`seqrsm.simulate.receiver`).
+        array (`seqrsm.simulate.radar.receiver`).
     receiver_level_db : float
         Level of M's bend, of its unit gain, and of the converter [dB] over the power of flat ground of sigma0 = 1 at
         the centre of the swath.
@@ -137,9 +137,9 @@ class RadarConfiguration:
         Wind speed over water of a run is uniform between them [m/s].
     texture_db, texture_m : float
         How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
-        these parts [m] (`seqrsm.simulate.texture`).
+        these parts [m] (`seqrsm.simulate.radar.texture`).
     targets_file : str
-        CSV file of cultural targets (`seqrsm.simulate.targets.load_targets`); "" for none.
+        CSV file of cultural targets (`seqrsm.simulate.radar.targets.load_targets`); "" for none.
 
     Raises
     ------

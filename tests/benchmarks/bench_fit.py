@@ -23,9 +23,9 @@ from statsmodels.stats.outliers_influence import OLSInfluence, variance_inflatio
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.bounds import LinearBounds
-from seqrsm.fit.conjugate import posterior
-from seqrsm.fit.diagnostics import autocorrelation_time
+from seqrsm.fit.blocks import fit_random_blocks
+from seqrsm.fit.conjugate import LinearBounds, posterior
+from seqrsm.fit.convergence import autocorrelation_time
 from seqrsm.fit.ensemble import EnsemblePosterior, GammaPrior, GeneralPosterior, sample_model, sample_posterior
 from seqrsm.fit.importance import variance_shares
 from seqrsm.fit.least_squares import fit_least_squares
@@ -34,7 +34,6 @@ from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.profile import box_cox_profile
-from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.fit.residuals import influential_runs, normal_plot
 from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
 from seqrsm.fit.selection import average_models

@@ -26,11 +26,11 @@ from prm_cases import Table, radiometer, scene
 from seqrsm.scattering.atmosphere import make_atmosphere
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.terrain import fractal_terrain
-from seqrsm.simulate import kernels_prm
-from seqrsm.simulate.prm import RadiationMap, radiation_map, simulate_radiometer
-from seqrsm.simulate.prm_frame import RadiometerFrame, make_radiometer_frame
-from seqrsm.simulate.prm_image import RadiometerImage
-from seqrsm.simulate.prm_occasion import nominal_radiometer_occasion
+from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer.frame import RadiometerFrame, make_radiometer_frame
+from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
+from seqrsm.simulate.radiometer.prm import RadiationMap, radiation_map, simulate_radiometer
+from seqrsm.simulate.radiometer.result import RadiometerImage
 
 
 def best_of(n: int, call: Callable[[], object]) -> float:

@@ -33,13 +33,13 @@ from psm_cases import Table, radar, scene  # noqa: E402
 
 from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
-from seqrsm.simulate import echo, psm, receiver  # noqa: E402
-from seqrsm.simulate.echo import echo_grid, echo_sums, field_factors, sigma0_lut  # noqa: E402
-from seqrsm.simulate.frame import categories_of_fields, make_frame  # noqa: E402
-from seqrsm.simulate.ground import look_up  # noqa: E402
-from seqrsm.simulate.occasion import nominal_ground_state, nominal_occasion  # noqa: E402
-from seqrsm.simulate.psm import simulate_radar  # noqa: E402
-from seqrsm.simulate.receiver import picture  # noqa: E402
+from seqrsm.simulate.radar import echo, psm, receiver  # noqa: E402
+from seqrsm.simulate.radar.echo import echo_grid, echo_sums, field_factors, sigma0_lut  # noqa: E402
+from seqrsm.simulate.radar.frame import categories_of_fields, make_frame  # noqa: E402
+from seqrsm.simulate.radar.ground import look_up  # noqa: E402
+from seqrsm.simulate.radar.occasion import nominal_ground_state, nominal_occasion  # noqa: E402
+from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
+from seqrsm.simulate.radar.receiver import picture  # noqa: E402
 
 CELL_M, RESOLUTION_M = 5.0, 25.0
 TABLE = Table(tuple(np.linspace(-20.0, -6.0, 10)), 0.15)

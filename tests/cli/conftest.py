@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tiny_campaign import make_tiny
 
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 

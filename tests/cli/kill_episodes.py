@@ -25,20 +25,20 @@ from typer.testing import CliRunner
 
 from seqrsm.campaign.export import export
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.campaign.spec import load_spec
-from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import STORE_NAME, Store
 
 COMMANDS = ("run", "ingest", "void", "report")
 
 CHILD = """
 import sys
-import seqrsm.campaign.ingest, seqrsm.campaign.loop
+import seqrsm.campaign.ingest, seqrsm.campaign.campaign
 from seqrsm.cli.app import app
 if sys.argv[1] == "run":
     import seqrsm.campaign.check, seqrsm.design.optimal, seqrsm.fit.ensemble
 if sys.argv[1] == "report":
-    import seqrsm.campaign.assemble, seqrsm.report
+    import seqrsm.campaign.dossier, seqrsm.report
 print("ready", flush=True)
 sys.stdin.readline()
 app(sys.argv[1:])

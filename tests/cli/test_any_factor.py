@@ -13,8 +13,8 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
 from seqrsm.campaign.simulation import SimulationTask, carry_out, plan_of, task_of
-from seqrsm.campaign.spec import load_spec
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
 
 HEAD, TAIL = TINY[: TINY.index("[[factor]]")], TINY[TINY.index("[[application]]") :]
 FACTORS = {

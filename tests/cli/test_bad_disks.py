@@ -18,9 +18,9 @@ from kill_episodes import check_consistent
 from typer.testing import CliRunner
 
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.campaign.spec import load_spec
-from seqrsm.campaign.store import STORE_NAME, Store
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import STORE_NAME, Store
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits and rights of Unix")
 

@@ -17,12 +17,12 @@ import pytest
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
-from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.store import Store
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.simulate import cluster as cluster_module
 from seqrsm.simulate.runner import Lost, run_many
+from seqrsm.store.store import Store
 
 pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 # The client's background tasks outlive a scheduler that was killed; what they say then is no fault of ours.

@@ -12,15 +12,15 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+from seqrsm.analysis.fitted import fit_application
+from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.campaign import rehearsal
-from seqrsm.campaign.fitted import fit_application
-from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.posterior import draw_coefficients
-from seqrsm.campaign.records import CONFIRMATION
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import carry_out, score_by, task_of
-from seqrsm.campaign.spec import load_spec
 from seqrsm.campaign.tradeoff_numerics import sampler_rows
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
+from seqrsm.store.records import CONFIRMATION
 
 SHARED = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ncommon_random_numbers = 4')
 

@@ -10,12 +10,12 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.fidelity_watch import VIOLATED, fidelity_of, violation, widening_of
-from seqrsm.campaign.loop import Campaign
 from seqrsm.campaign.simulation import FidelityCheck
 from seqrsm.campaign.tradeoff import FILE, read_tradeoff
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 LOOSE = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 12.0')

@@ -8,32 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import statsmodels.api as sm
+from measured_campaign import FREQUENCY, HEAD, MEASURED, PERCENT, POL, STOP, X, counted, days, make, quadratic
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
-from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.serialise import analysis_to_json
+from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import FitError, SpecError
-
-HEAD = '[campaign]\nname = "t"\nseed = 3\n'
-X = '[[factor]]\nname = "x"\nlow = 0.0\nhigh = 10.0\n'
-FREQUENCY = '[[factor]]\nname = "frequency"\nunit = "GHz"\nlow = 1.0\nhigh = 16.0\nscale = "log"\n'
-POL = '[[factor]]\nname = "pol"\nlevels = ["HH", "VV"]\n'
-MEASURED = '[[application]]\nname = "a"\nutility = "measured"\n'
-PERCENT = '[[application]]\nname = "a"\nutility = "percent_correct"\n'
-STOP = "[stop]\nhalf_width = 3.0\n"
-
-
-def make(folder: Path, factors: str, rows: list[dict], model: str = "", application: str = MEASURED) -> Path:
-    """A campaign folder with its scores taken in."""
-    folder.mkdir()
-    (folder / "campaign.toml").write_text(HEAD + factors + application + model + STOP, encoding="utf-8")
-    lines = [",".join(rows[0]), *(",".join(str(value) for value in row.values()) for row in rows)]
-    (folder / "scores.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv")])
-    assert done.exit_code == 0, done.output
-    return folder
 
 
 def fit(folder: Path) -> dict:
@@ -45,18 +27,6 @@ def fit(folder: Path) -> dict:
 def command(*arguments: object) -> tuple[int, str, str]:
     done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     return done.exit_code, done.stdout, done.output
-
-
-def quadratic(n: int = 24, seed: int = 0, **more) -> list[dict]:
-    """Scores of x and frequency, with an optimum inside."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for i in range(n):
-        a, b = (0.0, 0.0) if i % 6 == 0 else rng.uniform(-1, 1, 2)
-        score = 70 - 9 * (a - 0.2) ** 2 - 6 * (b + 0.1) ** 2 + rng.normal()
-        rows.append({"x": 5 + 5 * a, "frequency": 4.0 * 4.0**b, "score": round(score, 6)})
-        rows[-1].update({name: values[i] for name, values in more.items()})
-    return rows
 
 
 def matrix(rows: list[dict]) -> np.ndarray:
@@ -191,16 +161,6 @@ def test_a_future_run_is_never_known_better_than_the_mean(tmp_path: Path) -> Non
     assert best["prediction"]["high"] >= best["prediction_mean"]["high"] >= best["confidence"]["high"]
 
 
-def days(n: int, effect: float, seed: int) -> tuple[list[dict], np.ndarray]:
-    rng = np.random.default_rng(seed)
-    day = np.arange(n) % 6
-    shift = effect * rng.normal(size=6)
-    rows = quadratic(n, seed, block=[f"day{d}" for d in day])
-    for row, d in zip(rows, day, strict=True):
-        row["score"] = round(row["score"] + float(shift[d]), 6)
-    return rows, day
-
-
 def test_random_blocks(tmp_path: Path) -> None:
     rows, day = days(36, 3.0, 2)
     model = '[model]\nblock = "block"\n'
@@ -240,16 +200,6 @@ def test_model_keys_that_exclude_each_other(tmp_path: Path, model: str, words: s
     (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
     with pytest.raises(SpecError, match=words):
         Campaign.open(tmp_path)
-
-
-def counted(n: int = 20) -> list[dict]:
-    rng = np.random.default_rng(8)
-    rows = []
-    for i in range(n):
-        a = -1 + 2 * (i % 5) / 4
-        share = 1 / (1 + np.exp(-(1.5 - 2.0 * a * a + 0.15 * rng.normal())))
-        rows.append({"x": 5 + 5 * a, "n": 200, "correct": int(rng.binomial(200, share))})
-    return rows
 
 
 def test_counts_with_beta_binomial_errors(tmp_path: Path) -> None:
@@ -477,7 +427,7 @@ def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) ->
     flat = " ".join(output.split())
     assert "cannot tell these terms apart" in flat
     assert "x:frequency" in flat
-    from seqrsm.campaign.fitted import scored_runs
+    from seqrsm.analysis.fitted import scored_runs
     from seqrsm.design.quadratic import QuadraticModel
     from seqrsm.fit.estimability import missing_runs
 

@@ -9,11 +9,11 @@ import tomllib
 import pytest
 from typer.testing import CliRunner
 
-from seqrsm.campaign.from_catalog import DEPRESSION_DEG, FREQUENCY_GHZ, RESOLUTION_M, campaign_text
-from seqrsm.campaign.spec import load_spec
 from seqrsm.catalog import load_catalog, start_ranges
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
+from seqrsm.spec.from_catalog import DEPRESSION_DEG, FREQUENCY_GHZ, RESOLUTION_M, campaign_text
+from seqrsm.spec.read import load_spec
 
 
 def test_soil_moisture_checks_and_says_where_its_numbers_come_from(tmp_path) -> None:

@@ -1,4 +1,4 @@
-"""Commands killed with SIGKILL at random moments; the study of 200 kills is tests/benchmarks/kill_study.py."""
+"""Commands killed with SIGKILL at random moments; the study of 200 kills is tests/studies/kill_study.py."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from tiny_campaign import TINY
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
 
 QUIET = 'fading = "none"\n'
 

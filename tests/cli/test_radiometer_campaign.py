@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from seqrsm.campaign.spec import load_spec
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import Scene, load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.scene import Scene
+from seqrsm.spec.read import load_spec
 
 TOML = """\
 [campaign]

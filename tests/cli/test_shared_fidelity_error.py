@@ -11,11 +11,11 @@ import pytest
 from scipy.stats import t
 from tiny_campaign import make_tiny
 
-from seqrsm.campaign.analyse import analyse
-from seqrsm.campaign.fitted import fit_application
-from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.posterior import draw_coefficients
-from seqrsm.campaign.records import RunRecord
+from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.fitted import fit_application
+from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.store.records import RunRecord
 
 BOUND = 4.0
 

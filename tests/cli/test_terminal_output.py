@@ -17,7 +17,7 @@ import pytest
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
-from seqrsm.campaign.notes import group_notes, summarise_notes
+from seqrsm.campaign.assumptions import group_notes, summarise_notes
 from seqrsm.cli.app import app
 
 NOTES = (

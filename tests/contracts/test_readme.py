@@ -10,10 +10,10 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from seqrsm.campaign.spec import load_spec
 from seqrsm.cli.app import app
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
+from seqrsm.spec.read import load_spec
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 LINES = re.findall(r"^(?:    |\$ )seqrsm (.+?)(?:\s+#.*)?$", README, flags=re.M)

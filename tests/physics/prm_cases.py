@@ -11,9 +11,9 @@ from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import Scene
 from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate.prm import radiation_map, simulate_radiometer
-from seqrsm.simulate.prm_frame import make_radiometer_frame
-from seqrsm.simulate.prm_occasion import nominal_radiometer_occasion
+from seqrsm.simulate.radiometer.frame import make_radiometer_frame
+from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
+from seqrsm.simulate.radiometer.prm import radiation_map, simulate_radiometer
 
 
 @dataclass

@@ -9,9 +9,9 @@ import numpy as np
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import percent_correct
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.echo import LUT_STEPS, PowerMap, power_map
-from seqrsm.simulate.frame import RadarFrame
-from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.radar.echo import LUT_STEPS, PowerMap, power_map
+from seqrsm.simulate.radar.frame import RadarFrame
+from seqrsm.simulate.radar.psm import simulate_radar
 
 
 @dataclass

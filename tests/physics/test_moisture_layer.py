@@ -11,12 +11,13 @@ from psm_cases import radar
 from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scene.scene import Scene, load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import from_settings
-from seqrsm.simulate.frame import moisture_of_fields
-from seqrsm.simulate.prm import simulate_radiometer
-from seqrsm.simulate.psm import simulate_radar
-from seqrsm.simulate.psm_sample import coarse_scene, meet
+from seqrsm.simulate.radar.frame import moisture_of_fields
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.sample import coarse_scene, meet
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
 LEVELS = (0.06, 0.12, 0.20, 0.28)
 

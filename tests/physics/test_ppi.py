@@ -10,9 +10,10 @@ from psm_cases import Table, radar, scene
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.score.classification import percent_correct
-from seqrsm.simulate.ppi import bilinear, polar_layers, rectangular, rectangular_pixels
-from seqrsm.simulate.psm import simulate_radar
-from seqrsm.simulate.targets import CulturalTarget
+from seqrsm.simulate.radar.ppi import bilinear, polar_layers
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.result import rectangular, rectangular_pixels
+from seqrsm.simulate.radar.targets import CulturalTarget
 
 
 def ppi(**changes):

@@ -10,8 +10,8 @@ from seqrsm.scene.scene import Scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.simulate.bounds import quadrature_error
 from seqrsm.simulate.fidelity import RungPlan
-from seqrsm.simulate.prm import meet_radiometer, simulate_radiometer
-from seqrsm.simulate.prm_sample import BEAM_POINTS, lattice, radiometer_sample
+from seqrsm.simulate.radiometer.prm import meet_radiometer, simulate_radiometer
+from seqrsm.simulate.radiometer.sample import BEAM_POINTS, lattice, radiometer_sample
 
 SEED, RUN = 5, 3
 COVERS = ("Water", "Trees", "Grass", "Bareground")

@@ -10,8 +10,8 @@ from prm_cases import Table, image, isothermal_air, mapped, radiometer, scene
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
-from seqrsm.simulate import kernels_prm
-from seqrsm.simulate.prm import _sky_polynomial
+from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer.prm import _sky_polynomial
 
 ROUGH = np.random.default_rng(4).normal(0.0, 1.0, (41, 30)).cumsum(axis=0)
 MIXED = np.random.default_rng(5).integers(0, 3, (41, 30))

@@ -11,7 +11,7 @@ from prm_cases import Table, image, radiometer, scene, small_score
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, beam_integral, scan_geometry, smeared
-from seqrsm.simulate.prm import greytones, simulate_radiometer
+from seqrsm.simulate.radiometer.prm import greytones, simulate_radiometer
 from seqrsm.simulate.runner import run_many
 
 FLAT = scene(np.zeros((200, 240)), 5.0)

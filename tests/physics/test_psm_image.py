@@ -11,10 +11,10 @@ from psm_cases import Table, lut_of, mapped, radar, scene, small_score
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.sensor.swath import ground_ranges_m
-from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import echo_sums
-from seqrsm.simulate.frame import make_frame
-from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import echo_sums
+from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.runner import run_many
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from psm_cases import frame, lut_of, mapped, radar
 
-from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import power_map
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import power_map
 
 TIGHT = {np.float64: 1e-12, np.float32: 1e-6}
 

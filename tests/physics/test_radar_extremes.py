@@ -9,9 +9,9 @@ from psm_cases import Table, mapped, radar, scene
 from seqrsm.errors import ConfigurationError
 from seqrsm.scene import terrain
 from seqrsm.sensor.swath import ground_ranges_m
-from seqrsm.simulate import kernels
-from seqrsm.simulate.psm import simulate_radar
-from seqrsm.simulate.receiver import picture
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.receiver import picture
 
 
 def quiet(s, r, table=None, **options):

@@ -19,12 +19,12 @@ from seqrsm.sensor.earth import (
     slant_range_of_ground,
 )
 from seqrsm.sensor.swath import ground_ranges_m
-from seqrsm.simulate import kernels
-from seqrsm.simulate.echo import echo_grid, echo_sums, power_map
-from seqrsm.simulate.fading import correlated_fading
-from seqrsm.simulate.psm import simulate_radar
-from seqrsm.simulate.receiver import picture
-from seqrsm.simulate.targets import CulturalTarget
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import echo_grid, echo_sums, power_map
+from seqrsm.simulate.radar.fading import correlated_fading
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.receiver import picture
+from seqrsm.simulate.radar.targets import CulturalTarget
 from seqrsm.simulate.threads import in_threads
 
 RE = 6_371_008.8

@@ -11,11 +11,11 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from seqrsm.campaign.spec import load_spec
-from seqrsm.campaign.toml_lines import key_lines
 from seqrsm.errors import UserError
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import read_scores
+from seqrsm.spec.read import load_spec
+from seqrsm.spec.toml_lines import key_lines
 
 LEVELS = ("HH", "VV", "HH+HV", "-45", "=x", "a;b", 'a"b', "\u00fc, \u6f22")
 FACTORS = (FactorColumn("frequency", "GHz"), FactorColumn("kind", levels=LEVELS))

@@ -17,9 +17,9 @@ import pytest
 import statsmodels.api as sm
 from statsmodels.stats.outliers_influence import OLSInfluence
 
+from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.serialise import analysis_to_json
 from seqrsm.fit.least_squares import fit_matrix
 
 SMELL = """66 40 .3 4  39 120 .3 4  43 40 .7 4  49 120 .7 4  58 40 .5 2  17 120 .5 2  -5 40 .5 6  -40 120 .5 6

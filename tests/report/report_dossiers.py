@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seqrsm.campaign.analysis import (
+from seqrsm.analysis.results import (
     Analysis,
     Confirmation,
     FactorImportance,
@@ -18,10 +18,9 @@ from seqrsm.campaign.analysis import (
     ScoredRuns,
     SettingPosterior,
 )
-from seqrsm.campaign.dossier import Dossier, ImagePanel, TruthPanel
-from seqrsm.campaign.records import EventRecord, LookRecord, RunRecord, ScoreRecord
-from seqrsm.campaign.response import ResponseScale
-from seqrsm.campaign.spec import CampaignSpec, SimulatorSpec, load_spec
+from seqrsm.analysis.scale import ResponseScale
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.images import ImagePanel, TruthPanel
 from seqrsm.decide.stopping import StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -31,6 +30,8 @@ from seqrsm.fit.canonical import stationary_point
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
+from seqrsm.spec.read import CampaignSpec, SimulatorSpec, load_spec
+from seqrsm.store.records import EventRecord, LookRecord, RunRecord, ScoreRecord
 
 START = datetime(2024, 5, 1, 8, 0, tzinfo=UTC)
 

@@ -12,8 +12,8 @@ from pypdf import PdfReader
 from report_dossiers import truth_score
 
 from seqrsm.report.content import build_report
-from seqrsm.report.drawing import draw, svg_for_html, tell
-from seqrsm.report.figure_files import named_panels, write_figures
+from seqrsm.report.figures.drawing import draw, svg_for_html, tell
+from seqrsm.report.figures.files import named_panels, write_figures
 from seqrsm.report.wording import slug
 
 

@@ -7,9 +7,9 @@ import dataclasses
 import pytest
 from report_dossiers import simulated_dossier
 
-from seqrsm.campaign.analysis import SettingPosterior
+from seqrsm.analysis.results import SettingPosterior
 from seqrsm.report.literature import catalogue_words, literature
-from seqrsm.report.section_literature import literature_section
+from seqrsm.report.sections.literature import literature_section
 
 
 @pytest.mark.parametrize(

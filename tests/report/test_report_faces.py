@@ -16,12 +16,11 @@ import pytest
 from pypdf import PdfReader
 from report_dossiers import load, make_analysis, runs_of, truth_score
 
-from seqrsm.campaign.analysis import Confirmation, Interval
-from seqrsm.campaign.compromise import CompromiseEstimate, GivenUp
+from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
+from seqrsm.analysis.results import Confirmation, Interval
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.campaign.spec_tables import StopSpec
 from seqrsm.cli.show_fit import decision_heading
-from seqrsm.report import drawing, figures_study, write_report
+from seqrsm.report import write_report
 from seqrsm.report.blocks import (
     Bullets,
     Cell,
@@ -36,10 +35,13 @@ from seqrsm.report.blocks import (
     Table,
 )
 from seqrsm.report.content import build_report
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures import study as figures_study
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
-from seqrsm.report.section_data import question_section
+from seqrsm.report.sections.data import question_section
 from seqrsm.report.wording import counted
+from seqrsm.spec.tables import StopSpec
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -392,7 +394,7 @@ def test_fresh_runs_that_contradict_the_model_are_on_the_first_page(simulated):
 
 def test_logit_scores_are_drawn_in_percent(simulated):
     from seqrsm.fit.least_squares import fit_least_squares
-    from seqrsm.report.surfaces import line
+    from seqrsm.report.figures.surfaces import line
 
     analysis = simulated.analyses[0]
     logits = np.log(analysis.data.scores / (100.0 - analysis.data.scores))
@@ -420,7 +422,7 @@ def test_tables_refuse_ragged_rows():
 
 def test_a_report_of_very_many_runs_shows_the_last_and_says_so(simulated, monkeypatch):
     total = len(simulated.runs)
-    monkeypatch.setattr("seqrsm.report.section_data.MOST_RUNS", total - 3)
+    monkeypatch.setattr("seqrsm.report.sections.data.MOST_RUNS", total - 3)
     section = next(section for section in build_report(simulated).sections if section.key == "runs")
     note, details = section.blocks
     assert f"last {total - 3} of {total} runs" in note.text

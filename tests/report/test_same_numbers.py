@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from seqrsm.campaign.assemble import assemble
-from seqrsm.campaign.loop import Campaign
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.report.blocks import Bullets, KeyFigures, Paragraph, Table
 from seqrsm.report.content import build_report

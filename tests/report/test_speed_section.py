@@ -8,9 +8,9 @@ from pathlib import Path
 from report_dossiers import flight_dossier, simulated_dossier
 
 from seqrsm.campaign.fidelity_watch import VIOLATED
-from seqrsm.campaign.records import EventRecord
 from seqrsm.report.blocks import FigureBlock, Paragraph, Table
-from seqrsm.report.section_speed import pareto, speed_section
+from seqrsm.report.sections.speed import pareto, speed_section
+from seqrsm.store.records import EventRecord
 
 KEPT = {"rung": "F2", "bound": 0.42, "left_out": ["ground between the strips"], "tolerance": 0.5}
 CHECK = {"by": "F3", "difference": -0.31, "limit": 1.5}

@@ -23,19 +23,19 @@ import numpy as np
 import tifffile
 
 from seqrsm.campaign.rebuild import rebuild
-from seqrsm.campaign.spec import load_spec
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.errors import SeqrsmError
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.geotiff import read_geotiff
 from seqrsm.scene.raster import read_legend
-from seqrsm.scene.scene import load_scene, save_scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.score.cells import FactorColumn, Measure
 from seqrsm.score.flight import read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
+from seqrsm.spec.read import load_spec
 
 LIMIT_S = 10.0
 """Processor time [s] that reading an input may take; ten times as much on the clock."""
@@ -308,7 +308,7 @@ def _tiff_bytes(compression: str | None) -> bytes:
 def _export_bytes(folder: Path) -> bytes:
     from seqrsm.campaign.export import export
     from seqrsm.campaign.ingest import ingest_file
-    from seqrsm.campaign.store import Store
+    from seqrsm.store.store import Store
 
     place = folder / "campaign"
     place.mkdir()

@@ -1,4 +1,4 @@
-"""A few thousand spoilt inputs for every reader; the study of 100,000 is tests/benchmarks/fuzz_study.py."""
+"""A few thousand spoilt inputs for every reader; the study of 100,000 is tests/studies/fuzz_study.py."""
 
 from __future__ import annotations
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from seqrsm.analysis.posterior import stated_prior
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError
-from seqrsm.fit.conjugate import posterior
+from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
 from seqrsm.fit.optimum import optimum_draws
+from seqrsm.spec.read import load_spec
 
 FACTORS = (
     ContinuousFactor("frequency", 1.0, 18.0, "GHz", "log"),
@@ -104,3 +108,74 @@ def test_first_order_and_two_level_factors_take_no_optimum() -> None:
         prior = elicited_prior(model, region, UTILITY, optima=(OptimumNear("d", 1.5),))
         assert np.linalg.eigvalsh(prior.Lambda0)[0] > 0
         assert prior.m0[0] == 77.5
+
+
+STATED = """\
+[campaign]
+name = "t"
+[[factor]]
+name = "x"
+low = 0.0
+high = 10.0
+[[application]]
+name = "a"
+utility = "percent_correct"
+[application.prior]
+utility = [{low}, {high}]
+{more}
+[model]
+response = "{response}"
+[stop]
+half_width = 3.0
+"""
+
+
+def prior_stated(folder: Path, low: float, high: float, more: str = "", response: str = "identity"):
+    """The prior of a campaign's model, and the model."""
+    text = STATED.format(low=low, high=high, more=more, response=response)
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    spec = load_spec(folder)
+    model = QuadraticModel(spec.factors)
+    prior = stated_prior(spec, spec.applications[0], model, spec.region)
+    assert prior is not None
+    return prior, model
+
+
+def same(one: NormalInverseGamma, other: NormalInverseGamma) -> bool:
+    arrays = (one.m0, other.m0), (one.Lambda0, other.Lambda0)
+    return (one.a0, one.b0) == (other.a0, other.b0) and all(np.array_equal(*pair) for pair in arrays)
+
+
+@pytest.mark.parametrize("response", ["identity", "logit"])
+def test_nothing_said_of_repeats_is_a_tenth_of_the_utility_worth_three_runs(tmp_path: Path, response: str) -> None:
+    silent, model = prior_stated(tmp_path, 60.0, 90.0, response=response)
+    assert same(silent, prior_stated(tmp_path, 60.0, 90.0, "repeat_sd = 3.0\nrepeat_runs = 3", response)[0])
+    assert not same(silent, prior_stated(tmp_path, 60.0, 90.0, "repeat_sd = 2.9", response)[0])
+    assert not same(silent, prior_stated(tmp_path, 60.0, 90.0, "repeat_runs = 4", response)[0])
+    if response == "identity":
+        region = Region(model.factors)
+        assert same(silent, elicited_prior(model, region, UtilityRange(60.0, 90.0)))
+
+
+@pytest.mark.parametrize(("sd", "runs"), [(None, None), (1.5, None), (0.5, 8.0)])
+def test_scatter_of_repeats_is_that_of_so_many_runs_at_one_setting(
+    tmp_path: Path, sd: float | None, runs: float | None
+) -> None:
+    """With n repeats about the prior mean, sigma^2 is pooled: (runs sd^2 + sum of squares) / (runs + n)."""
+    said = "" if sd is None else f"repeat_sd = {sd}\n"
+    said += "" if runs is None else f"repeat_runs = {runs}"
+    prior, model = prior_stated(tmp_path, 50.0, 80.0, said)
+    sd, runs = sd or 3.0, runs or 3.0
+    off = np.array([-1.7, -0.4, 0.9, 1.2])
+    Z = model.matrix(np.full((4, 1), 0.3))
+    found = posterior(Z, Z @ prior.m0 + off, None, prior)
+    assert found.b / found.a == pytest.approx((runs * sd**2 + off @ off) / (runs + 4))
+    assert 2.0 * prior.a0 == runs
+
+
+def test_scatter_of_repeats_on_the_logit_scale_is_that_of_scores_in_the_middle(tmp_path: Path) -> None:
+    """Scores of 75 +- 0.5 percent differ by so much in log(p / (1 - p))."""
+    prior, _ = prior_stated(tmp_path, 60.0, 90.0, "repeat_sd = 0.5", "logit")
+    share = np.array([0.745, 0.755])
+    by_hand = 0.5 * float(np.diff(np.log(share / (1.0 - share)))[0])
+    assert np.sqrt(prior.b0 / prior.a0) == pytest.approx(by_hand, rel=1e-3)

@@ -14,7 +14,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.scene.synthetic import synthetic_scene
 from seqrsm.simulate.bounds import teaching_factor
 from seqrsm.simulate.fidelity import RUNGS
-from seqrsm.simulate.psm_sample import meet, radar_strips
+from seqrsm.simulate.radar.sample import meet, radar_strips
 
 COVERS = ("Wheat", "Corn", "Forage", "Trees", "Grass")
 RELIEF = {"flat": 0.0, "rolling": 60.0, "steep": 600.0}
@@ -167,7 +167,7 @@ def test_integrated_fading_tends_to_the_gamma_law() -> None:
     """One class boundary at a threshold: the share of draws below it is the gamma distribution function."""
     from scipy.special import gammainc
 
-    from seqrsm.simulate.psm_sample import faded_draws
+    from seqrsm.simulate.radar.sample import faded_draws
 
     mean = np.full((1, 40, 50), 2.0, dtype=np.float32)
     looks = np.full(40, 3.7)
@@ -228,8 +228,8 @@ def test_noise_has_no_more_of_the_variance_than_the_bound_says() -> None:
 def test_relief_counts_by_the_mean_over_the_swath() -> None:
     """The emissivity curves are steep at the edge of the sweep only: the bound takes each place's own steepness."""
     from seqrsm.campaign.engines import statistics_of
-    from seqrsm.simulate.fidelity_radiometer import _View
-    from seqrsm.simulate.prm import meet_radiometer
+    from seqrsm.simulate.radiometer.fidelity import _View
+    from seqrsm.simulate.radiometer.prm import meet_radiometer
 
     scene, sensor = ground("rolling", LAND, 30.0), radiometer()
     met = meet_radiometer(scene, sensor, ENGINES["prm"].table(""), seed=SEED, run_id=1)

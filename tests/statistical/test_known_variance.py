@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seqrsm.fit.known_variance import own_weights
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.weights import own_weights
 
 N, CASES = 24, 1500
 

@@ -1,4 +1,4 @@
-"""The decision on lack of fit, on simulated data sets; in full by tests/benchmarks/statistics_study.py."""
+"""The decision on lack of fit, on simulated data sets; in full by tests/studies/statistics_study.py."""
 
 from __future__ import annotations
 

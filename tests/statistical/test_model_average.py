@@ -13,9 +13,8 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError
-from seqrsm.fit.mixture import mixture_cdf, mixture_quantile
-from seqrsm.fit.model_space import ModelSpace, hierarchical_models, search_models, units_of
-from seqrsm.fit.selection import average_models
+from seqrsm.fit.conjugate import mixture_cdf, mixture_quantile
+from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, search_models, units_of
 
 
 def numeric(k: int) -> tuple[ContinuousFactor, ...]:

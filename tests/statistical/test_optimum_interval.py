@@ -62,7 +62,7 @@ def test_curved_surface_has_nominal_t_intervals_and_flat_ones_do_not() -> None:
     [(2, 16, 0.5, 0.2), (2, 16, 0.5, 1.0), (2, 16, 6.0, 0.2), (3, 24, 0.5, 0.2), (4, 36, 0.25, 0.2)],
 )
 def test_interval_that_allows_for_the_search_covers(k: int, n: int, curvature: float, tilt: float) -> None:
-    """In full, to 10,000 data sets, by tests/benchmarks/statistics_study.py."""
+    """In full, to 10,000 data sets, by tests/studies/statistics_study.py."""
     model, region, points, beta = setup(k, n, curvature, tilt)
     Z, sets = model.matrix(points), 400 if k == 2 else 250
     rng = np.random.default_rng(2)

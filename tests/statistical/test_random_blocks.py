@@ -12,8 +12,8 @@ from statsmodels.regression.linear_model import GLS
 from statsmodels.regression.mixed_linear_model import MixedLM
 
 from seqrsm.errors import FitError
+from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.random_blocks import fit_random_blocks
 
 BETA = np.array([70.0, 4, -3, 2, -6, -5])
 

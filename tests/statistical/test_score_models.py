@@ -9,8 +9,8 @@ from scipy.special import expit
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit.ensemble import GeneralPosterior, sample_model
-from seqrsm.fit.general_target import GeneralModel, Parameter, StudentProposal
 from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
+from seqrsm.fit.target import GeneralModel, Parameter, StudentProposal
 
 ONE = CoefficientPrior(np.array([0.0]), np.array([5.0]))
 

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 
 from seqrsm.rng import generator, stream_key
-from seqrsm.simulate import kernels_speckle as kernels
-from seqrsm.simulate.fading import add_fading, gamma_tables, normal_table
+from seqrsm.simulate.radar import kernels_speckle as kernels
+from seqrsm.simulate.radar.fading import add_fading, gamma_tables, normal_table
 
 # Known answers of the Random123 library, file kat_vectors, philox4x32 with 10 rounds (Salmon et al. 2011).
 VECTORS = [

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 from postgres_server import find_server, running, wipe
 
-from seqrsm.campaign.store import Store
+from seqrsm.store.store import Store
 
 
 @pytest.fixture(scope="session")

@@ -10,9 +10,9 @@ from dataclasses import asdict
 import pytest
 
 from seqrsm.campaign.export import export
-from seqrsm.campaign.spec import load_spec
-from seqrsm.campaign.store import NewRun, NewScore
 from seqrsm.errors import StoreError
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import NewRun, NewScore
 
 SPEC = """\
 [campaign]

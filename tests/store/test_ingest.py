@@ -9,9 +9,9 @@ import pytest
 
 from seqrsm.campaign.form import write_form
 from seqrsm.campaign.ingest import ingest_file
-from seqrsm.campaign.spec import load_spec
-from seqrsm.campaign.store import NewRun
 from seqrsm.errors import ScoresFileError, StoreError
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import NewRun
 
 SPEC = """\
 [campaign]

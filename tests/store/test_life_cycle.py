@@ -8,15 +8,15 @@ import pytest
 import sqlalchemy as sa
 
 from seqrsm.campaign import simulation
-from seqrsm.campaign import store as store_module
-from seqrsm.campaign.heartbeat import heartbeat
-from seqrsm.campaign.loop import MAX_ATTEMPTS, Campaign
-from seqrsm.campaign.records import NewRun, NewScore
-from seqrsm.campaign.schema import RUNS
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign
 from seqrsm.campaign.simulation import SimulationResult
-from seqrsm.campaign.store import Store
 from seqrsm.simulate import runner
 from seqrsm.simulate.runner import Lost
+from seqrsm.store import store as store_module
+from seqrsm.store.heartbeat import heartbeat
+from seqrsm.store.records import NewRun, NewScore
+from seqrsm.store.schema import RUNS
+from seqrsm.store.store import Store
 
 RUN = NewRun({"x": 1.0})
 

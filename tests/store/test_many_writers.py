@@ -8,14 +8,14 @@ from collections import Counter
 
 from postgres_server import wipe
 
-from seqrsm.campaign.store import NewRun, Store
+from seqrsm.store.store import NewRun, Store
 
 PROCESSES, RUNS_EACH, FILES_EACH, ROWS = 8, 4, 2, 3
 
 WORKER = """
 import sys
-from seqrsm.campaign.records import IngestedFile, IngestedRun
-from seqrsm.campaign.store import NewRun, NewScore, Store
+from seqrsm.store.records import IngestedFile, IngestedRun
+from seqrsm.store.store import NewRun, NewScore, Store
 folder, url, me, runs_each, files_each, rows = sys.argv[1], sys.argv[2] or None, *map(int, sys.argv[3:])
 
 def file(name, owner, number):

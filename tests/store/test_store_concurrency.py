@@ -12,11 +12,11 @@ from collections import Counter
 
 import pytest
 
-from seqrsm.campaign.store import STORE_NAME, NewRun, Store
+from seqrsm.store.store import STORE_NAME, NewRun, Store
 
 WORKER = """
 import sys, time
-from seqrsm.campaign.store import Store
+from seqrsm.store.store import Store
 folder, url, n = sys.argv[1], sys.argv[2] or None, int(sys.argv[3])
 with Store.open(folder, url=url, create=True, campaign="test") as store:
     print("ready", flush=True)
@@ -30,7 +30,7 @@ with Store.open(folder, url=url, create=True, campaign="test") as store:
 
 PROPOSER = """
 import sys
-from seqrsm.campaign.store import NewRun, NewScore, Store
+from seqrsm.store.store import NewRun, NewScore, Store
 with Store.open(sys.argv[1], create=True, campaign="test") as store:
     print("ready", flush=True)
     sys.stdin.readline()
@@ -77,7 +77,7 @@ def test_processes_share_the_runs(store, tmp_path, url):
 
 def test_processes_propose_at_once(store, tmp_path, url):
     script = (
-        "import sys; from seqrsm.campaign.store import NewRun, Store\n"
+        "import sys; from seqrsm.store.store import NewRun, Store\n"
         "with Store.open(sys.argv[1], url=sys.argv[2] or None) as store:\n"
         "    for _ in range(15): print(*store.add_batch([NewRun({'x': 1.0})] * 2))"
     )

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
-from seqrsm.campaign import store_connection
-from seqrsm.campaign.schema import HEAD, METADATA, REVISIONS
-from seqrsm.campaign.store import STORE_NAME, NewRun, Store
-from seqrsm.campaign.store_connection import MIGRATIONS, Database, network_file_system
 from seqrsm.errors import StoreError
+from seqrsm.store import database as store_connection
+from seqrsm.store.database import MIGRATIONS, Database, network_file_system
+from seqrsm.store.schema import HEAD, METADATA, REVISIONS
+from seqrsm.store.store import STORE_NAME, NewRun, Store
 
 RUN = NewRun({"x": 1.0})
 
@@ -107,7 +107,7 @@ def test_read_only_folder(folder):
         (place / STORE_NAME).chmod(0o444)
         place.chmod(0o555)
         script = (
-            "import os; from seqrsm.campaign.store import Store, NewRun\n"
+            "import os; from seqrsm.store.store import Store, NewRun\n"
             "from seqrsm.errors import StoreError\n"
             "if os.geteuid() == 0: os.setuid(65534)\n"
             "try:\n"
@@ -149,7 +149,7 @@ def test_a_held_lock_is_reported(folder, monkeypatch):
 
 
 def test_opening_does_not_import_alembic(folder):
-    script = f"import sys; from seqrsm.campaign.store import Store; Store.open({str(folder)!r}).close()\n"
+    script = f"import sys; from seqrsm.store.store import Store; Store.open({str(folder)!r}).close()\n"
     script += "sys.exit('alembic' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
@@ -291,6 +291,6 @@ def test_network_file_systems_are_recognised(folder, monkeypatch, tmp_path):
     found = {place: network_file_system(Path(place), mounts) for place in places}
     assert found == places
     (tmp_path / "mounts").write_text(f"host:/x {folder.resolve()} nfs rw 0 0\n")
-    monkeypatch.setattr("seqrsm.campaign.store_connection._MOUNTS", tmp_path / "mounts")
+    monkeypatch.setattr("seqrsm.store.database._MOUNTS", tmp_path / "mounts")
     with pytest.raises(StoreError, match=r"network file system \(nfs\)"):
         Store.open(folder)

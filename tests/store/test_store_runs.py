@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from seqrsm import __version__
-from seqrsm.campaign.schema import STATES, TRANSITIONS
-from seqrsm.campaign.store import NewRun, NewScore, Store
 from seqrsm.errors import StoreError
+from seqrsm.store.schema import STATES, TRANSITIONS
+from seqrsm.store.store import NewRun, NewScore, Store
 
 HERE = {"frequency": 1.25, "polarization": "HH"}
 RUN = NewRun(HERE, "start", "first design")
@@ -156,7 +156,7 @@ def test_claim_takes_issued_runs_of_its_source_only(store):
 def test_runs_of_dead_processes_are_released(store, tmp_path, url):
     ids = store.add_batch([RUN, RUN], issue=True)
     script = (
-        "import sys; from seqrsm.campaign.store import Store\n"
+        "import sys; from seqrsm.store.store import Store\n"
         f"with Store.open({str(tmp_path)!r}, url={url!r}) as s: s.claim([{ids[0]}])"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
@@ -172,7 +172,7 @@ def test_an_earlier_process_of_the_same_number_is_dead(store, monkeypatch):
     (run_id,) = store.add_batch([RUN], issue=True)
     store.claim()
     assert store.release_stale() == ()
-    monkeypatch.setattr("seqrsm.campaign.store._TOKEN", "another")
+    monkeypatch.setattr("seqrsm.store.store._TOKEN", "another")
     assert store.release_stale() == (run_id,)
 
 

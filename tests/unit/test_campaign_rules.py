@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.campaign.analyse import analyse
+from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.to_json import optimum_to_json
 from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_file
 from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
-from seqrsm.campaign.records import LookRecord, NewRun
-from seqrsm.campaign.serialise import optimum_to_json
-from seqrsm.campaign.spec import load_spec
-from seqrsm.campaign.store import Store
-from seqrsm.campaign.store_connection import _cut_off
 from seqrsm.campaign.tradeoff import _rank_correlation
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.fit.optimum import optimum
-from seqrsm.report.phrases import mean_text, of_quadratic
 from seqrsm.report.study_text import searched_text
+from seqrsm.report.wording import mean_text, of_quadratic
+from seqrsm.spec.read import load_spec
+from seqrsm.store.database import _cut_off
+from seqrsm.store.records import LookRecord, NewRun
+from seqrsm.store.store import Store
 
 
 def scored(run_id: int, rung: str, bound: float, *, source: str = "simulation", state: str = "scored", **more: float):

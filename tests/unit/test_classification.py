@@ -9,7 +9,7 @@ import pytest
 from scipy import special
 
 from seqrsm.score.classification import cluster_ratio, score_pixels
-from seqrsm.simulate.kernels import count_classes
+from seqrsm.simulate.radar.kernels import count_classes
 
 
 def two_classes(distance_db, n=40_000, seed=0, sd=1.0, d=1):

@@ -9,11 +9,11 @@ from scipy.optimize import brentq
 from scipy.stats import t as student
 from statsmodels.stats.proportion import proportion_confint
 
-from seqrsm.campaign.response import ResponseScale
+from seqrsm.analysis.scale import ResponseScale
 from seqrsm.decide.intervals import counted_confirmation
 from seqrsm.errors import FitError
-from seqrsm.fit.counts import expected_shares, share_variance
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.weights import expected_shares, share_variance
 
 
 def cases(seed: int, n: int = 30):

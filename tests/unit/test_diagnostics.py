@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from seqrsm.fit.diagnostics import autocorrelation_time, ess_bulk, ess_tail, r_hat
+from seqrsm.fit.convergence import autocorrelation_time, ess_bulk, ess_tail, r_hat
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

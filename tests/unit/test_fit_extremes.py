@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seqrsm.campaign.fitted import student_weights
+from seqrsm.analysis.fitted import student_weights
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError
+from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import posterior, weakly_informative
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import fit_least_squares
@@ -17,7 +18,6 @@ from seqrsm.fit.location import best_settings
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.profile import box_cox_profile
-from seqrsm.fit.random_blocks import fit_random_blocks
 from seqrsm.fit.residuals import influential_runs, normal_plot
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import logit_scores, logit_to_percent

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import FitError
-from seqrsm.fit import double_double
+from seqrsm.fit import linear_system
 from seqrsm.fit.least_squares import block_columns, fit_least_squares
 from seqrsm.fit.linear_system import factorise, solve
 
@@ -235,7 +235,7 @@ def test_double_double_products_are_exact() -> None:
     x = rng.normal(size=(37, 2))
     from fractions import Fraction
 
-    high, low = double_double.matmul(A, x, np.zeros_like(x))
+    high, low = linear_system.matmul(A, x, np.zeros_like(x))
     for i in range(6):
         for j in range(2):
             exact = sum(Fraction(a) * Fraction(b) for a, b in zip(A[i], x[:, j], strict=True))

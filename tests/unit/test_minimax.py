@@ -10,7 +10,7 @@ from seqrsm.design import kernels_minimax as kernels
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import largest_variance
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
-from seqrsm.design.minimax import MinimaxSearch
+from seqrsm.design.minimax import _FINE, MinimaxSearch
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -114,6 +114,53 @@ def test_runs_stay_in_the_region_and_slide_along_its_edge(constraints) -> None:
     assert soft(model, points, search.places, 16.0) < soft(model, start, search.places, 16.0) - 0.05
     if len(constraints) == 1:
         assert np.count_nonzero(region.slack(points) < 1e-3) >= 2
+
+
+@pytest.mark.parametrize(("rise", "joins"), [(0.5, True), (2e-6, True), (1e-7, False), (-0.5, False)])
+def test_places_join_where_the_variance_rises_between_the_others(rise: float, joins: bool) -> None:
+    """Under constraints, where the largest variance over the region is higher than at all places judged so far."""
+    model, region = build("x0 + x1 <= 0.4", k=2)
+    points = region.sample(9, np.random.default_rng(6))
+    Z = model.matrix(points)
+    covariance = np.linalg.inv(Z.T @ Z + 0.1 * np.eye(model.p))
+    between = np.array([[0.11, 0.23], [-0.37, 0.71]])
+    asked = []
+
+    def largest(D: np.ndarray) -> tuple[float, np.ndarray]:
+        asked.append(D)
+        return top * (1.0 + rise), between
+
+    search = MinimaxSearch(model, region, 0.1 * np.eye(model.p), largest)
+    before = search.places
+    top = float(np.max(np.sum((before @ covariance) * before, axis=1)))
+    assert search.value(points, best=0.9 * top) == pytest.approx(top)  # worse than the best: not worth asking
+    assert not asked
+    assert search.value(points, best=1.1 * top) == pytest.approx(max(top, top * (1.0 + rise)), rel=1e-7)
+    np.testing.assert_allclose(asked, [covariance], rtol=1e-6)
+    np.testing.assert_array_equal(search.places, np.vstack([before, model.matrix(between)]) if joins else before)
+
+
+@pytest.mark.parametrize("constraints", [(), ("x0 + x1 <= 0.4",)])
+def test_the_highest_places_of_a_box_join_once_the_gaps_of_the_cover_count(constraints, monkeypatch) -> None:
+    """From the power that tells which design is better on; under constraints `value` alone adds some."""
+    model, region = build(*constraints, k=2)
+    search = engine(model, region)
+    corners = [[1.0, 1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 0.9]]
+    points = np.array([*corners, [-1.0, -0.5], [0.2, -0.2], [-0.9, 0.0], [-0.4, -0.2]])
+    seen = []
+    monkeypatch.setattr(kernels, "descend", lambda base, _c, _f, _s, _r, places, *_: seen.append(places))
+    for power in (64.0, _FINE, 16384.0):
+        search.lower(points, power, (1, 1.0))
+    Z = model.matrix(points)
+    D = np.linalg.inv(Z.T @ Z + 0.1 * np.eye(model.p))
+    fine = model.matrix(region.candidates(81))
+    highest = np.max(np.sum((fine @ D) * fine, axis=1))
+    tops = [np.max(np.sum((places @ D) * places, axis=1)) for places in seen]
+    if not constraints:
+        assert tops[0] < 0.9 * highest  # or the test could not tell
+        assert tops[1:] == pytest.approx([highest] * 2, rel=1e-3)
+    for places in seen if constraints else seen[:1]:
+        np.testing.assert_array_equal(places, search.places)
 
 
 def test_levels_are_exchanged_on_the_largest_variance() -> None:

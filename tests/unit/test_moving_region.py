@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.decide import moving
 from seqrsm.decide.discrepancy import find_discrepancy, likely_optimum
 from seqrsm.decide.moving import Box, Plan, box_around, evidence_limit, needed_runs, sub_region, walk, whole_box
@@ -24,6 +25,18 @@ def hump(x: np.ndarray, at: tuple[float, float] = (0.5, 0.3)) -> np.ndarray:
 
 def scattered(n: int, seed: int, k: int = 2) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1, 1, (n, k))
+
+
+def test_settings_run_are_the_same_after_the_coding_of_a_part_of_the_region() -> None:
+    """To the bit, for settings of the digits that are proposed: what repeats a run there repeats it."""
+    box = box_around(PAIR, np.array([0.2, -0.1]), np.array([0.3, 0.4]))
+    rng = np.random.default_rng(4)
+    settings = [
+        {"frequency": float(f"{f:.4g}"), "angle": float(f"{a:.4g}")}
+        for f, a in zip(10.0 ** rng.uniform(0.0, 2.0, 200), rng.uniform(20.0, 60.0, 200), strict=True)
+    ]
+    local = box.local(PAIR.code(settings))
+    assert rounded_settings(PAIR, np.array([box.outwards(point) for point in local])) == settings
 
 
 def test_local_coding_is_that_of_the_sub_region() -> None:

@@ -8,11 +8,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from seqrsm.campaign.occasions import occasion_of, share_occasions, sharing, similarity
-from seqrsm.campaign.records import CONFIRMATION, NewRun, RunRecord
+from seqrsm.analysis.occasions import occasion_of, share_occasions, sharing, similarity
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
 
 REGION = Region((ContinuousFactor("x", 0.0, 10.0), ContinuousFactor("y", 0.0, 1.0), CategoricalFactor("p", ("H", "V"))))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -153,13 +155,61 @@ def test_reserved_runs_are_the_share(share: float, expected: int) -> None:
     assert sum(is_reserved_run(i, share) for i in range(100)) == expected
 
 
-def test_repeats_are_exact_copies_of_executed_settings() -> None:
-    data = campaign(3)
-    data["df_pure_error"] = 0
-    for proposal in propose_batch(**data, n=12):
+def mixed_campaign() -> dict:
+    """Factors of every kind, a constraint, and settings that lie on no grid of coded values."""
+    factors = (
+        ContinuousFactor("frequency", 1.3, 17.7, "GHz", "log"),
+        ContinuousFactor("angle", 20.0, 70.0, "deg"),
+        DiscreteFactor("looks", (1.0, 2.0, 4.0, 8.0, 16.0), scale="log"),
+        CategoricalFactor("polarization", ("HH", "VV", "HV")),
+    )
+    model = QuadraticModel(factors)
+    region = Region(factors, (Constraint("angle <= 80 - 2 * frequency"),))
+    rng = np.random.default_rng(8)
+    points = region.sample(26, rng)
+    targets, _ = optimum_draws(model, region, rng.normal(size=(40, model.p)))
+    return {
+        "model": model,
+        "region": region,
+        "Z_done": model.matrix(points),
+        "x_hat": targets[0],
+        "target_points": targets,
+        "points_done": points,
+    }
+
+
+@pytest.mark.parametrize("make", [campaign, mixed_campaign])
+@pytest.mark.parametrize("criterion", ["optimum", "D"])
+def test_repeats_are_exact_copies_of_executed_settings(make: Callable[[], dict], criterion: str) -> None:
+    """To the bit, of a run made or of one chosen before it: else they tell nothing of pure error."""
+    data = make() | {"df_pure_error": 0}
+    executed = [tuple(point) for point in data["points_done"]]
+    purposes = []
+    for proposal in propose_batch(**data, n=12, criterion=criterion, min_df_pure_error=40, n_candidates=500):
+        point = tuple(proposal.point)
+        purposes.append(proposal.purpose)
         if proposal.purpose == "repeat":
             assert proposal.repeats
             assert "pure error" in proposal.why
+        if proposal.repeats:
+            assert point in executed
+        executed.append(point)
+    assert purposes.count("repeat") == 3
+
+
+def test_settings_executed_that_are_the_best_again_are_a_repeat() -> None:
+    """Where all is known alike, D wants a corner again: it is taken as it is, and said to be executed."""
+    factors = (ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0))
+    model, region = QuadraticModel(factors), Region(factors)
+    points = region.candidates(3)
+    centre = np.zeros((1, 2))
+    (found,) = propose_batch(
+        model, region, Z_done=model.matrix(points), points_done=points, x_hat=centre[0], target_points=centre, n=1,
+        criterion="D", spread_share=0.0,
+    )  # fmt: skip
+    assert np.all(np.abs(found.point) == 1.0)
+    assert found.repeats
+    assert found.why.endswith("repeats settings already run")
 
 
 def test_pending_runs_count_like_scored_ones() -> None:
@@ -283,6 +333,30 @@ def test_too_few_runs_lean_on_a_weak_prior() -> None:
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, None), 100.0 * np.eye(3))
     prior = np.diag([1.0, 2.0, 4.0])
     np.testing.assert_allclose(unscaled_covariance(np.zeros((0, 3)), None, prior), np.diag([1.0, 0.5, 0.25]))
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-5, 1.0, 1e5, 1e8])
+def test_coefficients_of_any_size_are_no_singularity(size: float) -> None:
+    """Rows Z S, columns in other units, have the covariance S^-1 C S^-1: nothing is added to what is determined."""
+    Z = np.random.default_rng(5).normal(size=(9, 4))
+    sizes = np.outer([1.0, size, 1.0, size], [1.0, size, 1.0, size])
+    C = unscaled_covariance(Z * np.sqrt(np.diagonal(sizes)), None, None)
+    np.testing.assert_allclose(C * sizes, np.linalg.inv(Z.T @ Z), rtol=1e-9, atol=1e-12)
+    # The prior counts, however little it says of what the runs leave out.
+    C = unscaled_covariance(Z * [1.0, 1.0, 1.0, 0.0], None, np.diag([0.0, 0.0, 0.0, 1e-12 * size]))
+    assert C[3, 3] == pytest.approx(1e12 / size)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3, 1e5])
+def test_coefficients_that_runs_leave_undetermined_are_told_at_any_size(size: float) -> None:
+    """Two columns that are one, up to rounding: the weak prior of 0.01 is added, and the difference left to it."""
+    for seed in range(8):
+        Z = np.random.default_rng(seed).normal(size=(9, 4))
+        Z[:, 3] = Z[:, 2] / 3.0
+        Z *= size
+        C = unscaled_covariance(Z, None, None)
+        null = np.array([0.0, 0.0, 1.0, -3.0]) / np.sqrt(10.0)  # moves no response
+        assert null @ C @ null == pytest.approx(100.0, rel=0.02)
 
 
 def test_a_tie_tells_most_of_the_new_days_effect() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seqrsm.sensor.radar import from_settings
-from seqrsm.simulate.occasion import draw_ground_state, draw_occasion, nominal_ground_state, nominal_occasion
+from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, nominal_ground_state, nominal_occasion
 
 
 def radar(polarization):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.simulate.receiver import (
+from seqrsm.simulate.radar.receiver import (
     film_density,
     greytone,
     intensity,

@@ -23,7 +23,7 @@ from seqrsm.score.retrieval import (
     soil_moisture_error,
     water_fraction_error,
 )
-from seqrsm.simulate.prm import simulate_radiometer
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
 PATCH = np.kron(np.random.default_rng(9).integers(0, 2, (12, 16)), np.ones((10, 10), dtype=int))
 FIELD = np.kron(np.arange(12 * 16).reshape(12, 16), np.ones((10, 10), dtype=int))

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from seqrsm.cli.app import app
 from seqrsm.errors import SceneError
 from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
-from seqrsm.scene.scene import load_scene
+from seqrsm.scene.file import load_scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 AROUND = np.ones((3, 3), dtype=int)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from seqrsm.errors import SceneError
-from seqrsm.scene import scene as scene_module
-from seqrsm.scene.scene import NO_COVER, Scene, load_scene, save_scene
+from seqrsm.scene import file as scene_file
+from seqrsm.scene.file import load_scene, save_scene
+from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.synthetic import synthetic_scene
 
 
@@ -182,7 +183,7 @@ def test_zip_bomb_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("elevation_m.npy", b"\0" * 3_000_000)
     assert (tmp_path / "bomb.npz").stat().st_size < 10_000
-    monkeypatch.setattr(scene_module, "_MAX_BYTES", 2_000_000)
+    monkeypatch.setattr(scene_file, "_MAX_BYTES", 2_000_000)
     with pytest.raises(SceneError, match="unpacked scene would take"):
         load_scene(tmp_path / "bomb.npz")
 

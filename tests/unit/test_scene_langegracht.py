@@ -11,7 +11,8 @@ import pytest
 
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.fields import connected_patches
-from seqrsm.scene.scene import NO_COVER, load_scene
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "langegracht-radar"

@@ -11,11 +11,12 @@ import pytest
 
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.fields import connected_patches
-from seqrsm.scene.scene import NO_COVER, load_scene
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.score.classification import percent_correct
 from seqrsm.sensor.radar import from_settings
-from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.radar.psm import simulate_radar
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "limburg-radar"
 

@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.errors import SceneError
+from seqrsm.scene.file import load_scene
 from seqrsm.scene.raster import import_scene
-from seqrsm.scene.scene import NO_COVER, load_scene
+from seqrsm.scene.scene import NO_COVER
 
 LEGEND = "code,category,note\n1,Wheat,\n2,Trees,planted\n3,Wheat,\n9,,\n"
 

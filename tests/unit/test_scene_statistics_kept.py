@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.scene import statistics
-from seqrsm.scene.scene import load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.scene.synthetic import synthetic_scene
 

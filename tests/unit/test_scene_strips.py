@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.scene import terrain
-from seqrsm.scene.scene import load_scene, save_scene
+from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.scene.synthetic import synthetic_scene
 

@@ -13,11 +13,12 @@ import pytest
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scene.fields import connected_patches
-from seqrsm.scene.scene import NO_COVER, load_scene
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
 from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radiometer import from_settings
-from seqrsm.simulate.prm import check_radiometer, simulate_radiometer
+from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "wake-radiometer"
 

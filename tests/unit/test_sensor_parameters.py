@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import pytest
 
-from seqrsm.campaign.spec import CampaignSpec, load_spec
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.errors import ConfigurationError, Problem, SpecError
 from seqrsm.report.wording import fixed_label, fixed_unit
@@ -19,6 +18,7 @@ from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.spec.read import CampaignSpec, load_spec
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 SENSORS = {"psm": (RADAR, RadarConfiguration), "prm": (RADIOMETER, RadiometerConfiguration)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,18 +11,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from seqrsm.campaign import check, simulation
-from seqrsm.campaign.fitted import scored_runs
-from seqrsm.campaign.loop import Campaign
-from seqrsm.campaign.records import IngestedRun, NewRun, NewScore
-from seqrsm.campaign.spec import load_spec
+from seqrsm.analysis.fitted import confirmation_reason, scored_runs
+from seqrsm.campaign import loop, simulation
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.loop import run_campaign
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import RegionError, SpecError, UserError
 from seqrsm.fit.optimum import optimum
 from seqrsm.simulate import runner
+from seqrsm.spec.read import SimulatorSpec, load_spec
+from seqrsm.store.records import CONFIRMATION, IngestedRun, NewRun, NewScore
 
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
-APPLICATION = '[[application]]\nname = "score"\nutility = "measured"\n'
+
+
+def applications(*names: str) -> str:
+    return "".join(f'[[application]]\nname = "{name}"\nutility = "measured"\n' for name in names)
+
+
+APPLICATION = applications("score")
 
 
 def spec_text(factors: str, stop: str, *, batch: int = 4, more: str = "", rest: str = "") -> str:
@@ -32,12 +40,15 @@ def numeric(k: int) -> str:
     return "".join(f'[[factor]]\nname = "x{i}"\nlow = -1.0\nhigh = 1.0\n' for i in range(k))
 
 
-Score = Callable[[dict, int], float]
+Score = Callable[[dict, int], float | dict[str, float]]
 
 
 @pytest.fixture
 def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run."""
+    """A campaign whose runs are scored by a function of settings and run id; raising an error fails the run.
+
+    The function returns one score, or one for each application by its name.
+    """
 
     def make(text: str, score: Score, folder: str = "c") -> Campaign:
         def carry(_function, tasks, *_rest):
@@ -46,14 +57,15 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                     value, failure = score(task.settings, task.run_id), ""
                 except ValueError as error:
                     value, failure = 0.0, str(error)
-                scores = () if failure else (NewScore("score", float(value)),)
+                named = value if isinstance(value, dict) else {"score": value}
+                scores = () if failure else tuple(NewScore(name, float(one)) for name, one in named.items())
                 yield (
                     index,
                     SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False, check=None),
                 )
 
         monkeypatch.setattr(runner, "run_many", carry)
-        monkeypatch.setattr(check, "check_simulator", lambda spec: None)
+        monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
         monkeypatch.setattr(
             simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
@@ -75,7 +87,7 @@ def bowl(settings: dict, run_id: int) -> float:
 
 def test_one_factor(campaign) -> None:
     made = campaign(spec_text(numeric(1), 'half_width = 2.0\ninterval = "prediction_mean"\nmax_runs = 40'), bowl)
-    outcome = made.run()
+    outcome = run_campaign(made)
     assert outcome.held
     assert outcome.analyses[0].optimum.settings["x0"] == pytest.approx(0.2, abs=0.25)
 
@@ -97,7 +109,7 @@ def test_eight_factors(campaign) -> None:
 def test_budget_below_the_terms_is_refused(campaign) -> None:
     made = campaign(spec_text(numeric(4), "half_width = 2.0\nmax_runs = 10"), bowl)
     with pytest.raises(SpecError, match="10 runs cannot determine 15 terms"):
-        made.run()
+        run_campaign(made)
     assert not made.store.runs()
 
 
@@ -107,7 +119,7 @@ def test_batch_larger_than_the_distinct_settings_repeats_them(campaign) -> None:
         spec_text(factors, "half_width = 0.9\nmax_runs = 60", batch=20),
         lambda s, i: (50.0 - (s["a"] - 2.0) ** 2 + (3.0 if s["b"] == "v" else 0.0)) + 0.1 * noise(i),
     )
-    outcome = made.run()
+    outcome = run_campaign(made)
     assert outcome.held
     assert outcome.analyses[0].optimum.settings == {"a": 2.0, "b": "v"}
     runs = made.store.runs()
@@ -130,7 +142,7 @@ def test_sliver_and_nothing(campaign) -> None:
 
 def test_equal_scores_everywhere(campaign) -> None:
     made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 30"), lambda s, i: 7.0)
-    outcome = made.run()
+    outcome = run_campaign(made)
     (analysis,) = outcome.analyses
     assert analysis.optimum.mean == pytest.approx(7.0)
     assert any("equal" in warning for warning in analysis.warnings)
@@ -169,7 +181,7 @@ def test_source_that_always_fails_ends_at_once(campaign) -> None:
 
     made = campaign(spec_text(numeric(2), "half_width = 1.0\nmax_runs = 30"), broken)
     with pytest.raises(UserError, match="no licence"):
-        made.run()
+        run_campaign(made)
     assert len(made.store.runs()) == 12  # the start design, once
 
 
@@ -181,7 +193,7 @@ def test_source_that_breaks_later_is_given_up_after_a_few_batches(campaign) -> N
 
     made = campaign(spec_text(numeric(2), "half_width = 0.1\nmax_runs = 60", more="attempts = 2"), breaks)
     with pytest.raises(UserError, match="disk full"):
-        made.run()
+        run_campaign(made)
     assert sum(run.state == "failed" for run in made.store.runs()) <= 3 * 4
 
 
@@ -194,7 +206,7 @@ def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> No
         return bowl(settings, run_id)
 
     made = campaign(spec_text(numeric(2), "half_width = 2.5\nmax_runs = 40"), corner)
-    outcome = made.run()
+    outcome = run_campaign(made)
     failed = np.array([[run.proposed["x0"], run.proposed["x1"]] for run in made.store.runs("failed")])
     assert outcome.n_scored >= 18
     assert len(failed) <= 20
@@ -209,7 +221,7 @@ def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> No
 @pytest.mark.parametrize("criterion", ["D", "I", "thompson", "steepest"])
 def test_criteria_by_name(campaign, criterion: str) -> None:
     made = campaign(spec_text(numeric(2), "half_width = 2.6\nmax_runs = 26", more=f'criterion = "{criterion}"'), bowl)
-    outcome = made.run()
+    outcome = run_campaign(made)
     assert outcome.analyses[0].optimum.mean == pytest.approx(80.0, abs=2.5)
     purposes = {run.purpose for run in made.store.runs() if run.batch > 1}
     wanted = {"D": "spread", "I": "average", "thompson": "thompson", "steepest": "steepest"}[criterion]
@@ -219,7 +231,7 @@ def test_criteria_by_name(campaign, criterion: str) -> None:
 @pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime", "spending"])
 def test_guards_by_name(campaign, guard: str) -> None:
     rule = f'half_width = 2.0\ninterval = "prediction_mean"\nguard = "{guard}"\nmax_runs = 80'
-    outcome = campaign(spec_text(numeric(2), rule), bowl).run()
+    outcome = run_campaign(campaign(spec_text(numeric(2), rule), bowl))
     assert outcome.held
     (analysis,) = outcome.analyses
     assert {check.name for check in analysis.decision.checks} >= {"interval", "pure_error", "lack_of_fit"}
@@ -232,14 +244,16 @@ def test_futility_ends_a_campaign_that_asks_for_it(campaign) -> None:
         "the target": (lambda s, i: bowl(s, i) + 9.0 * noise(i + 7), "half_width = 4.0\nmax_runs = 60"),
     }
     for name, (score, rule) in cases.items():
-        told = campaign(spec_text(numeric(2), rule), score, f"{name} told").run()
-        ended = campaign(spec_text(numeric(2), f'{rule}\nfutility = "stop"'), score, f"{name} ended").run()
+        told = run_campaign(campaign(spec_text(numeric(2), rule), score, f"{name} told"))
+        ended = run_campaign(campaign(spec_text(numeric(2), f'{rule}\nfutility = "stop"'), score, f"{name} ended"))
         assert not told.futile
         assert ended.futile
         assert not ended.held
         assert 16 <= ended.n_scored < min(told.n_scored, 60)  # at two looks in a row
         assert ended.analyses[0].decision.futility
-    goes_on = campaign(spec_text(numeric(2), 'half_width = 3.0\nmax_runs = 60\nfutility = "stop"'), bowl, "fine").run()
+    goes_on = run_campaign(
+        campaign(spec_text(numeric(2), 'half_width = 3.0\nmax_runs = 60\nfutility = "stop"'), bowl, "fine")
+    )
     assert goes_on.held
     assert not goes_on.futile
 
@@ -253,7 +267,7 @@ def two_humps(settings: dict, run_id: int) -> float:
 def test_region_shrinks_and_the_store_says_so(campaign) -> None:
     text = spec_text(numeric(2), 'half_width = 1.5\ninterval = "confidence"\nmax_runs = 60')
     made = campaign(text, two_humps)
-    outcome = made.run()
+    outcome = run_campaign(made)
     (analysis,) = outcome.analyses
     assert [change.kind for change in analysis.region_history][:2] == ["shrink", "filled"]
     assert not analysis.region_state.box.whole
@@ -274,12 +288,12 @@ def test_region_shrinks_and_the_store_says_so(campaign) -> None:
 def test_interrupted_campaign_ends_like_one_that_was_not(campaign) -> None:
     text = spec_text(numeric(2), 'half_width = 1.5\ninterval = "confidence"\nmax_runs = 28')
     whole = campaign(text, two_humps)
-    whole.run()
+    run_campaign(whole)
     broken = campaign(text, two_humps, "broken")
     for budget in (16, 22):
-        broken.run(max_runs=budget)
+        run_campaign(broken, max_runs=budget)
         broken = Campaign.open(broken.folder)
-    broken.run()
+    run_campaign(broken)
 
     def settings(made: Campaign) -> list:
         return [run.proposed for run in made.store.runs() if run.purpose != "confirmation"]
@@ -341,10 +355,52 @@ def test_two_applications_and_a_cost(campaign) -> None:
     assert made.compromise(analyses[:1]) is None
 
 
+def test_fresh_runs_that_one_application_wants_do_not_wait_for_the_other(campaign) -> None:
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        return {"sharp": bowl(settings, run_id), "noisy": bowl(settings, run_id) + 30.0 * noise(1000 + run_id)}
+
+    rule = 'half_width = 3.5\nmax_runs = 18\nguard = "confirmation"\nconfirmation_runs = 3\ninterval = "confidence"'
+    made = campaign(spec_text(numeric(2), rule).replace(APPLICATION, applications("sharp", "noisy")), score)
+    outcome = run_campaign(made)
+    sharp, noisy = outcome.analyses
+    assert not outcome.held
+    assert not noisy.decision.conditions_hold
+    assert sharp.confirmation is not None
+    assert sharp.decision.held
+
+
+def test_each_application_without_a_confirmation_gets_one_of_its_own(campaign) -> None:
+    """Fresh runs at the optimum of one of two fail: a second call makes them anew, and those of the other no more."""
+    failing = True
+
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        if failing and made.store.run(run_id).why == confirmation_reason("low"):
+            raise ValueError("a cloud")
+        rest = {"x1": settings["x1"]}
+        return {name: bowl(rest | {"x0": settings["x0"] - at}, run_id) for name, at in (("low", -0.6), ("high", 0.4))}
+
+    def confirmed(name: str) -> list[float]:
+        why = (CONFIRMATION, confirmation_reason(name))
+        return [run.settings["x0"] for run in made.store.runs("scored") if (run.purpose, run.why) == why]
+
+    text = spec_text(numeric(2), "half_width = 4.0\nmax_runs = 40\nconfirmation_runs = 3")
+    made = campaign(text.replace(APPLICATION, applications("low", "high")), score)
+    made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
+    low, high = run_campaign(made).analyses
+    assert low.confirmation is None
+    assert confirmed("high") == pytest.approx([high.optimum.settings["x0"]] * 3, abs=1e-3)
+    failing = False
+    low, high = run_campaign(made).analyses
+    assert [len(analysis.confirmation.run_ids) for analysis in (low, high)] == [3, 3]
+    assert low.optimum.settings["x0"] < -0.2 < 0.4 < high.optimum.settings["x0"]
+    assert confirmed("low") == pytest.approx([low.optimum.settings["x0"]] * 3, abs=1e-3)
+    assert len(confirmed("high")) == 3
+
+
 def test_simulation_and_flight_share_a_surface(campaign) -> None:
     text = spec_text(numeric(2), "half_width = 3.0\nmax_runs = 80", rest="[cost]\nflight = 20.0\n")
     made = campaign(text, bowl)
-    made.run(max_runs=18)
+    run_campaign(made, max_runs=18)
     before = made.analyse_all()[0]
     assert before.sources is None
     rng = np.random.default_rng(5)
@@ -430,3 +486,49 @@ def test_flights_of_the_start_design_are_not_flown_in_the_order_of_the_search(ca
     assert orders[0][:3] == [(0.0, 0.0)] * 3
     assert sorted(orders[0]) == sorted(orders[1])
     assert orders[0] != orders[1]
+
+
+ALL_KINDS = """
+[[factor]]
+name = "frequency"
+low = 1.3
+high = 17.7
+scale = "log"
+[[factor]]
+name = "angle"
+low = 20.0
+high = 70.0
+[[factor]]
+name = "looks"
+values = [1, 2, 4, 8]
+scale = "log"
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV"]
+"""
+
+
+def test_a_proposed_repeat_has_the_settings_that_were_flown(campaign) -> None:
+    """To the last digit, and those of the flight, not those that it was asked for: else it is no repeat of it."""
+    made = campaign(spec_text(ALL_KINDS, "half_width = 1.0\nmax_runs = 90", rest='[model]\nregion = "fixed"\n'), bowl)
+
+    def flown(run_id: int | None, asked: dict) -> IngestedRun:
+        frequency = float(f"{0.93 * asked['frequency'] + 0.2:.4g}")
+        angle = float(f"{0.9 * asked['angle'] + 3.0:.4g}")
+        score = 60.0 - 0.2 * (frequency - 6.0) ** 2 - 0.01 * (angle - 45.0) ** 2 + noise(round(1000 * frequency))
+        settings = asked | {"frequency": frequency, "angle": angle}
+        return IngestedRun(run_id, settings, "flight", "", 1.0, (NewScore("score", score),))
+
+    runs = [flown(run.run_id, run.proposed) for run in made.propose(source="flight")]
+    unasked = made.spec.region.decode(made.spec.region.sample(3, np.random.default_rng(2)))
+    runs += [flown(None, settings) for settings in unasked]
+    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    assert len(runs) == 23  # so that the first of the next runs is one kept for repeats
+    executed = [run.settings for run in runs]
+    batch = made.propose(5, source="flight")
+    repeats = [run.proposed for run in batch if run.purpose == "repeat"]
+    assert len(repeats) == 2
+    assert any(settings in executed for settings in repeats)
+    for run in batch:
+        if run.proposed in repeats and run.proposed not in executed:  # of a run of the same batch, then
+            assert sum(run.proposed == other.proposed for other in batch) > 1

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from seqrsm.campaign.spec import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.errors import SpecError
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 GOOD = """\

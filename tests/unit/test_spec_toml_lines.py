@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from seqrsm.campaign.toml_lines import key_lines, line_of
+from seqrsm.spec.toml_lines import key_lines, line_of
 
 TEXT = '''# comment [not.a.table]
 top2 = 1

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.campaign.fitted import fit_application
-from seqrsm.campaign.loop import Campaign
+from seqrsm.analysis.fitted import fit_application
+from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import NO_RUN, configuration, scene_at, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.optimum import optimum
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scene.scene import save_scene
+from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import synthetic_scene
-from seqrsm.simulate.psm import simulate_radar
+from seqrsm.simulate.radar.psm import simulate_radar
 
 TEXT = """\
 [campaign]

@@ -1,0 +1,213 @@
+"""The compromise of a campaign: its applications, weighed with what else counts, over one region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from seqrsm.analysis.results import Analysis, Interval
+from seqrsm.arrays import FloatArray
+from seqrsm.decide.compromise import Compromise, Objective, compromise
+from seqrsm.design.constraints import Constraint, _evaluate
+from seqrsm.design.region import Region
+from seqrsm.plain import known
+from seqrsm.spec.read import CampaignSpec, ConsiderationSpec
+
+DRAWS = 200
+"""Posterior draws of each surface that the compromise is found for."""
+
+
+@dataclass(frozen=True, slots=True)
+class GivenUp:
+    """What one application or consideration gives up at the compromise, in its own units.
+
+    Attributes
+    ----------
+    name, unit : str
+    is_application : bool
+        False for a consideration, whose values are exact.
+    value, own_best : float
+        At the compromise, and at its own optimum.
+    own_settings : dict
+        That optimum, natural units.
+    given_up : float
+        Difference of the two, >= 0 when the compromise is worse.
+    interval : Interval
+        Credible interval of it; nan for a consideration.
+    desirability : float
+        At the compromise, in [0, 1].
+    text : str
+        One sentence.
+    """
+
+    name: str
+    unit: str
+    is_application: bool
+    value: float
+    own_best: float
+    own_settings: dict[str, float | str]
+    given_up: float
+    interval: Interval
+    desirability: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class CompromiseEstimate:
+    """The compromise in natural units.
+
+    Attributes
+    ----------
+    settings : dict
+        Natural units, by factor name.
+    point : ndarray (k,)
+        Coded.
+    desirability : float
+        Weighted geometric mean of the desirabilities, in [0, 1].
+    given_up : tuple of GivenUp
+        Applications first.
+    credible : dict
+        Credible interval of each numeric factor's setting, natural units.
+    draw_points : ndarray (m, k)
+        Compromise of each posterior draw, coded.
+    expected_shortfall : float
+        Mean desirability lost by acting on ``settings``.
+    level : float
+    front_settings : tuple of dict
+        Settings that no other beats in everything.
+    front_values : ndarray (f, objectives)
+        Values there, in the order of ``given_up``.
+    """
+
+    settings: dict[str, float | str]
+    point: FloatArray
+    desirability: float
+    given_up: tuple[GivenUp, ...]
+    credible: dict[str, Interval]
+    draw_points: FloatArray
+    expected_shortfall: float
+    level: float
+    front_settings: tuple[dict[str, float | str], ...]
+    front_values: FloatArray
+
+    def to_json(self) -> dict[str, Any]:
+        """The compromise as a JSON document."""
+        return {
+            "settings": self.settings,
+            "desirability": self.desirability,
+            "expected_shortfall": self.expected_shortfall,
+            "level": self.level,
+            "settings_credible": {name: {"low": i.low, "high": i.high} for name, i in self.credible.items()},
+            "given_up": [
+                {
+                    "name": row.name,
+                    "unit": row.unit,
+                    "application": row.is_application,
+                    "value": row.value,
+                    "own_best": row.own_best,
+                    "own_settings": row.own_settings,
+                    "given_up": row.given_up,
+                    "low": row.interval.low,
+                    "high": row.interval.high,
+                    "desirability": row.desirability,
+                    "text": row.text,
+                }
+                for row in self.given_up
+            ],
+            "pareto_front": [
+                {"settings": settings, "values": values}
+                for settings, values in zip(self.front_settings, self.front_values.tolist(), strict=True)
+            ],
+        }
+
+
+def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> CompromiseEstimate | None:
+    """The compromise over all applications and considerations; None where there is nothing to weigh.
+
+    Surfaces that are fitted to different parts of the region ([model] region = "adaptive" with several applications)
+    cannot be weighed, and give None too.
+    """
+    if len(analyses) + len(spec.considerations) < 2 or len(analyses) < len(spec.applications):
+        return None
+    if any(analysis.region_state is not None and not analysis.region_state.box.whole for analysis in analyses):
+        return None
+    objectives = [_application(spec, analysis) for analysis in analyses]
+    objectives += [_consideration(spec.region, table) for table in spec.considerations]
+    found = compromise(spec.region, objectives, level=spec.stop.level, seed=spec.seed % 2**32)
+    return _in_natural_units(spec, analyses, found)
+
+
+def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
+    table = spec.application(analysis.application)
+    scale = analysis.scale
+    beta = analysis.fit.estimate[: analysis.model.p] if analysis.beta is None else analysis.beta
+    draws = analysis.posterior.term_draws
+    some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
+    return Objective(
+        table.name,
+        table.goal,
+        table.weight,
+        lambda points: scale.to_score(analysis.model.matrix(points) @ beta),
+        lambda points: scale.to_score(some @ analysis.model.matrix(points).T),
+        table.unacceptable,
+        table.ideal,
+    )
+
+
+def _consideration(region: Region, table: ConsiderationSpec) -> Objective:
+    tree = Constraint(f"0 <= ({table.expr})")._tree
+    numeric = [(j, region.names[j]) for j in region.numeric]
+
+    def value(points: FloatArray) -> FloatArray:
+        settings = {name: region.factors[j].decode(points[:, j]) for j, name in numeric}  # type: ignore[union-attr]
+        with np.errstate(all="ignore"):
+            found = np.broadcast_to(_evaluate(tree[2], settings)[0], (len(points),))
+        return np.asarray(found, dtype=np.float64)
+
+    return Objective(table.name, table.goal, table.weight, value, None, table.unacceptable, table.ideal)
+
+
+def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: Compromise) -> CompromiseEstimate:
+    region, tail = spec.region, 0.5 * (1.0 - spec.stop.level)
+    credible = {}
+    for j in region.numeric if len(found.draw_points) else ():
+        low, high = region.factors[j].decode(np.quantile(found.draw_points[:, j], [tail, 1.0 - tail]))  # type: ignore[union-attr]
+        credible[region.names[j]] = Interval(float(low), float(high))
+    rows = []
+    for i, loss in enumerate(found.losses):
+        unit = analyses[i].score_unit if i < len(analyses) else ""
+        suffix = f" {unit}" if unit else ""
+        between = f"{100 * spec.stop.level:g} % credible interval {loss.low:.3g} to {loss.high:.3g}"
+        tail_text = f" ({between})" if np.isfinite(loss.low) else ""
+        spread = loss.high - loss.low if np.isfinite(loss.low) else loss.given_up
+        rows.append(
+            GivenUp(
+                name=loss.name,
+                unit=unit,
+                is_application=i < len(analyses),
+                value=loss.value,
+                own_best=loss.own_best,
+                own_settings=region.decode(loss.own_point)[0],
+                given_up=loss.given_up,
+                interval=Interval(loss.low, loss.high),
+                desirability=loss.desirability,
+                text=f"{loss.name}: {known(loss.value, spread)}{suffix} against "
+                f"{known(loss.own_best, spread)} at its own optimum, "
+                f"{loss.given_up:.3g}{suffix} given up{tail_text}.",
+            )
+        )
+    return CompromiseEstimate(
+        settings=region.decode(found.point)[0],
+        point=found.point,
+        desirability=found.desirability,
+        given_up=tuple(rows),
+        credible=credible,
+        draw_points=found.draw_points,
+        expected_shortfall=found.expected_shortfall,
+        level=spec.stop.level,
+        front_settings=tuple(region.decode(found.front_points)),
+        front_values=found.front_values,
+    )

@@ -1,0 +1,95 @@
+"""The scale on which the response surface is fitted, and the way back to score units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import logit
+
+from seqrsm.arrays import FloatArray
+from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
+from seqrsm.fit.weights import share_variance
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseScale:
+    """Identity, or the logit of percent scores; weights keep the scatter equal in percent, or go by counts.
+
+    Attributes
+    ----------
+    kind : "identity" or "logit"
+    values, weights : ndarray (n,)
+        The scores on the scale of the fit, and their relative weights.
+    variance_unit : float
+        Variance that weight 1 stands for: of a logit for a scatter of 1 percent, of a count's binomial; else 1.
+    trials : float
+        Decisions behind a future score, where scores are counts; nan where they are not.
+    """
+
+    kind: Literal["identity", "logit"]
+    values: FloatArray
+    weights: FloatArray
+    variance_unit: float
+    trials: float = float("nan")
+
+    @classmethod
+    def of(cls, kind: Literal["identity", "logit"], scores: FloatArray, se: FloatArray | None = None) -> ResponseScale:
+        """Put scores (n,) on the scale.
+
+        Parameters
+        ----------
+        kind : "identity" or "logit"
+        scores : ndarray (n,)
+        se : ndarray (n,), optional
+            Standard errors that runs count by, > 0; a future run has their median. By default all count alike.
+
+        Raises
+        ------
+        FitError
+            "logit" with scores outside 0 to 100.
+        """
+        relative = np.ones(len(scores)) if se is None or not len(se) else np.square(float(np.median(se)) / se)
+        if kind == "identity":
+            return cls(kind, scores, relative, 1.0)
+        logits = logit_scores(scores)
+        return cls(kind, logits.value, logits.weight * relative, logits.variance_unit)
+
+    @classmethod
+    def of_counts(
+        cls, kind: Literal["identity", "logit"], scores: FloatArray, trials: FloatArray, expected: FloatArray
+    ) -> ResponseScale:
+        """Put shares of correct decisions on the scale; each run counts by the binomial variance of what is expected.
+
+        Parameters
+        ----------
+        kind : "identity" or "logit"
+        scores, trials, expected : ndarray (n,)
+            Scores [%], decisions behind each, and the score expected there [%].
+        """
+        future = float(np.median(trials))
+        if kind == "identity":
+            values, variance = scores, share_variance(expected, trials)
+        else:
+            values = logit_scores(scores, counts=trials).value
+            p = np.clip(expected / 100.0, 0.5 / trials, 1.0 - 0.5 / trials)
+            variance = 1.0 / (trials * p + 0.5) + 1.0 / (trials * (1.0 - p) + 0.5)
+        unit = float(1.0 / np.mean(1.0 / variance))
+        return cls(kind, values, unit / variance, unit, future)
+
+    def to_score(self, values: FloatArray) -> FloatArray:
+        """Score units of values on the scale of the fit."""
+        return values if self.kind == "identity" else logit_to_percent(values)
+
+    def of_score(self, scores: FloatArray) -> FloatArray:
+        """Scores on the scale of the fit."""
+        return scores if self.kind == "identity" else logit(scores / 100.0)
+
+    def weight_at(self, values: FloatArray) -> FloatArray:
+        """Relative weight of a future run whose expected response is ``values``."""
+        counted = np.isfinite(self.trials)
+        if self.kind == "identity":
+            return self.variance_unit / share_variance(values, self.trials) if counted else np.ones(np.shape(values))
+        count = self.trials if counted else None
+        return self.variance_unit / logit_variance(logit_to_percent(values), count=count)

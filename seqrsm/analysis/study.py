@@ -1,0 +1,393 @@
+"""What a thorough analysis adds to the fit: where the optimum may lie, which terms, which scale, which runs, which way.
+
+Each part is made for the model it is right for; a sentence stands for what cannot be had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.posterior import Draws, future_noise
+from seqrsm.analysis.results import (
+    Analysis,
+    BlockResponse,
+    BlockStudy,
+    Interval,
+    OptimumEstimate,
+    PathPoint,
+    SearchedOptimum,
+    Study,
+    TermChoice,
+)
+from seqrsm.analysis.surface import block_labels, random_blocks
+from seqrsm.arrays import FloatArray
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import FitError, Problem, UserError
+from seqrsm.fit.blocks import block_columns
+from seqrsm.fit.canonical import StationaryPoint
+from seqrsm.fit.intervals import FTest, Prediction
+from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
+from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
+from seqrsm.fit.profile import PowerProfile, box_cox_profile, logit_profile
+from seqrsm.fit.residuals import extrapolated, influential_runs, normal_plot
+from seqrsm.fit.ridge import steepest_path
+from seqrsm.fit.selection import average_models
+from seqrsm.propose.steepest import ascent_path
+from seqrsm.spec.read import CampaignSpec
+
+_STEP = 0.25  # coded distance between the points of a ridge path
+_PATH_POINTS = 12
+_TOP_MODELS = 10
+_SETS = 2000  # posterior draws in the simulation set
+
+
+def study_fit(
+    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, stationary: StationaryPoint | None, draws: Draws
+) -> Study:
+    """Everything beyond the fit.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    fitted : Fitted
+    estimate : OptimumEstimate
+        Recommended settings and the intervals there.
+    stationary : StationaryPoint or None
+    draws : Draws
+        Of the posterior.
+    """
+    fit, point = fitted.fit, estimate.point
+    row = fitted.model.matrix(point[None, :])
+    locations, no_location = _locations(spec, fitted, point, stationary, draws)
+    return Study(
+        searched=_searched(spec, fitted, estimate, draws),
+        locations=locations,
+        no_location=no_location,
+        terms=_terms(spec, fitted, point),
+        profile=_profile(spec, fitted),
+        normal=normal_plot(fit),
+        influential=influential_runs(fit),
+        extrapolated=bool(extrapolated(fit, row)[0]),
+        blocks=_blocks(spec, fitted, row),
+        ridge=_ridge(fitted, point),
+        steepest=_steepest(fitted, point),
+    )
+
+
+def _plain(spec: CampaignSpec, fitted: Fitted, what: str) -> str:
+    """Why a method for least squares with normal errors does not apply; empty where it does."""
+    if spec.model.errors != "normal":
+        return f"{what} is for normal errors, here they are {spec.model.errors}"
+    if fitted.sources is not None:
+        return f"{what} is for scores of one source, here are simulations and flights"
+    if fitted.blocks is not None:
+        return f"{what} is for fixed blocks, here they are random"
+    return ""
+
+
+def _in_scores(fitted: Fitted, ends: tuple[float, float]) -> Interval:
+    low, high = fitted.scale.to_score(np.array(ends))
+    return Interval(float(low), float(high))
+
+
+def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws) -> SearchedOptimum | str:
+    if draws.counts is not None:
+        return "the bootstrap of the search is not for counts with beta_binomial errors"
+    if _plain(spec, fitted, ""):
+        return _searched_from_draws(spec, fitted, estimate, draws)
+    goal: Goal = fitted.application.goal
+    weight = float(fitted.scale.weight_at(np.array([_best_value(fitted, goal)]))[0])
+    try:
+        one, several = (
+            searched_interval(
+                fitted.model,
+                fitted.region,
+                fitted.fit,
+                goal,
+                level=spec.stop.level,
+                weight=weight,
+                replicates=m,
+                seed=spec.seed % 2**32,
+            )
+            for m in (1, spec.stop.replicates)
+        )
+    except FitError as error:
+        return error.problems[0].message
+    ends = fitted.scale.to_score(np.array([one.mean, one.mean - one.optimism]))
+    return SearchedOptimum(
+        optimism=float(ends[0] - ends[1]),
+        confidence=_in_scores(fitted, one.confidence),
+        prediction=_in_scores(fitted, one.prediction),
+        prediction_mean=_in_scores(fitted, several.prediction),
+    )
+
+
+def _searched_from_draws(
+    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws
+) -> SearchedOptimum | str:
+    goal, row = fitted.application.goal, fitted.model.matrix(estimate.point[None, :])[0]
+    some = replace(
+        draws,
+        terms=draws.terms[:_SETS],
+        sigma=draws.sigma[:_SETS],
+        sigma_block=None if draws.sigma_block is None else draws.sigma_block[:_SETS],
+    )
+    if not float(np.max(np.std(some.terms, axis=0))) > 0.0:
+        return "no interval at the optimum: there is no estimate of error"
+    noise = [future_noise(spec, fitted, some, row, m) for m in (1, spec.stop.replicates)]
+    optimism, found = searched_from_draws(
+        fitted.model,
+        fitted.region,
+        fitted.beta,
+        some.terms,
+        [np.zeros(len(some.terms)), *noise],
+        goal,
+        level=spec.stop.level,
+    )
+    plain = (estimate.confidence, estimate.prediction, estimate.prediction_mean)
+    both = [
+        one.around(searched) for one, searched in zip(plain, (_in_scores(fitted, ends) for ends in found), strict=True)
+    ]
+    best = _best_value(fitted, goal)
+    ends = fitted.scale.to_score(np.array([best, best - optimism]))
+    return SearchedOptimum(float(ends[0] - ends[1]), *both)
+
+
+def _best_value(fitted: Fitted, goal: Goal) -> float:
+    from seqrsm.fit.optimum import optimum
+
+    return optimum(fitted.model, fitted.region, fitted.beta, goal).value
+
+
+def _locations(
+    spec: CampaignSpec, fitted: Fitted, point: FloatArray, stationary: StationaryPoint | None, draws: Draws
+) -> tuple[tuple[LocationRegion, ...], str]:
+    model, region, fit, level = fitted.model, fitted.region, fitted.fit, spec.stop.level
+    goal: Goal = fitted.application.goal
+    found: list[LocationRegion] = []
+    reason = _plain(spec, fitted, "the confidence region of the best settings")
+    if not reason and model.p > 1:
+        try:
+            found.append(location_region(best_settings(model, region, fit, goal, level=level)))
+            kind = "maximum" if goal == "maximize" else "minimum"
+            if stationary is not None and stationary.inside_region and stationary.kind == kind:
+                levels = tuple(int(point[j]) for j in region.categorical)
+                inner = box_hunter_region(model, region, fit, levels, level=level)
+                found += [inner] if len(inner.points) else []
+        except FitError as error:
+            reason = error.problems[0].message
+    if model.p > 1 and len(draws.terms) > 10 * model.p and float(np.max(np.std(draws.terms, axis=0))) > 0.0:
+        found.append(simulation_set(model, region, draws.terms[:_SETS], goal, level=level))
+    return tuple(found), reason if not found else ""
+
+
+def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice | str:
+    reason = _plain(spec, fitted, "averaging over models")
+    if reason:
+        return reason
+    data, scale = fitted.data, fitted.scale
+    whole = QuadraticModel(fitted.region.factors, spec.model.order)
+    columns, names = block_columns(block_labels(spec, data))
+    Z = np.hstack([whole.matrix(data.points), columns])
+    try:
+        found = average_models(
+            Z, fitted.fit.y, [*whole.terms, *names], weights=fitted.fit.weights, seed=spec.seed % 2**32
+        )
+    except FitError as error:
+        return error.problems[0].message
+    row = np.hstack([whole.matrix(point[None, :]), np.zeros((1, columns.shape[1]))])
+    mean, sd = found.coefficients()
+    weight = float(scale.weight_at(found.predict(row).mean)[0])
+    here = found.predict(row, spec.stop.level, weight)
+    return TermChoice(
+        units=tuple(unit.name for unit in found.units),
+        inclusion=found.inclusion,
+        prior_inclusion=found.prior_inclusion,
+        models=tuple(
+            (found.names(model), float(share))
+            for model, share in zip(found.models[:_TOP_MODELS], found.probability[:_TOP_MODELS], strict=True)
+        ),
+        median=found.names(found.median_model),
+        n_models=found.n_models,
+        exhaustive=found.exhaustive,
+        coefficient_mean=mean[: whole.p],
+        coefficient_sd=sd[: whole.p],
+        terms=whole.term_names,
+        mean=float(scale.to_score(here.mean)[0]),
+        confidence=_in_scores(fitted, (float(here.confidence.low[0]), float(here.confidence.high[0]))),
+        prediction=_in_scores(fitted, (float(here.prediction.low[0]), float(here.prediction.high[0]))),
+    )
+
+
+def _profile(spec: CampaignSpec, fitted: Fitted) -> PowerProfile | str:
+    scores, fit = fitted.data.scores, fitted.fit
+    weights = fit.weights if spec.model.weights != "equal" and spec.model.response == "identity" else None
+    try:
+        if fitted.application.is_percent:
+            return logit_profile(fit.Z, scores, weights=weights, level=spec.stop.level)
+        if np.min(scores) <= 0.0:
+            return "Box and Cox's transforms are for positive scores"
+        return box_cox_profile(fit.Z, scores, weights=weights, level=spec.stop.level)
+    except FitError as error:
+        return error.problems[0].message
+
+
+def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:
+    none = spec.model.block is None and not fitted.occasions
+    if spec.model.errors != "normal" or none or fitted.sources is not None:
+        return None
+    labels = block_labels(spec, fitted.data)
+    names = list(dict.fromkeys(labels))
+    if len(names) < 2:
+        return None
+    level, p, fit = spec.stop.level, fitted.model.p, fitted.fit
+    weight = float(fitted.scale.weight_at(fitted.predict(row).mean)[0])
+
+    def response(name: str, found: Prediction) -> BlockResponse:
+        mean = float(fitted.scale.to_score(found.mean)[0])
+        ends = [(float(x.low[0]), float(x.high[0])) for x in (found.confidence, found.prediction)]
+        return BlockResponse(name, mean, _in_scores(fitted, ends[0]), _in_scores(fitted, ends[1]))
+
+    try:
+        days = fitted.blocks or random_blocks(spec, fitted.model, fitted.data, fitted.scale)
+    except FitError as error:
+        days = None
+        new: BlockResponse | str = error.problems[0].message
+    if days is not None:
+        new = response("new", days.predict(row, level, weight=weight))
+    if fitted.occasions and fitted.blocks is not None:
+        same = []  # what an occasion was like tells of none to come
+    elif fitted.blocks is not None:
+        same = [response(name, fitted.blocks.predict(row, level, day=name, weight=weight)) for name in names]
+    else:
+        contrasts = [fit.Z[labels.index(name), p:] for name in names]
+        same = [
+            response(name, fit.predict(np.hstack([row, contrast[None, :]]), level, weight))
+            for name, contrast in zip(names, contrasts, strict=True)
+        ]
+    nan = float("nan")
+    return BlockStudy(
+        effect="fixed" if fitted.blocks is None else "random",
+        same=tuple(same),
+        new=new,
+        sigma=nan if days is None else days.reml.sigma,
+        sigma_block=nan if days is None else days.reml.sigma_day,
+        ratio=(nan, nan) if days is None else days.sigma_ratio_interval(level),
+        note="" if days is None else days.reason,
+    )
+
+
+def _ridge(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
+    """Best settings on spheres round the centre, the other factors held; the gradient's line for a first order."""
+    region, model = fitted.region, fitted.model
+    numeric = list(region.numeric)
+    if not numeric:
+        return ()
+    levels = tuple(int(point[j]) for j in region.categorical)
+    constant, linear, quadratic = model.forms(fitted.beta, levels)
+    distance = np.arange(0.0, np.sqrt(len(numeric)) + 1e-9, _STEP)
+    path = steepest_path(float(constant), linear, quadratic, distance, fitted.application.goal)
+    points = np.repeat(point[None, :], len(distance), axis=0)
+    points[:, numeric] = path.points
+    box = np.all(np.abs(path.points) <= 1.0 + 1e-9, axis=1)
+    return _path(fitted, points, distance, box & (region.slack(points) >= -1e-9))
+
+
+def _steepest(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
+    region = fitted.region
+    if not region.continuous:
+        return ()
+    start, held = region.centre(), list(region.categorical)
+    with_levels = start.copy()
+    with_levels[held] = point[held]
+    start = with_levels if bool(region.feasible(with_levels[None, :])[0]) else start
+    path = ascent_path(fitted.model, region, fitted.beta, start, fitted.application.goal)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    chosen = np.unique(np.round(np.linspace(0, len(path) - 1, min(_PATH_POINTS, len(path)))).astype(np.int64))
+    return _path(fitted, path[chosen], length[chosen], np.ones(len(chosen), dtype=np.bool_))
+
+
+def _path(fitted: Fitted, points: FloatArray, distance: FloatArray, inside: FloatArray) -> tuple[PathPoint, ...]:
+    means = fitted.scale.to_score(fitted.model.matrix(points) @ fitted.beta)
+    return tuple(
+        PathPoint(float(d), settings, coded, float(mean), bool(ok))
+        for d, settings, coded, mean, ok in zip(
+            distance, fitted.region.decode(points), points, means, inside, strict=True
+        )
+    )
+
+
+GROUPS = {
+    "first order": ("linear", "category"),
+    "linear": ("linear",),
+    "categories": ("category",),
+    "second order": ("interaction", "square"),
+    "interactions": ("interaction",),
+    "squares": ("square",),
+    "blocks": ("block",),
+    "all": ("linear", "category", "interaction", "square"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TermTest:
+    """What was asked for, the terms that it means, and the test that all of their coefficients are zero."""
+
+    asked: str
+    terms: tuple[str, ...]
+    test: FTest
+
+
+def term_tests(analysis: Analysis, asked: Sequence[str]) -> tuple[TermTest, ...]:
+    """Partial F test of each group asked for.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    asked : sequence of str
+        Each a list, joined by commas, of factors (all terms that hold them), terms, and `GROUPS`. Where a factor and a
+        term have the same name the factor is meant; ``term:NAME`` means the term.
+
+    Raises
+    ------
+    UserError
+        A name that is none of these.
+    """
+    return tuple(_one(analysis, text) for text in asked)
+
+
+def _one(analysis: Analysis, text: str) -> TermTest:
+    fit, chosen = analysis.fit, set[int]()
+    for name in (part.strip() for part in text.split(",")):
+        found = _places(analysis, name)
+        if not found:
+            factors = ", ".join(analysis.region.names)
+            raise UserError(
+                Problem(
+                    "no term, factor or group of this name",
+                    f"Factors: {factors}. Groups: {', '.join(GROUPS)}. Terms: {', '.join(fit.names)}.",
+                    field="--test",
+                    value=name,
+                )
+            )
+        chosen.update(found)
+    places = sorted(chosen)
+    return TermTest(text, tuple(fit.names[i] for i in places), fit.partial_f(places))
+
+
+def _places(analysis: Analysis, name: str) -> list[int]:
+    fit = analysis.fit
+    if name.startswith("term:"):
+        return [i for i, term in enumerate(fit.names) if term == name.removeprefix("term:")]
+    if name in analysis.region.names:
+        held: list[int] = np.asarray(analysis.model.factor_terms(name)).tolist()
+        return held
+    kinds = GROUPS.get(name.replace("-", " ").casefold())
+    if kinds is not None:
+        return [i for i, kind in enumerate(fit.kinds) if kind in kinds]
+    return [i for i, term in enumerate(fit.names) if term == name]

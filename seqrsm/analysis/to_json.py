@@ -1,0 +1,469 @@
+"""``fit --json``: an analysis as the document that users script against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from seqrsm.analysis.results import (
+    Analysis,
+    BlockResponse,
+    BlockStudy,
+    Interval,
+    PathPoint,
+    SearchedOptimum,
+    Study,
+    TermChoice,
+)
+from seqrsm.analysis.study import TermTest
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
+from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.location import LocationRegion
+from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.profile import PowerProfile
+
+
+def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
+    """The whole analysis; undefined numbers are nan (null once written)."""
+    document = _document(analysis)
+    if analysis.study is not None:
+        document |= study_to_json(analysis, analysis.study)
+        document["diagnostics"] |= study_diagnostics(analysis, analysis.study)
+    return document
+
+
+def _document(analysis: Analysis) -> dict[str, Any]:
+    fit = analysis.fit
+    return {
+        "application": analysis.application,
+        "goal": analysis.goal,
+        "response": analysis.response,
+        "score_unit": analysis.score_unit,
+        "n_runs": fit.n_runs,
+        "n_terms": fit.n_terms,
+        "df_residual": fit.df_residual,
+        "s": fit.s,
+        "r2": fit.r2,
+        "r2_adjusted": fit.r2_adjusted,
+        "r2_predicted": fit.r2_predicted,
+        "press": fit.press,
+        "terms": _terms(analysis),
+        "terms_dropped": list(analysis.dropped),
+        "anova": [
+            {"source": row.source, "df": row.df, "ss": row.ss, "ms": row.ms, "f": row.f, "p": row.p}
+            for row in analysis.anova
+        ],
+        "lack_of_fit": _lack_of_fit(analysis.lack_of_fit),
+        "factors_importance": [
+            {
+                "factor": row.factor,
+                "df": row.df,
+                "f": row.f,
+                "p": row.p,
+                "share": row.share,
+                "share_total": row.share_total,
+            }
+            for row in analysis.importance
+        ],
+        "stationary_point": _stationary(analysis),
+        "optimum": optimum_to_json(analysis),
+        "posterior": _posterior(analysis),
+        "diagnostics": _diagnostics(analysis),
+        "confirmation": _confirmation(analysis),
+        "stop": {
+            "held": analysis.decision.held,
+            "reasons": list(analysis.decision.reasons),
+            "checks": [
+                {"name": check.name, "holds": check.holds, "text": check.text} for check in analysis.decision.checks
+            ],
+            "half_width": analysis.decision.half_width,
+            "noise_floor": analysis.decision.noise_floor,
+            "attainable_half_width": analysis.decision.attainable_half_width,
+            "runs_needed": analysis.decision.runs_needed,
+        },
+        "region": region_to_json(analysis),
+        "sources": _sources(analysis),
+        "warnings": list(analysis.warnings),
+    }
+
+
+def region_to_json(analysis: Analysis) -> dict[str, Any]:
+    """The fitted part of the region, and how it came to be."""
+    state = analysis.region_state
+    box = {
+        factor.name: [factor.low, factor.high]
+        for factor in analysis.region.factors
+        if isinstance(factor, ContinuousFactor)
+    }
+    return {
+        "whole": state is None or state.box.whole,
+        "ranges": box,
+        "n_scored": analysis.n_scored or analysis.fit.n_runs,
+        "n_fitted": analysis.fit.n_runs,
+        "being_filled": state is not None and state.target is not None,
+        "history": [
+            {
+                "batch": step.batch,
+                "n_runs": step.n_runs,
+                "kind": step.kind,
+                "ranges": {name: list(ends) for name, ends in step.ranges.items()},
+                "text": step.text,
+            }
+            for step in analysis.region_history
+        ],
+    }
+
+
+def _sources(analysis: Analysis) -> dict[str, Any] | None:
+    found = analysis.sources
+    if found is None:
+        return None
+    return {
+        "n_simulations": found.n_simulations,
+        "n_flights": found.n_flights,
+        "s_simulation": found.s_simulation,
+        "s_flight": found.s_flight,
+        "difference": found.difference,
+        "interval": interval_to_json(found.interval),
+        "prior_sd": found.prior_sd,
+        "prior_share": found.prior_share,
+        "prior_driven": found.prior_driven,
+        "text": found.text,
+    }
+
+
+def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
+    """Settings of the optimum and the intervals there."""
+    best = analysis.optimum
+    allowed = best.with_departure
+    return {
+        "settings": best.settings,
+        "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
+        "at_bound": list(best.at_bound),
+        "mean": best.mean,
+        "confidence": interval_to_json(best.confidence),
+        "prediction": interval_to_json(best.prediction),
+        "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
+        "level": best.level,
+        "ties": list(best.ties),
+        "ridge": best.ridge,
+        "exact": best.exact,
+        "of_quadratic": None if best.quadratic is None else analysis.region.decode(best.quadratic)[0],
+        "with_departure": None
+        if allowed is None
+        else {
+            "mean": allowed.mean,
+            "confidence": interval_to_json(allowed.confidence),
+            "prediction": interval_to_json(allowed.prediction),
+            "prediction_mean": interval_to_json(allowed.prediction_mean),
+            "widening": allowed.widening,
+        },
+    }
+
+
+def look_summary(analysis: Analysis) -> dict[str, Any]:
+    """What the store keeps of a look: enough for the history of the interval and the rule of two looks."""
+    decision = analysis.decision
+    return {
+        "n_runs": analysis.fit.n_runs,
+        "s": analysis.fit.s,
+        "optimum": optimum_to_json(analysis),
+        "half_width": decision.half_width,
+        "noise_floor": decision.noise_floor,
+        "target": None,
+        "conditions_hold": decision.conditions_hold,
+        "held": decision.held,
+        "reasons": list(decision.reasons),
+        "futility": list(decision.futility),
+        "region": region_to_json(analysis),
+    }
+
+
+def _terms(analysis: Analysis) -> list[dict[str, Any]]:
+    fit = analysis.fit
+    interval = fit.interval(analysis.optimum.level)
+    natural = _natural(analysis)
+    return [
+        {
+            "name": name,
+            "coded": {
+                "estimate": fit.estimate[i],
+                "se": fit.se[i],
+                "t": fit.t[i],
+                "p": fit.p_value[i],
+                "low": interval.low[i],
+                "high": interval.high[i],
+            },
+            "natural": natural[i],
+        }
+        for i, name in enumerate(fit.names)
+    ]
+
+
+def _natural(analysis: Analysis) -> list[dict[str, float]]:
+    """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
+    found = natural_coefficients(analysis.model, analysis.fit, analysis.optimum.level)
+    columns = np.full((analysis.fit.n_terms, 4), np.nan)
+    columns[: analysis.model.p] = np.column_stack([found.estimate, found.se, found.interval.low, found.interval.high])
+    return [dict(zip(("estimate", "se", "low", "high"), row, strict=True)) for row in columns.tolist()]
+
+
+def _lack_of_fit(lack: LackOfFit | str) -> dict[str, Any]:
+    if isinstance(lack, str):
+        return {"reason": lack}
+    return {"df": lack.df_lof, "df_pure_error": lack.df_pe, "ss": lack.ss_lof, "f": lack.f, "p": lack.p}
+
+
+def _stationary(analysis: Analysis) -> dict[str, Any] | None:
+    point = analysis.stationary
+    if point is None:
+        return None
+    numeric = [analysis.region.names[j] for j in analysis.region.numeric]
+    finite = bool(np.all(np.isfinite(point.point)))
+    return {
+        "natural": analysis.region.decode(point.point)[0] if finite else None,
+        "coded": dict(zip(analysis.region.names, point.point.tolist(), strict=True)),
+        "value": point.value,
+        "kind": point.kind,
+        "factors": numeric,
+        "eigenvalues": point.eigenvalues,
+        "eigenvectors": point.eigenvectors,
+        "inside_region": point.inside_region,
+        "warning": point.warning,
+    }
+
+
+def _posterior(analysis: Analysis) -> dict[str, Any]:
+    posterior = analysis.posterior
+    tail = 0.5 * (1.0 - analysis.optimum.level)
+    low, high = np.quantile(posterior.term_draws, [tail, 1.0 - tail], axis=0)
+    return {
+        "sampler": posterior.sampler,
+        "terms": [
+            {
+                "name": term.name,
+                "mean": float(np.mean(posterior.term_draws[:, i])),
+                "sd": float(np.std(posterior.term_draws[:, i], ddof=1)),
+                "low": low[i],
+                "high": high[i],
+            }
+            for i, term in enumerate(analysis.model.terms)
+        ],
+        "optimum": {
+            "settings": {
+                row.factor: {"probabilities": row.probabilities}
+                if row.probabilities
+                else {"mean": row.mean, "low": row.low, "high": row.high, "p_at_bound": row.p_at_bound}
+                for row in posterior.settings
+            },
+            "mean": posterior.mean,
+            "credible": interval_to_json(posterior.credible),
+            "predictive": interval_to_json(posterior.predictive),
+            "expected_regret": posterior.expected_regret,
+            "p_regret_above": posterior.p_regret_above,
+            "regret_epsilon": posterior.regret_epsilon,
+        },
+        "effects": [{"factor": one.factor, "low": one.low, "high": one.high} for one in posterior.effects],
+        "effects_probability": posterior.effects_probability,
+    }
+
+
+def _diagnostics(analysis: Analysis) -> dict[str, Any]:
+    fit = analysis.fit
+    return {
+        "condition_number": fit.condition_number,
+        "rank": fit.rank,
+        "vif": dict(zip(fit.names, fit.vif().tolist(), strict=True)),
+        "runs": [
+            {
+                "run_id": int(analysis.data.run_ids[i]),
+                "score": float(analysis.data.scores[i]),
+                "residual": fit.residuals[i],
+                "leverage": fit.leverage[i],
+                "studentised": fit.studentised[i],
+                "cooks_distance": fit.cooks_distance[i],
+            }
+            for i in range(fit.n_runs)
+        ],
+    }
+
+
+def _confirmation(analysis: Analysis) -> dict[str, Any] | None:
+    fresh = analysis.confirmation
+    if fresh is None:
+        return None
+    return {
+        "run_ids": list(fresh.run_ids),
+        "scores": list(fresh.scores),
+        "mean": fresh.mean,
+        "interval": interval_to_json(fresh.interval),
+        "agrees": fresh.agrees,
+        "text": fresh.text,
+    }
+
+
+_POINTS = 200
+
+
+def interval_to_json(interval: Interval) -> dict[str, float]:
+    """Ends and half-width."""
+    return {"low": interval.low, "high": interval.high, "half_width": interval.half_width}
+
+
+def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
+    """Keys of the document, beside those of the fit; ``{"reason": ...}`` where something cannot be had."""
+    return {
+        "searched": _searched(study.searched),
+        "location": [_location(analysis, region) for region in study.locations]
+        if study.locations
+        else {"reason": study.no_location},
+        "models": _models(study.terms),
+        "transform": _profile(study.profile),
+        "blocks": None if study.blocks is None else _blocks(study.blocks),
+        "ridge": _path(analysis, study.ridge),
+        "steepest": _path(analysis, study.steepest),
+    }
+
+
+def study_diagnostics(analysis: Analysis, study: Study) -> dict[str, Any]:
+    """Keys of ``diagnostics``."""
+    ids = analysis.data.run_ids
+    return {
+        "extrapolated": study.extrapolated,
+        "influential": [
+            {
+                "run_id": int(ids[run.run]),
+                "leverage": run.leverage,
+                "cooks_distance": run.cooks_distance,
+                "studentised": run.studentised,
+                "reasons": list(run.reasons),
+            }
+            for run in study.influential
+        ],
+        "normal_plot": {
+            "run_ids": ids[study.normal.runs].tolist(),
+            "quantiles": study.normal.quantiles,
+            "residuals": study.normal.residuals,
+            "correlation": study.normal.correlation,
+        },
+    }
+
+
+def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
+    """Partial F tests that were asked for."""
+    return [
+        {
+            "test": one.asked,
+            "terms": list(one.terms),
+            "df": one.test.df,
+            "ss": one.test.ss,
+            "ms": one.test.ms,
+            "f": one.test.f,
+            "p": one.test.p,
+            "reason": one.test.reason,
+        }
+        for one in tests
+    ]
+
+
+def _searched(found: SearchedOptimum | str) -> dict[str, Any]:
+    if isinstance(found, str):
+        return {"reason": found}
+    return {
+        "optimism": found.optimism,
+        "confidence": interval_to_json(found.confidence),
+        "prediction": interval_to_json(found.prediction),
+        "prediction_mean": interval_to_json(found.prediction_mean),
+    }
+
+
+def _location(analysis: Analysis, region: LocationRegion) -> dict[str, Any]:
+    factors: dict[str, Any] = {}
+    for factor, found in zip(analysis.region.factors, region.ranges, strict=True):
+        if isinstance(factor, CategoricalFactor):
+            factors[found.factor] = {"levels": list(found.levels)}
+        else:
+            factors[found.factor] = {"low": found.low_natural, "high": found.high_natural}
+    some = np.unique(np.linspace(0, max(len(region.points) - 1, 0), _POINTS).astype(np.int64))
+    return {
+        "method": region.method,
+        "level": region.level,
+        "share": region.share,
+        "factors": factors,
+        "points": analysis.region.decode(region.points[some]) if len(region.points) else [],
+    }
+
+
+def _models(found: TermChoice | str) -> dict[str, Any]:
+    if isinstance(found, str):
+        return {"reason": found}
+    return {
+        "n_models": found.n_models,
+        "exhaustive": found.exhaustive,
+        "units": [
+            {"name": name, "inclusion": float(after), "prior": float(before)}
+            for name, after, before in zip(found.units, found.inclusion, found.prior_inclusion, strict=True)
+        ],
+        "median": list(found.median),
+        "best": [{"units": list(units), "probability": share} for units, share in found.models],
+        "terms": [
+            {"name": name, "mean": float(mean), "sd": float(sd)}
+            for name, mean, sd in zip(found.terms, found.coefficient_mean, found.coefficient_sd, strict=True)
+        ],
+        "optimum": {
+            "mean": found.mean,
+            "confidence": interval_to_json(found.confidence),
+            "prediction": interval_to_json(found.prediction),
+        },
+    }
+
+
+def _profile(found: PowerProfile | str) -> dict[str, Any]:
+    if isinstance(found, str):
+        return {"reason": found}
+    return {
+        "family": found.family,
+        "best": found.best,
+        "low": found.low,
+        "high": found.high,
+        "level": found.level,
+        "identity_inside": found.identity_inside,
+        "zero_inside": found.zero_inside,
+        "powers": found.powers,
+        "log_likelihood": found.log_likelihood,
+    }
+
+
+def _blocks(found: BlockStudy) -> dict[str, Any]:
+    def response(one: BlockResponse) -> dict[str, Any]:
+        return {
+            "block": one.block,
+            "mean": one.mean,
+            "confidence": interval_to_json(one.confidence),
+            "prediction": interval_to_json(one.prediction),
+        }
+
+    return {
+        "effect": found.effect,
+        "same": [response(one) for one in found.same],
+        "new": {"reason": found.new} if isinstance(found.new, str) else response(found.new),
+        "s": found.sigma,
+        "s_block": found.sigma_block,
+        "ratio": {"low": found.ratio[0], "high": found.ratio[1]},
+        "note": found.note,
+    }
+
+
+def _path(analysis: Analysis, path: Sequence[PathPoint]) -> list[dict[str, Any]]:
+    return [
+        {
+            "distance": point.distance,
+            "settings": point.settings,
+            "coded": dict(zip(analysis.region.names, point.coded.tolist(), strict=True)),
+            "mean": point.mean,
+            "inside_region": point.inside,
+        }
+        for point in path
+    ]

@@ -1,0 +1,286 @@
+"""The campaign itself, the only stateful object, and its steps: look, propose, simulate, ingest.
+
+All state is in the store. Every step first looks at what is there, so a campaign that was killed at any moment goes on
+where it was, and ends with the same result as one that was not.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
+from seqrsm.analysis.conclude import CONFIRMATION, analyse, scored_runs
+from seqrsm.analysis.occasions import occasion_of, share_occasions
+from seqrsm.analysis.posterior import Sampler
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.surface import block_labels, occasions_shared
+from seqrsm.analysis.to_json import look_summary
+from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
+from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.spec.read import CampaignSpec, load_spec
+from seqrsm.store.heartbeat import heartbeat
+from seqrsm.store.records import NewRun, RunRecord
+from seqrsm.store.store import Store
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.ingest import IngestReport
+
+Progress = Callable[[int, int], None]
+WAITING = ("proposed", "issued", "running")
+MAX_ATTEMPTS = 3
+"""How often a simulated run is begun that fails through no fault of its settings."""
+
+
+def silent(*_: object) -> None:
+    """Tell nobody."""
+
+
+def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
+    """Scores that can be fitted, of the application that has the fewest; each occasion more takes one."""
+    scored = [scored_runs(spec.region, runs, one.name) for one in spec.applications]
+    return min(
+        len(data.scores) - (occasions_shared(data) > 0) * (len(set(block_labels(spec, data))) - 1) for data in scored
+    )
+
+
+class Campaign:
+    """A campaign folder, open.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    store : Store
+
+    Attributes
+    ----------
+    folder : Path
+        The campaign's folder.
+    """
+
+    def __init__(self, spec: CampaignSpec, store: Store) -> None:
+        self.spec = spec
+        self.store = store
+        self.folder = spec.folder
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Open the campaign in ``folder``, making its store at the first use.
+
+        Raises
+        ------
+        SpecError, StoreError
+        """
+        spec = load_spec(folder)
+        store = Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed)
+        return cls(spec, store)
+
+    # -- looking --------------------------------------------------------------------------------------------------
+
+    def analyse_all(
+        self,
+        application: str | None = None,
+        *,
+        sampler: Sampler = "exact",
+        n_draws: int = 4000,
+        thorough: bool = False,
+    ) -> tuple[Analysis, ...]:
+        """Analysis of every application, or of the one named; ``thorough`` adds the study of each.
+
+        Raises
+        ------
+        FitError, ConvergenceError, SpecError
+        """
+        wanted = self.spec.applications if application is None else (self.spec.application(application),)
+        runs = self.store.runs()
+        return tuple(
+            analyse(
+                self.spec, app, runs, self.store.looks(app.name), sampler=sampler, n_draws=n_draws, thorough=thorough
+            )
+            for app in wanted
+        )
+
+    def compromise(self, analyses: Sequence[Analysis] | None = None) -> CompromiseEstimate | None:
+        """The compromise over all applications and considerations; None where there is nothing to weigh."""
+        return campaign_compromise(self.spec, self.analyse_all() if analyses is None else analyses)
+
+    def look(self) -> tuple[Analysis, ...]:
+        """Analyse what is there and record it once: a second look at the same runs is not a look."""
+        analyses = self.analyse_all(n_draws=1000)
+        self._record_looks(analyses)
+        return analyses
+
+    def _record_looks(self, analyses: Sequence[Analysis]) -> None:
+        for analysis in analyses:
+            last = self.store.looks(analysis.application)
+            if not last or last[-1].after_run != analysis.n_scored:
+                known = last[-1].summary.get("region", {}).get("history", []) if last else []
+                for change in analysis.region_history[len(known) :]:
+                    self.store.add_event("region", {"application": analysis.application, "text": change.text})
+                self.store.record_look(analysis.n_scored, analysis.application, look_summary(analysis))
+
+    # -- proposing ------------------------------------------------------------------------------------------------
+
+    def propose(
+        self,
+        n: int | None = None,
+        *,
+        source: str = "simulation",
+        csv: Path | None = None,
+        analyses: Sequence[Analysis] | None = None,
+    ) -> tuple[RunRecord, ...]:
+        """Issue the next runs, flights in random order; the first call issues the start design.
+
+        Parameters
+        ----------
+        n : int, optional
+            Runs wanted; the campaign's batch by default. The start design has its own size.
+        source : "simulation", "flight" or "best"
+            "best" takes for each run the source that gains more for its cost.
+        csv : Path, optional
+            Form for a flight crew, one row a run, the score left empty.
+        analyses : sequence of Analysis, optional
+            Of the scores as they are; made here if not given.
+
+        Raises
+        ------
+        UserError
+            Unknown source, a form that exists already, or too few scores and none to wait for.
+        """
+        if source not in ("simulation", "flight", "best"):
+            raise UserError(
+                Problem("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
+            )
+        if csv is not None and csv.exists():
+            raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
+        if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
+            raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
+        made = self.store.runs()
+        proposed = self._proposals(made, n or self.spec.batch, source, analyses)
+        runs = in_random_order(proposed, self.spec.seed, len(made))
+        size, region = self.spec.runs_an_occasion, self.spec.region
+        deal = None if size is None else partial(share_occasions, size=size, region=region)
+        ids = self.store.add_batch(runs, issue=True, deal=deal)
+        records = tuple(run for run in self.store.runs() if run.run_id in set(ids))
+        if csv is not None:
+            from seqrsm.campaign.form import write_form
+
+            write_form(csv, self.spec, records)
+        return records
+
+    def _proposals(
+        self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
+    ) -> list[NewRun]:
+        active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
+        model = QuadraticModel(self.spec.factors, self.spec.model.order)
+        fitted = n_fitted(self.spec, runs)
+        failed = [run for run in runs if run.state == "failed"]
+        cheaper = "simulation" if self.spec.simulator is not None else "flight"
+        start_source = cheaper if source == "best" else source
+        if not active:
+            return start_batch(self.spec, model, start_source, failed=failed)
+        if fitted <= model.p:
+            waiting = [run for run in active if run.state in WAITING]
+            if len(active) <= model.p or not waiting:
+                return start_batch(self.spec, model, start_source, active, failed)
+            raise StoreError(
+                Problem(
+                    f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting",
+                    "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
+                )
+            )
+        if not analyses:
+            analyses = self.analyse_all()
+            self._record_looks(analyses)  # whoever proposes and ingests only has looked, too
+        return next_batch(self.spec, analyses, active, n, source, failed)
+
+    # -- carrying out ---------------------------------------------------------------------------------------------
+
+    def simulate(
+        self, *, workers: int = 1, cluster: str | None = None, on_progress: Progress = silent
+    ) -> tuple[RunRecord, ...]:
+        """Carry out every issued simulation run; each score is durable as soon as it is there.
+
+        Returns
+        -------
+        tuple of RunRecord
+            The runs carried out in this call, failed ones included.
+        """
+        self.store.release_stale()
+        proposed = [run.run_id for run in self.store.runs("proposed", source="simulation")]
+        if proposed:
+            self.store.issue(proposed)
+        waiting = {run.run_id: run for run in self.store.runs("issued", source="simulation")}
+        carried: set[int] = set()
+        waiting |= self._repeat_doubtful()
+        while waiting:
+            try:
+                claimed = self.store.claim(waiting)
+                carried |= {run.run_id for run in claimed}
+                again = self._carry_out(claimed, workers, cluster, on_progress)
+            finally:
+                self.store.release(waiting)
+            waiting = {run.run_id: run for run in again} | self._repeat_doubtful()
+        return tuple(run for run in self.store.runs() if run.run_id in carried)
+
+    def _repeat_doubtful(self) -> dict[int, RunRecord]:
+        """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""
+        widening = widening_of(self.store.events(kind=VIOLATED))
+        ids = to_repeat(self.spec, self.store.runs("scored"), widening) if widening else ()
+        if not ids:
+            return {}
+        made = self.store.repeat(ids, "a check found the bound of its simulation's error too small")
+        return {run.run_id: run for run in self.store.runs("issued") if run.run_id in made}
+
+    def _carry_out(
+        self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
+    ) -> list[RunRecord]:
+        """Simulate runs that this process holds; those that failed through no fault of theirs are to be tried again."""
+        from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
+        from seqrsm.simulate.runner import Lost, run_many
+
+        again: list[RunRecord] = []
+        if not claimed:
+            return again
+        widening = widening_of(self.store.events(kind=VIOLATED))
+        tasks = [
+            task_of(self.spec, run.run_id, run.proposed, widening, occasion_of(run.source, run.block))
+            for run in claimed
+        ]
+        files = files_of(tasks[0]) if cluster is not None else ()
+        with heartbeat(self.store):
+            for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):
+                run = claimed[index]
+                if isinstance(result, Lost):
+                    self.store.fail(run.run_id, result.reason)
+                elif not result.failure:
+                    self.store.record_scores(run.run_id, result.scores)
+                    if result.check is not None and result.check.violated:
+                        self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
+                else:
+                    self.store.fail(run.run_id, result.failure)
+                    if result.again and run.attempts < MAX_ATTEMPTS:
+                        self.store.issue([run.run_id])
+                        again.append(run)
+        return again
+
+    def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:
+        """Take in files of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
+        from seqrsm.campaign.ingest import ingest_files
+
+        return ingest_files(self.store, self.spec, files, dry_run=dry_run)
+
+    def void(self, run_id: int, why: str) -> None:
+        """Take a run out of the fit."""
+        self.store.void(run_id, why)
+
+    def export(self, file: Path) -> None:
+        """Write everything to ``file``, by its suffix .csv or .json."""
+        from seqrsm.campaign.export import export
+
+        export(self.store, self.spec, file)

@@ -1,0 +1,240 @@
+"""Coefficients, residuals, importance, and how the campaign converged: results in, drawings out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.optimum import run_texts, score_label, set_numeric_axis
+from seqrsm.report.figures.surfaces import to_score
+from seqrsm.report.history import Look
+from seqrsm.report.wording import axis_label, readable, readable_term, shortened
+
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+MAX_COEFFICIENTS = 40
+
+
+def importance_panel(analysis: Analysis) -> str:
+    """Draw the F ratio of every factor as bars, the largest on top."""
+    rows = sorted((row for row in analysis.importance if np.isfinite(row.f)), key=lambda row: row.f)
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        axes.barh(
+            [shortened(readable(row.factor), 28) for row in rows],
+            [row.f for row in rows],
+            color=drawing.BLUE,
+            height=0.6,
+        )
+        axes.set_xlabel("F ratio of all terms that hold the factor")
+        axes.grid(visible=True, axis="x")
+
+    return drawing.draw(paint, height_in=0.9 + 0.28 * max(len(rows), 1))
+
+
+def coefficient_panel(analysis: Analysis) -> tuple[str, int]:
+    """Draw coded coefficients with their confidence and credible intervals.
+
+    Returns
+    -------
+    svg : str
+    shown : int
+        Number of coefficients drawn: all but the intercept, or the ``MAX_COEFFICIENTS`` with the largest ratio to
+        their standard error.
+    """
+    fit, p = analysis.fit, analysis.model.p
+    indices = [i for i in range(p) if fit.kinds[i] != "intercept" and np.isfinite(fit.estimate[i])]
+    if len(indices) > MAX_COEFFICIENTS:
+        weight = np.abs(np.nan_to_num(fit.t, nan=0.0))
+        indices = sorted(sorted(indices, key=lambda i: -weight[i])[:MAX_COEFFICIENTS])
+    height = 0.9 + 0.19 * len(indices)
+    svg = drawing.draw(partial(_paint_coefficients, analysis, indices), width_in=4.0, height_in=height)
+    return svg, len(indices)
+
+
+def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    fit = analysis.fit
+    chosen = np.array(indices, dtype=np.intp)
+    position = np.arange(len(indices), dtype=np.float64)[::-1]
+    band = fit.interval(analysis.optimum.level)
+    axes.axvline(0.0, color=drawing.MUTED, linewidth=0.8)
+    axes.hlines(position + 0.13, band.low[chosen], band.high[chosen], color=drawing.BLUE, linewidth=1.6)
+    axes.scatter(fit.estimate[chosen], position + 0.13, s=14, color=drawing.BLUE, zorder=3, linewidths=0)
+    draws = analysis.posterior.term_draws
+    if draws.shape[0]:
+        tail = 0.5 * (1.0 - analysis.optimum.level)
+        low, high = np.quantile(draws[:, chosen], [tail, 1.0 - tail], axis=0)
+        axes.hlines(position - 0.17, low, high, color=drawing.ORANGE, linewidth=1.6, linestyle=(0, (3, 1)))
+        axes.scatter(
+            np.mean(draws[:, chosen], axis=0), position - 0.17, s=14, marker="s", color=drawing.ORANGE, zorder=3, lw=0
+        )
+    axes.set_yticks(position, [shortened(readable_term(fit.names[i]), 40) for i in indices], fontsize=7.5)
+    axes.set_ylim(-0.7, len(indices) - 0.3)
+    unit = "logit" if analysis.response == "logit" else shortened(analysis.score_unit, 20) or "score"
+    axes.set_xlabel(f"coded coefficient [{unit}]")
+    axes.grid(visible=True, axis="x")
+
+
+def residual_panels(analysis: Analysis) -> tuple[tuple[str, str], ...]:
+    """Draw studentised residuals against fitted score, normal quantile and run number.
+
+    Returns
+    -------
+    tuple of (title, svg)
+        Empty where studentised residuals do not exist.
+    """
+    studentised = analysis.fit.studentised
+    known = np.isfinite(studentised)
+    if np.count_nonzero(known) < 3:
+        return ()
+    fitted = to_score(analysis, analysis.fit.fitted)
+    texts = [text for text, shown in zip(run_texts(analysis, studentised, "residual"), known, strict=True) if shown]
+    return (
+        (
+            "Residuals against fitted score",
+            drawing.draw(
+                partial(_paint_residuals, fitted[known], studentised[known], f"fitted {score_label(analysis)}", texts)
+            ),
+        ),
+        ("Residuals against normal quantiles", drawing.draw(partial(_paint_normal, studentised[known]))),
+        (
+            "Residuals against run",
+            drawing.draw(
+                partial(
+                    _paint_residuals, analysis.data.run_ids[known].astype(np.float64), studentised[known], "run", texts
+                )
+            ),
+        ),
+        (
+            "Observed against fitted score",
+            drawing.draw(partial(_paint_observed, fitted, analysis.data.scores, score_label(analysis))),
+        ),
+    )
+
+
+def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: list[str], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    axes.axhline(0.0, color=drawing.MUTED, linewidth=0.8)
+    for height in (-2.0, 2.0):
+        axes.axhline(height, color=drawing.MUTED, linewidth=0.8, linestyle=":")
+    marks = axes.scatter(x, residuals, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
+    drawing.tell(marks, texts)
+    axes.set_xlabel(label)
+    axes.set_ylabel("studentised residual")
+
+
+def _paint_normal(residuals: FloatArray, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    n = residuals.size
+    # Blom's plotting positions.
+    quantiles = ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
+    ordered = np.sort(residuals)
+    axes.plot(quantiles, quantiles, color=drawing.MUTED, linewidth=0.8, linestyle="--")
+    axes.scatter(quantiles, ordered, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
+    axes.set_xlabel("normal quantile")
+    axes.set_ylabel("studentised residual")
+
+
+def _paint_observed(fitted: FloatArray, observed: FloatArray, label: str, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    ends = [float(min(fitted.min(), observed.min())), float(max(fitted.max(), observed.max()))]
+    axes.plot(ends, ends, color=drawing.MUTED, linewidth=0.8, linestyle="--")
+    axes.scatter(fitted, observed, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
+    axes.set_xlabel(f"fitted {label}")
+    axes.set_ylabel(f"observed {label}")
+
+
+def half_width_panel(analysis: Analysis, looks: Sequence[Look], target: float) -> str:
+    """Draw the watched half-width against the number of runs with the target and the noise floor."""
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        runs = np.array([look.n_runs for look in looks], dtype=np.float64)
+        widths = np.array([look.half_width for look in looks])
+        axes.plot(runs, widths, marker="o", markersize=4, color=drawing.BLUE, label="half-width")
+        axes.axhline(target, color=drawing.GREEN, linestyle="--", linewidth=1.3, label="target")
+        if np.isfinite(analysis.decision.noise_floor) and analysis.decision.noise_floor > 0.0:
+            axes.axhline(
+                analysis.decision.noise_floor, color=drawing.MUTED, linestyle=":", linewidth=1.3, label="noise floor"
+            )
+        top = np.nanmax(np.append(widths[np.isfinite(widths)], target))
+        axes.set_ylim(0.0, 1.12 * top)
+        _whole_numbers(axes.xaxis)
+        axes.set_xlabel("scored runs")
+        axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
+        axes.legend(loc="best")
+        drawing.light_grid(axes)
+
+    return drawing.draw(paint)
+
+
+def mean_history_panel(analysis: Analysis, looks: Sequence[Look]) -> str:
+    """Draw the estimated score at the optimum of every look with its confidence interval."""
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        runs = np.array([look.n_runs for look in looks], dtype=np.float64)
+        mean = np.array([look.mean for look in looks])
+        half = np.array([look.confidence_half_width for look in looks])
+        axes.fill_between(runs, mean - half, mean + half, color=drawing.BLUE, alpha=0.25, linewidth=0)
+        axes.plot(runs, mean, marker="o", markersize=4, color=drawing.BLUE)
+        _whole_numbers(axes.xaxis)
+        axes.set_xlabel("scored runs")
+        axes.set_ylabel(score_label(analysis))
+        drawing.light_grid(axes)
+
+    return drawing.draw(paint)
+
+
+def setting_history_panel(factor: Factor, looks: Sequence[Look]) -> str:
+    """Draw the optimal setting of one factor against the number of runs, over the campaign's whole range."""
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        known = [look for look in looks if factor.name in look.settings]
+        runs = [look.n_runs for look in known]
+        style: dict[str, Any] = {"marker": "o", "markersize": 4, "color": drawing.BLUE, "linewidth": 1.2}
+        if isinstance(factor, CategoricalFactor):
+            places = {level: place for place, level in enumerate(factor.levels)}
+            axes.plot(runs, [places.get(str(look.settings[factor.name]), np.nan) for look in known], **style)
+            axes.set_yticks(range(len(factor.levels)), [shortened(level, 16) for level in factor.levels])
+            axes.set_ylim(-0.5, len(factor.levels) - 0.5)
+        else:
+            axes.plot(runs, [float(look.settings[factor.name]) for look in known], clip_on=False, zorder=3, **style)
+            set_numeric_axis(axes, "y", factor)
+        _whole_numbers(axes.xaxis)
+        axes.set_xlabel("scored runs")
+        axes.set_ylabel(shortened(axis_label(factor), 30))
+        drawing.light_grid(axes)
+
+    return drawing.draw(paint, height_in=2.1)
+
+
+def _whole_numbers(axis: Axis) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(6, integer=True))
+
+
+def outliers(studentised: FloatArray, df_residual: int) -> BoolArray:
+    """Which runs are outliers at 5 % over all runs (Bonferroni; each residual has Student's t with df - 1)."""
+    from scipy.special import stdtr
+
+    n = int(np.count_nonzero(np.isfinite(studentised)))
+    if n == 0 or df_residual < 2:
+        return np.zeros(studentised.shape, dtype=np.bool_)
+    p = 2.0 * stdtr(float(df_residual - 1), -np.abs(np.nan_to_num(studentised)))
+    flagged: BoolArray = n * p < 0.05
+    return flagged

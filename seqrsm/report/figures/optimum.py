@@ -1,0 +1,315 @@
+"""Response surfaces, slices and posterior of the optimum: results in, drawings out; nothing is estimated here."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.surfaces import Line, Ridge, Surface, numeric_factor
+from seqrsm.report.wording import axis_label, level_labels, shortened, with_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_CLOUD_POINTS = 220
+_WHITE = "#ffffff"
+_BLACK = "#000000"
+
+
+def contour_panel(analysis: Analysis, surface: Surface, limits: tuple[float, float]) -> str:
+    """Draw contours of the fitted mean over two factors with runs, posterior cloud and optimum.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    surface : Surface
+        Of the same analysis.
+    limits : (float, float)
+        Scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
+    """
+    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=3.0)
+
+
+def _paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    x_factor, y_factor = numeric_factor(analysis, surface.x_index), numeric_factor(analysis, surface.y_index)
+    levels = np.linspace(limits[0], limits[1], 17)
+    if np.all(np.isfinite(surface.mean)):
+        filled = axes.contourf(
+            surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
+        )
+        bar = figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
+        bar.outline.set_visible(False)
+        bar.ax.tick_params(labelsize=7)
+        bar.set_ticks(_round_ticks(limits))
+        lines = axes.contour(surface.x, surface.y, surface.mean, levels=6, colors=_BLACK, linewidths=0.6, zorder=1.5)
+        axes.clabel(lines, fontsize=7, inline_spacing=2, zorder=1.6)
+    if np.any(surface.slack < 0.0):
+        forbidden: dict[str, Any] = {"levels": [-2.0, 0.0], "colors": [drawing.PAPER], "hatches": ["////"]}
+        axes.contourf(surface.x, surface.y, surface.slack, zorder=2.0, **forbidden)
+        axes.contour(
+            surface.x, surface.y, surface.slack, levels=[0.0], colors=[drawing.INK], linewidths=1.2, zorder=2.1
+        )
+    set_numeric_axis(axes, "x", x_factor)
+    set_numeric_axis(axes, "y", y_factor)
+    _scatter_over_surface(axes, analysis, surface)
+
+
+def _scatter_over_surface(axes: Axes, analysis: Analysis, surface: Surface) -> None:
+    pair = [surface.x_index, surface.y_index]
+    x_factor, y_factor = (numeric_factor(analysis, index) for index in pair)
+    cloud = thinned(analysis.posterior.optimum_points)[:, pair]
+    places, member = np.unique(analysis.data.points[:, pair], axis=0, return_inverse=True)
+    layers: tuple[tuple[FloatArray, dict[str, Any]], ...] = (
+        (cloud, {"s": 5, "color": drawing.ORANGE, "alpha": 0.55, "linewidths": 0, "zorder": 3}),
+        (
+            places,
+            {"s": 20, "facecolor": _WHITE, "edgecolor": _BLACK, "linewidths": 0.8, "zorder": 4},
+        ),
+        (
+            analysis.optimum.point[None, pair],
+            {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": _BLACK, "linewidths": 0.9, "zorder": 5},
+        ),
+    )
+    for coded, style in layers:
+        marks = axes.scatter(x_factor.decode(coded[:, 0]), y_factor.decode(coded[:, 1]), clip_on=False, **style)
+        if coded is places:
+            drawing.tell(marks, [_runs_at(analysis, member.ravel() == i) for i in range(len(places))])
+
+
+def _runs_at(analysis: Analysis, here: BoolArray) -> str:
+    """Runs at one place of a contour plot, in words."""
+    ids, scores = analysis.data.run_ids[here], analysis.data.scores[here]
+    shown = ", ".join(str(run) for run in ids[:6].tolist()) + (", \u2026" if ids.size > 6 else "")
+    ends = " to ".join(dict.fromkeys(f"{end:.4g}" for end in (scores.min(), scores.max())))
+    return f"run {shown}: score {with_unit(ends, shortened(analysis.score_unit, 20))}"
+
+
+def run_texts(analysis: Analysis, values: FloatArray, what: str) -> list[str]:
+    """Run and value of every mark, in words."""
+    return [f"run {run}: {what} {value:.4g}" for run, value in zip(analysis.data.run_ids.tolist(), values, strict=True)]
+
+
+def slice_panel(analysis: Analysis, line: Line) -> str:
+    """Draw mean, confidence and prediction band along one factor through the optimum, with the runs moved there."""
+    factor = analysis.region.factors[line.index]
+    stepwise = isinstance(factor, (CategoricalFactor, DiscreteFactor))
+    return drawing.draw(partial(_paint_levels if stepwise else _paint_bands, analysis, line))
+
+
+def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = numeric_factor(analysis, line.index)
+    hidden = ~line.allowed
+    mean = np.where(hidden, np.nan, line.mean)
+    axes.fill_between(
+        line.x,
+        line.prediction_low,
+        line.prediction_high,
+        where=line.allowed,
+        color=drawing.BLUE,
+        alpha=0.14,
+        linewidth=0,
+    )
+    axes.fill_between(
+        line.x,
+        line.confidence_low,
+        line.confidence_high,
+        where=line.allowed,
+        color=drawing.BLUE,
+        alpha=0.32,
+        linewidth=0,
+    )
+    axes.plot(line.x, mean, color=drawing.BLUE)
+    marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
+    axes.axvline(float(factor.decode(analysis.optimum.point[line.index])), color=drawing.ORANGE, linestyle="--", lw=1.2)
+    set_numeric_axis(axes, "x", factor)
+    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_ylabel(score_label(analysis))
+    drawing.light_grid(axes)
+
+
+def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = analysis.region.factors[line.index]
+    assert isinstance(factor, (CategoricalFactor, DiscreteFactor))
+    position = np.arange(line.x.size, dtype=np.float64)
+    order = {float(value): place for place, value in enumerate(line.x)}
+    shown = np.array([order.get(float(value), np.nan) for value in line.run_x])
+    for low, high, width, alpha in (
+        (line.prediction_low, line.prediction_high, 7.0, 0.25),
+        (line.confidence_low, line.confidence_high, 7.0, 0.6),
+    ):
+        axes.vlines(position, low, high, color=drawing.BLUE, alpha=alpha, linewidth=width)
+    axes.scatter(
+        position[line.allowed], line.mean[line.allowed], s=34, marker="D", color=drawing.BLUE, zorder=4, linewidths=0
+    )
+    axes.scatter(
+        position[~line.allowed], line.mean[~line.allowed], s=34, marker="D", facecolor="none", edgecolor=drawing.BLUE
+    )
+    marks = axes.scatter(shown + 0.16, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
+    if np.all(np.isfinite(shown)):
+        drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
+    best = analysis.optimum.settings[factor.name]
+    labels = [shortened(label, 20) for label in level_labels(factor)]
+    here = factor.levels.index(str(best)) if isinstance(factor, CategoricalFactor) else order.get(float(best))
+    if here is not None:
+        axes.axvline(here, color=drawing.ORANGE, linestyle="--", linewidth=1.2, zorder=1)
+    axes.set_xticks(position, labels, **_label_style(labels))
+    axes.set_xlim(-0.6, line.x.size - 0.4)
+    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_ylabel(score_label(analysis))
+    drawing.light_grid(axes)
+
+
+def optimum_posterior_panel(analysis: Analysis, index: int) -> str:
+    """Draw the posterior of one factor's optimal setting: histogram, or probabilities of its levels."""
+    return drawing.draw(partial(_paint_optimum_posterior, analysis, index), height_in=2.3)
+
+
+def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = analysis.region.factors[index]
+    draws = analysis.posterior.optimum_points[:, index]
+    if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
+        labels = [shortened(label, 20) for label in level_labels(factor)]
+        coded = np.arange(len(labels)) if isinstance(factor, CategoricalFactor) else factor.coded_levels
+        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in coded])
+        axes.bar(np.arange(len(labels)), share, color=drawing.BLUE, width=0.6)
+        axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
+        axes.set_ylim(0.0, 1.0)
+        axes.set_ylabel("probability")
+    else:
+        edges = np.linspace(-1.0, 1.0, 33)
+        share = np.histogram(draws, edges)[0] / max(draws.size, 1)
+        natural = factor.decode(edges)
+        axes.bar(natural[:-1], share, np.diff(natural), align="edge", color=drawing.BLUE, linewidth=0)
+        axes.axvline(
+            float(factor.decode(analysis.optimum.point[index])), color=drawing.ORANGE, linestyle="--", linewidth=1.2
+        )
+        set_numeric_axis(axes, "x", factor)
+        axes.set_ylabel("share of draws")
+    axes.set_xlabel(shortened(axis_label(factor), 44))
+    drawing.light_grid(axes)
+
+
+def optimum_value_panel(analysis: Analysis) -> str:
+    """Draw the posterior of the score at the optimum."""
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        values = analysis.posterior.optimum_values
+        low, high = np.quantile(values, [0.002, 0.998]) if values.size else (0.0, 1.0)
+        margin = 0.5 if high <= low else 0.0
+        share, edges = np.histogram(values, bins=40, range=(low - margin, high + margin))
+        axes.bar(edges[:-1], share / max(values.size, 1), np.diff(edges), align="edge", color=drawing.BLUE, linewidth=0)
+        axes.axvline(analysis.optimum.mean, color=drawing.ORANGE, linestyle="--", linewidth=1.2)
+        axes.set_xlabel(f"mean {score_label(analysis)} at the optimum")
+        axes.set_ylabel("share of draws")
+        drawing.light_grid(axes)
+
+    return drawing.draw(paint, height_in=2.3)
+
+
+def ridge_panels(analysis: Analysis, ridge: Ridge) -> tuple[str, str]:
+    """Draw the best score at each distance from the centre, and the coded settings that give it."""
+    names = [shortened(axis_label(analysis.region.factors[i]), 26) for i in analysis.region.numeric]
+
+    def score(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        _solid_inside(axes, ridge, ridge.score, drawing.BLUE, "-", "")
+        axes.set_ylabel(f"best mean {score_label(analysis)}")
+        axes.set_xlabel("coded distance from the centre")
+        drawing.light_grid(axes)
+
+    def settings(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        for index, name in enumerate(names):
+            color = (drawing.BLUE, drawing.ORANGE, drawing.GREEN, drawing.MUTED)[index % 4]
+            _solid_inside(axes, ridge, ridge.coded[:, index], color, _DASHES[(index // 4 + index) % 4], name)
+        axes.set_ylim(-1.3, 1.3)
+        axes.set_ylabel("coded setting")
+        axes.set_xlabel("coded distance from the centre")
+        axes.legend(loc="best", fontsize=7)
+        drawing.light_grid(axes)
+
+    return drawing.draw(score), drawing.draw(settings)
+
+
+_DASHES = ("-", (0, (6, 1.5)), (0, (3, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
+
+
+def _solid_inside(axes: Axes, ridge: Ridge, values: FloatArray, color: str, dash: Any, label: str) -> None:
+    """Draw a line that is thin and pale where the path has left the region."""
+    axes.plot(ridge.distance, values, color=color, linewidth=0.8, alpha=0.45, linestyle=dash)
+    inside = np.where(ridge.allowed, values, np.nan)
+    axes.plot(ridge.distance, inside, color=color, linewidth=1.8, linestyle=dash, label=label or None)
+
+
+def score_label(analysis: Analysis) -> str:
+    """Return the label of an axis of scores."""
+    return f"score [{shortened(analysis.score_unit, 20)}]" if analysis.score_unit else "score"
+
+
+def _label_style(labels: list[str]) -> dict[str, Any]:
+    """Slant labels that would run into each other."""
+    if sum(len(label) for label in labels) + 2 * len(labels) <= 42:
+        return {}
+    return {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
+
+
+def thinned(draws: FloatArray, count: int = _CLOUD_POINTS) -> FloatArray:
+    """Evenly spaced rows of draws, at most ``count``."""
+    if draws.shape[0] <= count:
+        return draws
+    return draws[np.linspace(0, draws.shape[0] - 1, count).astype(np.intp)]
+
+
+def set_numeric_axis(axes: Axes, which: Literal["x", "y"], factor: NumericFactor) -> None:
+    """Limits, scale, label and plain ticks of a numeric factor's axis."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    low, high = span(factor)
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    if factor.scale == "log":
+        (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+        axis.set_minor_locator(NullLocator())
+    ticks = list(factor.values) if isinstance(factor, DiscreteFactor) and len(factor.values) <= 8 else None
+    if ticks is None and factor.scale == "log":
+        ticks = _log_ticks(low, high)
+    if ticks is not None:
+        axis.set_major_locator(FixedLocator(ticks))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    (axes.set_xlim if which == "x" else axes.set_ylim)(low, high)
+    axis.set_label_text(shortened(axis_label(factor), 44))
+
+
+def _log_ticks(low: float, high: float) -> list[float]:
+    """Round numbers between two ends of a logarithmic axis: from 1, 2, 5 to powers of ten as the span grows."""
+    decades = np.log10(high / low)
+    if decades < 0.7:
+        step = 10.0 ** np.floor(np.log10((high - low) / 3.0))
+        for factor in (1.0, 2.0, 5.0, 10.0):
+            if (high - low) / (step * factor) <= 6.0:
+                step *= factor
+                break
+        return [float(f"{value:.6g}") for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
+    mantissas = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0, 3.0) if decades < 3.2 else (1.0,)
+    exponents = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    ticks = [float(f"{mantissa * 10.0**exponent:.6g}") for exponent in exponents for mantissa in mantissas]
+    return [tick for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)]
+
+
+def _round_ticks(limits: tuple[float, float]) -> list[float]:
+    from matplotlib.ticker import MaxNLocator
+
+    ticks = MaxNLocator(6).tick_values(*limits)
+    return [float(tick) for tick in ticks if limits[0] <= tick <= limits[1]]

@@ -1,0 +1,201 @@
+"""The fitted surface on grids and lines through the optimum, in natural and score units: what the figures draw."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
+from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.ridge import Goal, ridge_path
+
+GRID_POINTS = 41
+LINE_POINTS = 81
+MAX_PAIRS = 6
+
+
+def to_score(analysis: Analysis, values: FloatArray) -> FloatArray:
+    """Turn values on the scale of the fit into score units (the logit of a percentage back into percent)."""
+    return analysis.scale.to_score(values)
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Fitted mean over two numeric factors, the others at the optimum.
+
+    Attributes
+    ----------
+    x, y : ndarray (g,)
+        Natural values of the two factors.
+    mean : ndarray (g, g)
+        Score; first axis follows ``y``. nan where the runs do not determine it.
+    slack : ndarray (g, g)
+        Smallest slack of the constraints; negative where the settings are not allowed.
+    """
+
+    x_index: int
+    y_index: int
+    x: FloatArray
+    y: FloatArray
+    mean: FloatArray
+    slack: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Fitted mean and bands along one factor, the others at the optimum.
+
+    Attributes
+    ----------
+    index : int
+        Of the factor.
+    x : ndarray (m,)
+        Natural values; level indices of a categorical factor.
+    mean, confidence_low, confidence_high, prediction_low, prediction_high : ndarray (m,)
+        Scores; bands are nan where there is no error estimate.
+    allowed : ndarray (m,) of bool
+        Whether the constraints hold.
+    run_x, run_score : ndarray (n,)
+        Runs moved to this line: the fitted mean at their own value of the factor plus their residual.
+    """
+
+    index: int
+    x: FloatArray
+    mean: FloatArray
+    confidence_low: FloatArray
+    confidence_high: FloatArray
+    prediction_low: FloatArray
+    prediction_high: FloatArray
+    allowed: BoolArray
+    run_x: FloatArray
+    run_score: FloatArray
+
+
+def numeric_factor(analysis: Analysis, index: int) -> NumericFactor:
+    """Return the factor of that index, which must be numeric."""
+    factor = analysis.region.factors[index]
+    if isinstance(factor, CategoricalFactor):
+        raise TypeError(f"{factor.name} is categorical")
+    return factor
+
+
+def ranked_factors(analysis: Analysis) -> list[str]:
+    """Names of the factors, the most important first, by their F ratio; untestable ones come last, in factor order."""
+    order = {row.factor: -row.f for row in analysis.importance if np.isfinite(row.f)}
+    return sorted(analysis.region.names, key=lambda name: order.get(name, np.inf))
+
+
+def chosen_pairs(analysis: Analysis) -> list[tuple[int, int]]:
+    """Pairs of numeric factors to draw: all, or the ``MAX_PAIRS`` among the most important factors."""
+    region = analysis.region
+    rank = {name: place for place, name in enumerate(ranked_factors(analysis))}
+    numeric = sorted(region.numeric, key=lambda i: rank[region.names[i]])
+    pairs = list(itertools.combinations(numeric, 2))
+    pairs.sort(key=lambda pair: (rank[region.names[pair[0]]] + rank[region.names[pair[1]]], pair))
+    return [(min(pair), max(pair)) for pair in pairs[:MAX_PAIRS]]
+
+
+def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
+    """Evaluate the fitted mean over a pair of numeric factors."""
+    coded = np.linspace(-1.0, 1.0, GRID_POINTS)
+    points = np.repeat(analysis.optimum.point[None, :], GRID_POINTS**2, axis=0)
+    points[:, x_index] = np.tile(coded, GRID_POINTS)
+    points[:, y_index] = np.repeat(coded, GRID_POINTS)
+    shape = (GRID_POINTS, GRID_POINTS)
+    return Surface(
+        x_index,
+        y_index,
+        numeric_factor(analysis, x_index).decode(coded),
+        numeric_factor(analysis, y_index).decode(coded),
+        to_score(analysis, predict(analysis, points).mean).reshape(shape),
+        analysis.region.slack(points).reshape(shape),
+    )
+
+
+def predict(analysis: Analysis, points: FloatArray) -> Prediction:
+    """Predict at coded points (m, k), on the scale of the fit, at the level of the campaign's intervals."""
+    rows = analysis.model.matrix(points)
+    mean = analysis.fit.predict(rows).mean
+    # Where the runs do not determine the mean, neither is there a weight: any will do, the interval is nan anyway.
+    weight = np.nan_to_num(analysis.scale.weight_at(mean), nan=1.0)
+    return analysis.fit.predict(rows, level=analysis.optimum.level, weight=weight)
+
+
+def line(analysis: Analysis, index: int) -> Line:
+    """Evaluate mean and bands along one factor through the optimum."""
+    factor = analysis.region.factors[index]
+    if isinstance(factor, CategoricalFactor):
+        coded = np.arange(len(factor.levels), dtype=np.float64)
+        natural = coded
+        run_natural = analysis.data.points[:, index]
+    else:
+        coded = np.linspace(-1.0, 1.0, LINE_POINTS) if isinstance(factor, ContinuousFactor) else factor.coded_levels
+        natural = factor.decode(coded)
+        run_natural = factor.decode(analysis.data.points[:, index])
+    prediction = predict(analysis, _along(analysis, index, coded))
+    runs = predict(analysis, _along(analysis, index, analysis.data.points[:, index]))
+    return Line(
+        index,
+        natural,
+        to_score(analysis, prediction.mean),
+        to_score(analysis, prediction.confidence.low),
+        to_score(analysis, prediction.confidence.high),
+        to_score(analysis, prediction.prediction.low),
+        to_score(analysis, prediction.prediction.high),
+        np.asarray(analysis.region.slack(_along(analysis, index, coded)) >= -1e-9),
+        run_natural,
+        to_score(analysis, runs.mean + analysis.fit.residuals),
+    )
+
+
+def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:
+    points = np.repeat(analysis.optimum.point[None, :], coded.size, axis=0)
+    points[:, index] = coded
+    return points
+
+
+@dataclass(frozen=True, slots=True)
+class Ridge:
+    """Best settings at growing distance from the centre of the region, other factors at their optimal levels.
+
+    Attributes
+    ----------
+    distance : ndarray (m,)
+        Coded distance from the centre.
+    score : ndarray (m,)
+        Fitted mean there.
+    coded : ndarray (m, q)
+        Numeric factors, in factor order.
+    allowed : ndarray (m,) of bool
+        Whether the point lies in the region.
+    """
+
+    distance: FloatArray
+    score: FloatArray
+    coded: FloatArray
+    allowed: BoolArray
+
+
+def ridge(analysis: Analysis) -> Ridge | None:
+    """Ridge analysis of the fitted surface; None with fewer than two numeric factors or without squares."""
+    region, model = analysis.region, analysis.model
+    numeric = list(region.numeric)
+    if len(numeric) < 2 or model.order == 1:
+        return None
+    levels = tuple(int(analysis.optimum.point[i]) for i in region.categorical)
+    constant, linear, quadratic = model.forms(analysis.fit.estimate[: model.p], levels)
+    if not (np.all(np.isfinite(linear)) and np.all(np.isfinite(quadratic))):
+        return None
+    distance = np.linspace(0.0, np.sqrt(len(numeric)), LINE_POINTS)
+    goal: Goal = "maximize" if analysis.goal == "maximize" else "minimize"
+    path = ridge_path(float(constant), linear, quadratic, distance, goal)
+    points = np.repeat(analysis.optimum.point[None, :], LINE_POINTS, axis=0)
+    points[:, numeric] = path.points
+    inside = np.all(np.abs(path.points) <= 1.0 + 1e-9, axis=1)
+    return Ridge(
+        distance, to_score(analysis, path.values), path.points, inside & np.asarray(region.slack(points) >= -1e-9)
+    )

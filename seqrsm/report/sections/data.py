@@ -1,0 +1,241 @@
+"""What was asked, and the runs that answer it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from seqrsm.analysis.occasions import sharing
+from seqrsm.analysis.results import Analysis
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.design.factors import CategoricalFactor, Factor
+from seqrsm.report.blocks import Align, Block, Bullets, Cell, Column, Definitions, Details, Paragraph, Section, Table
+from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
+from seqrsm.report.wording import (
+    axis_label,
+    counted,
+    describe_factor,
+    fixed_label,
+    fixed_unit,
+    format_value,
+    level_text,
+    listing,
+    number_cell,
+    readable,
+    run_decimals,
+    watched_interval,
+    whole_cell,
+    with_unit,
+)
+from seqrsm.store.records import RunRecord
+
+MOST_RUNS = 2000
+"""Rows of the table of runs; more would be hundreds of pages that nobody turns."""
+
+
+def question_section(dossier: Dossier) -> Section:
+    """Return question and region: applications, factors, constraints, stop rule."""
+    spec, region = dossier.spec, dossier.spec.region
+    blocks: list[Block] = []
+    if spec.description:
+        blocks.append(Paragraph(spec.description))
+    blocks += [_applications(dossier), _factor_table(region.factors)]
+    if region.constraints:
+        blocks.append(Paragraph("Only settings that satisfy all of these, in natural units, are allowed:"))
+        blocks.append(Bullets(tuple(constraint.expr for constraint in region.constraints)))
+    blocks.append(Paragraph(_stop_text(dossier)))
+    if spec.simulator is not None and spec.simulator.fixed:
+        blocks.append(Paragraph("Sensor parameters held fixed:"))
+        fixed = (
+            (fixed_label(name), with_unit(format_value(value), fixed_unit(name, value)))
+            for name, value in spec.simulator.fixed.items()
+        )
+        blocks.append(Definitions(tuple(fixed)))
+    return Section("question", "Question and region", tuple(blocks))
+
+
+def _applications(dossier: Dossier) -> Table:
+    rows = tuple(
+        (
+            Cell(application.name),
+            Cell(readable(application.utility)),
+            Cell(application.goal),
+            number_cell(format_plain(application.weight), application.weight),
+        )
+        for application in dossier.spec.applications
+    )
+    columns = (Column("Application"), Column("Score"), Column("Goal"), Column("Weight", align="right"))
+    return Table(columns, rows, "Applications")
+
+
+def _factor_table(factors: Sequence[Factor]) -> Table:
+    rows = []
+    for factor in factors:
+        kind, values = describe_factor(factor)
+        rows.append((Cell(axis_label(factor)), Cell(kind), Cell(values)))
+    columns = (Column("Factor"), Column("Kind and scale"), Column("Allowed"))
+    return Table(
+        columns, tuple(rows), "Factors; each is coded onto \u22121 to 1 on its scale before the model is formed"
+    )
+
+
+def _stop_text(dossier: Dossier) -> str:
+    stop = dossier.spec.stop
+    units = {analysis.score_unit for analysis in dossier.analyses}
+    unit = units.pop() if len(units) == 1 else ""
+    guards = {
+        "runs": "enough runs for the number of terms",
+        "confirmation": f"a confirmation set of {stop.confirmation_runs} fresh runs that agrees with the model",
+        "anytime": "an interval that is valid at every look",
+        "spending": "an interval whose error probability is spent over the looks",
+    }
+    return (
+        f"Stop rule: the {watched_interval(stop)} at the optimum ({level_text(stop.level)}) has a half-width of at "
+        f"most {with_unit(format_plain(stop.half_width), unit)}, guarded by {guards[stop.guard]}, with pure error "
+        f"known and no significant lack of fit (at {level_text(stop.lack_of_fit_alpha)}); no more than "
+        f"{stop.max_runs} runs."
+    )
+
+
+def data_section(dossier: Dossier) -> Section:
+    """Return how the data came: runs by state, source and purpose, and the table of all runs."""
+    runs = dossier.runs
+    if not runs:
+        return Section("data", "How the data came", (Paragraph("No run has been proposed yet."),))
+    states = Counter(run.state for run in runs)
+    scored = [run for run in runs if run.state == "scored"]
+    sources = Counter(run.source for run in scored)
+    counts = listing([f"{count} {state}" for state, count in states.items()])
+    batches = counted(len({run.batch for run in runs}), "batch", "batches")
+    text = f"The campaign holds {counted(len(runs), 'run')} in {batches}: {counts}."
+    if sources:
+        parts = [counted(count, source) for source, count in sources.items()]
+        text += f" The scores come from {listing(parts)}."
+    shared, occasions = sharing(runs)
+    if shared:
+        text += (
+            f" {shared} simulated runs share the random numbers of {counted(occasions, 'occasion')} "
+            "(common random numbers), which are blocks of the fit."
+        )
+    blocks: list[Block] = [Paragraph(text), _batch_table(runs)]
+    left_out = [run for run in runs if run.state in ("void", "failed")]
+    if left_out:
+        blocks.append(_left_out_table(left_out))
+    shown = "Every run" if len(dossier.runs) <= MOST_RUNS else f"Each of the last {MOST_RUNS} runs"
+    blocks.append(Paragraph(f"{shown} with its settings and scores stands at the end of the report.", "note"))
+    return Section("data", "How the data came", tuple(blocks))
+
+
+def run_section(dossier: Dossier) -> Section:
+    """Return the table of the runs, the last section of a report: all of them, or the last `MOST_RUNS`."""
+    total = len(dossier.runs)
+    if total <= MOST_RUNS:
+        block = Details(f"All {total} runs with settings and scores", (_run_table(dossier, dossier.runs),))
+        return Section("runs", "Every run", (block,), new_page=True)
+    block = Details(
+        f"The last {MOST_RUNS} of {total} runs with settings and scores",
+        (_run_table(dossier, dossier.runs[-MOST_RUNS:]),),
+    )
+    note = Paragraph(f"The report shows the last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
+    return Section("runs", "The last runs", (note, block), new_page=True)
+
+
+def _batch_table(runs: Sequence[RunRecord]) -> Table:
+    rows = []
+    for batch in sorted({run.batch for run in runs}):
+        members = [run for run in runs if run.batch == batch]
+        purposes = Counter(run.purpose or "not stated" for run in members)
+        rows.append(
+            (
+                whole_cell(batch),
+                whole_cell(len(members)),
+                whole_cell(sum(run.state == "scored" for run in members)),
+                Cell(", ".join(f"{readable(purpose)} {count}" for purpose, count in purposes.items())),
+                Cell(listing(sorted({run.source for run in members}))),
+            )
+        )
+    columns = (
+        Column("Batch", align="right"),
+        Column("Runs", align="right"),
+        Column("Scored", align="right"),
+        Column("Purpose of the runs"),
+        Column("Source"),
+    )
+    return Table(columns, tuple(rows), "Batches in the order of proposal")
+
+
+def _left_out_table(runs: Sequence[RunRecord]) -> Table:
+    rows = tuple((whole_cell(run.run_id), Cell(run.state), Cell(run.reason or "no reason recorded")) for run in runs)
+    columns = (Column("Run", align="right"), Column("State"), Column("Reason"))
+    return Table(columns, rows, "Runs that do not enter the fit")
+
+
+def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
+    factors = dossier.spec.factors
+    applications = [application.name for application in dossier.spec.applications]
+    by_name = {analysis.application: analysis for analysis in dossier.analyses}
+    blocked = any(run.block for run in dossier.runs)
+    with_error = {score.application for run in dossier.runs for score in run.scores if score.se is not None}
+    columns = [Column("Run", align="right"), Column("Batch", align="right")]
+    columns += [Column(readable(f.name), "" if isinstance(f, CategoricalFactor) else f.unit, _side(f)) for f in factors]
+    for name in applications:
+        title = "Score" if len(applications) == 1 else f"Score {name}"
+        unit = by_name[name].score_unit if name in by_name else ""
+        columns.append(Column(title, unit, "right"))
+        if name in with_error:
+            columns.append(Column("s.e.", unit, "right"))
+    fitted = {int(run) for analysis in dossier.analyses for run in analysis.data.run_ids}
+    left_out = any(run.state == "scored" and run.run_id not in fitted for run in dossier.runs) and bool(fitted)
+    columns += [Column("State"), Column("Source"), Column("Purpose")]
+    if left_out:
+        columns.append(Column("In the fit"))
+    if blocked:
+        columns.append(Column("Block"))
+    rows = []
+    for run in runs:
+        cells = [whole_cell(run.run_id), whole_cell(run.batch)]
+        cells += [_setting_cell(factor, run.settings.get(factor.name)) for factor in factors]
+        for name in applications:
+            cells += _score_cells(run, name, by_name.get(name))[: 2 if name in with_error else 1]
+        cells += [Cell(run.state), Cell(run.source), Cell(readable(run.purpose))]
+        if left_out:
+            cells.append(Cell("yes" if run.run_id in fitted else "no"))
+        if blocked:
+            cells.append(Cell(run.block))
+        rows.append(tuple(cells))
+    caption = (
+        "Executed settings and scores of every run"
+        if len(runs) == len(dossier.runs)
+        else "Executed settings and scores"
+    )
+    if any(run.purpose == "confirmation" for run in dossier.runs):
+        caption += "; confirmation runs test the fit and are no part of it"
+    return Table(tuple(columns), tuple(rows), caption, sortable=True)
+
+
+def _side(factor: Factor) -> Align:
+    return "left" if isinstance(factor, CategoricalFactor) else "right"
+
+
+def _setting_cell(factor: Factor, value: float | str | None) -> Cell:
+    if value is None:
+        return Cell("")
+    if isinstance(factor, CategoricalFactor):
+        return Cell(str(value))
+    return number_cell(format_plain(float(f"{float(value):.4g}")), float(value))
+
+
+def _score_cells(run: RunRecord, application: str, analysis: Analysis | None) -> list[Cell]:
+    record = run.score_of(application)
+    if record is None:
+        return [Cell(""), Cell("")]
+    if record.se is not None:
+        places = decimals_for(record.se)
+        return [
+            number_cell(format_number(record.score, places), record.score),
+            number_cell(format_number(record.se, places), record.se),
+        ]
+    text = (
+        format_significant(record.score, 4) if analysis is None else format_number(record.score, run_decimals(analysis))
+    )
+    return [number_cell(text, record.score), Cell("")]

@@ -1,0 +1,116 @@
+"""Check against the literature: the optimum beside the rows of Tables A.1 to A.20 on the application."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.catalog import summary
+from seqrsm.report.blocks import Block, Cell, Column, Details, Paragraph, Section, Table
+from seqrsm.report.literature import Literature, literature, system_of
+from seqrsm.report.wording import counted, listing, of_quadratic, readable
+
+MAX_NAMED = 2
+
+_LATER = (
+    "The tables hold what was asked for, and believed possible, up to 1979: a difference is a question to the reader, "
+    "not an error of either side."
+)
+
+
+def literature_section(dossier: Dossier) -> Section | None:
+    """Return the comparison with the catalogue for each application; None where there is no result to compare."""
+    if not dossier.analyses:
+        return None
+    blocks: list[Block] = []
+    for analysis in dossier.analyses:
+        blocks += _application(dossier, analysis)
+    return Section("literature", "Check against the literature", tuple(blocks))
+
+
+def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
+    found = literature(dossier.spec, analysis)
+    kind = "radar" if system_of(dossier.spec) == "active" else "radiometer"
+    if found is None:
+        return [
+            Paragraph(
+                f"{analysis.application}: no {kind} entry of Tables A.1 to A.20 of RSL TR 380-1 is about this "
+                "application, by the words of its name and of the campaign's description. The key catalog of its "
+                "[[application]] names the words to look up."
+            )
+        ]
+    count = len(found.start.entries)
+    text = (
+        f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} of Tables A.1 to A.20 of "
+        f"RSL TR 380-1 found for \u201c{found.asked}\u201d ({found.reason}). "
+    )
+    blocks: list[Block] = [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]
+    statements = _statement_table(found)
+    blocks.append(Details(f"What the tables print: {counted(len(statements.rows), 'statement')}", (statements,)))
+    blocks.append(Paragraph(_LATER, "note"))
+    return blocks
+
+
+def _agreement(found: Literature) -> str:
+    counts = Counter(row.verdict for row in found.comparisons)
+    comparable = counts["agrees"] + counts["not excluded"] + counts["differs"]
+    if not comparable:
+        return "No number of theirs can be compared with this campaign."
+    words = [
+        f"{readable(row.parameter)} {row.verdict}"
+        for row in found.comparisons
+        if row.verdict in ("agrees", "not excluded", "differs")
+    ]
+    if comparable == 1:
+        return f"One parameter can be compared: {words[0]}."
+    return f"Of {comparable} parameters that can be compared {counts['agrees']} agree: {listing(words)}."
+
+
+def _comparison_table(found: Literature, analysis: Analysis) -> Table:
+    rows = tuple(
+        (
+            Cell(readable(row.parameter)),
+            Cell(row.printed),
+            Cell(row.agreed),
+            Cell(row.found),
+            Cell(f"{row.verdict}: {row.why}"),
+            Cell(row.tables),
+        )
+        for row in found.comparisons
+    )
+    columns = (
+        Column("Parameter"),
+        Column("Printed"),
+        Column("Most agree on"),
+        Column("This campaign"),
+        Column("Agreement"),
+        Column("Tables"),
+    )
+    alone = ", by the quadratic alone," if of_quadratic(analysis) else ""
+    caption = (
+        f"{analysis.application}: recommended settings (with credible interval{alone} or all levels) and the literature"
+    )
+    return Table(columns, rows, caption)
+
+
+def _some(applications: tuple[str, ...]) -> str:
+    """The first applications of a statement; the catalogue command lists all."""
+    if len(applications) <= MAX_NAMED:
+        return "; ".join(applications)
+    return f"{'; '.join(applications[:MAX_NAMED])}; {len(applications) - MAX_NAMED} more"
+
+
+def _statement_table(found: Literature) -> Table:
+    rows = tuple(
+        (
+            Cell(statement.parameter),
+            Cell(statement.printed),
+            Cell(statement.read_as),
+            Cell(", ".join(statement.tables)),
+            Cell(_some(statement.applications)),
+        )
+        for statement in summary(found.start.entries)
+    )
+    columns = (Column("Parameter"), Column("As printed"), Column("Read as"), Column("Tables"), Column("Application"))
+    return Table(columns, rows, f"Entries found for \u201c{found.asked}\u201d, as printed")

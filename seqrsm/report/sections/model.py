@@ -1,0 +1,422 @@
+"""The fitted model: equation, analysis of variance, coefficients, importance, diagnostics."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.fit.anova import LackOfFit
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Column,
+    Details,
+    Equation,
+    FigureBlock,
+    Panel,
+    Paragraph,
+    Section,
+    Table,
+)
+from seqrsm.report.figures.data import coefficient_data, importance_data, residual_data
+from seqrsm.report.figures.fit import MAX_COEFFICIENTS, coefficient_panel, importance_panel, outliers, residual_panels
+from seqrsm.report.figures.surfaces import ranked_factors
+from seqrsm.report.rounding import (
+    decimals_for,
+    decimals_of_significant,
+    format_number,
+    format_p,
+    format_percent,
+    format_significant,
+)
+from seqrsm.report.sections.study import largest_vif, term_blocks
+from seqrsm.report.study_text import profile_text
+from seqrsm.report.wording import (
+    capital,
+    level_phrase,
+    listing,
+    no_error_estimate,
+    number_cell,
+    p_cell,
+    readable,
+    readable_term,
+    readable_text,
+    significant_cell,
+    slug,
+    whole_cell,
+    with_unit,
+)
+
+MODEL_EQUATION = Equation(
+    "y = beta_0 + sum_(i) beta_i x_i + sum_(i < j) beta_(i j) x_i x_j + sum_(i) beta_(i i) x_i^2 + epsilon,"
+    ' quad epsilon tilde "N"(0, sigma^2)',
+    "y equals beta zero plus the sum of beta i x i plus the sum over pairs of beta i j x i x j plus the sum of "
+    "beta i i x i squared plus epsilon, which is normal with mean zero and variance sigma squared",
+)
+FIRST_ORDER_EQUATION = Equation(
+    'y = beta_0 + sum_(i) beta_i x_i + epsilon, quad epsilon tilde "N"(0, sigma^2)',
+    "y equals beta zero plus the sum of beta i x i plus epsilon, which is normal with mean zero and variance sigma "
+    "squared",
+)
+PARTIAL_F_EQUATION = Equation(
+    'F = (("SSE"_1 - "SSE") \\/ (p - q)) / ("SSE" \\/ (N - p))',
+    "F equals the quotient of SSE one minus SSE over p minus q, and SSE over N minus p",
+)
+
+MAX_INFLUENCE_ROWS = 30
+MAX_NAMED = 5
+
+
+def model_section(analysis: Analysis, key: str) -> Section:
+    """Return model, fit statistics, analysis of variance and coefficients."""
+    blocks: list[Block] = [
+        *_region_blocks(analysis),
+        Paragraph(_model_text(analysis)),
+        MODEL_EQUATION if analysis.model.order == 2 else FIRST_ORDER_EQUATION,
+        _statistics_table(analysis),
+    ]
+    if analysis.fit.reason:
+        blocks.append(Paragraph(f"{_sentence(analysis.fit.reason)}.", "warning"))
+    blocks.append(_anova_table(analysis))
+    blocks.append(Paragraph(_lack_of_fit_text(analysis)))
+    blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
+    if analysis.model.p > 1:
+        blocks.append(_coefficient_figure(analysis))
+    blocks += term_blocks(analysis)
+    return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
+
+
+def _region_blocks(analysis: Analysis) -> list[Block]:
+    """How the fitted region came to be, and how simulation and flight compare, where there is something to say."""
+    blocks: list[Block] = []
+    names = analysis.region.names
+    if analysis.region_history:
+        rows = tuple(
+            (
+                whole_cell(change.batch),
+                whole_cell(change.n_runs),
+                Cell(_REGION_KINDS.get(change.kind, change.kind)),
+                Cell(readable_text(change.text, names)),
+            )
+            for change in analysis.region_history
+        )
+        columns = (
+            Column("Batch", align="right"),
+            Column("Runs", align="right"),
+            Column("Change"),
+            Column("What it is"),
+        )
+        where = "in a part of the campaign's region" if _is_part(analysis) else "over the whole region still"
+        text = f"The surface is fitted {where}: {analysis.fit.n_runs} of {analysis.n_scored} scored runs enter."
+        blocks += [Paragraph(text), Table(columns, rows, "How the fitted region moved")]
+    if analysis.sources is not None:
+        blocks.append(Paragraph(readable_text(analysis.sources.text, names)))
+    return blocks
+
+
+_REGION_KINDS = {"shrink": "smaller region called for", "move": "region follows the optimum", "filled": "now fitted"}
+
+
+def _is_part(analysis: Analysis) -> bool:
+    return analysis.region_state is not None and not analysis.region_state.box.whole
+
+
+def _sentence(text: str) -> str:
+    return capital(text.rstrip("."))
+
+
+def _model_text(analysis: Analysis) -> str:
+    order = "second" if analysis.model.order == 2 else "first"
+    text = f"The score y is a {order}-order polynomial in the coded factors x (RSL TR 380-1, eq. (2-1) to (2-6)"
+    text += ", each pair counted once)." if analysis.model.order == 2 else ")."
+    if any(kind == "category" for kind in analysis.fit.kinds):
+        text += " A categorical factor enters with sum-to-zero contrasts and their products, and has no square."
+    if analysis.dropped:
+        text += (
+            f" {len(analysis.dropped)} terms were left out because averaging over hierarchical models found them less "
+            "likely than not; intervals hold given the others, and do not hold the doubt about this choice."
+        )
+    if any(kind == "block" for kind in analysis.fit.kinds):
+        text += " Blocks enter as sum-to-zero effects; results are for the average block."
+    if analysis.response == "logit":
+        text += " The model is fitted to the logit of the score; coefficients and sums of squares are on that scale."
+    return text
+
+
+def _statistics_table(analysis: Analysis) -> Table:
+    fit = analysis.fit
+    unit = "logit" if analysis.response == "logit" else analysis.score_unit
+    pairs: list[tuple[str, Cell]] = [
+        ("Runs N", whole_cell(fit.n_runs)),
+        ("Terms p", whole_cell(fit.n_terms)),
+        ("Residual degrees of freedom", whole_cell(fit.df_residual)),
+        ("Residual standard deviation s", _known(with_unit(format_significant(fit.s, 3), unit), fit.s, analysis)),
+        ("R\u00b2", _known(_share(fit.r2), fit.r2, analysis)),
+        ("R\u00b2 adjusted", _known(_share(fit.r2_adjusted), fit.r2_adjusted, analysis)),
+        ("R\u00b2 predicted (each run left out in turn)", _known(_share(fit.r2_predicted), fit.r2_predicted, analysis)),
+        ("Condition number of the model matrix", significant_cell(fit.condition_number, 3)),
+    ]
+    worst = largest_vif(analysis)
+    if worst is not None:
+        pairs.append((f"Largest variance inflation factor, of {worst[0]}", significant_cell(worst[1], 3)))
+    rows = tuple((Cell(label), cell) for label, cell in pairs)
+    return Table((Column("Quantity"), Column("Value", align="right")), rows, "Quality of the fit")
+
+
+def _share(value: float) -> str:
+    return format_number(value, 3)
+
+
+def _known(text: str, value: float, analysis: Analysis) -> Cell:
+    """Return the cell of a number, or why there is none."""
+    if math.isfinite(value):
+        return number_cell(text, value)
+    if analysis.fit.df_residual == 0:
+        return Cell("none: N = p")
+    return Cell("undefined: a run is fitted exactly" if analysis.fit.leverage_one_runs else "undefined")
+
+
+def _anova_table(analysis: Analysis) -> Table:
+    rows = tuple(
+        (
+            Cell(_source(row.source)),
+            whole_cell(row.df),
+            significant_cell(row.ss, 4),
+            _blank_or(row.ms, 4),
+            _blank_or(row.f, 3),
+            p_cell(row.p) if math.isfinite(row.p) else Cell(""),
+        )
+        for row in analysis.anova
+    )
+    columns = (
+        Column("Source"),
+        Column("df", align="right"),
+        Column("Sum of squares", align="right"),
+        Column("Mean square", align="right"),
+        Column("F", align="right"),
+        Column("p", align="right"),
+    )
+    caption = "Analysis of variance, sequential; lack of fit and pure error are the two parts of the residual"
+    if analysis.response == "logit":
+        caption += " (logit scale)"
+    return Table(columns, rows, caption)
+
+
+def _source(source: str) -> str:
+    return f"\u2003{source}" if source in ("lack of fit", "pure error") else source
+
+
+def _blank_or(value: float, digits: int) -> Cell:
+    return significant_cell(value, digits) if math.isfinite(value) else Cell("")
+
+
+def _lack_of_fit_text(analysis: Analysis) -> str:
+    test = analysis.lack_of_fit
+    if not isinstance(test, LackOfFit):
+        return f"Lack of fit cannot be tested: {test.rstrip('.')}."
+    p = format_p(test.p)
+    numbers = f"F({test.df_lof}, {test.df_pe}) = {format_significant(test.f, 3)}, p {p if p[0] == '<' else '= ' + p}"
+    verdict = next((check for check in analysis.decision.checks if check.name == "lack_of_fit"), None)
+    if verdict is not None and verdict.holds is not None:
+        text = f"Test of lack of fit: {numbers}. {readable_text(verdict.text, analysis.region.names)}"
+        return text if verdict.holds else f"{text} {_NOT_COVERED}"
+    if test.p < 0.05:
+        return f"Lack of fit is significant: {numbers}. {_NOT_COVERED}"
+    return f"No significant lack of fit: {numbers}."
+
+
+_NOT_COVERED = (
+    "The surface departs from the polynomial by more than repeated runs scatter; the intervals below then do not cover "
+    "what they claim."
+)
+
+
+def _coefficient_figure(analysis: Analysis) -> FigureBlock:
+    svg, shown = coefficient_panel(analysis)
+    total = sum(kind not in ("intercept", "block") for kind in analysis.fit.kinds)
+    level = level_phrase(analysis)
+    caption = (
+        f"Coefficients in coded units. Blue dots and solid lines: least squares with confidence interval ({level}); "
+        f"orange squares and dashed lines: posterior mean with credible interval ({level})."
+    )
+    if shown < total:
+        caption += f" Of {total} coefficients the {MAX_COEFFICIENTS} farthest from zero, in standard errors, are drawn."
+    alt = f"Dot plot of {shown} coefficients with their intervals; the numbers stand in the table of coefficients."
+    panel = Panel("", alt, svg=svg, name="coefficients", data=partial(coefficient_data, analysis))
+    return FigureBlock((panel,), caption, columns=2)
+
+
+def _coefficient_table(analysis: Analysis) -> Table:
+    fit = analysis.fit
+    band = fit.interval(analysis.optimum.level)
+    draws = analysis.posterior.term_draws
+    rows = []
+    for i, name in enumerate(fit.names):
+        estimate, se = float(fit.estimate[i]), float(fit.se[i])
+        places = decimals_for(se, decimals_of_significant(estimate, 3))
+        low, high = float(band.low[i]), float(band.high[i])
+        has_draws = i < draws.shape[1] and draws.shape[0] > 1
+        mean, sd = (float(np.mean(draws[:, i])), float(np.std(draws[:, i], ddof=1))) if has_draws else (math.nan,) * 2
+        rows.append(
+            (
+                Cell(readable_term(name)),
+                _maybe(estimate, places),
+                _maybe(se, places),
+                _maybe(float(fit.t[i]), 1),
+                p_cell(float(fit.p_value[i])) if math.isfinite(fit.p_value[i]) else Cell(""),
+                _maybe(low, places),
+                _maybe(high, places),
+                _maybe(mean, places),
+                _maybe(sd, places),
+            )
+        )
+    level = level_phrase(analysis)
+    titles = ("Estimate", "s.e.", "t", "p", f"{level} low", f"{level} high", "Posterior mean", "Posterior sd")
+    columns = (Column("Term"), *(Column(title, align="right") for title in titles))
+    caption = f"Coded coefficients, confidence interval ({level}) and posterior"
+    if fit.aliased:
+        caption += f"; not estimable from these runs: {listing([readable_term(name) for name in fit.aliased])}"
+    return Table(columns, tuple(rows), caption, sortable=True)
+
+
+def _maybe(value: float, places: int) -> Cell:
+    return number_cell(format_number(value, places), value) if math.isfinite(value) else Cell("")
+
+
+def importance_section(analysis: Analysis, key: str) -> Section:
+    """Return the relative importance of the sensor parameters."""
+    rows = {row.factor: row for row in analysis.importance}
+    tested = [row for row in analysis.importance if math.isfinite(row.f)]
+    blocks: list[Block] = [
+        Paragraph(
+            "Importance of a factor: the partial F test of all terms that hold it, against the model without it "
+            "(RSL TR 380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of terms "
+            "left."
+        ),
+        PARTIAL_F_EQUATION,
+    ]
+    if not tested:
+        reason = no_error_estimate(analysis) or "no test exists for these runs"
+        blocks.append(Paragraph(f"The importance of the factors cannot be tested: {reason}.", "warning"))
+        return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
+    table_rows = tuple(
+        (
+            Cell(readable(name)),
+            whole_cell(rows[name].df),
+            _blank_or(rows[name].f, 3),
+            p_cell(rows[name].p) if math.isfinite(rows[name].p) else Cell(""),
+            *(
+                number_cell(format_percent(x), x) if math.isfinite(x) else Cell("")
+                for x in (rows[name].share, rows[name].share_total)
+            ),
+        )
+        for name in ranked_factors(analysis)
+        if name in rows
+    )
+    titles = ("df", "F", "p", "Variance, alone", "with products")
+    columns = (Column("Factor"), *(Column(title, align="right") for title in titles))
+    caption = (
+        "Factors, the most important first. Variance: share of the fitted surface's variance over the region that the "
+        "factor explains alone, and with its products"
+    )
+    blocks.append(Table(columns, table_rows, caption, sortable=True))
+    order = listing([readable(row.factor) for row in sorted(tested, key=lambda row: -row.f)])
+    alt = f"Bars of the F ratio of each factor, from largest to smallest: {order}."
+    caption = "F ratio of every factor; about 1 is what a factor without any effect gives."
+    svg = importance_panel(analysis)
+    panel = Panel("", alt, svg=svg, name="importance-of-factors", data=partial(importance_data, analysis))
+    blocks.append(FigureBlock((panel,), caption))
+    return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
+
+
+def diagnostics_section(analysis: Analysis, key: str) -> Section:
+    """Return residual plots and what stands out in them."""
+    blocks: list[Block] = []
+    panels = residual_panels(analysis)
+    if panels:
+        blocks.append(Bullets(_findings(analysis)))
+        alt = "Scatter plot of {}; what stands out is said in the list above it."
+        blocks.append(
+            FigureBlock(
+                tuple(
+                    Panel(
+                        title,
+                        alt.format(title[:1].lower() + title[1:]),
+                        svg=svg,
+                        name=slug(title),
+                        data=partial(residual_data, analysis),
+                    )
+                    for title, svg in panels
+                ),
+                "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie.",
+            )
+        )
+        blocks.append(Details("Residuals, leverage and influence of runs", (_influence_table(analysis),)))
+    else:
+        reason = no_error_estimate(analysis) or "every run is fitted exactly"
+        blocks.append(Paragraph(f"There are no residuals to look at: {reason}."))
+    return Section(f"{key}-diagnostics", "Diagnostics", tuple(blocks))
+
+
+def _findings(analysis: Analysis) -> tuple[str, ...]:
+    fit, ids = analysis.fit, analysis.data.run_ids
+    flagged = ids[outliers(fit.studentised, fit.df_residual)]
+    found = []
+    if flagged.size:
+        found.append(f"Outliers at 5 % over all runs (Bonferroni): {_runs(flagged)}.")
+    else:
+        found.append("No run is an outlier at 5 % over all runs (Bonferroni).")
+    strong = ids[np.nan_to_num(fit.cooks_distance) > 1.0]
+    if strong.size:
+        found.append(f"Runs with much influence on the fit (Cook's distance above 1): {_runs(strong)}.")
+    if fit.leverage_one_runs:
+        exact = ids[list(fit.leverage_one_runs)]
+        found.append(f"The model must pass through {_runs(exact)}: nothing can be said about their residuals.")
+    study = analysis.study
+    if study is not None:
+        if np.isfinite(study.normal.correlation):
+            found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
+        text = profile_text(study)
+        found.append(capital(text))
+        far = "an extrapolation: further from the runs than any run" if study.extrapolated else "no extrapolation"
+        found.append(f"The recommended settings are {far}.")
+        known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}
+        found += [f"Run {run} stands out: {'; '.join(reasons)}." for run, reasons in known.items()]
+    inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0
+    found.append(f"{format_percent(float(np.mean(inside)))} of the studentised residuals lie within \u22122 and 2.")
+    return tuple(found)
+
+
+def _runs(ids: np.ndarray) -> str:
+    numbers = [str(int(i)) for i in ids]
+    return f"run {numbers[0]}" if len(numbers) == 1 else f"runs {listing(numbers)}"
+
+
+def _influence_table(analysis: Analysis) -> Table:
+    fit, data = analysis.fit, analysis.data
+    # A quarter of s, so that residuals within it still show their differences.
+    places = decimals_for(fit.s / 4.0) if math.isfinite(fit.s) and fit.s > 0.0 else 3
+    chosen = np.arange(fit.n_runs)
+    if fit.n_runs > MAX_INFLUENCE_ROWS:
+        chosen = np.sort(np.argsort(-np.nan_to_num(fit.cooks_distance), kind="stable")[:MAX_INFLUENCE_ROWS])
+    rows = tuple(
+        (
+            whole_cell(int(data.run_ids[i])),
+            _maybe(float(fit.y[i]), places),
+            _maybe(float(fit.fitted[i]), places),
+            _maybe(float(fit.residuals[i]), places),
+            _maybe(float(fit.studentised[i]), 2),
+            _maybe(float(fit.leverage[i]), 3),
+            _maybe(float(fit.cooks_distance[i]), 3),
+        )
+        for i in chosen
+    )
+    titles = ("Run", "Observed", "Fitted", "Residual", "Studentised", "Leverage", "Cook's distance")
+    columns = tuple(Column(title, align="right") for title in titles)
+    scale = ", on the logit scale" if analysis.response == "logit" else ""
+    share = f", the {MAX_INFLUENCE_ROWS} runs with the largest Cook's distance" if len(rows) < fit.n_runs else ""
+    return Table(columns, rows, f"Residuals and influence{scale}{share}", sortable=True)

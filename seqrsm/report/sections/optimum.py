@@ -1,0 +1,391 @@
+"""The optimum: its intervals, the response surfaces around it, and its posterior."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.design.factors import DiscreteFactor
+from seqrsm.report.blocks import (
+    Block,
+    Cell,
+    Column,
+    Definitions,
+    Details,
+    Equation,
+    FigureBlock,
+    Panel,
+    Paragraph,
+    Section,
+    Table,
+)
+from seqrsm.report.figures.data import contour_data, optimum_draws_data, optimum_values_data, ridge_data, slice_data
+from seqrsm.report.figures.optimum import (
+    contour_panel,
+    optimum_posterior_panel,
+    optimum_value_panel,
+    ridge_panels,
+    slice_panel,
+)
+from seqrsm.report.figures.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
+from seqrsm.report.rounding import format_number, format_share, format_significant
+from seqrsm.report.sections.study import searched_blocks
+from seqrsm.report.wording import (
+    axis_label,
+    effects_text,
+    format_setting,
+    half_width_text,
+    interval_text,
+    level_phrase,
+    listing,
+    no_error_estimate,
+    number_cell,
+    of_quadratic,
+    optimum_setting_text,
+    readable,
+    readable_text,
+    score_text,
+    setting_posterior,
+    setting_range_text,
+    setting_spread,
+    slug,
+    watched_interval,
+    with_unit,
+)
+from seqrsm.spec.read import StopSpec
+
+PREDICTION_EQUATION = Equation(
+    "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
+    "y hat at x zero plus or minus t with N minus p degrees of freedom at alpha over two, times s, times the square "
+    "root of one plus z zero transposed times the inverse of Z transposed Z times z zero",
+)
+
+
+def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
+    """Return the optimum with its three intervals and the shape of the surface."""
+    optimum = analysis.optimum
+    level = level_phrase(analysis)
+    rows = tuple(
+        (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
+        for name, interval in (
+            ("Confidence: mean score at these settings", optimum.confidence),
+            ("Prediction: score of one future run", optimum.prediction),
+            (f"Prediction: mean of {optimum.replicates} future runs", optimum.prediction_mean),
+        )
+    )
+    allowed = optimum.with_departure if optimum.quadratic is None else None
+    if allowed is not None:
+        rows += tuple(
+            (Cell(name), Cell(interval_text(analysis, interval)), Cell(half_width_text(analysis, interval.half_width)))
+            for name, interval in (
+                ("Confidence, departure allowed for", allowed.confidence),
+                ("Prediction of one run, departure allowed for", allowed.prediction),
+                (f"Prediction of {optimum.replicates} runs, departure allowed for", allowed.prediction_mean),
+            )
+        )
+    columns = (Column("Interval"), Column("From, to"), Column("Half-width", align="right"))
+    table = Table(columns, rows, f"Intervals at the optimum, {level}")
+    mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
+    blocks: list[Block]
+    if optimum.quadratic is None:
+        blocks = [
+            Paragraph(
+                mean + "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is "
+                "missing in print; z\u2080 is the full model row) is"
+            ),
+            PREDICTION_EQUATION,
+            table,
+        ]
+    else:
+        blocks = [
+            Paragraph(
+                mean
+                + "A departure from the quadratic is seen. Settings, mean and intervals are those of the quadratic "
+                "and a smooth departure together, all sizes of which that the scores do not exclude are averaged over, "
+                "with the weight that the scores give to each. The settings were chosen because the departure is good "
+                "there, so it counts as an error of its own size. The stop rule watches these intervals."
+            ),
+            table,
+        ]
+    if allowed is not None:
+        blocks.append(
+            Paragraph(
+                "No surface is quite a quadratic. Where a departure is allowed for, all sizes of it that the scores do "
+                "not exclude are averaged over, with the weight that the scores give to each: the estimated mean is "
+                f"then {score_text(analysis, allowed.mean)}. The stop rule watches these intervals."
+            )
+        )
+    floor = analysis.decision.noise_floor
+    if math.isfinite(floor) and floor > 0.0:
+        text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
+        blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks += searched_blocks(analysis)
+    blocks += _shape(analysis)
+    return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+
+
+def _shape(analysis: Analysis) -> list[Block]:
+    """Canonical analysis in words and as a table."""
+    stationary = analysis.stationary
+    numeric = analysis.region.numeric
+    if stationary is None or not numeric:
+        return []
+    if stationary.kind == "none" or not np.all(np.isfinite(stationary.point[list(numeric)])):
+        warning = readable_text(stationary.warning, analysis.region.names)
+        return [Paragraph(warning or "The fitted surface has no stationary point.")]
+    where = "inside" if stationary.inside_region else "outside"
+    settings = []
+    for index in numeric:
+        factor = numeric_factor(analysis, index)
+        value = float(factor.decode(stationary.point[index]))
+        settings.append(f"{readable(factor.name)} {with_unit(format_significant(value, 3), factor.unit)}")
+    text = (
+        "At the optimal levels of the categorical factors the fitted surface "
+        if analysis.region.categorical
+        else "The fitted surface "
+    )
+    text += f"has a {stationary.kind} {where} the region, at {listing(settings)}."
+    blocks: list[Block] = [Paragraph(text)]
+    if stationary.warning:
+        blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
+    rows = tuple(
+        (
+            number_cell(format_significant(float(value), 3), float(value)),
+            *(number_cell(format_number(float(x), 2), float(x)) for x in stationary.eigenvectors[:, j]),
+        )
+        for j, value in enumerate(stationary.eigenvalues)
+    )
+    columns = (
+        Column("Curvature", analysis.score_unit if analysis.response == "identity" else "", "right"),
+        *(Column(readable(analysis.region.names[index]), align="right") for index in numeric),
+    )
+    table = Table(columns, rows, "Principal curvatures of the fitted surface and their directions, in coded units")
+    return [*blocks, Details("Canonical analysis", (table,))]
+
+
+def surface_section(analysis: Analysis, key: str) -> Section:
+    """Return contours of pairs of numeric factors and slices through the optimum."""
+    blocks: list[Block] = []
+    pairs = chosen_pairs(analysis)
+    if pairs:
+        blocks.append(_contours(analysis, pairs))
+    blocks.append(_slices(analysis))
+    path = ridge(analysis)
+    if path is not None and np.any(path.allowed[1:]):
+        blocks.append(_ridge(analysis, path))
+    return Section(f"{key}-surfaces", "Response surfaces", tuple(blocks))
+
+
+def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> FigureBlock:
+    surfaces = [surface(analysis, x, y) for x, y in pairs]
+    panels = tuple(
+        Panel(
+            f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
+            _contour_alt(analysis, s),
+            svg=contour_panel(analysis, s, _limits(surfaces)),
+            name=slug(f"surface {_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}"),
+            data=partial(contour_data, analysis, s),
+        )
+        for s in surfaces
+    )
+    all_pairs = math.comb(len(analysis.region.numeric), 2)
+    unit = f" in {analysis.score_unit}" if analysis.score_unit else ""
+    caption = (
+        f"Contours of the fitted mean score{unit} over pairs of factors, all others at the optimum; one colour scale "
+        "for all. "
+        "White circles: runs (at any setting of the other factors); orange dots: posterior draws of the optimum; star: "
+        "recommended settings."
+    )
+    if not analysis.region.is_box:
+        caption += " Hatched: settings that the constraints do not allow."
+    if len(pairs) < all_pairs:
+        caption += f" Of {all_pairs} pairs the {MAX_PAIRS} of the most important factors are drawn."
+    return FigureBlock(panels, caption)
+
+
+def _limits(surfaces: Sequence[Surface]) -> tuple[float, float]:
+    """Ends of the common colour scale: the range of the allowed settings, a little widened where it is flat."""
+    values = np.concatenate([s.mean[s.slack >= 0.0].ravel() for s in surfaces])
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    margin = max(1e-9, 1e-6 * abs(low)) if high - low <= 1e-9 * max(abs(low), abs(high)) else 0.0
+    return low - margin, high + margin
+
+
+def _contour_alt(analysis: Analysis, s: Surface) -> str:
+    names = f"{_name(analysis, s.x_index)} (across) and {_name(analysis, s.y_index)} (up)"
+    allowed = np.where(s.slack >= 0.0, s.mean, np.nan)
+    if not np.any(np.isfinite(allowed)):
+        return f"Contours over {names}: the runs do not determine the surface here."
+    low, high = (score_text(analysis, float(f(allowed))) for f in (np.nanmin, np.nanmax))
+    x, y = (optimum_setting_text(analysis, analysis.region.factors[i]) for i in (s.x_index, s.y_index))
+    return f"Contours of the fitted mean score over {names}, from {low} to {high}; the optimum is at {x} and {y}."
+
+
+def _name(analysis: Analysis, index: int) -> str:
+    return readable(analysis.region.names[index])
+
+
+def _slices(analysis: Analysis) -> FigureBlock:
+    panels = []
+    for index, factor in enumerate(analysis.region.factors):
+        here = line(analysis, index)
+        ends = [v for v in here.mean[here.allowed] if np.isfinite(v)]
+        spread = f" from {score_text(analysis, min(ends))} to {score_text(analysis, max(ends))}" if ends else ""
+        alt = (
+            f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
+            f"{optimum_setting_text(analysis, factor)}."
+        )
+        panels.append(
+            Panel(
+                readable(factor.name),
+                alt,
+                svg=slice_panel(analysis, here),
+                name=slug(f"slice {factor.name}"),
+                data=partial(slice_data, analysis, here),
+            )
+        )
+    level = level_phrase(analysis)
+    caption = (
+        f"Slices through the optimum, marked by the dashed line. Line or diamonds: fitted mean; dark band: confidence "
+        f"({level}); light band: prediction of one run ({level}); grey dots: runs, moved along the fitted surface to "
+        "the optimal setting of the other factors."
+    )
+    missing = no_error_estimate(analysis)
+    if missing:
+        caption += f" There are no bands: {missing}."
+    if not analysis.region.is_box:
+        caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
+    return FigureBlock(tuple(panels), caption)
+
+
+def _ridge(analysis: Analysis, path: Ridge) -> FigureBlock:
+    best = int(np.nanargmax(path.score if analysis.goal == "maximize" else -path.score))
+    inside = f"up to {path.distance[path.allowed].max():.2g}" if np.any(path.allowed) else "nowhere"
+    score, settings = ridge_panels(analysis, path)
+    data = partial(ridge_data, analysis, path)
+    alt = (
+        f"Best fitted mean score against the coded distance from the centre, {score_text(analysis, path.score[0])} at "
+        f"the centre; the path lies in the region {inside} and is best at {path.distance[best]:.2g}."
+    )
+    names = listing([_name(analysis, index) for index in analysis.region.numeric])
+    panels = (
+        Panel("Best score by distance", alt, svg=score, name="ridge-score", data=data),
+        Panel(
+            "Settings on the ridge path",
+            f"Coded {names} of the best point at each distance from the centre.",
+            svg=settings,
+            name="ridge-settings",
+            data=data,
+        ),
+    )
+    caption = (
+        "Ridge path: the best settings at each distance from the centre of the region, which show where to look "
+        "further. Thick: inside the region; thin: outside, where the polynomial promises nothing."
+    )
+    return FigureBlock(panels, caption)
+
+
+def posterior_section(analysis: Analysis, key: str) -> Section:
+    """Return the posterior of the optimum."""
+    posterior = analysis.posterior
+    rows = []
+    for factor in analysis.region.factors:
+        item = setting_posterior(analysis, factor)
+        mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
+        text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
+        at_bound = "" if item is None or math.isnan(item.p_at_bound) else format_share(item.p_at_bound)
+        rows.append(
+            (
+                Cell(axis_label(factor)),
+                Cell(text),
+                Cell(setting_range_text(analysis, factor)),
+                Cell(at_bound),
+            )
+        )
+    level, there = level_phrase(analysis), "there" if of_quadratic(analysis) else "at the recommended settings"
+    columns = (
+        Column("Factor"),
+        Column("Mean", align="right"),
+        Column(f"{level} interval, or probability of each level{of_quadratic(analysis)}"),
+        Column("Probability at a bound", align="right"),
+    )
+    blocks: list[Block] = [
+        Paragraph(
+            f"Posterior mean of the score at the optimum{of_quadratic(analysis)}: "
+            f"{score_text(analysis, posterior.mean)}; credible interval ({level}): "
+            f"{interval_text(analysis, posterior.credible)}; one future score {there} ({level}): "
+            f"{interval_text(analysis, posterior.predictive)}."
+        ),
+        *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
+        Table(columns, tuple(rows), "Posterior of the optimal settings"),
+        _posterior_figure(analysis),
+        Details("How the posterior was computed", (Definitions(_sampler(analysis)),)),
+    ]
+    return Section(f"{key}-posterior", "Posterior of the optimum", tuple(blocks))
+
+
+def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
+    return tuple(
+        (_SAMPLER_WORDS.get(name, readable(name)), _sampler_value(name, value))
+        for name, value in analysis.posterior.sampler.items()
+    )
+
+
+_SAMPLER_WORDS = {
+    "draws": "draws kept",
+    "steps": "steps of every walker",
+    "tau": "autocorrelation time",
+    "ess": "effective draws, at least",
+    "ess_ends": "effective draws at the ends of the intervals, at least",
+    "acceptance": "accepted proposals",
+    "r_hat": "R-hat over independent ensembles, at most",
+}
+
+
+def _sampler_value(name: str, value: float | str) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    if name == "acceptance":
+        return format_share(value)
+    if name == "r_hat":
+        return format_number(value, 4)
+    return f"{format_significant(value, 2)} steps" if name == "tau" else format_significant(value, 3)
+
+
+def _posterior_figure(analysis: Analysis) -> FigureBlock:
+    panels = []
+    for index, factor in enumerate(analysis.region.factors):
+        alt = f"Posterior of the optimal {readable(factor.name)}: {setting_range_text(analysis, factor)}."
+        panels.append(
+            Panel(
+                readable(factor.name),
+                alt,
+                svg=optimum_posterior_panel(analysis, index),
+                name=slug(f"posterior of optimal {factor.name}"),
+                data=partial(optimum_draws_data, analysis, index),
+            )
+        )
+    credible = interval_text(analysis, analysis.posterior.credible)
+    alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
+    panels.append(
+        Panel(
+            "score at the optimum",
+            alt,
+            svg=optimum_value_panel(analysis),
+            name="posterior-of-score-at-optimum",
+            data=partial(optimum_values_data, analysis),
+        )
+    )
+    caption = "Posterior of the optimal setting of every factor and of the mean score there" + (
+        f"{of_quadratic(analysis)}. Dashed: what is recommended, by quadratic and departure together."
+        if of_quadratic(analysis)
+        else ". Dashed: least-squares estimate."
+    )
+    return FigureBlock(tuple(panels), caption)

@@ -1,0 +1,280 @@
+"""Simulated images and ground truth, assumptions and limits, provenance and how to reproduce."""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import partial
+
+import numpy as np
+
+from seqrsm.campaign.assumptions import GroupedNotes, group_notes
+from seqrsm.campaign.dossier import Dossier
+from seqrsm.campaign.images import ImagePanel, TruthPanel
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Column,
+    Definitions,
+    Details,
+    FigureBlock,
+    LegendEntry,
+    Panel,
+    PanelData,
+    Paragraph,
+    Section,
+    Table,
+)
+from seqrsm.report.figures.data import picture_data
+from seqrsm.report.images import (
+    NO_DATA,
+    bar_length_m,
+    category_color,
+    cover_png,
+    grey_png,
+    reduce_cover,
+    reduce_grey,
+    reduction,
+)
+from seqrsm.report.literature import system_of
+from seqrsm.report.rounding import format_plain, format_plus_minus
+from seqrsm.report.wording import (
+    capital,
+    counted,
+    format_settings,
+    format_value,
+    listing,
+    readable,
+    slug,
+    whole_cell,
+    with_unit,
+)
+
+LIMITS = (
+    "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
+    "Intervals take the errors of different runs as independent and normal with one variance, on the scale of the fit.",
+    "The optimum is that of the fitted surface; how far the true one may lie from it is said by its posterior.",
+    "Stopping on the width of an interval makes it a little too narrow on average; the guards of the stop rule limit "
+    "this, and only fresh runs at the recommended settings give an interval of exact coverage.",
+)
+
+
+def image_section(dossier: Dossier) -> Section | None:
+    """Return the simulated images beside the ground truth; None where there are none."""
+    if not dossier.images and dossier.truth is None:
+        return None
+    unit = dossier.analyses[0].score_unit if dossier.analyses else ""
+    count = sum(len(image.channels) for image in dossier.images) + (dossier.truth is not None)
+    where = (
+        "Range runs down the pictures, near range on top; azimuth runs across."
+        if system_of(dossier.spec) == "active"
+        else "The sweep runs down the pictures, the flight across; every cell of the ground has the brightness of the "
+        "footprint nearest to it, and is white where there is none."
+    )
+    scale = "The black bar under each picture is its scale, given in the table. All pictures are of one occasion."
+    if "heading_deg" in dossier.spec.region.names:
+        scale += " The ground truth is turned as the first of them."
+    blocks: list[Block] = [Paragraph(f"{where} {scale}")]
+    if dossier.truth is not None:
+        text = (
+            f"Ground truth: {dossier.truth.name}. {_ended(dossier.truth.provenance)} Licence: {dossier.truth.licence}"
+        )
+        panel = _truth_panel(dossier.truth, count)
+        blocks.append(FigureBlock((panel,), _ended(text), columns=2, legend=_legend(dossier.truth)))
+    for image in dossier.images:
+        caption = f"{image.title}: {format_settings(dossier.spec.factors, image.settings)}. {_ended(image.caption)}"
+        blocks.append(FigureBlock(tuple(_image_panels(dossier, image, unit, count)), caption.strip(), columns=3))
+    blocks.append(_picture_table(dossier, unit, count))
+    return Section("images", "Simulated images and ground truth", tuple(blocks), new_page=True)
+
+
+def _covers(truth: TruthPanel) -> list[int]:
+    """Cover categories that occur, the commonest first."""
+    index, count = np.unique(truth.cover, return_counts=True)
+    known = [(int(c), int(i)) for i, c in zip(index, count, strict=True) if i != NO_DATA and i < len(truth.categories)]
+    return [i for _, i in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
+
+
+def _legend(truth: TruthPanel) -> tuple[LegendEntry, ...]:
+    return tuple(LegendEntry(category_color(i), readable(truth.categories[i])) for i in sorted(_covers(truth)))
+
+
+def _truth_panel(truth: TruthPanel, count: int) -> Panel:
+    main = listing([readable(truth.categories[i]) for i in _covers(truth)[:3]])
+    alt = f"Map of the ground truth of {truth.name}; the largest covers are {main}."
+    factor = _reduction(truth.cover.shape, count)
+    return Panel(
+        "Ground truth",
+        alt,
+        png=cover_png(truth.cover, truth.cell_m, factor),
+        name="ground-truth",
+        data=lambda: picture_data(reduce_cover(truth.cover, factor), truth.cell_m * factor),
+    )
+
+
+def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) -> list[Panel]:
+    settings = format_settings(dossier.spec.factors, image.settings)
+    score = _score(image, unit)
+    factor = _reduction(image.greytone.shape[1:], count)
+    return [
+        Panel(
+            f"{image.title}: {channel}" if channel else image.title,
+            f"Simulated image, channel {channel}, {image.title}: {settings}; score {score}.",
+            png=grey_png(image.greytone[index], image.pixel_m, factor),
+            name=slug(f"image {image.title} {channel}"),
+            data=partial(_grey_data, image, index, factor),
+        )
+        for index, channel in enumerate(image.channels)
+    ]
+
+
+def _grey_data(image: ImagePanel, index: int, factor: int) -> PanelData:
+    return picture_data(reduce_grey(image.greytone[index], factor), image.pixel_m * factor)
+
+
+def _reduction(shape: tuple[int, ...], count: int) -> int:
+    rows, columns = shape
+    return reduction(rows, columns, count)
+
+
+def _score(image: ImagePanel, unit: str) -> str:
+    return with_unit(format_plus_minus(image.score, image.score_se), unit)
+
+
+def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
+    rows = []
+    if dossier.truth is not None:
+        size = _size_cells(dossier.truth.cover.shape, dossier.truth.cell_m, count)
+        rows.append((Cell("Ground truth"), Cell(""), Cell(""), *size))
+    for image in dossier.images:
+        settings = format_settings(dossier.spec.factors, image.settings)
+        size = _size_cells(image.greytone.shape[1:], image.pixel_m, count)
+        rows.append((Cell(image.title), Cell(settings), Cell(_score(image, unit)), *size))
+    columns = (
+        Column("Picture"),
+        Column("Settings"),
+        Column("Score \u00b1 s.e.", align="right"),
+        Column("Along by across track"),
+        Column("Cell or pixel", align="right"),
+        Column("Reduced", align="right"),
+        Column("Bar", align="right"),
+    )
+    return Table(
+        columns,
+        tuple(rows),
+        "What the pictures show; the score is that of the one image shown, with the standard error within it",
+    )
+
+
+def _size_cells(shape: tuple[int, ...], pixel_m: float, count: int) -> tuple[Cell, Cell, Cell, Cell]:
+    """Extent, pixel, reduction and length of the scale bar of a picture."""
+    rows, columns = shape
+    factor = _reduction(shape, count)
+    return (
+        Cell(f"{_length(columns * pixel_m)} by {_length(rows * pixel_m)}"),
+        Cell(_metres(pixel_m)),
+        Cell("no" if factor == 1 else f"{factor} times"),
+        Cell(_length(bar_length_m(-(-columns // factor), pixel_m * factor))),
+    )
+
+
+def _length(metres: float) -> str:
+    return f"{format_plain(float(f'{metres / 1000.0:.3g}'))} km" if metres >= 1000.0 else _metres(metres)
+
+
+def _metres(metres: float) -> str:
+    return f"{format_plain(float(f'{metres:.3g}'))} m"
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return _ended(capital(text))
+
+
+def _ended(text: str) -> str:
+    text = text.strip()
+    return text if not text or text[-1] in ".!?" else f"{text}."
+
+
+def assumption_section(dossier: Dossier) -> Section:
+    """Return assumptions of the simulation and limits of the method."""
+    blocks: list[Block] = []
+    categories = () if dossier.truth is None else dossier.truth.categories
+    grouped = group_notes(dossier.assumptions, categories)
+    if grouped.others:
+        blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in grouped.others))]
+    if grouped.about_covers:
+        table = _cover_table(grouped)
+        blocks.append(Details(f"Backscatter of each cover: {counted(len(table.rows), 'statement')}", (table,)))
+    if grouped.about_channels:
+        table = _channel_table(grouped)
+        blocks.append(Details(f"Scatter among fields and dates: {counted(len(table.rows), 'cover')}", (table,)))
+    blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
+    return Section("assumptions", "Assumptions and limits", tuple(blocks))
+
+
+def _cover_table(grouped: GroupedNotes) -> Table:
+    rows = []
+    for text, names in grouped.about_covers:
+        everyone = len(names) > 1 and set(names) == {n for _, known in grouped.about_covers for n in known}
+        subject = "every cover" if everyone else ", ".join(readable(name) for name in names)
+        rows.append((Cell(subject), Cell(_sentence(text))))
+    rows.sort(key=lambda row: row[0].text == "every cover")
+    caption = (
+        "How the mean backscatter of each cover was found, in all pictures of this report. In brackets what it rests "
+        "on: public measurements, computed from public data, or assumed"
+    )
+    return Table((Column("Cover"), Column("Statement")), tuple(rows), caption)
+
+
+def _channel_table(grouped: GroupedNotes) -> Table:
+    channels = list(dict.fromkeys(channel for _, channel, _ in grouped.about_channels))
+    covers = list(dict.fromkeys(cover for cover, _, _ in grouped.about_channels))
+    texts: dict[tuple[str, str], list[str]] = {}
+    for cover, channel, text in grouped.about_channels:
+        texts.setdefault((cover, channel), []).append(text)
+    rows = tuple(
+        (Cell(readable(cover)), *(Cell("; ".join(texts.get((cover, channel), []))) for channel in channels))
+        for cover in covers
+    )
+    caption = "Standard deviation of backscatter among fields of a cover and among dates, by channel"
+    return Table((Column("Cover"), *(Column(channel) for channel in channels)), rows, caption)
+
+
+def provenance_section(dossier: Dossier) -> Section:
+    """Return versions, seed, data sources, history, and the commands that make this report again."""
+    blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
+    if dossier.analyses:
+        blocks.append(_exact_settings(dossier))
+    if dossier.reproduce:
+        blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
+    if dossier.events:
+        blocks.append(_event_table(dossier))
+    return Section("provenance", "Provenance and how to reproduce", tuple(blocks))
+
+
+def _exact_settings(dossier: Dossier) -> Table:
+    rows = tuple(
+        (Cell(analysis.application), Cell(readable(factor.name)), Cell(_exact(analysis.optimum.settings[factor.name])))
+        for analysis in dossier.analyses
+        for factor in analysis.region.factors
+    )
+    columns = (Column("Application"), Column("Factor"), Column("Setting", align="right"))
+    return Table(columns, rows, "Recommended settings to six digits, for making the same run again")
+
+
+def _exact(value: float | str) -> str:
+    return format_value(value if isinstance(value, str) else float(f"{value:.6g}"))
+
+
+def _event_table(dossier: Dossier) -> Table:
+    """Events by kind; their details name hosts and processes, which are nobody else's business."""
+    counts = Counter(event.kind for event in dossier.events)
+    rows = tuple((Cell(readable(kind)), whole_cell(count)) for kind, count in counts.items())
+    columns = (Column("Event"), Column("Times", align="right"))
+    caption = (
+        "History of the campaign. The times of day are left out here, so that the same campaign gives the same report; "
+        "seqrsm status --history and seqrsm export tell them"
+    )
+    return Table(columns, rows, caption)

@@ -1,0 +1,305 @@
+"""Phase one of the Point Scattering Model: what every element of the data base returns, the report's program POWER.
+
+`power_map` keeps the arrays of elements, for inspection; `echo_sums` collects the elements into range bins as it goes,
+in strips of columns that threads share, and keeps nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.frame import RadarFrame
+from seqrsm.simulate.radar.occasion import Occasion
+from seqrsm.simulate.threads import in_threads
+from seqrsm.units import LN10_OVER_10, db_to_linear
+
+if TYPE_CHECKING:
+    from seqrsm.scattering.sigma0 import Sigma0Lookup
+
+LUT_STEPS: Final = 1024
+"""Steps of the table of sigma0 in sin(theta/2): 0.08 to 0.11 deg each, with straight lines between: 0.0001 dB where
+sigma0 falls by 0.5 dB a degree."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EchoGrid:
+    """Numbers of each row of a frame that the kernels work with.
+
+    Attributes
+    ----------
+    geometry : float64 array (n, 10)
+        See `kernels.power_cells`.
+    base : float64 array (n + 2,)
+        Range position of flat ground in each row from the near edge of the swath [bins], one row more at both ends.
+    first, n_bins : int
+        First range bin that ground of the swath reaches, and the number of bins.
+    reference_range_m : float
+        Slant range of flat ground at the centre of the scene [m].
+    """
+
+    geometry: FloatArray
+    base: FloatArray
+    first: int
+    n_bins: int
+    reference_range_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PowerMap:
+    """Phase one with its arrays of elements.
+
+    Attributes
+    ----------
+    frame : RadarFrame
+        The ground as the radar sees it.
+    grid : EchoGrid
+    power : float array (n_channels, n, m)
+        sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x atmosphere, both two-way
+        and relative to their best; 0 where nothing returns.
+    offset : float array (n, m)
+        Range position minus that of flat ground in the same row [bins].
+    state : uint8 array (n, m)
+        Bits of `kernels`: CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA.
+    """
+
+    frame: RadarFrame
+    grid: EchoGrid
+    power: AnyArray
+    offset: AnyArray
+    state: AnyArray
+
+    @property
+    def base(self) -> FloatArray:
+        """`EchoGrid.base`."""
+        return self.grid.base
+
+    @property
+    def reference_range_m(self) -> float:
+        """`EchoGrid.reference_range_m`."""
+        return self.grid.reference_range_m
+
+
+def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArray:
+    """Table of sigma0 on equal steps of sin(theta/2) from 0 to 90 deg.
+
+    sin(theta/2) is smooth in the angle and needs no inverse function in the kernel. Between the table's angles sigma0
+    is linear in decibels, or in power where it falls to zero.
+
+    Parameters
+    ----------
+    lookups : sequence of Sigma0Lookup
+        One for each channel.
+    occasion : Occasion
+        Its class offsets are applied.
+
+    Returns
+    -------
+    float64 array (n_channels, n_categories, LUT_STEPS + 2)
+    """
+    out = np.empty((len(lookups), lookups[0].sigma0.shape[0], LUT_STEPS + 2))
+    for c, lookup in enumerate(lookups):
+        nodes = np.asarray(lookup.theta_deg, dtype=np.float64)
+        k, part = _steps_between(nodes.tobytes())
+        sigma0, offset_db = lookup.sigma0, occasion.class_offset_db[c][:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level = np.log(sigma0) + LN10_OVER_10 * offset_db
+            kernels.between_nodes(level, k, part, out[c])
+            np.exp(out[c], out=out[c])
+        if not (sigma0 > 0.0).all():
+            low, high = sigma0[:, k], sigma0[:, k + 1]
+            straight = (low + part * (high - low)) * db_to_linear(offset_db)
+            out[c] = np.where((low > 0.0) & (high > 0.0), out[c], straight)
+    return out
+
+
+@lru_cache(maxsize=8)
+def _steps_between(nodes: bytes) -> tuple[AnyArray, FloatArray]:
+    """For each step of the table of sigma0: the node [deg] at or before it, and the part of the way to the next."""
+    theta_deg = np.frombuffer(nodes)
+    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
+    at_deg = np.rad2deg(2.0 * np.arcsin(q))
+    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2).astype(np.uint32)
+    return k, np.clip((at_deg - theta_deg[k]) / (theta_deg[k + 1] - theta_deg[k]), 0.0, 1.0)
+
+
+def field_factors(occasion: Occasion) -> FloatArray:
+    """Factor of each field's sigma0 (n_channels, n_fields); (n_channels, 0) where all are 1, which costs nothing."""
+    if not occasion.field_offset_db.any():
+        return np.empty((len(occasion.field_offset_db), 0))
+    return np.asarray(10.0 ** (0.1 * occasion.field_offset_db))
+
+
+def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
+    """Row numbers of a frame for one radar.
+
+    Parameters
+    ----------
+    frame : RadarFrame
+    radar : RadarConfiguration
+
+    Returns
+    -------
+    EchoGrid
+    """
+    cell, y = frame.cell_m, frame.ground_range_m
+    n = len(y)
+    # The rows, one more at both ends, the near edge of the swath and the centre of the scene.
+    places = np.empty(n + 4)
+    places[1:-3] = y
+    places[0], places[-3], places[-2], places[-1] = y[0] - cell, y[-1] + cell, frame.near_edge_m, frame.centre_m
+    ground = range_geometry(places, frame.height_m, frame.curved)
+    slant, up = ground.slant_range_m, ground.up_m
+    reference = float(slant[-1])
+    own, around = slice(1, n + 1), slice(0, n + 2)
+    ground_format = radar.range_format == "ground"
+    geometry = np.empty((n, 10))
+    geometry[:, 0] = ground.along_m[own]
+    geometry[:, 1] = slant[own]
+    geometry[0, 2] = 0.0
+    np.divide(cell, ground.along_m[1:n], out=geometry[1:, 2])
+    np.square(np.square(reference / slant[own]), out=geometry[:, 3])
+    if radar.zenith_loss_db:
+        geometry[:, 3] *= radar.atmosphere(ground.incidence_rad[own])
+    geometry[:, 9] = cell
+    if frame.column_m is not None:
+        geometry[:, 9] = frame.column_m
+        # The area of an element over that of a square cell.
+        geometry[:, 3] *= geometry[:, 9] / cell
+    geometry[:, 4] = up[own]
+    geometry[:, 5] = up[:n]
+    if ground_format:
+        base = (places[around] - frame.near_edge_m) / radar.range_spacing_m
+        geometry[:, 6] = ground.chord_m[own]
+        np.divide(1.0, radar.range_spacing_m * ground.chord_per_m[own], out=geometry[:, 7])
+    else:
+        base = (slant[around] - slant[-2]) / radar.range_spacing_m
+        geometry[:, 6] = slant[own]
+        geometry[:, 7] = 1.0 / radar.range_spacing_m
+    np.tan(0.5 * ground.turn_rad[own], out=geometry[:, 8])
+    first, last = _reach(frame, geometry, base[own], ground_format)
+    # A position that rounds onto the far edge belongs to the last bin inside it.
+    return EchoGrid(geometry, base, first, max(last - first + 1, 1), reference)
+
+
+def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_format: bool) -> tuple[int, int]:
+    """First and last range bin that elements of the swath reach."""
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    least, most = kernels.bins_reached(
+        frame.lowest_m, frame.highest_m, frame.source[own], geometry[own], base[own], ground_format
+    )
+    return math.floor(least), math.floor(most)
+
+
+def _table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
+    """Table of sigma0 as `kernels.power_cells` wants it, the category of no data appended."""
+    pairs = np.empty((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
+    kernels.pair_steps(lut, pairs)
+    return pairs.view(np.result_type(dtype, np.complex64)).reshape(lut.shape[0], -1)
+
+
+def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: FloatArray, field_factor: FloatArray) -> PowerMap:
+    """Geometry, propagation and mean power of every element.
+
+    Parameters
+    ----------
+    frame : RadarFrame
+    radar : RadarConfiguration
+    lut : float64 array (n_channels, n_categories, LUT_STEPS + 2)
+        Of `sigma0_lut`.
+    field_factor : float64 array (n_channels, n_fields)
+        Factor of each field's sigma0; n_fields = 0 stands for 1.
+
+    Returns
+    -------
+    PowerMap
+    """
+    dtype = frame.elevation_m.dtype
+    grid = echo_grid(frame, radar)
+    shape = (len(frame.source), frame.elevation_m.shape[1])
+    power = np.empty((lut.shape[0], *shape), dtype=dtype)
+    offset = np.empty(shape, dtype=dtype)
+    state = np.empty(shape, dtype=np.uint8)
+    kernels.power_cells(
+        frame.elevation_m,
+        frame.source,
+        frame.cover,
+        frame.field,
+        grid.geometry,
+        frame.cell_m,
+        radar.range_format == "ground",
+        _table(lut, dtype),
+        lut.shape[1],
+        field_factor.astype(dtype),
+        radar.pattern_lut().astype(dtype),
+        power,
+        offset,
+        state,
+    )
+    kernels.mark_layover(offset, grid.base[1:-1], state)
+    return PowerMap(frame, grid, power, offset, state)
+
+
+def echo_sums(
+    frame: RadarFrame,
+    radar: RadarConfiguration,
+    grid: EchoGrid,
+    lut: FloatArray,
+    field_factor: FloatArray,
+    threads: int = 1,
+) -> AnyArray:
+    """Power of every range bin and column, summed over the elements in it.
+
+    Parameters
+    ----------
+    frame, radar, lut, field_factor
+        As in `power_map`.
+    grid : EchoGrid
+        Of `echo_grid`.
+    threads : int
+        Threads that share the columns; the bits do not depend on it.
+
+    Returns
+    -------
+    float array (n_channels, n_bins, m)
+        In the units of `PowerMap.power`.
+    """
+    dtype = frame.elevation_m.dtype
+    m = frame.elevation_m.shape[1]
+    out = np.zeros((lut.shape[0], grid.n_bins, m), dtype=dtype)
+    table, factor, pattern = _table(lut, dtype), field_factor.astype(dtype), radar.pattern_lut().astype(dtype)
+    parts = min(threads, m)
+    edges = [k * m // parts for k in range(parts + 1)]
+
+    def do(k: int) -> None:
+        kernels.sum_echoes(
+            frame.elevation_m,
+            frame.source,
+            frame.cover,
+            frame.field,
+            grid.geometry,
+            frame.cell_m,
+            radar.range_format == "ground",
+            table,
+            lut.shape[1],
+            factor,
+            pattern,
+            grid.base,
+            grid.first,
+            radar.binning == "nearest",
+            edges[k],
+            edges[k + 1],
+            out,
+        )
+
+    in_threads(do, len(edges) - 1, threads)
+    return out

@@ -1,0 +1,98 @@
+"""The ground as one radar meets it in one run: the table's backscatter, and everything that departs from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.scene.scene import Scene
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
+from seqrsm.simulate.radar.occasion import Occasion, draw_occasion
+from seqrsm.simulate.radar.texture import with_texture
+
+if TYPE_CHECKING:
+    from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
+
+MOISTURE_RANGE: Final = (0.0, 0.6)
+"""Soil moisture that tables know [m3/m3]."""
+
+MOISTURE_NODES: Final = 7
+"""Moistures at which the effect on backscatter is looked up; straight lines between."""
+
+
+def met_occasion(
+    scene: Scene,
+    radar: RadarConfiguration,
+    table: Sigma0Table,
+    lookups: list[Sigma0Lookup],
+    ground_state: tuple[float, float],
+    *,
+    seed: int,
+    run_id: int,
+) -> Occasion:
+    """Everything random of the ground in a run: fields, date, what the scene's moisture does, texture."""
+    drawn = draw_occasion(radar, lookups, categories_of_fields(scene), ground_state, seed=seed, run_id=run_id)
+    wet = with_moisture(drawn, scene, radar, table, lookups)
+    return with_texture(wet, scene, radar, lookups, seed=seed, run_id=run_id)
+
+
+def with_moisture(
+    occasion: Occasion, scene: Scene, radar: RadarConfiguration, table: Sigma0Table, lookups: list[Sigma0Lookup]
+) -> Occasion:
+    """The occasion with each field as wet as the scene's layer says; itself where the scene has none.
+
+    The run's moisture, less the middle of its range, is added to the layer: the same weather for all fields. What a
+    field's moisture does to its category is taken at the incidence angle of the centre of the scene.
+    """
+    layer = moisture_of_fields(scene)
+    if layer is None:
+        return occasion
+    middle = 0.5 * (radar.soil_moisture_low + radar.soil_moisture_high)
+    moisture = np.clip(layer + occasion.soil_moisture - middle, *MOISTURE_RANGE)
+    nodes = np.linspace(float(np.nanmin(moisture)), float(np.nanmax(moisture)), MOISTURE_NODES)
+    theta = math.degrees(radar.centre_incidence_rad)
+    steps = [look_up(scene, radar, table, (float(node), occasion.wind_m_s)) for node in nodes]
+    category = categories_of_fields(scene)
+    known = (category < len(scene.categories)) & np.isfinite(moisture)
+    offset = occasion.field_offset_db.copy()
+    for c, own in enumerate(lookups):
+        base = _level_db(own, theta)
+        change = np.stack([_level_db(step[c], theta) - base for step in steps])
+        for k in np.flatnonzero(np.ptp(change, axis=0) + np.abs(change[0]) > 0.0):
+            mine = known & (category == k)
+            offset[c, mine] += np.interp(moisture[mine], nodes, change[:, k])
+    return replace(occasion, field_offset_db=offset)
+
+
+def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:
+    """sigma0 of each category at an angle [dB]; 0 where it has none."""
+    level = np.array([np.interp(theta_deg, lookup.theta_deg, row) for row in lookup.sigma0])
+    return np.asarray(10.0 * np.log10(np.where(level > 0.0, level, 1.0)))
+
+
+def look_up(
+    scene: Scene, radar: RadarConfiguration, table: Sigma0Table, ground_state: tuple[float, float]
+) -> list[Sigma0Lookup]:
+    """Backscatter of the scene's categories in each channel at a moisture [m3/m3] and wind [m/s]."""
+    snow: dict[str, float | str] = {}
+    if radar.snow != "none":
+        snow = {"snow": radar.snow, "snow_depth_cm": radar.snow_depth_cm}
+    find: Callable[..., Sigma0Lookup] = table.lookup
+    return [
+        find(
+            scene.categories,
+            radar.frequency_ghz,
+            channel,
+            season=radar.season,
+            wind_m_s=ground_state[1],
+            soil_moisture=ground_state[0],
+            **snow,
+        )
+        for channel in radar.channels
+    ]

@@ -1,0 +1,308 @@
+"""Point Scattering Model of a side-looking radar: RSL TR 380-1 chapter 3.2, in the report's two phases.
+
+Phase one (`seqrsm.simulate.radar.echo`, the report's POWER) finds for every data-base element whether it is lit, its
+local incidence, area and slant range, and from them the mean power it returns, collected into range bins. Phase two
+here (the report's GREY TONE without the film, which is `seqrsm.simulate.radar.receiver`) forms the beam and the pixels,
+and adds the receiver's noise, fading and transfer function.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.constants import EARTH_RADIUS_M
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.rng import stream_key
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import CHANNELS, GAUSSIAN_LOOKS, RadarConfiguration
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
+from seqrsm.simulate.radar.fading import add_fading, correlated_fading
+from seqrsm.simulate.radar.frame import RadarFrame, categories_of_fields, make_frame
+from seqrsm.simulate.radar.ground import look_up, met_occasion, with_moisture
+from seqrsm.simulate.radar.occasion import (
+    Occasion,
+    draw_ground_state,
+    nominal_ground_state,
+    nominal_occasion,
+)
+from seqrsm.simulate.radar.receiver import received
+from seqrsm.simulate.radar.registration import Registration
+from seqrsm.simulate.radar.result import RadarImage
+from seqrsm.simulate.radar.row_law import row_law
+from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
+from seqrsm.simulate.threads import block, in_threads
+from seqrsm.units import linear_to_db
+
+if TYPE_CHECKING:
+    from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
+    from seqrsm.scene.scene import Scene
+
+Precision = Literal["float32", "float64"]
+
+
+def simulate_radar(
+    scene: Scene,
+    radar: RadarConfiguration,
+    table: Sigma0Table,
+    *,
+    seed: int,
+    run_id: int,
+    precision: Precision = "float32",
+    random_occasion: bool = True,
+    threads: int = 1,
+    targets: Sequence[CulturalTarget] = (),
+) -> RadarImage:
+    """Image of a scene by a radar on one occasion.
+
+    The image is a function of the arguments but `threads`: the same seed and run id give the same bits in any process.
+
+    Parameters
+    ----------
+    scene : Scene
+    radar : RadarConfiguration
+    table : Sigma0Table
+    seed, run_id : int
+        Campaign and run; they key the occasion and the fading.
+    precision : {"float32", "float64"}
+        Element type of the arrays. Single precision is for use, double for reference; see the tests for how far they
+        differ (a median of some 1e-7 of a pixel's power).
+    random_occasion : bool
+        False takes the table's own values and the middle of the ranges of moisture and wind, for pictures and tests.
+    threads : int
+        Threads that share the columns of a large scene.
+    targets : sequence of CulturalTarget
+        Man-made objects on top of the scene's cover.
+
+    Returns
+    -------
+    RadarImage
+
+    Raises
+    ------
+    ConfigurationError
+        The radar cannot look at this scene from its flight line.
+    ScatteringDataError
+        The table lacks a category, frequency or channel.
+    SceneError
+        No cell has an elevation, or a target lies outside the scene.
+    """
+    frame = make_frame(scene, radar, precision)
+    state = draw_ground_state(radar, seed=seed, run_id=run_id) if random_occasion else nominal_ground_state(radar)
+    lookups = look_up(scene, radar, table, state)
+    if random_occasion:
+        occasion = met_occasion(scene, radar, table, lookups, state, seed=seed, run_id=run_id)
+    else:
+        still = nominal_occasion(lookups, categories_of_fields(scene), state)
+        occasion = with_moisture(still, scene, radar, table, lookups)
+    grid = echo_grid(frame, radar)
+    sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
+    notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
+    return _form_image(sums, scene, radar, frame, grid, occasion, targets, seed, run_id, notes, threads)
+
+
+def _form_image(
+    sums: AnyArray,
+    scene: Scene,
+    radar: RadarConfiguration,
+    frame: RadarFrame,
+    grid: EchoGrid,
+    occasion: Occasion,
+    targets: Sequence[CulturalTarget],
+    seed: int,
+    run_id: int,
+    notes: tuple[str, ...],
+    threads: int,
+) -> RadarImage:
+    """Phase two: resolution cells, receiver noise, fading and receiver."""
+    if targets:
+        add_targets(sums, targets, scene.shape, radar, frame, grid)
+    law = row_law(frame, radar, grid)
+    m = sums.shape[2]
+    cells_a_pixel = float(frame.wrapped) or radar.pixel_spacing_m / frame.cell_m
+    n_pixels = max(math.ceil(m / cells_a_pixel - 1e-9), 1)
+    mean = np.empty((sums.shape[0], grid.n_bins, n_pixels), dtype=sums.dtype)
+
+    def average(k: int) -> None:
+        c, rows = block(k, grid.n_bins, threads)
+        kernels.average_azimuth(sums[c, rows], law.beam_cells[rows], cells_a_pixel, law.factor_w[rows], mean[c, rows])
+
+    in_threads(average, threads * len(mean), threads)
+    if frame.wrapped:
+        n_pixels -= 2
+        mean = np.ascontiguousarray(mean[:, :, 1:-1])
+    smeared = int((law.range_width > 1.0).sum())
+    if smeared:
+        kernels.smear_range(mean, law.range_width)
+    looks, noise = law.looks, law.noise_w
+    power = _faded(mean, noise, looks, radar, seed, run_id, threads)
+    return RadarImage(
+        intensity=received(power, radar, law.reference_w),
+        mean_power=mean,
+        noise_power_w=noise,
+        looks=looks,
+        calibration_w=law.calibration_w,
+        noise_equivalent_sigma0=noise / law.calibration_w,
+        slant_range_m=law.slant_range_m,
+        ground_range_m=law.ground_range_m,
+        incidence_angle_deg=np.rad2deg(law.incidence_rad),
+        range_spacing_m=radar.range_spacing_m,
+        azimuth_spacing_m=radar.pixel_spacing_m,
+        registration=Registration(
+            frame,
+            grid,
+            radar.range_format == "ground",
+            cells_a_pixel,
+            grid.n_bins,
+            n_pixels,
+            scene.shape,
+            len(scene.categories),
+            1 if frame.wrapped else 0,
+        ),
+        radar=radar,
+        occasion=occasion,
+        quarter_turns=frame.quarter_turns,
+        cell_m=frame.cell_m,
+        scene_shape=scene.shape,
+        notes=(*notes, *_engine_notes(radar, looks, smeared, frame)),
+    )
+
+
+def _faded(
+    mean: AnyArray,
+    noise: FloatArray,
+    looks: FloatArray,
+    radar: RadarConfiguration,
+    seed: int,
+    run_id: int,
+    threads: int,
+) -> AnyArray:
+    """Power with noise and fading, in the type of ``mean``."""
+    if radar.fading == "none":
+        return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
+    numbers = np.array([CHANNELS.index(channel) for channel in radar.channels])
+    key = stream_key(seed, run_id, "speckle")
+    refuse_gaussian(radar, looks)
+    if radar.finer_pixels:
+        cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)
+        factor = correlated_fading(mean.shape, looks, numbers, key, cell, gaussian=radar.fading == "gaussian")
+        return np.asarray((mean + noise[None, :, None]) * factor, dtype=mean.dtype)
+    out = np.empty_like(mean)
+    gaussian = radar.fading == "gaussian"
+
+    def fade(k: int) -> None:
+        c, rows = block(k, mean.shape[1], threads)
+        add_fading(
+            mean[c, rows],
+            noise[rows],
+            looks[rows],
+            numbers[c],
+            key,
+            out[c, rows],
+            gaussian=gaussian,
+            first_row=rows.start,
+        )
+
+    in_threads(fade, threads * len(mean), threads)
+    return out
+
+
+def refuse_gaussian(radar: RadarConfiguration, looks: FloatArray) -> None:
+    """Refuse eq. (3-12) where it goes negative too often.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    if radar.fading == "gaussian" and float(looks.min()) < GAUSSIAN_LOOKS:
+        text = f"the Gaussian form of fading is negative too often at the {float(looks.min()):.3g} looks of this image"
+        remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
+        raise ConfigurationError(Problem(text, remedy, field="fading", value=radar.fading))
+
+
+def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
+    """What is to be said of pixels finer than a data base's cells [m]."""
+    return (
+        f"pixels finer than the ground: the data base has nothing smaller than its cells of {cell_m:g} m, so pixels of "
+        f"{radar.pixel_spacing_m:g} m show no more detail and have fewer looks"
+    )
+
+
+def blind_channels(radar: RadarConfiguration, frame: RadarFrame, lookups: Sequence[Sigma0Lookup]) -> list[str]:
+    """Channels in which no cover is seen at the centre of the swath: too weak for the noise, or saturated.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+    frame : RadarFrame
+    lookups : sequence of Sigma0Lookup
+        One for each channel.
+
+    Returns
+    -------
+    list of str
+        Each as "kind: what"; empty where all is well.
+    """
+    flat = range_geometry(np.array([frame.centre_m]), frame.height_m, frame.curved)
+    theta = flat.incidence_rad
+    noise_db = float(linear_to_db(radar.noise_equivalent_sigma0(theta, flat.slant_range_m, flat.look_rad))[0])
+    level_db = radar.receiver_level_db if radar.receiver == "saturation" else math.inf
+    weak, strong = [], []
+    for channel, lookup in zip(radar.channels, lookups, strict=True):
+        sigma0 = [np.interp(math.degrees(theta[0]), lookup.theta_deg, row) for row in lookup.sigma0]
+        cover_db = linear_to_db(np.array(sigma0))
+        weak += [channel] * bool((cover_db < noise_db).all())
+        strong += [channel] * bool((cover_db > level_db).all())
+    notes = []
+    if weak:
+        text = f"every cover in {' and '.join(weak)}, where noise stands for a sigma0 of {noise_db:.1f} dB"
+        notes.append(f"echo weaker than the receiver's noise: {text}")
+    if strong:
+        text = f"every cover in {' and '.join(strong)} returns more than the level of {level_db:g} dB"
+        notes.append(f"saturated receiver: {text}")
+    return notes
+
+
+def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, frame: RadarFrame) -> tuple[str, ...]:
+    """Assumptions of the engine that matter for this image."""
+    notes = [
+        "fading is independent between pixels and between channels",
+        "ground outside the data base returns nothing"
+        if frame.wrapped
+        else "ground outside the data base is its mirror image",
+    ]
+    if radar.finer_pixels:
+        notes[0] = "fading is correlated over the resolution cell and independent between channels"
+    if radar.pixel_spacing_m < frame.cell_m:
+        notes.append(finer_than_cells(radar, frame.cell_m))
+    if radar.texture_db > 0.0:
+        notes.append(
+            f"parts of fields, {radar.texture_m:g} m a side, differ by {radar.texture_db:g} dB (as configured)"
+        )
+    else:
+        notes.append("fields are even inside: texture_db = 0")
+    if radar.elevation_pattern == "isotropic":
+        notes.append("antenna gain is the same over the swath")
+    if smeared and not radar.finer_pixels:
+        notes.append(
+            f"{smeared} of {len(looks)} image rows are finer than the range response "
+            f"({radar.slant_resolution_m:.4g} m slant): their power is spread over it"
+        )
+    if radar.looks is not None and float(looks.min()) < radar.looks * (1.0 - 1e-9):
+        notes.append(f"the near part of the swath offers {float(looks.min()):.3g} looks, fewer than asked for")
+    if not frame.curved:
+        sag_m = frame.ground_range_m[-1] ** 2 / (2.0 * EARTH_RADIUS_M)
+        if sag_m > radar.resolution_m:
+            notes.append(f"the Earth is taken as flat; its curvature at the far edge would be {sag_m:.0f} m")
+    if frame.wrapped:
+        widths = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
+        notes.append(f"the beam is {widths[0]:.3g} to {widths[1]:.3g} m wide on the ground; a pixel is one beam wide")
+        notes.append("the data base was turned into polar coordinates, its categories by the nearest cell")
+    elif frame.cell_of_scene is not None:
+        notes.append("the heading is not along the grid: the data base was turned, its categories by the nearest cell")
+    return tuple(notes)

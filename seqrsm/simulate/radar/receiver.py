@@ -1,0 +1,408 @@
+"""Receiver, quantiser and film of the report: from received power to intensity, density and grey tone.
+
+M, Q and S of RSL TR 380-1 eqs. (3-1) to (3-3) are functions of power arrays. None stands for a linear one that changes
+nothing, and costs nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.own_code import own_function
+from seqrsm.simulate.threads import block, in_threads
+
+if TYPE_CHECKING:
+    from seqrsm.sensor.radar import RadarConfiguration
+    from seqrsm.simulate.radar.result import RadarImage
+
+Transfer = Callable[[FloatArray], FloatArray]
+"""Transfer function of one stage: power or intensity in, intensity out, both >= 0."""
+
+
+def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -> AnyArray:
+    """Intensity of an image after the radar's own receiver M, converter Q and processing S: eqs. (3-1) to (3-3).
+
+    Parameters
+    ----------
+    power_w : float array (n_channels, n_range, n_azimuth)
+        Received power with fading [W].
+    radar : RadarConfiguration
+        Its receiver, level, converter and processing.
+    reference_w : float
+        Power of flat ground of sigma0 = 1 at the centre of the swath [W].
+
+    Returns
+    -------
+    float array of the same type
+        On the scale of the input, which a linear receiver returns itself.
+
+    Raises
+    ------
+    ConfigurationError
+        A receiver or processing named as ``package.module:function`` cannot be imported or fails.
+    """
+    level = reference_w * 10.0 ** (0.1 * radar.receiver_level_db)
+    stage = transfer_function(radar, level)
+    processing = named_function("processing", radar.processing) if radar.processing else None
+    if stage is None and processing is None and radar.adc_bits == 0:
+        return power_w
+    full_scale = level * 10.0 ** (0.1 * radar.adc_range_db)
+    converter = converter_function(radar.adc_bits, full_scale) if radar.adc_bits else None
+    return np.asarray(intensity(power_w, stage, converter, processing), dtype=power_w.dtype)
+
+
+def named_function(field: str, name: str) -> Transfer:
+    """A user's function ``package.module:function`` of an array, whose failures are told as what they are.
+
+    In a campaign the module may lie beside ``campaign.toml``.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be imported; its own calls raise where it fails or returns something else.
+    """
+    try:
+        function: Transfer = own_function(name)
+    except Exception as error:  # the user's module may do anything
+        text = f"the function cannot be imported: {type(error).__name__}: {error}"
+        remedy = "Put its module beside campaign.toml, or install its package"
+        raise ConfigurationError(Problem(text, remedy, field=field, value=name)) from error
+
+    def stage(power: FloatArray) -> FloatArray:
+        try:
+            out = np.asarray(function(power.copy()), dtype=np.float64)
+        except Exception as error:
+            text = f"the function failed: {type(error).__name__}: {error}"
+            raise ConfigurationError(Problem(text, "Mend it", field=field, value=name)) from error
+        if out.shape != power.shape or not np.isfinite(out).all() or bool((out < 0.0).any()):
+            text = "the function must return as many intensities as it is given powers, finite and >= 0"
+            raise ConfigurationError(Problem(text, "Mend it", field=field, value=name))
+        return out
+
+    return stage
+
+
+def transfer_function(radar: RadarConfiguration, level_w: float) -> Transfer | None:
+    """M of a radar's receiver.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+        ``receiver`` is "linear" (None is returned); "square_law": I = P**2 / level; "saturation": I = P up to the level
+        and no further; "compression", of small signals: I = P**2 / (P + level), square-law below the level and linear
+        above; "agc": the mean over all ranges, followed along the flight over `agc_length_m`, is brought to the level;
+        or a function by name, called with the power array.
+    level_w : float
+        The level [W], > 0.
+
+    Returns
+    -------
+    callable or None
+
+    Raises
+    ------
+    ConfigurationError
+        The named function cannot be imported.
+    """
+    match radar.receiver:
+        case "linear":
+            return None
+        case "square_law":
+            return lambda p: np.asarray(p * p / level_w)
+        case "saturation":
+            return lambda p: np.minimum(p, level_w)
+        case "compression":
+            return lambda p: np.asarray(p * (p / (p + level_w)))
+        case "agc":
+            return lambda p: _automatic_gain(p, level_w, radar.agc_length_m / radar.pixel_spacing_m)
+    return named_function("receiver", radar.receiver)
+
+
+def converter_function(n_bits: int, full_scale_w: float) -> Transfer:
+    """Q: uniform steps from 0 to full scale in ``2**n_bits`` levels, the top held beyond."""
+    top = 2.0**n_bits - 1.0
+    return lambda x: np.asarray(np.rint(np.clip(x / full_scale_w, 0.0, 1.0) * top) * (full_scale_w / top))
+
+
+def _automatic_gain(power: FloatArray, level_w: float, length: float) -> FloatArray:
+    """Gain that brings the running mean of the range lines to the level; first-order filter in flight direction."""
+    lines = power.mean(axis=-2)
+    followed = np.empty_like(lines)
+    share = -np.expm1(-1.0 / length)
+    state = lines[..., : max(1, round(length))].mean(axis=-1)
+    for j in range(lines.shape[-1]):
+        state = state + share * (lines[..., j] - state)
+        followed[..., j] = state
+    gain = level_w / np.where(followed > 0.0, followed, level_w)
+    return np.asarray(power * gain[..., None, :])
+
+
+def picture(image: RadarImage, threads: int = 1) -> AnyArray:
+    """Whole levels of the image as the radar's calibration asks for it: the final product of the report.
+
+    Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones of film density by the pair P_RC,
+    G_RC (eq. 3-18), or with neither so that each channel's median becomes mid-grey.
+
+    Parameters
+    ----------
+    image : RadarImage
+    threads : int
+        Threads that share the rows; the levels do not depend on it.
+
+    Returns
+    -------
+    uint8, uint16 or uint32 array (n_channels, n_range, n_azimuth)
+    """
+    intensity_in, bits = image.intensity, image.radar.n_bits
+    tone = _tone_of(image)
+    out = np.empty(intensity_in.shape, dtype=_level_type(bits))
+
+    def do(k: int) -> None:
+        c, rows = block(k, out.shape[1], threads)
+        out[c, rows] = to_levels(tone(intensity_in[c, rows], c.start), bits)
+
+    in_threads(do, threads * len(out), threads)
+    return out
+
+
+def _tone_of(image: RadarImage) -> Callable[[AnyArray, int], AnyArray]:
+    """Tone, not yet rounded, of intensities of one channel and the number of that channel."""
+    radar = image.radar
+    bits, decibels = radar.n_bits, radar.dynamic_range_db
+    if radar.i_min_w is not None:
+        minimum = radar.i_min_w
+        return lambda x, _: quantised_intensity(x, minimum, bits, decibels)
+    if radar.i_c_w is not None and radar.i_qc is not None:
+        pair = radar.i_c_w, radar.i_qc
+        return lambda x, _: quantised_intensity_calibrated(x, *pair, bits, decibels)
+    if radar.p_rc_w is not None and radar.g_rc is not None:
+        known, known_tone = np.full(len(image.intensity), radar.p_rc_w), float(radar.g_rc)
+    else:
+        known, known_tone = np.array([_median(plane) for plane in image.intensity]), 0.5 * (2.0**bits - 1.0)
+    calibration = film_density(known, radar.film_gamma, radar.film_k)
+
+    def tone(x: AnyArray, channel: int) -> AnyArray:
+        # Single precision holds the levels of 8 bits to a thousandth, those of 16 bits not to one half.
+        exposure = x if bits <= 8 else x.astype(np.float64)
+        density = film_density(exposure, radar.film_gamma, radar.film_k)
+        return greytone(density, float(calibration[channel]), known_tone, bits, decibels)
+
+    return tone
+
+
+def _median(plane: AnyArray) -> float:
+    """Median of the pixels with power; 1 without any."""
+    lit = np.ravel(plane if plane.min() > 0.0 else plane[plane > 0.0])
+    if not lit.size:
+        return 1.0
+    # One partition and the largest of the lower half: numpy.median takes ten times as long.
+    half = lit.size // 2
+    parted = np.partition(lit, half)
+    return float(parted[half] if lit.size % 2 else 0.5 * (parted[half] + parted[:half].max()))
+
+
+def intensity(
+    power_w: AnyArray,
+    receiver: Transfer | None = None,
+    quantiser: Transfer | None = None,
+    processing: Transfer | None = None,
+) -> FloatArray:
+    """Intensity after receiver M, converter Q and processing S: eqs. (3-1) to (3-3), (3-7) and (3-15).
+
+    Parameters
+    ----------
+    power_w : float array
+        Received power with fading [W].
+    receiver, quantiser, processing : callable, optional
+        M, Q and S; any function, linear or not. None leaves its input.
+
+    Returns
+    -------
+    float64 array, shape of `power_w`
+    """
+    out = np.asarray(power_w, dtype=np.float64)
+    for stage in (receiver, quantiser, processing):
+        if stage is not None:
+            out = stage(out)
+    return out
+
+
+def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> AnyArray:
+    """Density of film, D = gamma log10(I) + log10(K): eqs. (3-4) to (3-6), (3-13), (3-14).
+
+    Parameters
+    ----------
+    intensity_in : float array
+        Exposure I, >= 0; zero gives -inf, which the grey tone clips.
+    gamma : float
+        Slope of the linear part of the film's curve, > 0.
+    k : float
+        Constant of exposure and development, > 0.
+
+    Returns
+    -------
+    float array
+        Of the type of `intensity_in`.
+
+    Raises
+    ------
+    ConfigurationError
+        `gamma` or `k` is not positive.
+    """
+    _refuse_nonpositive(gamma=gamma, k=k)
+    with np.errstate(divide="ignore"):
+        density = np.asarray(np.log10(intensity_in))
+    density *= gamma
+    density += math.log10(k)
+    return density
+
+
+def greytone(
+    density: AnyArray,
+    calibration_density: float,
+    calibration_greytone: float = 0.0,
+    n_bits: int = 8,
+    dynamic_range_db: float = 20.0,
+) -> FloatArray:
+    """Grey tone of a film density: eq. (3-18), clipped to 0 .. 2**n - 1 and not yet rounded.
+
+    Eq. (3-19) is the same written out; its printed denominator 10**m is m/10, as (3-18) and the worked example show.
+
+    Parameters
+    ----------
+    density : float array
+        D of `film_density`; -inf (no power at all) becomes 0.
+    calibration_density, calibration_greytone : float
+        D_C and the grey tone G_RC it is given.
+    n_bits : int
+        n, >= 1.
+    dynamic_range_db : float
+        m, the decibels spread over the grey tones, > 0.
+
+    Returns
+    -------
+    float64 array
+        Round it with `to_levels` for an image.
+
+    Raises
+    ------
+    ConfigurationError
+        `n_bits` or `dynamic_range_db` is not positive.
+    """
+    _refuse_nonpositive(n_bits=n_bits, dynamic_range_db=dynamic_range_db)
+    top = 2.0**n_bits - 1.0
+    tone = np.asarray(np.asarray(density) - calibration_density)
+    tone *= top / (dynamic_range_db / 10.0)
+    tone += calibration_greytone
+    np.maximum(tone, 0.0, out=tone)
+    return np.minimum(tone, top, out=tone)
+
+
+def quantised_intensity(
+    intensity_in: AnyArray, minimum: float, n_bits: int = 8, dynamic_range_db: float = 20.0
+) -> FloatArray:
+    """Linear quantisation between a least intensity and m decibels above it: eq. (3-16), clipped, not yet rounded.
+
+    Parameters
+    ----------
+    intensity_in : float array
+        I_p, >= 0.
+    minimum : float
+        I_MIN, the intensity that becomes 0, > 0.
+    n_bits : int
+        n.
+    dynamic_range_db : float
+        m.
+
+    Returns
+    -------
+    float64 array
+
+    Raises
+    ------
+    ConfigurationError
+        `minimum`, `n_bits` or `dynamic_range_db` is not positive.
+    """
+    _refuse_nonpositive(minimum=minimum, n_bits=n_bits, dynamic_range_db=dynamic_range_db)
+    top = 2.0**n_bits - 1.0
+    step = top / (10.0 ** (dynamic_range_db / 10.0) - 1.0)
+    return np.asarray(np.clip(step * (np.asarray(intensity_in, dtype=np.float64) / minimum - 1.0), 0.0, top))
+
+
+def quantised_intensity_calibrated(
+    intensity_in: AnyArray,
+    calibration: float,
+    calibration_level: float,
+    n_bits: int = 8,
+    dynamic_range_db: float = 20.0,
+) -> FloatArray:
+    """Linear quantisation through one calibrated pair: eq. (3-17), clipped, not yet rounded.
+
+    Parameters
+    ----------
+    intensity_in : float array
+        I_p, >= 0.
+    calibration : float
+        I_C, > 0.
+    calibration_level : float
+        I_QC, the level given to I_C.
+    n_bits : int
+        n.
+    dynamic_range_db : float
+        m.
+
+    Returns
+    -------
+    float64 array
+
+    Raises
+    ------
+    ConfigurationError
+        `calibration`, `n_bits` or `dynamic_range_db` is not positive.
+    """
+    _refuse_nonpositive(calibration=calibration, n_bits=n_bits, dynamic_range_db=dynamic_range_db)
+    top = 2.0**n_bits - 1.0
+    step = top / (10.0 ** (dynamic_range_db / 10.0) - 1.0)
+    scaled = np.asarray(intensity_in, dtype=np.float64) / calibration * (calibration_level / step + 1.0)
+    return np.asarray(np.clip(step * (scaled - 1.0), 0.0, top))
+
+
+def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:
+    """Whole levels of a grey tone or quantised intensity, as the smallest unsigned integers that hold them.
+
+    Parameters
+    ----------
+    tone : float array
+        Within 0 .. 2**n_bits - 1; nan becomes 0.
+    n_bits : int
+        1 to 32.
+
+    Returns
+    -------
+    uint8, uint16 or uint32 array
+    """
+    # Of nan and a number, fmax takes the number.
+    level = np.asarray(np.fmax(tone, 0.0))
+    np.fmin(level, 2.0**n_bits - 1.0, out=level)
+    np.rint(level, out=level)
+    return level.astype(_level_type(n_bits))
+
+
+def _level_type(n_bits: int) -> type[np.unsignedinteger[Any]]:
+    return np.uint8 if n_bits <= 8 else np.uint16 if n_bits <= 16 else np.uint32
+
+
+def _refuse_nonpositive(**values: float) -> None:
+    problems = [
+        Problem("must be above zero", "Give a positive number", field=name, value=value)
+        for name, value in values.items()
+        if not value > 0.0
+    ]
+    if problems:
+        raise ConfigurationError(*problems)

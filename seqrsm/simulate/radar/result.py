@@ -1,0 +1,150 @@
+"""Image of a radar, with all that a score, a picture or a record needs of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar.occasion import Occasion
+from seqrsm.simulate.radar.registration import Registration
+
+_POINTS: Final = 3
+"""Points a side at which a pixel of the rectangular picture looks up the polar image."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarImage:
+    """Image of a radar, rows of range (near range first), columns along the flight, or of bearing clockwise from north.
+
+    Attributes
+    ----------
+    intensity : float array (n_channels, n_range, n_azimuth)
+        Received power of one look with receiver noise and fading, averaged over the looks, after M, Q and S [W].
+    mean_power : float array, same shape
+        Expectation of the ground's part of it [W].
+    noise_power_w : float64 array (n_range,)
+        Expectation of the receiver's part [W].
+    looks : float64 array (n_range,)
+        Independent samples N in a pixel.
+    calibration_w : float64 array (n_range,)
+        Power of one look from flat ground with sigma0 = 1 [W], eq. (3-20).
+    noise_equivalent_sigma0 : float64 array (n_range,)
+        sigma0 of flat ground that returns as much as the noise, linear.
+    slant_range_m, ground_range_m, incidence_angle_deg : float64 array (n_range,)
+        Of flat ground in the middle of the row [m, m, deg].
+    range_spacing_m, azimuth_spacing_m : float
+        Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that
+        of its rectangular picture.
+    registration : Registration
+        Pixel of each cell of the scene, shadow and layover, made when asked for.
+    radar : RadarConfiguration
+    occasion : Occasion
+        State of the ground in this run.
+    quarter_turns : int
+        ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
+    cell_m, scene_shape : float, tuple of int
+        Side of a cell [m], rows and columns of the scene.
+    notes : tuple of str
+        Assumptions that went into the image.
+    """
+
+    intensity: AnyArray
+    mean_power: AnyArray
+    noise_power_w: FloatArray
+    looks: FloatArray
+    calibration_w: FloatArray
+    noise_equivalent_sigma0: FloatArray
+    slant_range_m: FloatArray
+    ground_range_m: FloatArray
+    incidence_angle_deg: FloatArray
+    range_spacing_m: float
+    azimuth_spacing_m: float
+    registration: Registration
+    radar: RadarConfiguration
+    occasion: Occasion
+    quarter_turns: int
+    cell_m: float
+    scene_shape: tuple[int, int]
+    notes: tuple[str, ...]
+
+    @property
+    def pixel_of_cell(self) -> AnyArray:
+        """Pixel ``row * n_azimuth + column`` of each cell of the scene, int32 (rows, cols); -1 where there is none."""
+        return self.registration.pixel_of_cell
+
+    @property
+    def shadow(self) -> BoolArray:
+        """Cells of the scene (rows, cols) that return nothing for geometry."""
+        return self.registration.shadow
+
+    @property
+    def layover(self) -> BoolArray:
+        """Cells of the scene (rows, cols) whose echo is mixed with other ground in range."""
+        return self.registration.layover
+
+    def apparent_sigma0(self) -> AnyArray:
+        """Intensity over what flat ground of sigma0 = 1 would return: calibrated, noise left in, linear."""
+        return np.asarray(self.intensity / self.calibration_w[None, :, None])
+
+    def place_m(self, row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Centres of pixels on flat ground [m]: across and along the track, or south and east of the antenna."""
+        across = self.ground_range_m[row]
+        if self.radar.scan == "slar":
+            return np.asarray(across), np.asarray((column + 0.5) * self.azimuth_spacing_m)
+        bearing = (column + 0.5) * (2.0 * math.pi / self.intensity.shape[2])
+        return np.asarray(-across * np.cos(bearing)), np.asarray(across * np.sin(bearing))
+
+    def north_up(self, layer: AnyArray) -> AnyArray:
+        """Turn the last two axes of an image layer so that north is up, or as near to it as quarter turns come."""
+        return np.rot90(layer, -self.quarter_turns, axes=(-2, -1))
+
+
+def rectangular_pixels(image: RadarImage) -> IntArray:
+    """Polar pixels that each pixel of the rectangular picture looks at, at points spread over it.
+
+    Parameters
+    ----------
+    image : RadarImage
+        Of a plan-position indicator.
+
+    Returns
+    -------
+    int64 array (height, width, points)
+        ``row * n_azimuth + column`` of the image; -1 where it has none. North up, over the scene's extent, pixels of
+        the radar's resolution.
+    """
+    rows, cols = (n * image.cell_m for n in image.scene_shape)
+    size, radar = image.radar.resolution_m, image.radar
+    parts = (np.arange(_POINTS) + 0.5) / _POINTS
+    x = (np.arange(math.ceil(cols / size - 1e-9))[:, None] + parts) * size - 0.5 * cols - radar.antenna_east_m
+    y = 0.5 * rows - radar.antenna_north_m - (np.arange(math.ceil(rows / size - 1e-9))[:, None] + parts) * size
+    east, north = x[None, :, None, :], y[:, None, :, None]
+    ground = image.ground_range_m
+    edges = np.concatenate(([ground[0]], 0.5 * (ground[1:] + ground[:-1]), [ground[-1]]))
+    edges[0] -= (ground[1] - ground[0]) * 0.5 if len(ground) > 1 else 0.5 * size
+    edges[-1] += (ground[-1] - ground[-2]) * 0.5 if len(ground) > 1 else 0.5 * size
+    row = np.searchsorted(edges, np.hypot(east, north), side="right") - 1
+    n_azimuth = image.intensity.shape[2]
+    column = np.floor(np.mod(np.arctan2(east, north), 2.0 * math.pi) * (n_azimuth / (2.0 * math.pi))).astype(np.int64)
+    pixel = np.where((row >= 0) & (row < len(ground)), row * n_azimuth + np.minimum(column, n_azimuth - 1), -1)
+    return np.asarray(pixel.reshape(*pixel.shape[:2], -1), dtype=np.int64)
+
+
+def rectangular(layer: AnyArray, pixels: IntArray) -> AnyArray:
+    """Layers (..., n_range, n_azimuth) turned into (..., height, width) by `rectangular_pixels`: means of the points.
+
+    Returns
+    -------
+    float array
+        nan where no point is seen.
+    """
+    flat = layer.reshape(*layer.shape[:-2], -1)
+    seen = pixels >= 0
+    total = np.where(seen, flat[..., np.maximum(pixels, 0)], 0.0).sum(axis=-1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / seen.sum(axis=-1))

@@ -1,0 +1,230 @@
+"""Cultural targets: man-made objects with an echo of their own, RSL TR 380-1 section 3.2.2.3.
+
+Each is an isotropic radiator of so many decibels, or specular in named directions from true north.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.echo import EchoGrid
+from seqrsm.simulate.radar.frame import RadarFrame
+
+MOST_DBM2: Final = 120.0
+"""Largest cross section either way [dB over 1 m2]: ships and corner reflectors have 80 at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class CulturalTarget:
+    """One man-made object.
+
+    Attributes
+    ----------
+    row, column : int
+        Cell of the scene it stands in.
+    cross_section_dbm2 : float
+        Radar cross section towards the radar, of the lobe's centre if it has lobes [dB over 1 m2], -120 to 120.
+    height_m : float
+        Of its scattering centre over the ground [m].
+    directions_deg : tuple of float
+        Bearings from true north in which it is specular, seen from the target [deg]; empty: isotropic.
+    lobe_deg : float
+        Half-power width of each lobe [deg], > 0.
+
+    Raises
+    ------
+    SceneError
+        A lobe without width, a value that is not finite, or a cross section out of range.
+    """
+
+    row: int
+    column: int
+    cross_section_dbm2: float
+    height_m: float = 0.0
+    directions_deg: tuple[float, ...] = ()
+    lobe_deg: float = 10.0
+
+    def __post_init__(self) -> None:
+        numbers = (self.cross_section_dbm2, self.height_m, self.lobe_deg, *self.directions_deg)
+        if (
+            not all(math.isfinite(x) for x in numbers)
+            or self.lobe_deg <= 0.0
+            or abs(self.cross_section_dbm2) > MOST_DBM2
+        ):
+            remedy = f"Give finite numbers, {-MOST_DBM2:g} to {MOST_DBM2:g} dBm2 and a lobe wider than 0 deg"
+            raise SceneError(Problem("an impossible cultural target", remedy, field="targets", value=str(self)))
+
+    def cross_section_m2(self, bearing_deg: float) -> float:
+        """Cross section [m2] towards a bearing from true north [deg]: Gaussian lobes of the given half-power width."""
+        peak = 10.0 ** (0.1 * self.cross_section_dbm2)
+        if not self.directions_deg:
+            return float(peak)
+        away = min(abs((bearing_deg - d + 180.0) % 360.0 - 180.0) for d in self.directions_deg)
+        return float(peak * 2.0 ** -((2.0 * away / self.lobe_deg) ** 2))
+
+
+_COLUMNS = ("row", "column", "cross_section_dbm2", "height_m", "directions_deg", "lobe_deg")
+
+
+def load_targets(path: str) -> tuple[CulturalTarget, ...]:
+    """Cultural targets of a CSV file.
+
+    Parameters
+    ----------
+    path : str
+        Its columns are the attributes of `CulturalTarget`; ``row``, ``column`` and ``cross_section_dbm2`` are required,
+        directions are separated by blanks.
+
+    Raises
+    ------
+    SceneError
+        Not readable, an unknown or missing column, a value that is no number or impossible; with file and line.
+    """
+    name = Path(path).name
+    try:
+        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = f"the cultural targets cannot be read: {getattr(error, 'strerror', None) or error}"
+        raise SceneError(Problem(text, "Give a CSV file", file=path, field="targets_file")) from error
+    header = [word.strip() for word in lines[0]] if lines else []
+    unknown = [word for word in header if word not in _COLUMNS]
+    missing = [word for word in _COLUMNS[:3] if word not in header]
+    if unknown or missing or len(set(header)) < len(header):
+        text = f"columns {', '.join(header)} are not those of cultural targets" if header else "the file is empty"
+        remedy = f"Give {', '.join(_COLUMNS[:3])}, and where needed {', '.join(_COLUMNS[3:])}"
+        raise SceneError(Problem(text, remedy, file=name, line=1))
+    targets: list[CulturalTarget] = []
+    problems: list[Problem] = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not any(word.strip() for word in line):
+            continue
+        given = {key: word.strip() for key, word in zip(header, line, strict=False) if word.strip()}
+        try:
+            if len(line) > len(header):
+                raise ValueError
+            targets.append(
+                CulturalTarget(
+                    int(given["row"]),
+                    int(given["column"]),
+                    float(given["cross_section_dbm2"]),
+                    float(given.get("height_m", 0.0)),
+                    tuple(float(word) for word in given.get("directions_deg", "").replace(";", " ").split()),
+                    float(given.get("lobe_deg", 10.0)),
+                )
+            )
+        except (KeyError, ValueError):
+            remedy = (
+                "Give whole numbers for row and column, numbers for the rest, several directions with spaces between"
+            )
+            problems.append(Problem("not a cultural target", remedy, file=name, line=number, value=",".join(line)))
+        except SceneError as error:
+            problems += [replace(problem, file=name, line=number) for problem in error.problems]
+    if problems:
+        raise SceneError(*problems)
+    return tuple(targets)
+
+
+def check_targets(targets: Sequence[CulturalTarget], scene_shape: tuple[int, int]) -> None:
+    """Refuse targets that lie outside a scene of so many rows and columns.
+
+    Raises
+    ------
+    SceneError
+    """
+    rows, cols = scene_shape
+    outside = [t for t in targets if not (0 <= t.row < rows and 0 <= t.column < cols)]
+    if outside:
+        text, remedy = "the target lies outside the scene", f"Rows are 0 to {rows - 1}, columns 0 to {cols - 1}"
+        raise SceneError(*(Problem(text, remedy, field="targets", value=(t.row, t.column)) for t in outside))
+
+
+def add_targets(
+    sums: AnyArray,
+    targets: Sequence[CulturalTarget],
+    scene_shape: tuple[int, int],
+    radar: RadarConfiguration,
+    frame: RadarFrame,
+    grid: EchoGrid,
+) -> None:
+    """Add the echoes of targets to the range bins; one hidden by the ground in front of it returns nothing.
+
+    Parameters
+    ----------
+    sums : float array (n_channels, n_bins, m)
+        Of `echo_sums`; changed in place, all channels alike.
+    targets : sequence of CulturalTarget
+    scene_shape : tuple of int
+        Rows and columns of the scene.
+    radar, frame, grid
+        As in `echo_sums`.
+
+    Raises
+    ------
+    SceneError
+        A target lies outside the scene.
+    """
+    check_targets(targets, scene_shape)
+    m = sums.shape[2]
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first_row = int(frame.source[frame.pad_near])
+    flat = range_geometry(frame.ground_range_m, frame.height_m, frame.curved)
+    vertical = 2.0 * np.arctan(grid.geometry[:, 8])
+    pattern = radar.pattern_lut()
+    for target in targets:
+        row, column = _place(target, scene_shape, frame)
+        i = row - first_row + frame.pad_near
+        if not own.start <= i < own.stop:
+            continue
+        profile = frame.elevation_m[frame.source, column].astype(np.float64)
+        look = np.arctan2(flat.along_m, flat.up_m - profile) - vertical
+        z = float(profile[i]) + target.height_m
+        own_look = math.atan2(flat.along_m[i], flat.up_m[i] - z) - vertical[i]
+        if i > 0 and float(look[:i].max()) > own_look:
+            continue
+        offset = np.empty((1, 1))
+        kernels.offset_rows(np.full((1, 1), z), grid.geometry[i : i + 1], radar.range_format == "ground", offset)
+        k = math.floor(grid.base[i + 1] + float(offset[0, 0])) - grid.first
+        if not 0 <= k < grid.n_bins:
+            continue
+        slant2 = flat.slant_range_m[i] ** 2 - z * (2.0 * flat.up_m[i] - z)
+        # The bearing from which the radar looks, seen from the target.
+        bearing = radar.heading_deg - 90.0
+        if frame.wrapped:
+            bearing = 180.0 + (column + 0.5 - frame.wrapped) * 360.0 / (m - 2 * frame.wrapped)
+        echo = target.cross_section_m2(bearing) * (grid.reference_range_m**2 / slant2) ** 2 / frame.cell_m**2
+        echo *= float(radar.atmosphere(flat.incidence_rad[i : i + 1])[0])
+        if pattern.size:
+            echo *= float(radar.elevation_gain(np.array([own_look]))[0]) ** 2
+        sums[:, k, column] += echo
+        if frame.wrapped:
+            # The columns that repeat the other end.
+            around = m - 2 * frame.wrapped
+            for other in (column - around, column + around):
+                if 0 <= other < m:
+                    sums[:, k, other] += echo
+
+
+def _place(target: CulturalTarget, scene_shape: tuple[int, int], frame: RadarFrame) -> tuple[int, int]:
+    """Row and column of the frame's layers."""
+    if frame.cell_of_scene is not None:
+        place = int(frame.cell_of_scene.ravel()[target.row * scene_shape[1] + target.column])
+        m = int(frame.elevation_m.shape[1])
+        return place // m, place % m
+    row, column = target.row, target.column
+    cols, rows = scene_shape[1], scene_shape[0]
+    for _ in range(frame.quarter_turns % 4):
+        row, column = cols - 1 - column, row
+        rows, cols = cols, rows
+    return row, column

@@ -1,0 +1,1 @@
+"""The Point Radiation Model: a scanning radiometer's image of a scene."""

@@ -1,0 +1,167 @@
+"""The data base turned into a radiometer's frame, and the physical temperature of its elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, Float32Array, FloatArray, IntArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.scattering.emissivity import EmissivityLookup
+from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.scene.temperature import physical_temperature_k, time_exposure
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadiometerFrame:
+    """A scene as the craft flies over its middle: rows across the track, left edge first, columns along it.
+
+    Attributes
+    ----------
+    elevation_m : float array (n, m)
+        Height above the datum, the scene's mean elevation [m]; gaps filled.
+    cover : uint8 array (n, m)
+        Category; 255 where category or elevation is not known.
+    field : int32 array (n, m)
+    across_m : float64 array (n,)
+        Distance of each row's centre from nadir, right positive [m].
+    height_m : float
+        Flight line above the datum [m].
+    cell_m : float
+    quarter_turns : int
+        ``numpy.rot90(layer, quarter_turns)`` turns a scene layer into this frame.
+    """
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    across_m: FloatArray
+    height_m: float
+    cell_m: float
+    quarter_turns: int
+
+
+def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, precision: str) -> RadiometerFrame:
+    """Turn a scene so that the craft flies along its columns over the middle, and fill its gaps.
+
+    Raises
+    ------
+    SceneError
+        No cell has an elevation.
+    """
+    turns = round((radiometer.heading_deg - 90.0) / 90.0)
+    layers = _turned(scene, turns, precision)
+    n = len(layers.elevation_m)
+    return RadiometerFrame(
+        elevation_m=layers.elevation_m,
+        cover=layers.cover,
+        field=layers.field,
+        across_m=np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64),
+        height_m=radiometer.altitude_m - layers.mean_m,
+        cell_m=scene.cell_m,
+        quarter_turns=turns,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turned:
+    """A scene's layers in the orientation of a heading."""
+
+    elevation_m: AnyArray
+    cover: AnyArray
+    field: AnyArray
+    mean_m: float
+
+
+# The layers do not depend on the run, so the runs of a campaign share them.
+@lru_cache(maxsize=2)
+def _turned(scene: Scene, turns: int, precision: str) -> _Turned:
+    known, mean, _ = kernels.elevation_summary(scene.elevation_m)
+    if known == 0:
+        raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
+    elevation = np.array(np.rot90(scene.elevation_m, turns), dtype=precision, order="C")
+    elevation -= elevation.dtype.type(mean)
+    cover = np.ascontiguousarray(np.rot90(scene.cover, turns))
+    if known < elevation.size:
+        cover = np.where(np.isnan(elevation), np.uint8(NO_COVER), cover)
+        kernels.fill_no_data(elevation)
+    return _Turned(elevation, cover, np.ascontiguousarray(np.rot90(scene.field_id, turns)), mean)
+
+
+def surface_temperature_k(
+    scene: Scene,
+    frame: RadiometerFrame,
+    radiometer: RadiometerConfiguration,
+    lookup: EmissivityLookup,
+    occasion: RadiometerOccasion,
+    at: IntArray | None = None,
+) -> AnyArray:
+    """Physical temperature of every element in the frame [K], with the occasion's departures.
+
+    Parameters
+    ----------
+    scene, frame, radiometer, lookup, occasion
+        As in `simulate_radiometer`; the report's mode heats every cover alike.
+    at : int64 array (n, m), optional
+        Numbers, row by row, of the cells of a whole frame that `frame` holds, where it holds some only.
+
+    Returns
+    -------
+    float array (n, m)
+
+    Raises
+    ------
+    SceneError
+        The layer of temperature is asked for, and the scene has none.
+    """
+    if radiometer.temperature == "layer":
+        layer = temperature_layer(scene)
+        base = np.rot90(np.where(np.isfinite(layer), layer, np.nanmean(layer)), frame.quarter_turns)
+        base = base if at is None else np.take(base, at)
+    elif radiometer.temperature == "constant":
+        base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
+    else:
+        sun = (radiometer.latitude_deg, radiometer.day_of_year, radiometer.hour, radiometer.exposure_hours)
+        exposure = _exposure(scene, *sun, frame.quarter_turns)
+        heating = np.ones(NO_COVER + 1)
+        if radiometer.mode == "full":
+            heating[: len(lookup.heating)] = lookup.heating
+        base = physical_temperature_k(
+            exposure if at is None else np.take(exposure, at),
+            np.take(heating, frame.cover),
+            radiometer.temperature_low_k,
+            radiometer.temperature_high_k,
+        )
+    departure = np.take(occasion.temperature_offset_k + occasion.field_temperature_k, frame.field)
+    return np.ascontiguousarray(np.maximum(base + departure, 1.0), dtype=frame.elevation_m.dtype)
+
+
+def temperature_layer(scene: Scene) -> Float32Array:
+    """Layer of temperature (rows, cols) of a scene [K]; SceneError where it has none."""
+    if scene.temperature_k is None:
+        remedy = 'Import one with `seqrsm scene import --temperature`, or choose temperature = "exposure" or "constant"'
+        raise SceneError(Problem("the scene has no layer of temperature", remedy, field="temperature", value="layer"))
+    return scene.temperature_k
+
+
+@lru_cache(maxsize=4)
+def _exposure(
+    scene: Scene, latitude_deg: float, day_of_year: float, hour: float, exposure_hours: float, turns: int
+) -> FloatArray:
+    """Exposure of a scene in the orientation of a heading; the sun does not change from run to run."""
+    elevation = scene.elevation_m.astype(np.float64)
+    kernels.fill_no_data(elevation)
+    exposure = time_exposure(
+        elevation,
+        scene.cell_m,
+        latitude_deg=latitude_deg,
+        day_of_year=day_of_year,
+        hour=hour,
+        exposure_hours=exposure_hours,
+    )
+    return np.ascontiguousarray(np.rot90(exposure, turns))

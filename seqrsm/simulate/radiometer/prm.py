@@ -1,0 +1,481 @@
+"""Point Radiation Model of a scanning radiometer: RSL TR 380-1 chapter 3.3, in the report's two programs.
+
+`radiation_map` is the report's POWER: what every data-base element sends to the antenna, eq. (3-35). `scan_image` is
+its SIMULATE: the flight, the footprints and their sums, the receiver's noise. `greytones` is eq. (3-50).
+
+Figures B.15 to B.17 name beamwidths of "0.01" and "0.0175 degrees". As degrees they would need antennas of a hundred
+metres and more at any frequency of the report and footprints of a decimetre; 0.01 rad and 0.0175 rad (one degree) are
+meant: 10 m and 17.5 m from 1 km.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.rng import stream_key
+from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
+from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
+from seqrsm.scene.scene import Scene
+from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
+from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
+from seqrsm.simulate.radar import kernels
+from seqrsm.simulate.radar.frame import categories_of_fields, moisture_of_fields
+from seqrsm.simulate.radar.receiver import film_density, greytone
+from seqrsm.simulate.radiometer import kernels_prm
+from seqrsm.simulate.radiometer.effects import effect_notes, effects_k, planck_offset_used_k
+from seqrsm.simulate.radiometer.frame import (
+    RadiometerFrame,
+    make_radiometer_frame,
+    surface_temperature_k,
+    temperature_layer,
+)
+from seqrsm.simulate.radiometer.occasion import (
+    RadiometerOccasion,
+    draw_radiometer_occasion,
+    nominal_radiometer_occasion,
+)
+from seqrsm.simulate.radiometer.result import RadiometerImage
+
+Precision = Literal["float32", "float64"]
+
+_CHEBYSHEV_NODES = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
+_CHEBYSHEV = np.linalg.pinv(np.polynomial.chebyshev.chebvander(_CHEBYSHEV_NODES, 9))
+
+_LOOKS = 129
+
+LUT_STEPS = 1024
+"""Steps of the tables of emissivity and sky in sin(theta/2): 0.06 to 0.11 deg each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadiationMap:
+    """What every element sends to the antenna.
+
+    Attributes
+    ----------
+    antenna_k : float array (n_channels, n, m)
+        Antenna temperature the element alone would give, in kelvin of radiation (`planck_offset_k`); 0 if not seen.
+    offset : float array (n, m)
+        Displacement by height, towards higher row numbers [cells].
+    state : uint8 array (n, m)
+        Bits of `kernels_prm`: BLOCKED, NO_DATA.
+    planck_offset_k : float
+        h f / k where radiation is by Planck's law, 0 by Rayleigh-Jeans.
+    """
+
+    antenna_k: AnyArray
+    offset: AnyArray
+    state: AnyArray
+    planck_offset_k: float
+
+
+def simulate_radiometer(
+    scene: Scene,
+    radiometer: RadiometerConfiguration,
+    table: EmissivityTable,
+    *,
+    seed: int,
+    run_id: int,
+    precision: Precision = "float32",
+    random_occasion: bool = True,
+) -> RadiometerImage:
+    """Image of a scene by a radiometer on one occasion.
+
+    The image is a function of the arguments alone: the same seed and run id give the same bits in any process.
+
+    Parameters
+    ----------
+    scene : Scene
+    radiometer : RadiometerConfiguration
+    table : EmissivityTable
+    seed, run_id : int
+        Campaign and run; they key the occasion and the noise.
+    precision : {"float32", "float64"}
+        Element type of the arrays of cells; footprints are summed in double precision in any case.
+    random_occasion : bool
+        False takes the table's own values and the middle of the moistures, for pictures and tests.
+
+    Returns
+    -------
+    RadiometerImage
+
+    Raises
+    ------
+    ConfigurationError
+        The scan is impossible over this scene.
+    ScatteringDataError
+        A category, frequency or polarization without data.
+    SceneError
+        No cell has an elevation, or the layer of temperature is asked for and missing.
+    """
+    met = meet_radiometer(
+        scene, radiometer, table, seed=seed, run_id=run_id, precision=precision, random_occasion=random_occasion
+    )
+    frame, lookups, occasion, air = met.frame, met.lookups, met.occasion, met.air
+    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
+    mapped = radiation_map(frame, radiometer, lookups, air, ground_k, occasion, met.planck_k)
+    effects = effects_k(radiometer, lookups, air, frame, ground_k)
+    notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
+    return scan_image(
+        frame,
+        mapped,
+        radiometer,
+        met.scan,
+        occasion,
+        moist=lookups[0].moist,
+        effects_k=effects,
+        seed=seed,
+        run_id=run_id,
+        notes=(*notes, *air.notes, *effect_notes(effects, met.planck_k)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Meeting:
+    """What one run of a radiometer meets: the scene in its frame, its scan, emissivities, air, and the occasion."""
+
+    frame: RadiometerFrame
+    scan: ScanGeometry
+    lookups: list[EmissivityLookup]
+    occasion: RadiometerOccasion
+    air: Atmosphere
+    planck_k: float
+
+
+def meet_radiometer(
+    scene: Scene,
+    radiometer: RadiometerConfiguration,
+    table: EmissivityTable,
+    *,
+    seed: int,
+    run_id: int,
+    precision: Precision = "float32",
+    random_occasion: bool = True,
+) -> Meeting:
+    """Everything before the first cell is looked at; parameters and errors as of `simulate_radiometer`."""
+    frame = make_radiometer_frame(scene, radiometer, precision)
+    n, m = frame.elevation_m.shape
+    scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
+    printed = radiometer.mode == "report"
+    lookups = [
+        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed)
+        for channel in radiometer.channels
+    ]
+    if random_occasion:
+        field_category = categories_of_fields(scene)
+        occasion = draw_radiometer_occasion(
+            radiometer, lookups, field_category, seed=seed, run_id=run_id, field_moisture=moisture_of_fields(scene)
+        )
+    else:
+        occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields, moisture_of_fields(scene))
+    planck_k = planck_offset_used_k(radiometer)
+    air = make_atmosphere(
+        radiometer.frequency_ghz,
+        atmosphere=radiometer.atmosphere,
+        weather=radiometer.weather,
+        cloud_kg_m2=radiometer.cloud_kg_m2,
+        rain_mm_h=radiometer.rain_mm_h,
+        planck_offset_k=planck_k,
+    )
+    return Meeting(frame, scan, lookups, occasion, air, planck_k)
+
+
+def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable) -> ScanGeometry:
+    """Refuse before any run what `simulate_radiometer` would refuse; costs next to nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    radiometer : RadiometerConfiguration
+    table : EmissivityTable
+
+    Returns
+    -------
+    ScanGeometry
+        Its notes tell of gaps, overlap, idle time and smear.
+
+    Raises
+    ------
+    ConfigurationError, ScatteringDataError, SceneError
+        As in `simulate_radiometer`.
+    """
+    _, mean, _ = kernels.elevation_summary(scene.elevation_m)
+    if radiometer.temperature == "layer":
+        temperature_layer(scene)
+    for channel in radiometer.channels:
+        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=radiometer.mode == "report")
+    turns = round((radiometer.heading_deg - 90.0) / 90.0)
+    rows, columns = scene.shape if turns % 2 == 0 else scene.shape[::-1]
+    return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)
+
+
+def radiation_map(
+    frame: RadiometerFrame,
+    radiometer: RadiometerConfiguration,
+    lookups: Sequence[EmissivityLookup],
+    air: Atmosphere,
+    ground_k: AnyArray,
+    occasion: RadiometerOccasion,
+    planck_offset_k: float = 0.0,
+) -> RadiationMap:
+    """Program POWER: what every element sends to the antenna, eq. (3-35).
+
+    Parameters
+    ----------
+    frame : RadiometerFrame
+    radiometer : RadiometerConfiguration
+    lookups : sequence of EmissivityLookup
+        One for each channel.
+    air : Atmosphere
+        Made with the same `planck_offset_k`.
+    ground_k : float array (n, m)
+        Physical temperature [K].
+    occasion : RadiometerOccasion
+    planck_offset_k : float
+        h f / k to count by Planck's law [K]; 0 for Rayleigh-Jeans, eqs. (3-32) to (3-34).
+
+    Returns
+    -------
+    RadiationMap
+    """
+    dtype = frame.elevation_m.dtype
+    n, m = frame.elevation_m.shape
+    geometry = row_geometry(frame.across_m, frame, air)
+    antenna = np.empty((len(lookups), n, m), dtype=dtype)
+    state = np.empty((n, m), dtype=np.uint8)
+    kernels_prm.emit_cells(
+        frame.elevation_m,
+        frame.cover,
+        frame.field,
+        ground_k if planck_offset_k == 0.0 else radiation_equivalent_k(ground_k, planck_offset_k).astype(dtype),
+        geometry,
+        frame.height_m,
+        frame.cell_m,
+        *emission_tables(lookups, air, occasion, dtype),
+        antenna,
+        state,
+    )
+    if radiometer.mode == "report":
+        offset = np.zeros((n, m), dtype=dtype)
+    else:
+        offset = np.empty((n, m), dtype=dtype)
+        kernels_prm.displace_cells(frame.elevation_m, frame.across_m, frame.height_m, frame.cell_m, offset)
+    return RadiationMap(antenna, offset, state, planck_offset_k)
+
+
+def row_geometry(
+    across_m: FloatArray, frame: RadiometerFrame, air: Atmosphere, *, scattered: bool = False
+) -> FloatArray:
+    """Geometry (n, 5) of rows at distances from nadir, as `kernels_prm.emit_cells` takes it.
+
+    ``scattered``: many directions; the air's radiation is taken between some of them, to 0.1 mK.
+    """
+    look = np.arctan2(np.abs(across_m), frame.height_m)
+    towards_nadir = np.abs(across_m) - frame.cell_m
+    geometry = np.empty((len(across_m), 5))
+    geometry[:, 0] = np.abs(across_m)
+    # Ground within a cell of nadir blocks nothing behind it.
+    geometry[:, 1] = np.where(
+        towards_nadir > 0.25 * frame.cell_m, frame.cell_m / np.maximum(towards_nadir, 0.25 * frame.cell_m), 0.0
+    )
+    geometry[:, 2] = np.where(across_m >= 0.0, 1.0, -1.0)
+    if scattered:
+        known = np.linspace(0.0, float(look.max()), _LOOKS)
+        geometry[:, 3] = np.interp(look, known, air.upwelling_k(known, frame.height_m))
+    else:
+        geometry[:, 3] = air.upwelling_k(look, frame.height_m)
+    geometry[:, 4] = air.transmission(look, frame.height_m)
+    return geometry
+
+
+def emission_tables(
+    lookups: Sequence[EmissivityLookup], air: Atmosphere, occasion: RadiometerOccasion, dtype: Any
+) -> tuple[AnyArray, FloatArray, AnyArray, AnyArray]:
+    """Tables of emissivity and sky, moisture and departure of each field, as `kernels_prm.emit_cells` takes them."""
+    lut = _emissivity_lut(lookups, occasion, _lut_angles())
+    place = (occasion.field_moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
+    place = np.clip(place, 0.0, len(MOISTURE_NODES) - 1.0 - 1e-6)
+    departure = occasion.field_offset if occasion.field_offset.any() else occasion.field_offset[:, :0]
+    return _pairs(lut.astype(dtype)), _sky_polynomial(air), place.astype(dtype), departure.astype(dtype)
+
+
+def _lut_angles() -> FloatArray:
+    """Angles of the kernel's tables [rad]."""
+    q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
+    return np.asarray(2.0 * np.arcsin(q))
+
+
+def _sky_polynomial(air: Atmosphere) -> FloatArray:
+    """Sky radiation for the kernel: sin(theta/2)**2 at 75 deg, beyond which slant paths are held, and a polynomial.
+
+    It follows the layers to 1 mK in clear air.
+    """
+    most = math.sin(0.5 * math.radians(75.0)) ** 2
+    t = _CHEBYSHEV_NODES
+    value = air.sky_k(2.0 * np.arcsin(np.sqrt(0.5 * most * (t + 1.0))))
+    # About its own mean, so that a sky of one temperature keeps it to the last digit.
+    fitted = _CHEBYSHEV @ (value - value[0])
+    power = np.polynomial.chebyshev.cheb2poly(fitted)
+    return np.concatenate([[most], power + np.eye(10)[0] * value[0]])
+
+
+def _emissivity_lut(lookups: Sequence[EmissivityLookup], occasion: RadiometerOccasion, theta: FloatArray) -> FloatArray:
+    """Emissivity (n_channels, n_categories, n_moistures, k) with the date's offsets; linear between whole degrees."""
+    position = np.minimum(np.rad2deg(theta), 90.0)
+    k = np.minimum(position.astype(np.int64), 89)
+    f = position - k
+    out = np.stack([(1.0 - f) * look.emissivity[:, :, k] + f * look.emissivity[:, :, k + 1] for look in lookups])
+    return np.asarray(np.clip(out + occasion.class_offset[:, :, None, None], 0.0, 1.0))
+
+
+def _pairs(lut: AnyArray) -> AnyArray:
+    """Each value beside its step to the next, as one element of twice the size that one load fetches."""
+    both = np.zeros((*lut.shape, 2), dtype=lut.dtype)
+    both[..., 0] = lut
+    both[..., :-1, 1] = np.diff(lut, axis=-1)
+    return both.view(np.uint64 if lut.dtype == np.float32 else np.complex128)[..., 0]
+
+
+def scan_image(
+    frame: RadiometerFrame,
+    mapped: RadiationMap,
+    radiometer: RadiometerConfiguration,
+    scan: ScanGeometry,
+    occasion: RadiometerOccasion,
+    *,
+    moist: BoolArray,
+    effects_k: Mapping[str, float],
+    seed: int,
+    run_id: int,
+    notes: tuple[str, ...] = (),
+) -> RadiometerImage:
+    """Program SIMULATE: the sweep over the scene, the beam's sum over each footprint, the receiver's noise.
+
+    Parameters
+    ----------
+    frame : RadiometerFrame
+    mapped : RadiationMap
+    radiometer : RadiometerConfiguration
+    scan : ScanGeometry
+    occasion : RadiometerOccasion
+    moist, effects_k, notes
+        Recorded with the image.
+    seed, run_id : int
+        Key of the noise.
+
+    Returns
+    -------
+    RadiometerImage
+    """
+    n_channels, n, m = mapped.antenna_k.shape
+    total = np.zeros_like(mapped.antenna_k)
+    weight = np.zeros((n, m), dtype=total.dtype)
+    kernels_prm.bin_angle(mapped.antenna_k, mapped.offset, mapped.state, total, weight)
+    look = np.arctan2(frame.across_m, frame.height_m)
+    edge = np.arctan2(np.append(frame.across_m, -frame.across_m[0] + frame.cell_m) - 0.5 * frame.cell_m, frame.height_m)
+    part = np.clip(0.5 + 0.5 * look / scan.half_angle_rad, 0.0, 1.0)
+    width = radiometer.resolution_m / np.cos(look)
+    rows = np.empty((n_channels, n, scan.n_sweeps))
+    seen = np.empty((n, scan.n_sweeps))
+    per_width = float(BEAM_STEPS_A_WIDTH)
+    kernels_prm.average_along(
+        total, weight, part, width, scan.sweep_advance_m, frame.cell_m, scan.along, per_width, rows, seen
+    )
+    mean = np.empty((n_channels, len(scan.look_rad), scan.n_sweeps))
+    kernels_prm.average_across(rows, seen, edge, scan.look_rad, scan.beamwidth_rad, scan.across, per_width, mean)
+    if mapped.planck_offset_k > 0.0:
+        mean = mapped.planck_offset_k / np.log1p(mapped.planck_offset_k / mean)
+    mean, nedt = _lines(mean, radiometer.nedt_k(mean), scan)
+    brightness = mean
+    if nedt.any():
+        brightness = np.empty_like(mean)
+        numbers = np.array([CHANNELS.index(channel) for channel in radiometer.channels])
+        key = stream_key(seed, run_id, "receiver noise")
+        kernels_prm.add_receiver_noise(mean, nedt, numbers, *key, brightness)
+    footprint = np.empty((n, m), dtype=np.int32)
+    coverage = np.empty((n, m), dtype=np.int32)
+    held_rad = scan.beamwidth_rad * max(1.0, scan.smear)
+    sweep = (scan.height_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.look_rad[0], scan.step_rad)
+    sampled = (len(scan.look_rad), radiometer.resolution_m, scan.sweep_advance_m, scan.n_sweeps)
+    kernels_prm.register_cells(
+        mapped.offset,
+        mapped.state,
+        np.array([*sweep, *sampled, scan.sweeps_a_line, scan.n_lines], dtype=np.float64),
+        footprint,
+        coverage,
+    )
+    dtype = mapped.antenna_k.dtype
+    back = -frame.quarter_turns
+    return RadiometerImage(
+        brightness_k=brightness.astype(dtype),
+        mean_k=mean.astype(dtype),
+        nedt_k=nedt.astype(dtype),
+        scan=scan,
+        pixel_of_cell=np.ascontiguousarray(np.rot90(footprint, back)),
+        coverage=np.ascontiguousarray(np.rot90(coverage, back)),
+        blocked=np.ascontiguousarray(np.rot90((mapped.state & kernels_prm.BLOCKED) != 0, back)),
+        radiometer=radiometer,
+        occasion=occasion,
+        moist=moist,
+        quarter_turns=frame.quarter_turns,
+        effects_k=effects_k,
+        notes=(*notes, *scan.notes, *_ENGINE_NOTES),
+    )
+
+
+def _lines(mean_k: FloatArray, nedt_k: FloatArray, scan: ScanGeometry) -> tuple[FloatArray, FloatArray]:
+    """Image lines, each the mean of the sweeps that see it, and the noise that is left (n_channels, n_samples, n)."""
+    if scan.sweeps_a_line == 1:
+        return mean_k, nedt_k
+    shape = (*mean_k.shape[:2], scan.n_lines, scan.sweeps_a_line)
+    missing = ((0, 0), (0, 0), (0, scan.n_lines * scan.sweeps_a_line - scan.n_sweeps))
+    mean, nedt = (np.pad(x, missing, constant_values=np.nan).reshape(shape) for x in (mean_k, nedt_k))
+    count = np.isfinite(mean).sum(axis=3)
+    each = np.where(count > 0, count, np.nan)
+    return np.nansum(mean, axis=3) / each, np.sqrt(np.nansum(nedt**2, axis=3)) / each
+
+
+_ENGINE_NOTES = (
+    "the craft moves during a sweep; within one footprint every row takes the time at which the axis crosses it",
+    "H and V are those of flat ground; ground is smooth to the sky it reflects, at its own slope",
+    "what the beam sees outside the data base is taken to be like what it sees inside",
+)
+
+
+def greytones(
+    brightness_k: AnyArray,
+    reference_k: float,
+    reference_greytone: float = 127.0,
+    *,
+    gamma: float = 1.0,
+    density_range: float = 0.6,
+    n_bits: int = 8,
+) -> FloatArray:
+    """Grey tone of an antenna temperature against a known emitter: eq. (3-50), clipped and not yet rounded.
+
+    Parameters
+    ----------
+    brightness_k : float array
+        Antenna temperature T_a2 [K], > 0.
+    reference_k, reference_greytone : float
+        T_a1 of the known emitter [K], and the grey tone G_r1 it is given.
+    gamma : float
+        Slope of the film's curve.
+    density_range : float
+        x, the range of density spread over the grey tones; 0.6 spans temperatures of one to four.
+    n_bits : int
+
+    Returns
+    -------
+    float64 array
+        0 to 2**n_bits - 1; `seqrsm.simulate.radar.receiver.to_levels` rounds it.
+    """
+    density = film_density(brightness_k, gamma)
+    reference = float(film_density(np.asarray(reference_k), gamma))
+    return greytone(density, reference, reference_greytone, n_bits, 10.0 * density_range)

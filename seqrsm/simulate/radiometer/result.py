@@ -1,0 +1,83 @@
+"""Image of a scanning radiometer, with all that a score or a record needs of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.sensor.scan import ScanGeometry
+from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadiometerImage:
+    """Image of a scanning radiometer: footprints of a line (left edge first), lines along the flight.
+
+    Attributes
+    ----------
+    brightness_k : float array (n_channels, n_samples, n_lines)
+        Calibrated antenna temperature with the receiver's noise [K]; nan where nothing is seen.
+    mean_k, nedt_k : float array, same shape
+        Its expectation, and the standard deviation of the noise [K].
+    scan : ScanGeometry
+    pixel_of_cell : int32 array (rows, cols)
+        Nearest footprint ``sample * n_lines + line`` of each cell of the scene; -1 without data or beyond the sweep.
+    coverage : int32 array (rows, cols)
+        Half-power footprints, smeared by the integration, that hold the cell's centre; 0 for cells never seen.
+    blocked : bool array (rows, cols)
+        Cells hidden from the antenna.
+    radiometer : RadiometerConfiguration
+    occasion : RadiometerOccasion
+    moist : bool array (n_categories,)
+        Categories whose emissivity depends on soil moisture.
+    quarter_turns : int
+        ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
+    effects_k : Mapping[str, float]
+        Size of each effect in this scene [K], to be held against ``nedt``, which is among them.
+    notes : tuple of str
+        Assumptions, and what the scan does.
+    """
+
+    brightness_k: AnyArray
+    mean_k: AnyArray
+    nedt_k: AnyArray
+    scan: ScanGeometry
+    pixel_of_cell: AnyArray
+    coverage: AnyArray
+    blocked: BoolArray
+    radiometer: RadiometerConfiguration
+    occasion: RadiometerOccasion
+    moist: BoolArray
+    quarter_turns: int
+    effects_k: Mapping[str, float]
+    notes: tuple[str, ...]
+
+    def on_cells(self) -> FloatArray:
+        """Brightness of each cell of the scene by its nearest footprint (n_channels, rows, cols) [K]; nan for none."""
+        flat = self.brightness_k.reshape(len(self.brightness_k), -1).astype(np.float64)
+        return np.where(self.pixel_of_cell >= 0, flat[:, np.maximum(self.pixel_of_cell, 0)], np.nan)
+
+    def record(self, categories: Sequence[str]) -> Mapping[str, object]:
+        """What is kept with a score: plain numbers and names."""
+        scan = self.scan
+        return {
+            "engine": "prm",
+            "mode": self.radiometer.mode,
+            "nedt_k": [round(float(np.nanmedian(layer)), 4) for layer in self.nedt_k],
+            "beamwidth_deg": round(math.degrees(scan.beamwidth_rad), 5),
+            "lines_and_samples": [scan.n_lines, len(scan.look_rad)],
+            "advance_m": round(scan.advance_m, 4),
+            "sweeps_a_line": scan.sweeps_a_line,
+            "dwell_ms": round(scan.dwell_ms, 5) if math.isfinite(scan.dwell_ms) else None,
+            "smear_beams": round(scan.smear, 5),
+            "covered_percent": round(100.0 * float((self.coverage > 0).mean()), 3),
+            "blocked_percent": round(100.0 * float(self.blocked.mean()), 3),
+            "effects_k": {name: round(value, 4) for name, value in self.effects_k.items()},
+            "occasion": dict(self.occasion.record(self.radiometer.channels, categories)),
+            "scan_notes": list(scan.notes),
+        }

@@ -1,0 +1,1 @@
+"""The specification of a campaign: ``campaign.toml`` read, its tables, checks and line numbers, and templates."""

@@ -1,0 +1,404 @@
+"""What must hold in ``campaign.toml`` beyond the type of each key, and how a fault is told to the user."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path as FilePath
+from typing import Any, Literal, Protocol
+
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
+from seqrsm.design.region import Region
+from seqrsm.errors import Problem, RegionError
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
+from seqrsm.spec.tables import ApplicationSpec
+from seqrsm.spec.toml_lines import Path, line_of
+
+#: Parameters of each engine's sensor.
+SENSORS: Mapping[str, Mapping[str, Parameter]] = {"psm": RADAR, "prm": RADIOMETER}
+#: Columns of a scores file, which no factor may be named after.
+RESERVED = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
+
+
+class Reporter:
+    """Collects problems with their lines.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file.
+    lines : dict
+        From `seqrsm.spec.toml_lines.key_lines`.
+    """
+
+    def __init__(self, file: str, lines: dict[Path, int]) -> None:
+        self.file = file
+        self.lines = lines
+        self.problems: list[Problem] = []
+        self.names: dict[Path, str] = {}
+
+    def add(self, path: Path, message: str, remedy: str = "", value: object | None = None) -> None:
+        """Note a problem of the key or table at ``path``."""
+        line = line_of(self.lines, path)
+        self.problems.append(Problem(message, remedy, self.file, line, self.words(path), value))
+
+    def words(self, path: Path) -> str:
+        """The place in the user's words, such as ``factor 'frequency': low`` or ``[stop] level``."""
+        if len(path) == 1 or not isinstance(path[1], int):
+            head, rest = f"[{path[0]}]", path[1:]
+        else:
+            name = self.names.get(path[:2])
+            head = f"{path[0]} no. {path[1] + 1}" if name is None else f"{path[0]} '{name}'"
+            head, rest = (head + ":" if path[2:] else head), path[2:]
+        tail = ""
+        for part in rest:
+            tail += f" no. {part + 1}" if isinstance(part, int) else (f".{part}" if tail else f"{part}")
+        return f"{head} {tail}".strip()
+
+    def unknown_key(self, path: Path, known: Iterable[str]) -> None:
+        """Note a key that is not one of ``known``, with the nearest of them."""
+        names = list(known)
+        near = difflib.get_close_matches(str(path[-1]), names, n=1)
+        others = f"Known here: {', '.join(names)}." if names else "Remove it."
+        remedy = f"Did you mean '{near[0]}'?" if near else others
+        self.add(path, f"'{path[-1]}' is not a known key", remedy)
+
+    def missing_table(self, key: str, *, repeated: bool) -> None:
+        """Note that a whole table is absent."""
+        header = f"[[{key}]]" if repeated else f"[{key}]"
+        self.problems.append(Problem(f"the file has no {header}", f"Add a table {header}.", self.file, 1, f"[{key}]"))
+
+    def invalid(self, path: Path, detail: Mapping[str, Any], fields: Mapping[str, Any]) -> None:
+        """Note one error of pydantic's list."""
+        # pydantic adds the branch of a union ("str", "float") to the place; it is no key of the file.
+        location = path
+        for part in detail["loc"]:
+            if (*location, part) in self.lines or detail["type"] in ("missing", "extra_forbidden"):
+                location = (*location, part)
+        kind, value = detail["type"], detail["input"]
+        if any(p.line == line_of(self.lines, location) and p.field == self.words(location) for p in self.problems):
+            return
+        if kind == "extra_forbidden":
+            self.unknown_key(location, [] if len(detail["loc"]) > 1 else fields)
+        elif kind == "missing":
+            self.add(location, "the key is missing", f"Add: {detail['loc'][-1]} = ...")
+        elif kind in ("model_type", "dict_type"):
+            header = ".".join(str(part) for part in location if isinstance(part, str))
+            header = f"[[{header}]]" if len(location) == 2 and isinstance(location[1], int) else f"[{header}]"
+            self.add(location, "a table is expected here", f"Write it as a table: {header}.", value)
+        elif kind in _WRONG_TYPE:
+            self.add(location, f"{_WRONG_TYPE[kind]} is expected here", _retype(kind, value), value)
+        else:
+            message = detail["msg"].removeprefix("Input ").replace("should", "must", 1)
+            options = re.findall(r"'([^']*)'", message) if kind == "literal_error" else []
+            near = difflib.get_close_matches(str(value), options, n=1)
+            self.add(location, message[:1].lower() + message[1:], f'Did you mean "{near[0]}"?' if near else "", value)
+
+
+_WRONG_TYPE = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "list_type": "a list",
+    "finite_number": "a finite number",
+}
+
+
+def _retype(kind: str, value: object) -> str:
+    if kind == "string_type":
+        return "Put it in quotes."
+    if kind == "list_type":
+        return "Write it in square brackets: [ ... ]."
+    if isinstance(value, str):
+        return "Write the number without quotes, with a point for decimals and no unit."
+    return ""
+
+
+def different_names(kind: str, report: Reporter) -> None:
+    """Every table of a kind has a name of its own."""
+    seen: set[str] = set()
+    for path, name in report.names.items():
+        if path[0] == kind and name in seen:
+            report.add((*path, "name"), f"two tables [[{kind}]] bear this name", "Rename one.", name)
+        elif path[0] == kind:
+            seen.add(name)
+
+
+def factors(
+    tables: Sequence[Mapping[str, Any] | None], raw: Sequence[object], engine: str | None, report: Reporter
+) -> list[Factor | None]:
+    """Factors of the tables, None for those that are wrong; ``raw``: the same tables as written."""
+    made: list[Factor | None] = []
+    for index, table in enumerate(tables):
+        path: Path = ("factor", index)
+        before = len(report.problems)
+        if table is None:
+            written = raw[index]
+            name, unit = (written.get("name"), written.get("unit", "")) if isinstance(written, dict) else (None, "")
+            if isinstance(name, str) and isinstance(unit, str):
+                _check_parameter(path, {"name": name, "unit": unit}, engine, report)
+            made.append(None)
+            continue
+        _check_parameter(path, table, engine, report)
+        factor = _make_factor(path, table, engine, report)
+        made.append(factor if len(report.problems) == before else None)
+    return made
+
+
+def _parameter(name: str, engine: str | None) -> Parameter | None:
+    """The engine's parameter of this name; without an engine, one of Table 1 whose name does not tell its unit."""
+    if engine is not None and engine in SENSORS:
+        return find(SENSORS[engine], name)
+    rows = (table.get(name) for table in SENSORS.values())
+    return next((row for row in rows if row is not None and row.name != row.field), None)
+
+
+def _check_parameter(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> None:
+    name = table["name"]
+    if name in RESERVED:
+        report.add((*path, "name"), "a column of the scores file has this name", "Choose another name.", name)
+        return
+    parameter = _parameter(name, engine)
+    if parameter is not None and parameter.numeric and table["unit"] not in ("", parameter.unit):
+        remedy = f'Write unit = "{parameter.unit}" and give the range in it.' if parameter.unit else "Leave it out."
+        report.add((*path, "unit"), f"'{name}' is given in another unit than the sensor's", remedy, table["unit"])
+    if engine is None or engine not in SENSORS:
+        return
+    if parameter is None:
+        near = difflib.get_close_matches(name, SENSORS[engine], n=1)
+        remedy = f"Did you mean '{near[0]}'?" if near else f"`seqrsm parameters {engine}` lists those it has."
+        report.add((*path, "name"), f"the engine '{engine}' has no such sensor parameter", remedy, name)
+    elif name != parameter.name:
+        remedy = f"Write '{parameter.name}'."
+        report.add((*path, "name"), "a factor bears its parameter's name in this file", remedy, name)
+    elif parameter.why_fixed:
+        remedy = f"Give it under [simulator.fixed]. {parameter.why_fixed}."
+        report.add((*path, "name"), "this parameter cannot be a factor", remedy, name)
+
+
+def _check_levels(path: Path, table: Mapping[str, Any], parameter: Parameter, report: Reporter) -> None:
+    """Every end, value or level of a factor is one that the sensor can take."""
+    forms = {"levels": "levels"}
+    if parameter.numeric:
+        forms = {"low": "low and high", "values": "values"} if parameter.continuous else {"values": "values"}
+    if all(table[key] is None for key in forms):
+        needed = ", or ".join(forms.values())
+        report.add(path, f"'{parameter.name}' is given by {needed}", f"Give {needed}: {parameter.allowed}.")
+        return
+    given: list[tuple[Path, Any]] = [((*path, key), table[key]) for key in ("low", "high") if table[key] is not None]
+    for key in ("values", "levels"):
+        given += [((*path, key, index), value) for index, value in enumerate(table[key] or ())]
+    seen: dict[frozenset[str], str] = {}
+    for place, value in given:
+        for problem in parameter.level_problems(value):
+            report.add(place, problem.message, f"{problem.remedy}.", value)
+        if parameter.kind == "channels":
+            same = seen.setdefault(frozenset(value.split("+")), value)
+            if same != value:
+                report.add(place, f"this is the same set of channels as '{same}'", "Drop one.", value)
+
+
+def _make_factor(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> Factor | None:
+    name, scale = table["name"], table["scale"]
+    parameter = _parameter(name, engine)
+    unit = table["unit"] or ("" if parameter is None else parameter.unit)
+    given = [key for key in ("low", "high", "values", "levels") if table[key] is not None]
+    if given not in (["low", "high"], ["values"], ["levels"]):
+        said = " and ".join(given) or "none of them"
+        remedy = "Give low and high, or values, or levels."
+        report.add(path, f"a factor has either low and high, or values, or levels; here: {said}", remedy)
+        return None
+    factor: Factor
+    try:
+        if given == ["levels"]:
+            for key in ("unit", "scale"):
+                if (*path, key) in report.lines:
+                    report.add((*path, key), f"a factor of levels has no {key}", "Leave it out.", table[key])
+            factor = CategoricalFactor(name, tuple(table["levels"]))
+        elif given == ["values"]:
+            factor = DiscreteFactor(name, tuple(table["values"]), unit, scale)
+        else:
+            factor = ContinuousFactor(name, table["low"], table["high"], unit, scale)
+    except RegionError as error:
+        for problem in error.problems:
+            key = _key_of(problem, given)
+            report.add((*path, key), problem.message, problem.remedy, problem.value)
+        return None
+    if parameter is not None and parameter.name == name and not parameter.why_fixed and engine in SENSORS:
+        _check_levels(path, table, parameter, report)
+    return factor
+
+
+def _key_of(problem: Problem, given: Sequence[str]) -> str:
+    last = (problem.field or "").rpartition(".")[2]
+    return last if last in ("name", "low", "high", "values", "levels", "scale") else given[0]
+
+
+def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Constraint | None]:
+    """Constraints of the expressions; None for those that are wrong."""
+    made: list[Constraint | None] = []
+    for index, expression in enumerate(expressions):
+        constraint = None
+        if expression is not None:
+            try:
+                constraint = Constraint(expression)
+            except RegionError as error:
+                for problem in error.problems:
+                    report.add(("constraint", index, "expr"), problem.message, problem.remedy, problem.value)
+        made.append(constraint)
+    return made
+
+
+class _Desired(Protocol):
+    goal: Literal["maximize", "minimize"]
+    unacceptable: float | None
+    ideal: float | None
+
+
+def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporter) -> None:
+    """``unacceptable`` lies on the bad side of ``ideal``."""
+    for index, table in enumerate(tables):
+        if table is None or table.unacceptable is None or table.ideal is None:
+            continue
+        rises = table.ideal > table.unacceptable
+        if table.ideal == table.unacceptable or rises != (table.goal == "maximize"):
+            side = "above" if table.goal == "maximize" else "below"
+            remedy = f'With goal = "{table.goal}" it lies {side} unacceptable.'
+            report.add((kind, index, "ideal"), "ideal is not better than unacceptable", remedy, table.ideal)
+
+
+class _Model(Protocol):
+    response: Literal["identity", "logit"]
+    errors: Literal["normal", "student_t", "beta_binomial"]
+    weights: Literal["equal", "se", "counts"]
+    block: str | None
+    block_effect: Literal["fixed", "random"]
+    region: Literal["adaptive", "fixed"] | None
+
+
+def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
+    """Keys of ``[model]`` that exclude each other, or what the scores will be."""
+    counted = (
+        ("errors", table.errors, "beta_binomial", "normal", "beta_binomial errors"),
+        ("weights", table.weights, "counts", "equal", "weights by counts"),
+    )
+    for key, value, by_counts, plain, what in counted:
+        place: Path = ("model", key)
+        if value == by_counts and simulated:
+            remedy = f'Use {key} = "{plain}": a simulated score is no count of independent decisions.'
+            report.add(place, "simulated scores come without counts", remedy, value)
+        elif value == by_counts and any(one is not None and not one.is_percent for one in applications):
+            remedy = f'Set utility = "percent_correct", or {key} = "{plain}".'
+            report.add(place, f"{what} are for percentages of correct decisions", remedy, value)
+    if table.errors == "beta_binomial" and table.response != "logit":
+        remedy = 'Add response = "logit".'
+        report.add(("model", "errors"), "beta_binomial scores are modelled on the logit scale", remedy, table.errors)
+    if table.errors == "beta_binomial" and table.weights != "equal":
+        remedy = "Leave weights out: the counts tell how much each score says."
+        message = "beta_binomial errors have their weights from the counts"
+        report.add(("model", "weights"), message, remedy, table.weights)
+    if table.block_effect == "random" and table.block is None:
+        report.add(("model", "block_effect"), "there is no block to have an effect", 'Add block = "block".', "random")
+    if table.block_effect == "random" and table.errors != "normal":
+        remedy = 'Write errors = "normal", or block_effect = "fixed".'
+        report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
+
+
+def shared_occasions(table: _Model, size: int, report: Reporter) -> None:
+    """Common random numbers make random blocks, over one region."""
+    place: Path = ("simulator", "common_random_numbers")
+    if table.errors != "normal":
+        remedy = 'Write [model] errors = "normal", or leave common_random_numbers out.'
+        report.add(place, f"runs with common random numbers need normal errors, not {table.errors}", remedy, size)
+    if table.region == "adaptive":
+        remedy = 'Write [model] region = "fixed", or leave common_random_numbers out.'
+        report.add(place, "the region cannot move where runs share random numbers", remedy, size)
+
+
+class _Catalogued(Protocol):
+    @property
+    def catalog(self) -> str:
+        """Words of the catalogue."""
+
+
+def catalogued(applications: Sequence[_Catalogued | None], engine: str | None, report: Reporter) -> None:
+    """Words that an application names of the catalogue are in it, for the engine's kind of sensor."""
+    kind, system = {"psm": ("radar ", "active"), "prm": ("radiometer ", "passive")}.get(engine or "", ("", None))
+    for index, application in enumerate(applications):
+        if application is None or not application.catalog:
+            continue
+        from seqrsm.catalog import search  # reads tables that few campaigns need here
+
+        if not application.catalog.strip() or not search(application.catalog, system=system):
+            message = f"no {kind}entry of Tables A.1 to A.20 is about this"
+            remedy = "`seqrsm catalog` lists them, `seqrsm catalog WORDS` tries words; or leave the key out."
+            report.add(("application", index, "catalog"), message, remedy, application.catalog)
+
+
+def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
+    """An error is made small."""
+    for index, application in enumerate(applications):
+        if application is not None and application.utility == "retrieval_error" and application.goal == "maximize":
+            path: Path = ("application", index, "goal")
+            report.add(path, "the utility is an error", 'Write goal = "minimize".', application.goal)
+
+
+def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:
+    """Expressions of considerations: arithmetic in numeric factors."""
+    numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]
+    for index, text in enumerate(texts):
+        if text is None:
+            continue
+        path: Path = ("consideration", index, "expr")
+        try:
+            found = Constraint(f"0 <= ({text})")
+        except RegionError as error:
+            for problem in error.problems:
+                report.add(path, problem.message, problem.remedy, text)
+            continue
+        for name in sorted(found.names - set(numeric)):
+            report.add(path, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.", text)
+
+
+def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
+    """Scene and table exist, and no sensor parameter is both a factor and fixed; ``table`` as written."""
+    fixed = table.get("fixed")
+    for key, more in (("scene", "; `seqrsm scene import` makes one"), ("table", "")):
+        file = table.get(key)
+        if isinstance(file, str) and file and not (folder / file).is_file():
+            remedy = f"Give its path from the campaign's folder{more}."
+            report.add(("simulator", key), "there is no such file", remedy, file)
+    for key, value in fixed.items() if isinstance(fixed, dict) else ():
+        parameter = find(SENSORS.get(str(table.get("engine")), {}), key)
+        for name in factor_names:
+            if name == key or (parameter is not None and name in (parameter.name, parameter.field)):
+                message = f"'{name}' is a factor and fixed at once"
+                report.add(("simulator", "fixed", key), message, "Remove it from one of the two.", value)
+
+
+def region(
+    factors: Sequence[Factor | None], constraints: Sequence[Constraint | None], report: Reporter
+) -> Region | None:
+    """The region, once every factor and constraint is right in itself."""
+    made_factors = tuple(factor for factor in factors if factor is not None)
+    made_constraints = tuple(constraint for constraint in constraints if constraint is not None)
+    names = [factor.name for factor in made_factors]
+    complete = len(made_factors) == len(factors) and len(made_constraints) == len(constraints)
+    if not complete or len(set(names)) < len(names):
+        return None
+    try:
+        return Region(made_factors, made_constraints)
+    except RegionError as error:
+        for problem in error.problems:
+            report.add(_constraint_path(problem, made_constraints), problem.message, problem.remedy, problem.value)
+    return None
+
+
+def _constraint_path(problem: Problem, constraints: Sequence[Constraint]) -> Path:
+    for index, constraint in enumerate(constraints):
+        if problem.value == constraint.expr or problem.field == f"constraint '{constraint.expr}'":
+            return ("constraint", index, "expr")
+    return ("constraint",) if constraints else ("factor",)

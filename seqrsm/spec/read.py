@@ -1,0 +1,413 @@
+"""``campaign.toml``: what a campaign is to find out, over which settings, at what cost, and when it ends.
+
+The tables and keys of the file; keys without a default must be given, and keys that are not listed are errors.
+
+``[campaign]``
+    ``name``; ``description`` (""); ``seed`` (0): an integer >= 0 from which all randomness follows; ``batch`` (4): runs
+    proposed at a time; ``criterion`` ("optimum": half value at the optimum, half expected regret; "D": all
+    coefficients; "I": mean prediction variance over the region; "thompson": optima of posterior draws; "steepest":
+    along the path of steepest ascent); ``attempts`` (3): batches in a row without a single score after which the
+    campaign gives up.
+``[[factor]]``, one or more
+    ``name``: with a simulator, that of a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; of a sensor
+    parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
+    numbers), or ``levels`` (two or more names).
+``[[constraint]]``
+    ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
+``[[application]]``, one or more
+    ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
+    "package.module:function"; ``goal`` ("maximize" or "minimize", the default of
+    "retrieval_error"); ``weight`` (1); ``unacceptable`` and ``ideal``:
+    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``catalog``
+    (words of the name or description): what the report looks up in the catalogue of the literature, see
+    ``seqrsm catalog``.
+``[application.prior]``, below its ``[[application]]``
+    What is known before the first run: ``utility = [low, high]``: the mean score at a setting taken at random lies
+    between these with ``probability`` (0.95); ``repeat_sd``: scatter of repeated runs (a tenth of that range), worth
+    ``repeat_runs`` (3) runs; ``optimum``: a table of numeric factors and where the best value is expected, as a number
+    or ``{ value, doubt }``, the doubt a standard deviation as a share of half the (coded) range (0.5); ``effect``: a
+    table of numeric factors and ``[least, most]``: from the low to the high end of its range, the other factors in the
+    middle of theirs, a factor changes the mean score by no less and no more (``-inf``, ``inf``: no bound; with
+    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` must be given.
+``[[consideration]]``
+    What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
+    in natural units, with the arithmetic of constraints; ``goal`` ("minimize"); ``weight`` (1); ``unacceptable`` and
+    ``ideal`` as above.
+``[model]``
+    ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal"; "student_t"; "beta_binomial":
+    counts ``n`` and ``correct`` of every score, with more scatter than the binomial); ``terms`` ("full", or
+    "hierarchical": those that are more likely than not, with all that they need); ``weights`` ("equal"; "se": runs
+    count by the inverse square of their ``se``; "counts": scores are shares of correct decisions, ``correct`` of ``n``,
+    and count by the variance p (1 - p) / n of what is expected of them, times a factor that the residuals tell);
+    ``block``: the column of measured scores that tells the block, no blocks by default; one run in four of a batch of
+    flights then ties the new block to the earlier ones; ``block_effect`` ("fixed": a constant for each block; "random":
+    blocks are a sample, and predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``,
+    flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region shrinks towards the
+    optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one application and fixed with
+    several, whose surfaces must be known over one region to be weighed, and with common random numbers;
+    ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
+    coefficient of first order, in score units (half of it for products and squares), by default the standard deviation
+    of the scores over 5.
+``[simulator]``, absent in a campaign fed by measured scores only
+    ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
+    sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted
+    error of a simulated score, in score units; ``fidelity`` ("auto": the cheapest model of each run that is proven to
+    meet the tolerance; or a rung "F0" to "F4", see :mod:`seqrsm.simulate.fidelity`); ``common_random_numbers`` (none:
+    each run meets an occasion of its own): so many runs, at least 2, share an occasion and all its random numbers, and
+    are a random block of the fit, whose effect changes smoothly with the settings (beside flights, a constant);
+    settings are then compared more sharply, see ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is
+    no factor.
+``[cost]``
+    ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
+``[stop]``
+    ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
+    ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
+    ``guard`` ("runs": n >= 3 p and two looks; "confirmation": fresh runs decide; "anytime": an interval that holds at
+    every look; "spending": the error probability is spent over the looks as O'Brien and Fleming do);
+    ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05);
+    ``futility`` ("tell", the default, or "stop": `run` ends when two looks in a row say that no parameter matters or
+    that the budget cannot reach the target).
+``[store]``
+    ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import Factor
+from seqrsm.design.region import Region
+from seqrsm.errors import Problem, SpecError
+from seqrsm.sensor.parameters import find
+from seqrsm.spec import checks as spec_checks
+from seqrsm.spec import prior as spec_prior
+from seqrsm.spec.checks import Reporter
+from seqrsm.spec.tables import (
+    UTILITIES,
+    ApplicationSpec,
+    CampaignTable,
+    ConsiderationSpec,
+    ConstraintTable,
+    CostSpec,
+    Criterion,
+    FactorTable,
+    ModelSpec,
+    PriorSpec,
+    SimulatorSpec,
+    StopSpec,
+    StoreTable,
+    Table,
+)
+from seqrsm.spec.toml_lines import key_lines
+
+__all__ = [
+    "MAX_BYTES",
+    "SPEC_NAME",
+    "UTILITIES",
+    "ApplicationSpec",
+    "CampaignSpec",
+    "ConsiderationSpec",
+    "CostSpec",
+    "Criterion",
+    "ModelSpec",
+    "PriorSpec",
+    "SimulatorSpec",
+    "StopSpec",
+    "load_spec",
+]
+
+SPEC_NAME = "campaign.toml"
+MAX_BYTES = 1_000_000
+
+
+_SINGLE: Mapping[str, type[Table]] = {
+    "campaign": CampaignTable,
+    "model": ModelSpec,
+    "simulator": SimulatorSpec,
+    "cost": CostSpec,
+    "stop": StopSpec,
+    "store": StoreTable,
+}
+_REPEATED: Mapping[str, type[Table]] = {
+    "factor": FactorTable,
+    "constraint": ConstraintTable,
+    "application": ApplicationSpec,
+    "consideration": ConsiderationSpec,
+}
+_REQUIRED = ("campaign", "factor", "application", "stop")
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignSpec:
+    """A valid ``campaign.toml``.
+
+    Attributes
+    ----------
+    folder : Path
+        The campaign's folder.
+    name, description, seed, batch, criterion, attempts :
+        Of ``[campaign]``.
+    region : Region
+        Factors and constraints.
+    applications : tuple of ApplicationSpec
+        In the order of the file.
+    considerations : tuple of ConsiderationSpec
+        What else counts in a compromise.
+    model, simulator, cost, stop :
+        The tables of these names; ``simulator`` is None in a campaign fed by measured scores only.
+    store_url : str or None
+        ``[store] url``.
+    spec_hash : str
+        SHA-256 of the content: comments, layout, and ``[store]`` do not count, defaults written out do not either.
+    """
+
+    folder: FilePath
+    name: str
+    description: str
+    seed: int
+    batch: int
+    region: Region
+    applications: tuple[ApplicationSpec, ...]
+    model: ModelSpec
+    simulator: SimulatorSpec | None
+    cost: CostSpec
+    stop: StopSpec
+    store_url: str | None
+    spec_hash: str
+    criterion: Criterion = "optimum"
+    attempts: int = 3
+    considerations: tuple[ConsiderationSpec, ...] = ()
+
+    @property
+    def region_moves(self) -> bool:
+        """Whether the fitted region may shrink and move."""
+        chosen = self.model.region
+        if chosen is None:
+            return len(self.applications) == 1 and self.runs_an_occasion is None
+        return chosen == "adaptive"
+
+    @property
+    def runs_an_occasion(self) -> int | None:
+        """How many simulated runs share an occasion; None where each has its own."""
+        return None if self.simulator is None else self.simulator.common_random_numbers
+
+    def to_region(self) -> Region:
+        """Region of the allowed settings."""
+        return self.region
+
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """Factors in the order of the file."""
+        return self.region.factors
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Constraints in the order of the file."""
+        return self.region.constraints
+
+    @property
+    def scene_path(self) -> FilePath | None:
+        """The scene file, or None without a simulator."""
+        return None if self.simulator is None else self.folder / self.simulator.scene
+
+    def application(self, name: str) -> ApplicationSpec:
+        """The application of this name; SpecError when there is none."""
+        for application in self.applications:
+            if application.name == name:
+                return application
+        known = ", ".join(application.name for application in self.applications)
+        raise SpecError(Problem("no such application", f"Applications: {known}.", field="application", value=name))
+
+
+def load_spec(location: FilePath | str) -> CampaignSpec:
+    """Read and check a campaign's specification.
+
+    Parameters
+    ----------
+    location : Path or str
+        The campaign's folder, or its ``campaign.toml``.
+
+    Raises
+    ------
+    SpecError
+        With everything that is wrong, each with file, line, key, value and remedy.
+    """
+    place = FilePath(location)
+    path = place / SPEC_NAME if place.is_dir() else place
+    text = _read_text(path)
+    raw = _parse(path, text)
+    report = Reporter(str(path), key_lines(text))
+    spec = _build(path.absolute().parent, raw, report)
+    if report.problems or spec is None:
+        raise SpecError(*sorted(report.problems, key=lambda problem: problem.line or 0))
+    return spec
+
+
+def _read_text(path: FilePath) -> str:
+    if not path.is_file():
+        raise SpecError(
+            Problem("there is no such file", "Make a campaign with: seqrsm init DIR --template NAME", file=str(path))
+        )
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SpecError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
+    if len(data) > MAX_BYTES:
+        raise SpecError(Problem(f"the file is larger than {MAX_BYTES} bytes", "Is it the right one?", file=str(path)))
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise SpecError(
+            Problem("the file is not UTF-8 text", "Save it as UTF-8 in your editor.", file=str(path), line=line)
+        ) from None
+
+
+def _parse(path: FilePath, text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        match = re.search(r"\(at line (\d+), column \d+\)", str(error))
+        line = int(match[1]) if match else text.count("\n") + 1
+        message = re.sub(r"\s*\(at .*\)$", "", str(error))
+        remedy = "Text stands in quotes, lists in [ ], and each key once in its table; see https://toml.io."
+        raise SpecError(Problem(f"this is not valid TOML: {message}", remedy, file=str(path), line=line)) from None
+
+
+_T = TypeVar("_T", bound=Table)
+
+
+def _validated(model: type[_T], raw: object, path: tuple[str | int, ...], report: Reporter) -> _T | None:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            report.invalid(path, detail, model.model_fields)
+        return None
+
+
+def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """Every table that is right in itself; the others are reported."""
+    known = (*_SINGLE, *_REPEATED)
+    for key in raw:
+        if key not in known:
+            report.unknown_key((key,), known)
+    for key in _REQUIRED:
+        if key not in raw:
+            report.missing_table(key, repeated=key in _REPEATED)
+    single = {}
+    for key, model in _SINGLE.items():
+        optional = key not in _REQUIRED and key != "simulator"
+        if key in raw or optional:
+            single[key] = _validated(model, raw.get(key, {}), (key,), report)
+    repeated: dict[str, list[Any]] = {}
+    for key, model in _REPEATED.items():
+        tables = raw.get(key, [])
+        if tables == [] and key in raw:
+            report.add((key,), f"the list of [[{key}]] is empty", f"Add a table [[{key}]].")
+        if not isinstance(tables, list):
+            report.add((key,), f"[{key}] must be written with double brackets", f"Write [[{key}]].")
+            tables = []
+        for i, table in enumerate(tables):
+            if isinstance(table, dict) and isinstance(table.get("name"), str):
+                report.names[key, i] = table["name"]
+        repeated[key] = [_validated(model, table, (key, i), report) for i, table in enumerate(tables)]
+    return single, repeated
+
+
+def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> CampaignSpec | None:
+    single, repeated = _tables(raw, report)
+    simulator: SimulatorSpec | None = single.get("simulator")
+    applications = repeated["application"]
+    tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
+    factors = spec_checks.factors(tables, _as_list(raw.get("factor")), _engine_name(raw), report)
+    constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
+    for kind in ("factor", "application", "consideration"):
+        spec_checks.different_names(kind, report)
+    if isinstance(raw.get("simulator"), dict):
+        factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
+        spec_checks.simulator(folder, raw["simulator"], factor_names, report)
+    spec_checks.goals(applications, report)
+    spec_checks.desirabilities("application", applications, report)
+    spec_checks.catalogued(applications, _engine_name(raw), report)
+    spec_checks.desirabilities("consideration", repeated["consideration"], report)
+    texts = [None if table is None else table.expr for table in repeated["consideration"]]
+    spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
+    known = [factor for factor in factors if factor is not None]
+    if len(known) == len(factors):
+        spec_prior.knowledge(applications, known, single.get("model"), report)
+    if single.get("model") is not None:
+        spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
+        if simulator is not None and simulator.common_random_numbers is not None:
+            spec_checks.shared_occasions(single["model"], simulator.common_random_numbers, report)
+    region = spec_checks.region(factors, constraints, report) if factors else None
+    if report.problems or region is None:
+        return None
+    campaign, model, cost, stop = (single[key] for key in ("campaign", "model", "cost", "stop"))
+    content: dict[str, object] = {
+        "campaign": campaign.model_dump(),
+        "factors": [repr(factor) for factor in region.factors],
+        "constraints": [constraint.expr for constraint in region.constraints],
+        "applications": [application.model_dump() for application in applications],
+        "considerations": [table.model_dump() for table in repeated["consideration"]],
+        "model": model.model_dump(),
+        "simulator": None if simulator is None else simulator.model_dump(),
+        "cost": cost.model_dump(),
+        "stop": stop.model_dump(),
+    }
+    return CampaignSpec(
+        folder=folder,
+        name=campaign.name,
+        description=campaign.description,
+        seed=campaign.seed,
+        batch=campaign.batch,
+        region=region,
+        applications=_all_present(applications),
+        model=model,
+        simulator=simulator,
+        cost=cost,
+        stop=stop,
+        considerations=tuple(table for table in repeated["consideration"] if table is not None),
+        criterion=campaign.criterion,
+        attempts=campaign.attempts,
+        store_url=single["store"].url,
+        spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
+    )
+
+
+def _as_list(value: object) -> list[object]:
+    return value if isinstance(value, list) else []
+
+
+def _engine_name(raw: Mapping[str, Any]) -> str | None:
+    """Engine as written, so that factors are checked even where another key of [simulator] is wrong."""
+    table = raw.get("simulator")
+    engine = table.get("engine") if isinstance(table, dict) else None
+    return engine if isinstance(engine, str) else None
+
+
+def _all_present(applications: Sequence[ApplicationSpec | None]) -> tuple[ApplicationSpec, ...]:
+    return tuple(application for application in applications if application is not None)
+
+
+def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
+    """A problem of a sensor's fixed parameter with its place in ``campaign.toml``, by whichever of its names."""
+    file, written = spec.folder / SPEC_NAME, str(problem.field)
+    lines = key_lines(file.read_text(encoding="utf-8-sig"))
+    if spec.simulator is not None:
+        table = spec_checks.SENSORS[spec.simulator.engine]
+        parameter = find(table, written)
+        same = (name for name in spec.simulator.fixed if parameter is not None and find(table, name) is parameter)
+        written = next(same, written)
+    line = lines.get(("simulator", "fixed", written))
+    return replace(problem, file=str(file), line=line, field=f"[simulator.fixed] {written}")

@@ -1,0 +1,283 @@
+"""The tables of ``campaign.toml`` and the types of their keys; :mod:`seqrsm.spec.read` says what each key means."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
+
+
+def _is_name(text: str) -> str:
+    if not re.fullmatch(r"\w(?:[\w .+-]{0,78}[\w.+-])?", text):
+        raise PydanticCustomError("name", "a name has 1 to 80 letters, digits and . + - _ or inner blanks")
+    return text
+
+
+def _is_utility(text: str) -> str:
+    if text not in UTILITIES and not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", text):
+        raise PydanticCustomError("utility", 'a utility is {known} or "package.module:function"', {"known": _UTILITIES})
+    return text
+
+
+def _is_url(text: str) -> str:
+    if not text.startswith(("postgresql+psycopg://", "sqlite:///")):
+        raise PydanticCustomError("url", 'an address begins with "postgresql+psycopg://" or "sqlite:///"')
+    return text
+
+
+def _is_no_bool(value: object) -> object:
+    if isinstance(value, bool):  # equal to 1 and 0 in Python, not in TOML
+        raise PydanticCustomError("order", "the order is 1 or 2")
+    return value
+
+
+_UTILITIES = ", ".join(UTILITIES)
+Order = Annotated[Literal[1, 2], BeforeValidator(_is_no_bool)]
+Name = Annotated[str, AfterValidator(_is_name)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Bound = Annotated[float, Field(allow_inf_nan=True)]
+PositiveNumber = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class Table(BaseModel):
+    """A table: exact types, no unknown keys, never changed."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    LATER: ClassVar[tuple[str, ...]] = ()
+    """Keys that earlier versions did not know."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
+        """Without later keys that hold their default, so that a specification keeps the hash it has always had."""
+        fields = type(self).model_fields
+        unused = {key for key in self.LATER if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
+        return {key: value for key, value in serialise(self).items() if key not in unused}
+
+
+Criterion = Literal["optimum", "D", "I", "thompson", "steepest"]
+
+
+class CampaignTable(Table):
+    """``[campaign]``."""
+
+    name: Name
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    batch: Annotated[int, Field(ge=1, le=1000)] = 4
+    criterion: Criterion = "optimum"
+    attempts: Annotated[int, Field(ge=1, le=100)] = 3
+
+
+class FactorTable(Table):
+    """``[[factor]]`` as written; which keys go together is checked later."""
+
+    name: str
+    unit: str = ""
+    scale: Literal["linear", "log"] = "linear"
+    low: Number | None = None
+    high: Number | None = None
+    values: list[Number] | None = None
+    levels: list[str] | None = None
+
+
+class ConstraintTable(Table):
+    """``[[constraint]]``."""
+
+    expr: str
+
+
+class ExpectedOptimum(Table):
+    """Where the best value of a factor is expected: ``value`` in its unit, ``doubt`` as a share of half its range."""
+
+    value: Number
+    doubt: PositiveNumber = 0.5
+
+
+class KnowledgeSpec(Table):
+    """``[application.prior]``: what is known of an application before its first run, in natural terms.
+
+    Attributes
+    ----------
+    utility : list of two floats, or None
+        The mean score at a setting taken at random lies between these with ``probability``.
+    probability : float
+        In [0.5, 1).
+    repeat_sd : float or None
+        Scatter of runs repeated at one setting, score units; None: a tenth of the range of ``utility``.
+    repeat_runs : float
+        How many runs that is worth.
+    optimum : dict
+        Of numeric factors: where the best value is expected.
+    effect : dict
+        Of numeric factors: least and largest change of the mean score from the low to the high end of the range, the
+        other factors in the middle of theirs; -inf and inf where there is no bound.
+    """
+
+    utility: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = None
+    probability: Annotated[float, Field(ge=0.5, lt=1.0)] = 0.95
+    repeat_sd: PositiveNumber | None = None
+    repeat_runs: PositiveNumber = 3.0
+    optimum: dict[str, Number | ExpectedOptimum] = Field(default_factory=dict)
+    effect: dict[str, Annotated[list[Bound], Field(min_length=2, max_length=2)]] = Field(default_factory=dict)
+
+    LATER = ("effect",)
+
+
+class ApplicationSpec(Table):
+    """An application: what the scores measure, and whether large or small ones are good.
+
+    Attributes
+    ----------
+    name : str
+        Unique in the campaign.
+    utility : str
+        One of `UTILITIES` or "package.module:function".
+    goal : {"maximize", "minimize"}
+        "minimize" is the default, and the only one, of "retrieval_error".
+    weight : float
+        Its share in a compromise, > 0, relative to the other applications.
+    unacceptable, ideal : float or None
+        Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
+    catalog : str
+        Words that the catalogue knows it by; "": those of its name, or of the campaign's description.
+    prior : KnowledgeSpec or None
+    """
+
+    name: Name
+    utility: Annotated[str, AfterValidator(_is_utility)]
+    goal: Literal["maximize", "minimize"] = "maximize"
+    weight: PositiveNumber = 1.0
+    unacceptable: Number | None = None
+    ideal: Number | None = None
+    catalog: str = ""
+    prior: KnowledgeSpec | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _errors_are_made_small(cls, data: object) -> object:
+        if isinstance(data, dict) and data.get("utility") == "retrieval_error" and "goal" not in data:
+            return {**data, "goal": "minimize"}
+        return data
+
+    @property
+    def is_percent(self) -> bool:
+        """Whether scores are percentages from 0 to 100."""
+        return self.utility == "percent_correct"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the scores, "" where the utility tells none."""
+        return "percent" if self.is_percent or self.utility == "retrieval_error" else ""
+
+
+class ConsiderationSpec(Table):
+    """Something besides the applications that counts in a compromise: a function of the settings, known exactly.
+
+    Attributes
+    ----------
+    name : str
+    expr : str
+        Its value from the factors, natural units.
+    goal : {"maximize", "minimize"}
+    weight : float
+        As of an application, > 0.
+    unacceptable, ideal : float or None
+        Values of desirability 0 and 1; None: the worst and the best over the region.
+    """
+
+    name: Name
+    expr: str
+    goal: Literal["maximize", "minimize"] = "minimize"
+    weight: PositiveNumber = 1.0
+    unacceptable: Number | None = None
+    ideal: Number | None = None
+
+
+class PriorSpec(Table):
+    """Normal-inverse-gamma prior of the coefficients and the noise.
+
+    Attributes
+    ----------
+    coefficient_sd : float
+        Standard deviation of every coded coefficient but the intercept, in score units (of the logit, if fitted).
+    noise_sd : float
+        Prior guess of the noise standard deviation, in the same units.
+    noise_runs : float
+        How many runs that guess is worth.
+    """
+
+    coefficient_sd: PositiveNumber
+    noise_sd: PositiveNumber
+    noise_runs: PositiveNumber
+
+
+class ModelSpec(Table):
+    """The response surface; see the module for the meaning of each key."""
+
+    order: Order = 2
+    response: Literal["identity", "logit"] = "identity"
+    errors: Literal["normal", "student_t", "beta_binomial"] = "normal"
+    terms: Literal["full", "hierarchical"] = "full"
+    weights: Literal["equal", "se", "counts"] = "equal"
+    block: str | None = None
+    block_effect: Literal["fixed", "random"] = "fixed"
+    prior: PriorSpec | None = None
+    region: Literal["adaptive", "fixed"] | None = None
+    discrepancy_sd: PositiveNumber | None = None
+
+
+class SimulatorSpec(Table):
+    """The engine, its files (paths from the campaign's folder), tolerance in score units, rung, fixed parameters."""
+
+    engine: Literal["psm", "prm"]
+    scene: Annotated[str, Field(min_length=1)]
+    table: str = ""
+    tolerance: PositiveNumber = 0.5
+    fidelity: Literal["auto", "F0", "F1", "F2", "F3", "F4"] = "auto"
+    common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
+    fixed: dict[str, Number | str] = Field(default_factory=dict)
+
+    LATER = ("common_random_numbers",)
+
+
+class CostSpec(Table):
+    """Cost of one run from each source, in one unit of the user's choice."""
+
+    simulation: PositiveNumber = 1.0
+    flight: PositiveNumber = 1.0
+
+
+class StopSpec(Table):
+    """When the campaign ends; see the module for the meaning of each key."""
+
+    half_width: PositiveNumber
+    interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
+    replicates: Annotated[int, Field(ge=2)] = 5
+    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    max_runs: Annotated[int, Field(ge=1)] = 80
+    guard: Literal["runs", "confirmation", "anytime", "spending"] = "runs"
+    confirmation_runs: Annotated[int, Field(ge=2)] = 5
+    lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    futility: Literal["tell", "stop"] = "tell"
+
+    LATER = ("futility",)
+
+
+class StoreTable(Table):
+    """``[store]``."""
+
+    url: Annotated[str, AfterValidator(_is_url)] | None = None

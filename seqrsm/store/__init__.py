@@ -1,0 +1,1 @@
+"""The memory of a campaign: runs, scores, looks, and an event for every change."""

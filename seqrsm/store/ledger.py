@@ -1,0 +1,260 @@
+"""The changes of the campaign's tables, and an export put back, each within a transaction that the store opened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import sqlalchemy as sa
+
+from seqrsm import __version__
+from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
+from seqrsm.store.database import utc_now
+from seqrsm.store.records import (
+    EventRecord,
+    FileRecord,
+    LookRecord,
+    NewRun,
+    NewScore,
+    RankingRecord,
+    RunRecord,
+    ScoreRecord,
+)
+from seqrsm.store.schema import EVENTS, FILES, LOOKS, META, METADATA, RANKINGS, RUNS, SCORES, SOURCES, TRANSITIONS
+
+_RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
+VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
+
+
+class Ledger:
+    """Reads and writes runs, scores and events over one connection.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a transaction; for changes, one that is alone in writing.
+    seed : int or None
+        Written into every event.
+    """
+
+    def __init__(self, connection: sa.Connection, seed: int | None = None) -> None:
+        self.connection = connection
+        self.seed = seed
+
+    # -- reading --------------------------------------------------------------------------------------------------
+
+    def next_id(self) -> int:
+        """Id of the next run: one more than the last."""
+        return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.id), 0))).scalar_one()) + 1
+
+    def last_batch(self) -> int:
+        """Number of the latest batch, 0 before the first."""
+        return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.batch), 0))).scalar_one())
+
+    def states(self, run_ids: Iterable[int]) -> dict[int, str]:
+        """State of each run; StoreError for those that do not exist."""
+        ids = tuple(run_ids)
+        query = sa.select(RUNS.c.id, RUNS.c.state).where(RUNS.c.id.in_(ids)).order_by(RUNS.c.id)
+        states = {row.id: row.state for row in self.connection.execute(query)}
+        if missing := [run_id for run_id in ids if run_id not in states]:
+            remedy = "`seqrsm status` lists them."
+            raise StoreError(*(Problem("there is no such run", remedy, field="run", value=i) for i in missing))
+        return states
+
+    def runs(self, condition: sa.ColumnElement[bool]) -> tuple[RunRecord, ...]:
+        """Runs that meet the condition, by id, with their scores."""
+        scores: dict[int, list[ScoreRecord]] = {}
+        joined = sa.select(SCORES).join(RUNS, SCORES.c.run_id == RUNS.c.id).where(condition).order_by(SCORES.c.id)
+        for _, *values in self.connection.execute(joined):
+            record = ScoreRecord(*values)
+            scores.setdefault(record.run_id, []).append(record)
+        return tuple(
+            RunRecord(
+                run_id=row.id,
+                scores=tuple(scores.get(row.id, ())),
+                **{name: getattr(row, name) for name in _RUN_FIELDS},
+            )
+            for row in self.connection.execute(sa.select(RUNS).where(condition).order_by(RUNS.c.id))
+        )
+
+    # -- changing -------------------------------------------------------------------------------------------------
+
+    def log(self, kind: str, entries: Sequence[tuple[int | None, Mapping[str, Any]]]) -> None:
+        """One event of this kind for each (run id or None, detail)."""
+        if entries:
+            common = {"at": utc_now(), "version": __version__, "seed": self.seed, "kind": kind}
+            rows = [{**common, "run_id": run_id, "detail": plain(detail)} for run_id, detail in entries]
+            self.connection.execute(sa.insert(EVENTS), rows)
+
+    def add_runs(
+        self,
+        runs: Sequence[NewRun],
+        *,
+        batch: int,
+        issue: bool = False,
+        values: Sequence[Mapping[str, Any]] | None = None,
+    ) -> tuple[int, ...]:
+        """Insert runs with consecutive ids; ``values``: other columns to set, for each run."""
+        state, now, first = ("issued" if issue else "proposed"), utc_now(), self.next_id()
+        rows = [
+            {
+                **_run_row(run),
+                "id": first + i,
+                "batch": batch,
+                "state": state,
+                "proposed_at": now,
+                "issued_at": now if issue else None,
+                **({} if values is None else values[i]),
+            }
+            for i, run in enumerate(runs)
+        ]
+        self.connection.execute(sa.insert(RUNS), rows)
+        self.log("proposed", [(row["id"], {"batch": batch, "purpose": row["purpose"]}) for row in rows])
+        if issue:
+            self.log("issued", [(row["id"], {"from": "proposed"}) for row in rows])
+        return tuple(row["id"] for row in rows)
+
+    def move(
+        self,
+        run_ids: Iterable[int],
+        state: str,
+        values: Mapping[str, Any],
+        *,
+        kind: str = "",
+        detail: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Bring runs into a state, with an event each; StoreError naming every run that may not go there."""
+        before = self.states(run_ids)
+        problems = [_illegal(run_id, old, state) for run_id, old in before.items() if state not in TRANSITIONS[old]]
+        if problems:
+            raise StoreError(*problems)
+        if before:
+            self.connection.execute(sa.update(RUNS).where(RUNS.c.id.in_(tuple(before))).values(state=state, **values))
+        self.log(kind or state, [(run_id, {"from": old, **(detail or {})}) for run_id, old in before.items()])
+
+    def new_scores(self, run_id: int, scores: Sequence[NewScore]) -> tuple[list[Problem], list[NewScore]]:
+        """What stands against recording these scores, and those that are not in the store yet."""
+        state = self.states([run_id])[run_id]
+        if state != "scored" and "scored" not in TRANSITIONS[state]:
+            return [_illegal(run_id, state, "scored")], []
+        rows = self.connection.execute(sa.select(SCORES).where(SCORES.c.run_id == run_id))
+        present = {row.application: row for row in rows}
+        problems: list[Problem] = []
+        fresh: list[NewScore] = []
+        for new in scores:
+            file, line = new.source_file or None, new.source_row
+            old = present.get(new.application)
+            if not math.isfinite(new.score) or (new.se is not None and not 0.0 < new.se < math.inf):
+                message = f"the score of run {run_id} or its standard error is no usable number"
+                problems.append(Problem(message, file=file, line=line, value=(new.score, new.se)))
+            elif old is None:
+                fresh.append(new)
+            elif (old.score, old.se, old.n, old.correct) != (new.score, new.se, new.n, new.correct):
+                message = f"run {run_id} is scored already for '{new.application}' ({old.score:g})"
+                problems.append(Problem(message, VOID_FIRST, file=file, line=line, field="score", value=new.score))
+        return problems, fresh
+
+    def add_scores(self, run_id: int, scores: Sequence[NewScore], values: Mapping[str, Any]) -> None:
+        """Insert scores and make the run scored; ``values``: other columns of the run to set."""
+        self.insert_scores([(run_id, score) for score in scores])
+        update = {"state": "scored", "ended_at": utc_now(), "owner": "", "reason": "", **values}
+        self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(**update))
+
+    def insert_scores(self, scores: Sequence[tuple[int, NewScore]]) -> None:
+        """Insert scores by run id, with an event each; the state of the runs is the caller's."""
+        now = utc_now()
+        rows = [{**_score_row(score), "run_id": run_id, "scored_at": now} for run_id, score in scores]
+        self.connection.execute(sa.insert(SCORES), rows)
+        self.log("scored", [(run_id, _scored_detail(score)) for run_id, score in scores])
+
+
+def _run_row(run: NewRun) -> dict[str, Any]:
+    if run.source not in SOURCES:
+        raise StoreError(Problem("no such source of scores", f"Sources: {', '.join(SOURCES)}", value=run.source))
+    return {
+        "purpose": run.purpose,
+        "why": run.why,
+        "source": run.source,
+        "proposed": plain(run.settings),
+        "executed": None,
+        "block": run.block,
+        "cost": float(run.cost),
+        "reason": "",
+        "attempts": 0,
+        "owner": "",
+        "replaces": None,
+    }
+
+
+def _score_row(score: NewScore) -> dict[str, Any]:
+    return {
+        "application": score.application,
+        "score": float(score.score),
+        "se": None if score.se is None else float(score.se),
+        "n": None if score.n is None else int(score.n),
+        "correct": None if score.correct is None else int(score.correct),
+        "metadata": plain(score.metadata),
+        "source_file": score.source_file,
+        "source_row": score.source_row,
+    }
+
+
+def _scored_detail(score: NewScore) -> dict[str, Any]:
+    """What an event tells of a score; of a measured one also the file and its line."""
+    detail: dict[str, Any] = {"application": score.application, "score": score.score, "se": score.se}
+    return {**detail, "file": score.source_file, "line": score.source_row} if score.source_file else detail
+
+
+def _illegal(run_id: int, old: str, new: str) -> Problem:
+    allowed = ", ".join(sorted(TRANSITIONS[old])) or "nothing else"
+    return Problem(f"run {run_id} is {old} and cannot become {new}", f"From {old} it can become: {allowed}.")
+
+
+_CHUNK = 500
+
+
+def restore(
+    ledger: Ledger,
+    meta: Mapping[str, str],
+    runs: Sequence[RunRecord],
+    looks: Sequence[LookRecord],
+    events: Sequence[EventRecord],
+    files: Sequence[FileRecord],
+    rankings: Sequence[RankingRecord],
+) -> None:
+    """Insert everything; StoreError when the store is not empty or the records contradict each other."""
+    connection = ledger.connection
+    if connection.execute(sa.select(RUNS.c.id).limit(1)).first() or connection.execute(sa.select(EVENTS.c.id)).first():
+        raise StoreError(Problem("the data base holds a campaign already", "Give this one a data base of its own."))
+    rows: dict[sa.Table, list[dict[str, Any]]] = {
+        # A replacement comes after what it replaces.
+        RUNS: [_renamed(run, run_id="id", scores=None) for run in sorted(runs, key=lambda run: run.run_id)],
+        SCORES: [asdict(score) for run in runs for score in run.scores],
+        LOOKS: [_renamed(look, look="id") for look in looks],
+        EVENTS: [_renamed(event, event="id") for event in events],
+        FILES: [asdict(file) for file in files],
+        RANKINGS: [asdict(rank) for rank in rankings],
+    }
+    for key, value in meta.items():
+        connection.execute(sa.update(META).where(META.c.key == key).values(value=value))
+    try:
+        for table, values in rows.items():
+            for start in range(0, len(values), _CHUNK):
+                connection.execute(sa.insert(table), values[start : start + _CHUNK])
+    except sa.exc.IntegrityError as error:
+        raise StoreError(Problem(f"the records of the export contradict each other ({error.orig})")) from error
+    if connection.dialect.name == "postgresql":
+        for table in METADATA.sorted_tables:
+            if "id" in table.c and table is not RUNS:
+                top = sa.select(sa.func.coalesce(sa.func.max(table.c.id), 0) + 1).scalar_subquery()
+                name = sa.func.pg_get_serial_sequence(table.name, "id")
+                connection.execute(sa.select(sa.func.setval(name, top, False)))
+
+
+def _renamed(record: Any, **names: str | None) -> dict[str, Any]:
+    """Columns of a record; some under another name, some (None) left out."""
+    columns = ((names.get(key, key), value) for key, value in asdict(record).items())
+    return {name: value for name, value in columns if name is not None}

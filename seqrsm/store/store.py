@@ -1,0 +1,507 @@
+"""The campaign's memory: runs, scores, looks, and an event for every change.
+
+States: proposed -> issued -> running -> scored | failed; any -> void. Nothing is ever deleted. Each method is one short
+transaction; when it returns, what it recorded survives a crash.
+
+Importing this module imports SQLAlchemy; commands that do not open a store should not import it.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import sqlalchemy as sa
+
+from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
+from seqrsm.store.database import Database, utc_now
+from seqrsm.store.ledger import Ledger, restore
+from seqrsm.store.records import (
+    EventRecord,
+    FileRecord,
+    IngestedFile,
+    IngestedRun,
+    IngestOutcome,
+    LookRecord,
+    NewRun,
+    NewScore,
+    RankingRecord,
+    RunRecord,
+    ScoreRecord,
+)
+from seqrsm.store.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
+from seqrsm.store.take_in import ingest_files, rescore_without, stored_rankings, void_ranking
+
+__all__ = [
+    "STORE_NAME",
+    "EventRecord",
+    "FileRecord",
+    "IngestOutcome",
+    "IngestedFile",
+    "IngestedRun",
+    "LookRecord",
+    "NewRun",
+    "NewScore",
+    "RankingRecord",
+    "RunRecord",
+    "ScoreRecord",
+    "Store",
+]
+
+STORE_NAME = "campaign.db"
+LEASE_S = 900.0
+"""A process of another host that was not heard of for so long [s] has lost its runs; the hosts' clocks agree better."""
+_TOKEN = secrets.token_hex(4)
+
+
+class _DryRunError(Exception):
+    """Leaves a write transaction without writing."""
+
+
+class Store:
+    """A campaign's store, open. Use `Store.open`, best in a ``with`` statement.
+
+    Attributes
+    ----------
+    campaign : str
+        The campaign's name.
+    seed : int or None
+        Written into every event.
+    label : str
+        File or address, for messages; without a password.
+    """
+
+    def __init__(self, database: Database, seed: int | None = None) -> None:
+        self._database = database
+        self.seed = seed
+        self.campaign = database.campaign
+        self.label = database.label
+
+    @classmethod
+    def open(
+        cls,
+        location: Path | str,
+        *,
+        url: str | None = None,
+        create: bool = False,
+        campaign: str = "",
+        seed: int | None = None,
+    ) -> Store:
+        """Open the store of a campaign.
+
+        Parameters
+        ----------
+        location : Path or str
+            The campaign's folder; the store is its ``campaign.db``.
+        url : str, optional
+            ``[store] url`` of campaign.toml; takes the place of the file.
+        create : bool
+            Make the tables when there are none.
+        campaign : str
+            Name in campaign.toml: given to a new store, compared with that of an existing one.
+        seed : int, optional
+            The campaign's seed, for the events.
+
+        Raises
+        ------
+        StoreError
+            Missing, not writable, damaged, written by a newer seqrsm, or another campaign's.
+        """
+        place: Path | str = url if url is not None else Path(location) / STORE_NAME
+        return cls(Database(place, create=create, campaign=campaign), seed)
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- proposing and carrying out -------------------------------------------------------------------------------
+
+    def add_batch(
+        self,
+        runs: Sequence[NewRun],
+        *,
+        issue: bool = False,
+        deal: Callable[[Sequence[NewRun], Sequence[RunRecord]], Sequence[NewRun]] | None = None,
+    ) -> tuple[int, ...]:
+        """Store proposals as one batch; all or none.
+
+        Parameters
+        ----------
+        runs : sequence of NewRun
+            Equal settings are repeats and stay apart.
+        issue : bool
+            Issue them at once.
+        deal : callable, optional
+            Given the runs and all that are there, returns the runs with their blocks; nobody else writes meanwhile.
+
+        Returns
+        -------
+        tuple of int
+            Run ids in the order given.
+        """
+        if not runs:
+            return ()
+        with self._write() as ledger:
+            if deal is not None:
+                runs = deal(runs, ledger.runs(sa.true()))
+            return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
+
+    def issue(self, run_ids: Iterable[int]) -> None:
+        """Hand proposed (or failed, for another attempt) runs out to be carried out."""
+        with self._write() as ledger:
+            ledger.move(run_ids, "issued", {"issued_at": utc_now(), "owner": "", "reason": ""})
+
+    def claim(
+        self, run_ids: Iterable[int] | None = None, *, limit: int | None = None, source: str = "simulation"
+    ) -> tuple[RunRecord, ...]:
+        """Take issued runs for this process to carry out; no two processes get the same run.
+
+        Parameters
+        ----------
+        run_ids : iterable of int, optional
+            Only these; any issued run otherwise. Those another process holds already are left out.
+        limit : int, optional
+            At most so many, lowest ids first.
+        source : {"simulation", "flight"}
+            Only runs of this source.
+
+        Returns
+        -------
+        tuple of RunRecord
+            The runs, now in state "running".
+        """
+        query = sa.select(RUNS.c.id).where(RUNS.c.state == "issued", RUNS.c.source == source).order_by(RUNS.c.id)
+        if limit is not None:
+            query = query.limit(limit)
+        with self._write() as ledger:
+            if run_ids is not None:
+                wanted = tuple(run_ids)
+                ledger.states(wanted)
+                query = query.where(RUNS.c.id.in_(wanted))
+            ids = tuple(ledger.connection.execute(query).scalars())
+            now = utc_now()
+            values = {"started_at": now, "seen_at": now, "owner": _this_process(), "attempts": RUNS.c.attempts + 1}
+            ledger.move(ids, "running", values, detail={"owner": _this_process()})
+            return ledger.runs(RUNS.c.id.in_(ids))
+
+    def record_score(
+        self,
+        run_id: int,
+        application: str,
+        score: float,
+        *,
+        se: float | None = None,
+        n: int | None = None,
+        correct: int | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        executed: Mapping[str, float | str] | None = None,
+    ) -> bool:
+        """Record one application's score; see `record_scores`."""
+        return self.record_scores(
+            run_id, [NewScore(application, score, se, n, correct, metadata or {})], executed=executed
+        )
+
+    def record_scores(
+        self, run_id: int, scores: Sequence[NewScore], *, executed: Mapping[str, float | str] | None = None
+    ) -> bool:
+        """Record the scores of a run's applications together; durable when this returns.
+
+        Parameters
+        ----------
+        run_id : int
+            A run that is not void.
+        scores : sequence of NewScore
+            Different applications.
+        executed : Mapping, optional
+            Settings really carried out, where they differ from those proposed.
+
+        Returns
+        -------
+        bool
+            False when the run had exactly these scores already (a worker that was thought dead came back).
+
+        Raises
+        ------
+        StoreError
+            Unknown or void run, another score there already, or a number that is no score.
+        """
+        with self._write() as ledger:
+            problems, fresh = ledger.new_scores(run_id, scores)
+            if problems:
+                raise StoreError(*problems)
+            if fresh:
+                values = {} if executed is None else {"executed": plain(executed)}
+                ledger.add_scores(run_id, fresh, values)
+            return bool(fresh)
+
+    def fail(self, run_id: int, reason: str) -> None:
+        """Note that an issued or running run could not be carried out."""
+        with self._write() as ledger:
+            values = {"ended_at": utc_now(), "reason": reason, "owner": ""}
+            ledger.move([run_id], "failed", values, detail={"reason": reason})
+
+    def void(self, run_id: int, why: str) -> None:
+        """Take a run out of the fit; its scores stay in the store."""
+        _need_reason(why)
+        with self._write() as ledger:
+            ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
+            rescore_without(ledger, run_id)
+
+    def repeat(self, run_ids: Sequence[int], why: str) -> tuple[int, ...]:
+        """Make runs void and issue runs with the same settings, purpose and batch in their place; all or none.
+
+        Returns
+        -------
+        tuple of int
+            Ids of the new runs, in the order given.
+        """
+        _need_reason(why)
+        with self._write() as ledger:
+            old = {run.run_id: run for run in ledger.runs(RUNS.c.id.in_(tuple(run_ids)))}
+            ledger.move(run_ids, "void", {"reason": why}, detail={"reason": why})
+            made = []
+            for run_id in run_ids:
+                run = old[run_id]
+                fresh = NewRun(run.proposed, run.purpose, run.why, run.source, run.cost, run.block)
+                (new_id,) = ledger.add_runs([fresh], batch=run.batch, issue=True)
+                ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == new_id).values(replaces=run_id))
+                made.append(new_id)
+            return tuple(made)
+
+    def release(self, run_ids: Iterable[int]) -> tuple[int, ...]:
+        """Issue again those of the runs that this process still holds; returns their ids."""
+        with self._write() as ledger:
+            held = (RUNS.c.id.in_(tuple(run_ids)), RUNS.c.state == "running", RUNS.c.owner == _this_process())
+            ids = tuple(ledger.connection.execute(sa.select(RUNS.c.id).where(*held).order_by(RUNS.c.id)).scalars())
+            ledger.move(ids, "issued", {"owner": ""}, kind="released")
+            return ids
+
+    def beat(self) -> None:
+        """Say that this process is alive: nobody else takes its runs for another `LEASE_S`."""
+        held = (RUNS.c.state == "running", RUNS.c.owner == _this_process())
+        with self._write() as ledger:
+            ledger.connection.execute(sa.update(RUNS).where(*held).values(seen_at=utc_now()))
+
+    def release_stale(self, older_than_s: float = LEASE_S) -> tuple[int, ...]:
+        """Issue again the runs whose process died.
+
+        A run is stale when its process ran on this host and is gone, or when nothing was heard of the process for more
+        than ``older_than_s`` [s]. Should it come back after all, its scores are those of any other process, and are
+        kept once.
+
+        Returns
+        -------
+        tuple of int
+            Ids of the runs released.
+        """
+        limit = _isoformat(datetime.now(UTC) - timedelta(seconds=older_than_s))
+        with self._write() as ledger:
+            columns = (RUNS.c.id, RUNS.c.owner, RUNS.c.started_at, RUNS.c.seen_at)
+            query = sa.select(*columns).where(RUNS.c.state == "running")
+            ids = tuple(
+                row.id
+                for row in ledger.connection.execute(query.order_by(RUNS.c.id))
+                if _is_gone(row.owner) or (row.seen_at or row.started_at or "") < limit
+            )
+            ledger.move(ids, "issued", {"owner": ""}, kind="released")
+            return ids
+
+    def ingest_files(self, files: Sequence[IngestedFile], *, dry_run: bool = False) -> tuple[IngestOutcome, ...]:
+        """Take in files of measured scores and rankings, in order; all of them or none.
+
+        Parameters
+        ----------
+        files : sequence of IngestedFile
+            One whose content was taken in before changes nothing.
+        dry_run : bool
+            Do everything, then undo it.
+
+        Raises
+        ------
+        StoreError
+            With every row that cannot be taken in; nothing was changed.
+        """
+        outcomes: tuple[IngestOutcome, ...] = ()
+        try:
+            with self._write() as ledger:
+                outcomes = ingest_files(ledger, files)
+                if dry_run:
+                    raise _DryRunError
+        except _DryRunError:
+            pass
+        return outcomes
+
+    def ingest_scores(self, runs: Sequence[IngestedRun], *, name: str, sha256: str, row_count: int) -> IngestOutcome:
+        """Take in the runs of one file; see `ingest_files`."""
+        return self.ingest_files([IngestedFile(name, sha256, row_count, tuple(runs))])[0]
+
+    def void_ranking(self, ranking: int, why: str) -> None:
+        """Take an interpreter's ranking out; the scores follow from the others, and the ranking stays in the store."""
+        _need_reason(why)
+        with self._write() as ledger:
+            void_ranking(ledger, ranking, why)
+
+    def restore(
+        self,
+        meta: Mapping[str, str],
+        runs: Sequence[RunRecord],
+        looks: Sequence[LookRecord],
+        events: Sequence[EventRecord],
+        files: Sequence[FileRecord],
+        rankings: Sequence[RankingRecord],
+    ) -> None:
+        """Put the records of an export into this store, which must be empty, exactly as they are: no event tells of it.
+
+        Raises
+        ------
+        StoreError
+            It holds runs already, or the records contradict each other; nothing was changed.
+        """
+        with self._write() as ledger:
+            restore(ledger, meta, runs, looks, events, files, rankings)
+
+    # -- looks and events -----------------------------------------------------------------------------------------
+
+    def record_look(self, after_run: int, application: str, summary: Mapping[str, Any]) -> int:
+        """Record what a look at the data found; returns its number. ``after_run``: scored runs it was based on."""
+        with self._write() as ledger:
+            row = {"after_run": after_run, "application": application, "summary": plain(summary)}
+            result = ledger.connection.execute(
+                sa.insert(LOOKS).values(**row, looked_at=utc_now()).returning(LOOKS.c.id)
+            )
+            number = int(result.scalar_one())
+            ledger.log("look", [(None, {"look": number, **row, "summary": None})])
+            return number
+
+    def add_event(self, kind: str, detail: Mapping[str, Any] | None = None, run_id: int | None = None) -> None:
+        """Note something that is no change of a run: a stop, a report, an interruption."""
+        with self._write() as ledger:
+            ledger.log(kind, [(run_id, dict(detail or {}))])
+
+    # -- reading --------------------------------------------------------------------------------------------------
+
+    def runs(
+        self, states: Iterable[str] | None = None, *, source: str | None = None, batch: int | None = None
+    ) -> tuple[RunRecord, ...]:
+        """Runs with their scores, by id; only those of the given states, source and batch."""
+        conditions: list[sa.ColumnElement[bool]] = []
+        if states is not None:
+            wanted = (states,) if isinstance(states, str) else tuple(states)
+            if unknown := set(wanted) - set(STATES):
+                raise StoreError(Problem("no such state", f"States: {', '.join(STATES)}", value=sorted(unknown)))
+            conditions.append(RUNS.c.state.in_(wanted))
+        if source is not None:
+            conditions.append(RUNS.c.source == source)
+        if batch is not None:
+            conditions.append(RUNS.c.batch == batch)
+        with self._read() as ledger:
+            return ledger.runs(sa.and_(sa.true(), *conditions))
+
+    def run(self, run_id: int) -> RunRecord:
+        """One run; StoreError when there is none."""
+        with self._read() as ledger:
+            ledger.states([run_id])
+            return ledger.runs(RUNS.c.id == run_id)[0]
+
+    def last_batch(self) -> int:
+        """Number of the latest batch; 0 before the first."""
+        with self._read() as ledger:
+            return ledger.last_batch()
+
+    def looks(self, application: str | None = None) -> tuple[LookRecord, ...]:
+        """Looks in order; only those of one application."""
+        query = sa.select(LOOKS).order_by(LOOKS.c.id)
+        if application is not None:
+            query = query.where(LOOKS.c.application == application)
+        with self._read() as ledger:
+            return tuple(LookRecord(*row) for row in ledger.connection.execute(query))
+
+    def events(self, *, run_id: int | None = None, kind: str | None = None) -> tuple[EventRecord, ...]:
+        """Events in order; only those of one run or kind."""
+        query = sa.select(EVENTS).order_by(EVENTS.c.id)
+        if run_id is not None:
+            query = query.where(EVENTS.c.run_id == run_id)
+        if kind is not None:
+            query = query.where(EVENTS.c.kind == kind)
+        with self._read() as ledger:
+            return tuple(EventRecord(*row) for row in ledger.connection.execute(query))
+
+    def last_event(self) -> int:
+        """Number of the latest event; 0 before the first."""
+        with self._read() as ledger:
+            return int(ledger.connection.execute(sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.id), 0))).scalar_one())
+
+    def files(self) -> tuple[FileRecord, ...]:
+        """Files taken in, in order."""
+        with self._read() as ledger:
+            rows = ledger.connection.execute(sa.select(FILES).order_by(FILES.c.id))
+            return tuple(FileRecord(row.name, row.sha256, row.row_count, row.ingested_at) for row in rows)
+
+    def rankings(self) -> tuple[RankingRecord, ...]:
+        """Every rank that an interpreter gave, in order, those that do not count included."""
+        with self._read() as ledger:
+            return stored_rankings(ledger)
+
+    def info(self) -> dict[str, str]:
+        """``campaign``, ``created_at`` and ``created_version``."""
+        with self._read() as ledger:
+            return {row.key: row.value for row in ledger.connection.execute(sa.select(META).order_by(META.c.key))}
+
+    # -- transactions ---------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _read(self) -> Iterator[Ledger]:
+        with self._database.read() as connection:
+            yield Ledger(connection, self.seed)
+
+    @contextmanager
+    def _write(self) -> Iterator[Ledger]:
+        with self._database.write() as connection:
+            yield Ledger(connection, self.seed)
+
+
+def _need_reason(why: str) -> None:
+    if not why.strip():
+        raise StoreError(Problem("nothing is made void without a reason", 'Say why: --why "..."', field="why"))
+
+
+def _isoformat(moment: datetime) -> str:
+    return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def _this_process() -> str:
+    return f"{socket.gethostname()}:{os.getpid()}:{_TOKEN}"
+
+
+def _is_gone(owner: str) -> bool:
+    """Whether the process "host:pid:token" ran here and is no more; on Windows, where asking would kill, never."""
+    host, pid, token = owner.rsplit(":", 2) if owner.count(":") >= 2 else ("", "", "")
+    if host != socket.gethostname() or not pid.isdigit() or sys.platform == "win32":
+        return False
+    if int(pid) == os.getpid():
+        # In a container every program may be process 1: the token tells us from the one before.
+        return token != _TOKEN
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        return False
+    return False

@@ -1,0 +1,399 @@
+"""Measured scores and rankings into the store, within one transaction: matched, added, recognised, or all refused.
+
+Interpreters' rankings are kept as handed in; scores follow from all of them, and are made anew. A new ranking changes
+every score of its application a little: they are relative. So scores of ranked applications are no measurements but
+results, the only rows of the store that are overwritten; every change is an event.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import sqlalchemy as sa
+
+from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
+from seqrsm.score.ranking import Ranking, connected, fit_rankings
+from seqrsm.store.database import utc_now
+from seqrsm.store.ledger import VOID_FIRST, Ledger
+from seqrsm.store.records import (
+    EqualRow,
+    FileRecord,
+    IngestedFile,
+    IngestedRun,
+    IngestOutcome,
+    InterpreterEffect,
+    NewRun,
+    NewScore,
+    RankingRecord,
+    RankingSummary,
+    RunRecord,
+    ScoreRecord,
+)
+from seqrsm.store.schema import FILES, RANKINGS, RUNS, SCORES
+
+if TYPE_CHECKING:
+    from seqrsm.score.ranking_file import MeasuredRanking
+
+
+def ingest_files(ledger: Ledger, files: Sequence[IngestedFile]) -> tuple[IngestOutcome, ...]:
+    """Match measured scores to runs, make runs for those nobody proposed; StoreError with every problem."""
+    problems: list[Problem] = []
+    outcomes = tuple(_ingest(ledger, file, problems) for file in files)
+    if problems:
+        raise StoreError(*problems)
+    return outcomes
+
+
+def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> IngestOutcome:
+    same = ledger.connection.execute(sa.select(FILES).where(FILES.c.sha256 == file.sha256)).first()
+    if same is not None:
+        return IngestOutcome(already=FileRecord(same.name, same.sha256, same.row_count, same.ingested_at))
+    before = len(problems)
+    matched: list[int] = []
+    created: list[int] = []
+    replaced: list[tuple[int, int]] = []
+    unchanged: list[int] = []
+    equal: list[EqualRow] = []
+    moved: list[int] = []
+    batch = ledger.last_batch() + 1
+    known = _KnownRuns(ledger.runs(sa.true())) if any(run.run_id is None for run in file.runs) else None
+    fresh: list[tuple[IngestedRun, RunRecord | None]] = []
+    first = ledger.next_id()
+    ranked_already = _ranked_applications(ledger)
+    for run in file.runs:
+        twin = known.take(run) if known is not None and run.run_id is None else None
+        wanted = run.run_id if twin is None else twin.run_id
+        found = () if wanted is None else ledger.runs(RUNS.c.id == wanted)
+        old = found[0] if found else None
+        _refuse_ranked(ranked_already, run, file.name, problems)
+        if twin is not None:
+            equal += [EqualRow(score.source_row, twin.run_id, twin.state) for score in run.scores]
+        if twin is not None and twin.state == "void":
+            unchanged.append(twin.run_id)
+        elif wanted is not None and old is None:
+            problems.append(_unknown_run(wanted, file.name, run.scores[0].source_row))
+        elif old is None or old.state == "void":
+            created.append(first + len(fresh))
+            fresh.append((run, old))
+            if old is not None:
+                replaced.append((old.run_id, created[-1]))
+        elif _match(ledger, run, old, file.name, problems):
+            matched.append(old.run_id)
+            if dict(run.settings) != old.proposed:
+                moved.append(old.run_id)
+        else:
+            unchanged.append(old.run_id)
+    _create(ledger, fresh, batch)
+    numbers, ranked_runs = add_rankings(ledger, file, problems)
+    if len(problems) > before:
+        return IngestOutcome()
+    applications = dict.fromkeys(ranking.application for ranking in file.rankings)
+    ranked = tuple(score_rankings(ledger, application) for application in applications) if numbers else ()
+    row = {"name": file.name, "sha256": file.sha256, "row_count": file.row_count}
+    ledger.connection.execute(sa.insert(FILES).values(**row, ingested_at=utc_now()))
+    detail = {**row, "matched": matched, "created": created, **({"rankings": numbers} if numbers else {})}
+    ledger.log("ingested", [(None, detail)])
+    return IngestOutcome(
+        matched=tuple(matched) + ranked_runs,
+        created=tuple(created),
+        replaced=tuple(replaced),
+        unchanged=tuple(unchanged),
+        equal=tuple(equal),
+        moved=tuple(moved),
+        rankings=numbers,
+        ranked=ranked,
+    )
+
+
+class _KnownRuns:
+    """Measured runs of earlier files, each to be taken once by a row that says the same.
+
+    A file that was saved anew, or has grown, or has lost its run ids, brings its rows again: a row that has the same
+    settings, block, scores, errors and counts, and the same text in every column that both have, is that row. Real
+    repeats differ, at least in the date or a note, or stand in one file, where each row takes another run.
+    """
+
+    def __init__(self, runs: Iterable[RunRecord]) -> None:
+        self._free: dict[object, list[RunRecord]] = {}
+        for run in runs:
+            for key in {_key(run.settings, score) for score in run.scores if score.source_file}:
+                self._free.setdefault(key, []).append(run)
+        self._taken: set[int] = set()
+
+    def take(self, new: IngestedRun) -> RunRecord | None:
+        """The run that ``new`` repeats; it is not given again."""
+        for run in self._free.get(_key(new.settings, new.scores[0]), ()):
+            if run.run_id not in self._taken and new.block in ("", run.block) and _repeats(new.scores, run):
+                self._taken.add(run.run_id)
+                return run
+        return None
+
+
+def _key(settings: Mapping[str, float | str], score: NewScore | ScoreRecord) -> object:
+    return tuple(sorted(settings.items())), score.application, score.score
+
+
+def _repeats(scores: Sequence[NewScore], run: RunRecord) -> bool:
+    """Whether a run has these scores, as far as it has scores of their applications."""
+    pairs = [(new, old) for new in scores if (old := run.score_of(new.application)) is not None]
+    return bool(pairs) and all(
+        (new.score, new.se, new.n, new.correct) == (old.score, old.se, old.n, old.correct)
+        and all(old.metadata[name] == value for name, value in new.metadata.items() if name in old.metadata)
+        for new, old in pairs
+    )
+
+
+def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems: list[Problem]) -> bool:
+    """Add measured scores to a proposed run; False when they are there already or cannot be added."""
+    faults, fresh = ledger.new_scores(old.run_id, run.scores)
+    if old.executed is not None and dict(run.settings) != old.executed:
+        message = f"run {old.run_id} was carried out with other settings"
+        faults.append(Problem(message, VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.executed))
+    problems += faults
+    if faults or not fresh:
+        return False
+    values = {"executed": plain(run.settings), "source": run.source or old.source, "block": run.block or old.block}
+    ledger.add_scores(old.run_id, fresh, values)
+    return True
+
+
+def _create(ledger: Ledger, fresh: Sequence[tuple[IngestedRun, RunRecord | None]], batch: int) -> None:
+    """Insert runs that nobody proposed, and runs in the place of void ones, with their scores."""
+    if not fresh:
+        return
+    made, values = [], []
+    for run, old in fresh:
+        if old is None:
+            made.append(NewRun(run.settings, "measured", "measured without a proposal", run.source or "flight"))
+        else:
+            why = f"takes the place of run {old.run_id}, which is void"
+            made.append(NewRun(old.proposed, old.purpose, why, run.source or old.source))
+        other: dict[str, Any] = {
+            "state": "scored",
+            "ended_at": utc_now(),
+            "executed": plain(run.settings),
+            "block": run.block or ("" if old is None else old.block),
+            "cost": float(run.cost),
+            "replaces": None if old is None else old.run_id,
+        }
+        values.append(other)
+    ids = ledger.add_runs(made, batch=batch, values=values)
+    ledger.insert_scores([(run_id, score) for run_id, (run, _) in zip(ids, fresh, strict=True) for score in run.scores])
+
+
+def _ranked_applications(ledger: Ledger) -> frozenset[str]:
+    return frozenset(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
+
+
+def _refuse_ranked(ranked: frozenset[str], run: IngestedRun, name: str, problems: list[Problem]) -> None:
+    """An application's scores are measured, or follow from rankings; they cannot be both."""
+    for score in run.scores:
+        if score.application in ranked:
+            message = f"the scores of '{score.application}' follow from rankings"
+            remedy = "Give rankings: run_id, interpreter, rank."
+            problems.append(Problem(message, remedy, file=name, line=score.source_row, field="score"))
+
+
+def _unknown_run(run_id: int, name: str, line: int | None) -> Problem:
+    return Problem(
+        "there is no such run",
+        "Give the id of a proposed run, or leave the cell empty for a run nobody proposed.",
+        file=name,
+        line=line,
+        field="run_id",
+        value=run_id,
+    )
+
+
+_FIELDS = tuple(column for column in RANKINGS.c if column.name != "id")
+DERIVED = "Plackett-Luce"
+
+
+def stored_rankings(ledger: Ledger) -> tuple[RankingRecord, ...]:
+    """Every rank in the order of the files."""
+    rows = ledger.connection.execute(sa.select(*_FIELDS).order_by(RANKINGS.c.id))
+    return tuple(RankingRecord(*row) for row in rows)
+
+
+def add_rankings(
+    ledger: Ledger, file: IngestedFile, problems: list[Problem]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Keep the rankings of a file that are not there yet; their numbers, and the runs that had no score before."""
+    if not file.rankings:
+        return (), ()
+    stored = stored_rankings(ledger)
+    known = {_identity(rows) for rows in _by_number(stored).values()}
+    number = max((row.ranking for row in stored), default=0)
+    numbers: list[int] = []
+    waiting: dict[int, None] = {}
+    rows: list[dict[str, Any]] = []
+    for ranking in file.rankings:
+        _refuse_measured(ledger, ranking, file.name, problems)
+        ranks = tuple(sorted((image.run_id, image.rank) for image in ranking.images))
+        states = _settings_flown(ledger, ranking, file.name, problems)
+        if (ranking.application, ranking.interpreter, ranking.session, ranks) in known:
+            continue
+        number += 1
+        numbers.append(number)
+        waiting.update(dict.fromkeys(run_id for run_id, state in states.items() if state != "scored"))
+        rows += [
+            {
+                "ranking": number,
+                "run_id": image.run_id,
+                "application": ranking.application,
+                "interpreter": ranking.interpreter,
+                "session": ranking.session,
+                "rank": image.rank,
+                "metadata": plain(image.metadata),
+                "source_file": file.name,
+                "source_row": image.line,
+                "reason": "",
+                "ranked_at": utc_now(),
+            }
+            for image in ranking.images
+        ]
+    if rows and not problems:
+        ledger.connection.execute(sa.insert(RANKINGS), rows)
+    return tuple(numbers), tuple(waiting)
+
+
+def void_ranking(ledger: Ledger, ranking: int, why: str) -> None:
+    """Take one ranking out of the scores."""
+    query = sa.select(RANKINGS.c.application, RANKINGS.c.reason).where(RANKINGS.c.ranking == ranking)
+    row = ledger.connection.execute(query.limit(1)).first()
+    if row is None:
+        raise StoreError(
+            Problem("there is no such ranking", "`seqrsm export` lists them.", field="ranking", value=ranking)
+        )
+    if row.reason:
+        raise StoreError(Problem(f"ranking {ranking} is void already: {row.reason}", field="ranking", value=ranking))
+    ledger.connection.execute(sa.update(RANKINGS).where(RANKINGS.c.ranking == ranking).values(reason=why))
+    ledger.log("void ranking", [(None, {"ranking": ranking, "reason": why})])
+    score_rankings(ledger, row.application)
+
+
+def rescore_without(ledger: Ledger, run_id: int) -> None:
+    """Make the scores anew of the applications in which a run, void now, was ranked."""
+    query = sa.select(RANKINGS.c.application).where(RANKINGS.c.run_id == run_id).distinct()
+    for application in ledger.connection.execute(query.order_by(RANKINGS.c.application)).scalars().all():
+        score_rankings(ledger, application)
+
+
+def score_rankings(ledger: Ledger, application: str) -> RankingSummary:
+    """Scores of an application's runs from all rankings that count, into the store.
+
+    Runs that no chain of rankings joins with the largest group of runs get no score: rankings say nothing of how
+    they compare.
+    """
+    rows = [row for row in stored_rankings(ledger) if row.application == application and not row.reason]
+    states = ledger.states({row.run_id for row in rows})
+    rows = [row for row in rows if states[row.run_id] != "void"]
+    rankings = {number: group for number, group in _by_number(rows).items() if len(group) > 1}
+    run_ids = sorted({row.run_id for group in rankings.values() for row in group})
+    names = list(dict.fromkeys(group[0].interpreter for group in rankings.values()))
+    index = {run_id: i for i, run_id in enumerate(run_ids)}
+    orders = [
+        Ranking.of(names.index(group[0].interpreter), [index[row.run_id] for row in group], [row.rank for row in group])
+        for group in rankings.values()
+    ]
+    summary = _fit(application, run_ids, names, orders)
+    _write_scores(ledger, application, summary, set(run_ids))
+    return summary
+
+
+def _fit(application: str, run_ids: Sequence[int], names: Sequence[str], orders: Sequence[Ranking]) -> RankingSummary:
+    if not orders:
+        return RankingSummary(application, 0, {}, (), ())
+    label = connected(orders, len(run_ids))
+    main = int(np.argmax(np.bincount(label)))
+    joined = np.flatnonzero(label == main)
+    place = {int(image): i for i, image in enumerate(joined)}
+    inside = [order for order in orders if order.groups[0][0] in place]
+    heard = sorted({order.interpreter for order in inside})
+    inside = [
+        Ranking(heard.index(order.interpreter), tuple(tuple(place[i] for i in group) for group in order.groups))
+        for order in inside
+    ]
+    fit = fit_rankings(inside, len(joined), len(heard))
+    scores = {run_ids[i]: (float(fit.scores[k]), float(fit.se[k])) for i, k in place.items()}
+    effects = []
+    for k, j in enumerate(heard):
+        factor = float(np.exp(1.96 * fit.sharpness_log_se[k]))
+        sharpness, tau = float(fit.sharpness[k]), float(fit.agreement[k])
+        count = sum(order.interpreter == k for order in inside)
+        agreement = tau if np.isfinite(tau) else None
+        effects.append(InterpreterEffect(names[j], count, sharpness, sharpness / factor, sharpness * factor, agreement))
+    apart = tuple(run_id for i, run_id in enumerate(run_ids) if i not in place)
+    return RankingSummary(application, len(inside), scores, apart, tuple(effects))
+
+
+def _write_scores(ledger: Ledger, application: str, summary: RankingSummary, ranked: set[int]) -> None:
+    """Insert, overwrite and take back scores so that they are those of the summary."""
+    query = sa.select(SCORES.c.run_id, SCORES.c.score, SCORES.c.se).join(RUNS, RUNS.c.id == SCORES.c.run_id)
+    query = query.where(SCORES.c.application == application, RUNS.c.state != "void")
+    present = {row.run_id: (row.score, row.se) for row in ledger.connection.execute(query)}
+    now, changed = utc_now(), 0
+    for run_id, (score, se) in summary.scores.items():
+        metadata = {"derived": DERIVED, "unit": "logit", "rankings": summary.rankings}
+        if run_id not in present:
+            ledger.add_scores(run_id, [NewScore(application, score, se, metadata=metadata)], {})
+        elif present[run_id] != (score, se):
+            where = (SCORES.c.run_id == run_id, SCORES.c.application == application)
+            values = {"score": score, "se": se, "metadata": metadata, "scored_at": now}
+            ledger.connection.execute(sa.update(SCORES).where(*where).values(**values))
+            changed += 1
+    for run_id in present.keys() - summary.scores.keys():
+        where = (SCORES.c.run_id == run_id, SCORES.c.application == application)
+        ledger.connection.execute(sa.delete(SCORES).where(*where))
+        if ledger.connection.execute(sa.select(SCORES.c.id).where(SCORES.c.run_id == run_id)).first() is None:
+            ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(state="issued", ended_at=None))
+        why = "no ranking joins it with the others" if run_id in ranked else "no ranking of it is left"
+        ledger.log("unscored", [(run_id, {"application": application, "reason": why})])
+    detail = {"application": application, "rankings": summary.rankings, "runs": len(summary.scores), "changed": changed}
+    ledger.log("rankings scored", [(None, detail)])
+
+
+def _settings_flown(ledger: Ledger, ranking: MeasuredRanking, name: str, problems: list[Problem]) -> dict[int, str]:
+    """States of the ranked runs; notes the settings flown where the file tells them."""
+    states: dict[int, str] = {}
+    for image in ranking.images:
+        found = ledger.runs(RUNS.c.id == image.run_id)
+        if not found or found[0].state in ("void", "failed"):
+            message = f"run {image.run_id} is {found[0].state}" if found else "there is no such run"
+            problems.append(Problem(message, "Rank images of proposed runs.", name, image.line, "run_id", image.run_id))
+            continue
+        states[image.run_id] = found[0].state
+        if image.settings is None:
+            continue
+        if found[0].executed is None:
+            values = {"executed": plain(image.settings)}
+            ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == image.run_id).values(**values))
+        elif dict(image.settings) != found[0].executed:
+            message = f"run {image.run_id} was carried out with other settings"
+            problems.append(Problem(message, VOID_FIRST, name, image.line, value=found[0].executed))
+    return states
+
+
+def _refuse_measured(ledger: Ledger, ranking: MeasuredRanking, name: str, problems: list[Problem]) -> None:
+    query = sa.select(SCORES.c.run_id, SCORES.c.metadata).join(RUNS, RUNS.c.id == SCORES.c.run_id)
+    query = query.where(SCORES.c.application == ranking.application, RUNS.c.state != "void")
+    measured = [row.run_id for row in ledger.connection.execute(query) if row.metadata.get("derived") != DERIVED]
+    if measured:
+        message = f"run {measured[0]} has a measured score of '{ranking.application}'"
+        remedy = "Scores are measured or follow from rankings: make the measured ones void first."
+        problems.append(Problem(message, remedy, name, ranking.images[0].line, "rank"))
+
+
+def _by_number(rows: Sequence[RankingRecord]) -> dict[int, list[RankingRecord]]:
+    found: dict[int, list[RankingRecord]] = {}
+    for row in rows:
+        found.setdefault(row.ranking, []).append(row)
+    return found
+
+
+def _identity(rows: Sequence[RankingRecord]) -> tuple[str, str, str, tuple[tuple[int, float], ...]]:
+    first = rows[0]
+    return first.application, first.interpreter, first.session, tuple(sorted((row.run_id, row.rank) for row in rows))

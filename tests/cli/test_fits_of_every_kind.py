@@ -1,0 +1,177 @@
+"""What holds of a fit whatever its errors, blocks, weights and sources are: its document, its intervals, its words."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measured_campaign import FREQUENCY, MEASURED, PERCENT, POL, X, counted, days, make, quadratic
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.cli.show_fit import show_optimum
+
+Rows = list[dict]
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+QUADRATIC = quadratic()
+BLOCKED, _ = days(24, 2.0, 2)
+FLOWN = [
+    row | {"source": "flight", "score": row["score"] + 2.0} if i % 3 == 1 else row | {"source": "simulation"}
+    for i, row in enumerate(quadratic(24, 1))
+]
+KINDS: dict[str, tuple[str, Rows, str, str]] = {
+    "plain": (X + FREQUENCY, QUADRATIC, "", MEASURED),
+    "category": (X + POL, [row | {"pol": ("HH", "VV")[i % 2]} for i, row in enumerate(QUADRATIC)], "", MEASURED),
+    "logit": (X + FREQUENCY, QUADRATIC, '[model]\nresponse = "logit"\n', PERCENT),
+    "errors": (
+        X,
+        [row | {"se": 1 + i % 3} for i, row in enumerate(QUADRATIC)],
+        '[model]\nweights = "se"\n',
+        MEASURED,
+    ),
+    "student": (X + FREQUENCY, QUADRATIC, '[model]\nerrors = "student_t"\n', MEASURED),
+    "days": (X + FREQUENCY, BLOCKED, '[model]\nblock = "block"\n', MEASURED),
+    "random days": (X + FREQUENCY, BLOCKED, '[model]\nblock = "block"\nblock_effect = "random"\n', MEASURED),
+    "flights": (X + FREQUENCY, FLOWN, "", MEASURED),
+    "days of flights": (
+        X + FREQUENCY,
+        [row | {"block": f"d{i % 4}"} for i, row in enumerate(FLOWN)],
+        '[model]\nblock = "block"\n',
+        MEASURED,
+    ),
+    "wild flights": (X + FREQUENCY, FLOWN, '[model]\nerrors = "student_t"\n', MEASURED),
+    "counts": (X, counted(), '[model]\nweights = "counts"\n', PERCENT),
+    "scattered counts": (X, counted(), '[model]\nresponse = "logit"\nerrors = "beta_binomial"\n', PERCENT),
+}
+
+
+def analysed(folder: Path, factors: str, rows: Rows, model: str, application: str) -> Analysis:
+    (analysis,) = Campaign.open(make(folder, factors, rows, model, application)).analyse_all()
+    return analysis
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def kind(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def analysis(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    return analysed(tmp_path_factory.mktemp("kind") / "c", *KINDS[kind])
+
+
+@pytest.fixture(scope="module")
+def document(analysis: Analysis) -> dict:
+    return analysis_to_json(analysis)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    return analysis_to_json(analysed(tmp_path_factory.mktemp("plain") / "c", *KINDS["plain"]))
+
+
+def keys(document: dict) -> dict[str, set[str]]:
+    """Keys of a document and of the tables in it that are there for every kind of fit."""
+    tables = ("optimum", "posterior", "stop", "region", "diagnostics")
+    lists = ("terms", "anova", "factors_importance")
+    return (
+        {"": set(document), "in the posterior": set(document["posterior"]["optimum"])}
+        | {name: set(document[name]) for name in tables}
+        | {name: set(document[name][0]) for name in lists}
+    )
+
+
+def test_the_document_has_the_keys_of_every_other(kind: str, document: dict, plain: dict) -> None:
+    found, (_, rows, _, _) = document, KINDS[kind]
+    assert keys(found) == keys(plain)
+    assert found["n_runs"] == len(rows) == len(found["diagnostics"]["runs"])
+    assert found["n_terms"] == len(found["terms"]) == found["n_runs"] - found["df_residual"]
+    names = [term["name"] for term in found["terms"]]
+    of_surface = [term["name"] for term in found["posterior"]["terms"]]
+    assert names[: len(of_surface)] == of_surface
+    assert all(name.startswith("block[") for name in names[len(of_surface) :])  # known to the fit, not to the surface
+    sources = found["sources"]
+    assert (sources is None) == ("flights" not in kind)
+    assert sources is None or (sources["n_flights"], sources["n_simulations"]) == (8, 16)
+
+
+def test_the_mean_is_known_best_then_that_of_runs_then_one_run(kind: str, document: dict) -> None:
+    best, stop, drawn = document["optimum"], document["stop"], document["posterior"]["optimum"]
+    outer = (0.0, 100.0) if KINDS[kind][3] == PERCENT else (-np.inf, np.inf)
+    inner = (best["mean"], best["mean"])
+    for name in ("confidence", "prediction_mean", "prediction"):
+        low, high = best[name]["low"], best[name]["high"]
+        assert outer[0] <= low < inner[0]
+        assert inner[1] < high <= outer[1]
+        assert best[name]["half_width"] == pytest.approx(0.5 * (high - low))
+        inner = (low, high)
+    assert stop["noise_floor"] <= stop["attainable_half_width"] <= stop["half_width"]
+    assert stop["half_width"] >= best["prediction"]["half_width"]
+    assert drawn["credible"]["low"] < drawn["mean"] < drawn["credible"]["high"]
+
+
+def test_the_terminal_tells_the_numbers_of_the_document(analysis: Analysis, document: dict, capsys) -> None:
+    show_optimum(analysis)
+    told = capsys.readouterr().out.replace("\N{NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-")
+    best = document["optimum"]
+
+    def agree(pattern: str, *values: float) -> None:
+        (line,) = re.findall(rf"^ *{pattern}: (.*)$", told, flags=re.MULTILINE)
+        numbers = NUMBER.findall(line)
+        assert len(numbers) == len(values)
+        for number, value in zip(numbers, values, strict=True):
+            assert float(number) == pytest.approx(value, abs=0.501 * 10.0 ** -len(number.partition(".")[2]))
+
+    def interval(name: str) -> tuple[float, float, float]:
+        return best[name]["low"], best[name]["high"], best[name]["half_width"]
+
+    agree("Mean score there", best["mean"], best["confidence"]["half_width"])
+    agree("95 % prediction interval of one future run", *interval("prediction"))
+    agree("95 % prediction interval of the mean of 5 runs", *interval("prediction_mean"))
+    agree("95 % confidence interval of the mean", *interval("confidence"))
+
+
+@pytest.mark.parametrize("kind", [kind for kind, campaign in KINDS.items() if campaign[3] == MEASURED], indirect=True)
+def test_the_least_of_scores_turned_over_and_doubled_in_another_order_is_the_same_twice(
+    kind: str, document: dict, tmp_path: Path
+) -> None:
+    factors, rows, model, _ = KINDS[kind]
+    order = np.random.default_rng(1).permutation(len(rows))
+    turned = [rows[i] | {"score": -2.0 * rows[i]["score"]} for i in order]
+    found = analysis_to_json(analysed(tmp_path / "c", factors, turned, model, MEASURED + 'goal = "minimize"\n'))
+    one, other = document["optimum"], found["optimum"]
+    assert other["coded"] == pytest.approx(one["coded"], abs=1e-6)
+    assert other["mean"] == pytest.approx(-2.0 * one["mean"], rel=1e-7)
+    drawn = 0.2 if "student_t" in model else 1e-6  # by a sampler, whose draws depend on the order
+    for name in ("confidence", "prediction", "prediction_mean"):
+        expected = np.array([one[name]["low"], one[name]["high"]])
+        turned_back = np.array([other[name]["high"], other[name]["low"]]) / -2.0
+        np.testing.assert_allclose(turned_back, expected, atol=drawn * one[name]["half_width"], rtol=0.0)
+    for name in ("half_width", "noise_floor", "attainable_half_width"):
+        assert found["stop"][name] == pytest.approx(2.0 * document["stop"][name], rel=drawn)
+    importance = ([row["f"] for row in table["factors_importance"]] for table in (found, document))
+    np.testing.assert_allclose(*importance, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("more", "model"),
+    [
+        ({"block": "d"}, '[model]\nblock = "block"\n'),
+        ({"block": "d"}, '[model]\nblock = "block"\nblock_effect = "random"\n'),
+        ({"source": "simulation"}, ""),
+        ({"source": "flight"}, "[model]\ndiscrepancy_sd = 3.0\n"),
+        ({"se": 2.0}, '[model]\nweights = "se"\n'),
+    ],
+    ids=["one day", "one random day", "one source", "flights alone", "equal errors"],
+)
+def test_a_kind_that_has_nothing_to_tell_apart_is_the_plain_fit(
+    plain: dict, more: dict, model: str, tmp_path: Path
+) -> None:
+    """Every number, to the bit; only what is warned of may differ."""
+    rows = [row | more for row in QUADRATIC]
+    found = analysis_to_json(analysed(tmp_path / "c", X + FREQUENCY, rows, model, MEASURED))
+    for name in sorted(plain.keys() - {"warnings"}):
+        np.testing.assert_equal(found[name], plain[name], err_msg=name)

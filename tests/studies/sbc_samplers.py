@@ -1,0 +1,169 @@
+"""Simulation-based calibration of sampled posteriors: ``python tests/studies/sbc_samplers.py [sets [study ...]]``.
+
+Truths are drawn from the prior, scores from the truths, and the ranks of the truths among the posterior draws must be
+uniform. Printed: Kolmogorov-Smirnov p value of every parameter's ranks (each above 0.001 but for chance), and that of
+a control whose posterior is made half as wide about its median, which must be far below.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+from scipy import stats
+from scipy.special import expit
+
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.errors import ConvergenceError
+from seqrsm.fit.blocks import fit_random_blocks
+from seqrsm.fit.conjugate import NormalInverseGamma, posterior
+from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
+from seqrsm.fit.ensemble import WeakPrior, sample_model, sample_posterior
+from seqrsm.fit.optimum import optimum_draws
+from seqrsm.fit.score_models import CoefficientPrior, Discrepancy, beta_binomial_model, normal_model
+
+Study = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
+
+X = np.linspace(-1, 1, 12)
+Z = np.column_stack([np.ones(12), X])
+SD = np.full(2, 2.0)
+PRIOR = CoefficientPrior(np.zeros(2), SD)
+SOURCE, DAY = np.arange(12) % 2, np.arange(12) // 3
+LIGHT = {"min_ess": 400, "walkers": 32, "ensembles": 2, "max_seconds": 20.0}
+
+
+def half_normal(rng: np.random.Generator) -> float:
+    return abs(float(rng.normal()))
+
+
+def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    beta, sigma = SD * rng.normal(size=2), half_normal(rng)
+    y = Z @ beta + sigma * rng.standard_t(4, size=12)
+    found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, **LIGHT)
+    return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
+
+
+def sources(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    beta, sigma = SD * rng.normal(size=2), np.array([half_normal(rng), half_normal(rng)])
+    y = Z @ beta + sigma[SOURCE] * rng.normal(size=12)
+    model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist())
+    return np.concatenate([beta, sigma]), sample_model(model, seed=seed, **LIGHT).draws
+
+
+def days(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    beta, sigma, tau = SD * rng.normal(size=2), half_normal(rng), half_normal(rng)
+    y = Z @ beta + tau * rng.normal(size=4)[DAY] + sigma * rng.normal(size=12)
+    model = normal_model(Z, y, PRIOR, days=DAY.tolist())
+    return np.array([*beta, sigma, tau]), sample_model(model, seed=seed, **LIGHT).draws
+
+
+def discrepancy(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    beta, sigma = SD * rng.normal(size=2), np.array([half_normal(rng), half_normal(rng)])
+    gamma, scale = rng.normal(size=1), 1.0 + 0.3 * float(rng.normal())
+    flight = SOURCE == 1
+    mean = np.where(flight, scale * (Z @ beta) + gamma[0], Z @ beta)
+    y = mean + sigma[SOURCE] * rng.normal(size=12)
+    differs = Discrepancy(np.ones((12, 1)), flight, np.ones(1), scale_sd=0.3)
+    model = normal_model(Z, y, PRIOR, sources=SOURCE.tolist(), discrepancy=differs)
+    return np.array([*beta, *gamma, *sigma, scale]), sample_model(model, seed=seed, **LIGHT).draws
+
+
+def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    beta, correlation = SD * rng.normal(size=2), float(rng.beta(1, 9))
+    phi, share = 1.0 / correlation - 1.0, np.clip(expit(Z @ beta), 1e-9, 1 - 1e-9)
+    p = rng.beta(np.maximum(share * phi, 1e-12), np.maximum((1.0 - share) * phi, 1e-12))
+    correct = rng.binomial(40, p).astype(float)
+    model = beta_binomial_model(Z, correct, np.full(12, 40.0), PRIOR)
+    return np.array([*beta, correlation]), sample_model(model, seed=seed, **LIGHT).draws
+
+
+def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    beta, sigma = np.array([float(rng.normal()) * 2.0, 2.0 * half_normal(rng)]), half_normal(rng)
+    y = Z @ beta + sigma * rng.normal(size=12)
+    prior = CoefficientPrior(np.zeros(2), SD, np.array([-np.inf, 0.0]), np.array([np.inf, np.inf]))
+    return np.append(beta, sigma), sample_model(normal_model(Z, y, prior), seed=seed, **LIGHT).draws
+
+
+def exact(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    prior = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
+    beta, sigma = ancestral(prior, rng)
+    found = posterior(Z, Z @ beta + sigma * rng.normal(size=12), None, prior)
+    draws = found.draws(2000, np.random.default_rng(seed))
+    return np.append(beta, sigma), np.column_stack(draws)
+
+
+def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stated in natural terms, sampled with emcee; place and value of the optimum are ranked, too."""
+    factors = (ContinuousFactor("frequency", 1.0, 18.0, scale="log"),)
+    model, region = QuadraticModel(factors), Region(factors)
+    prior = elicited_prior(model, region, UtilityRange(60.0, 95.0), optima=[OptimumNear("frequency", 5.0)])
+    beta, sigma = ancestral(prior, rng)
+    X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
+    found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, **LIGHT)
+    keep = np.linspace(0, len(found.sigma) - 1, 1000).astype(int)
+    places, values = optimum_draws(model, region, found.beta[keep])
+    (place,), (value,) = optimum_draws(model, region, beta[None, :])
+    # Ties at a bound are broken at random: a rank among equals is any of theirs.
+    jitter = 1e-9 * rng.normal(size=len(keep) + 1)
+    truth = np.array([*beta, sigma, float(place[0]) + jitter[-1], value])
+    return truth, np.column_stack([found.beta[keep], found.sigma[keep], places[:, 0] + jitter[:-1], values])
+
+
+def blocks(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Exact posterior with random days; flat priors of coefficients and sigma are replaced by fixed truths."""
+    ratio = float(np.tan(0.5 * np.pi * rng.random()))
+    beta, effect = np.array([3.0, -1.0]), ratio * rng.normal(size=4)
+    found = fit_random_blocks(Z, Z @ beta + effect[DAY] + rng.normal(size=12), DAY.tolist())
+    b, sigma, of_days = found.draws(2000, np.random.default_rng(seed))
+    return np.array([*beta, 1.0, ratio]), np.column_stack([b, sigma, of_days / sigma])
+
+
+def ancestral(prior: NormalInverseGamma, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    sigma = float(np.sqrt(prior.b0 / rng.standard_gamma(prior.a0)))
+    L = np.linalg.cholesky(np.linalg.inv(prior.Lambda0))
+    return prior.m0 + sigma * (L @ rng.normal(size=len(prior.m0))), sigma
+
+
+STUDIES: dict[str, Study] = {
+    "conjugate, exact": exact,
+    "random days, exact": blocks,
+    "natural terms, emcee": elicited,
+    "Student-t errors": student,
+    "two sources": sources,
+    "random days": days,
+    "discrepancy and scale": discrepancy,
+    "beta-binomial": counts,
+    "bounded coefficient": bounded,
+}
+
+
+def main() -> None:
+    sets = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    only = sys.argv[2:]
+    for name, study in STUDIES.items():
+        if only and study.__name__ not in only:
+            continue
+        rng = np.random.default_rng(1)
+        ranks, narrow, refused = [], [], 0
+        for i in range(sets):
+            try:
+                truth, draws = study(rng, i)
+            except ConvergenceError:  # counted and shown: the sampler says so itself, and gives no draws
+                refused += 1
+                continue
+            middle = np.median(draws, axis=0)
+            ranks.append(np.mean(draws < truth, axis=0))
+            narrow.append(np.mean(middle + 0.5 * (draws - middle) < truth, axis=0))
+        p = [float(stats.kstest(column, "uniform").pvalue) for column in np.array(ranks).T]
+        wrong = [float(stats.kstest(column, "uniform").pvalue) for column in np.array(narrow).T]
+        print(
+            f"{name:24s} p = {', '.join(f'{v:.3f}' for v in p)}   control {min(wrong):.0e}   refused {refused}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,429 @@
+"""Monte Carlo of every interval and test, each with a control that must fail; ``statistics_study.py`` runs it.
+
+A study gives rows: what it is, the share of data sets in which it holds, what it should be, and a control in which one
+thing is wrong on purpose.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from seqrsm.design.classical import central_composite
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.blocks import block_columns, fit_random_blocks
+from seqrsm.fit.intervals import student_quantile
+from seqrsm.fit.least_squares import LeastSquaresFit, fit_least_squares
+from seqrsm.fit.location import best_settings, box_hunter_statistic, simulation_set
+from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.optimum import optimum, optimum_draws
+from seqrsm.fit.optimum_interval import searched_interval
+from seqrsm.fit.profile import box_cox_profile, logit_profile
+from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
+
+LEVEL = 0.95
+COMPARED = "without the search, to compare"
+DRAWS = 2000
+"""Of a posterior: the quantiles of fewer are too near to the middle (of 400, 95 % becomes 94.5 %)."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line: the share found of ``sets``, the nominal share, whether more than that is right, too; the control."""
+
+    name: str
+    share: float
+    nominal: float
+    at_least: bool
+    sets: int
+    control: str = ""
+    control_share: float = float("nan")
+
+    @property
+    def error(self) -> float:
+        """Monte Carlo standard error."""
+        return float(np.sqrt(self.nominal * (1.0 - self.nominal) / self.sets))
+
+    @property
+    def holds(self) -> bool:
+        """Within 1 % (or above), four standard errors allowed where these are more."""
+        width = max(0.01, 4.0 * self.error)
+        return self.share >= self.nominal - width and (self.at_least or self.share <= self.nominal + width)
+
+
+Study = Callable[[int], Iterator[Row]]
+
+
+def surface(
+    k: int, n: int, curvature: float = 6.0, tilt: float = 0.2
+) -> tuple[QuadraticModel, Region, np.ndarray, np.ndarray]:
+    """Model, region, runs and coefficients: corners and random runs, curvature and slope the same in every factor."""
+    factors = tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(k))
+    model, region = QuadraticModel(factors), Region(factors)
+    points = region.sample(n, np.random.default_rng(1))
+    corners = [[2.0 * (i >> j & 1) - 1.0 for j in range(k)] for i in range(2**k)]
+    points[: 2**k] = corners
+    kinds = np.array([term.kind for term in model.terms])
+    beta = np.where(kinds == "square", -curvature, np.where(kinds == "linear", tilt * curvature, 0.0))
+    beta[0] = 70.0
+    return model, region, points, beta
+
+
+def many(
+    Z: np.ndarray,
+    mean: np.ndarray,
+    terms: list,
+    sets: int,
+    sigma: float,
+    rng: np.random.Generator,
+    w: np.ndarray | None = None,
+) -> tuple[LeastSquaresFit, np.ndarray, np.ndarray, np.ndarray]:
+    """A fit of the design, and scores (sets, n), estimates (sets, p) and s (sets,) of all data sets."""
+    weights = np.ones(len(Z)) if w is None else w
+    y = mean + sigma * rng.normal(size=(sets, len(Z))) / np.sqrt(weights)
+    fit = fit_least_squares(Z, y[0], terms, weights=weights)
+    estimates = (y * weights) @ Z @ fit.covariance_unscaled
+    s = np.sqrt(np.sum(weights * np.square(y - estimates @ Z.T), axis=1) / fit.df_residual)
+    return fit, y, estimates, s
+
+
+def fixed_settings(sets: int) -> Iterator[Row]:
+    """Coefficients, mean, one run, weighted run, mean of five, in blocks: settings fixed beforehand."""
+    model, _, points, beta = surface(3, 18)
+    rng = np.random.default_rng(1)
+    w, Z = rng.uniform(0.3, 3.0, 18), model.matrix(points)
+    fit, _, b, s = many(Z, Z @ beta, list(model.terms), sets, 2.0, rng, w)
+    t, z = student_quantile(fit.df_residual, LEVEL), float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
+    size = np.sqrt(np.diagonal(fit.covariance_unscaled))
+    inside = np.abs(b - beta) <= t * s[:, None] * size
+    wrong = np.abs(b - beta) <= z * s[:, None] * size
+    worst = int(np.argmax(np.abs(np.mean(inside, axis=0) - LEVEL)))
+    yield Row(
+        "coefficient (the worst of ten)",
+        inside.mean(axis=0)[worst],
+        LEVEL,
+        False,
+        sets,
+        "normal quantile",
+        wrong.mean(),
+    )
+    row = model.matrix(np.array([[0.3, -0.4, 0.6]]))
+    gap, h = (b - beta) @ row[0], float(fit.variance_unscaled(row)[0])
+    yield Row(
+        "mean at a setting",
+        np.mean(np.abs(gap) <= t * s * np.sqrt(h)),
+        LEVEL,
+        False,
+        sets,
+        "sigma of another campaign",
+        np.mean(np.abs(gap) <= t * 1.5 * np.sqrt(h)),
+    )
+    for name, weight, m in (
+        ("one future run", 1.0, 1),
+        ("one future run of weight 2.5", 2.5, 1),
+        ("mean of five future runs", 1.0, 5),
+    ):
+        own = 1.0 / (weight * m)
+        miss = np.abs(gap - 2.0 * np.sqrt(own) * rng.normal(size=sets))
+        yield Row(
+            name,
+            np.mean(miss <= t * s * np.sqrt(own + h)),
+            LEVEL,
+            False,
+            sets,
+            "without the 1 of eq. 2-23",
+            np.mean(miss <= t * s * np.sqrt(h)),
+        )
+    factors = (ContinuousFactor("f", 1.0, 18.0, scale="log"), ContinuousFactor("x", 20.0, 70.0))
+    two, region = QuadraticModel(factors), Region(factors)
+    Z = two.matrix(region.sample(14, rng))
+    truth = np.array([70.0, 4, -3, 2, -6, -5])
+    fit, _, b, s = many(Z, Z @ truth, list(two.terms), sets, 2.0, rng)
+    natural = natural_coefficients(two, fit, LEVEL)
+    half = natural.interval.half_width / fit.s * s[:, None]
+    off = np.abs((b - truth) @ natural.transform.T)
+    shares = np.mean(off <= half, axis=0)
+    wrong = np.mean(off <= half * np.abs(np.diagonal(natural.transform)) * fit.se / natural.se, axis=0)
+    worst = int(np.argmax(np.abs(shares - LEVEL)))
+    yield Row(
+        "natural-unit coefficient (worst of six)",
+        shares[worst],
+        LEVEL,
+        False,
+        sets,
+        "covariances forgotten",
+        wrong.min(),
+    )
+    days = np.arange(18) % 3
+    columns, names = block_columns(days.tolist())
+    model, _, points, beta = surface(2, 18)
+    Z, effect = np.hstack([model.matrix(points), columns]), np.array([1.5, -0.5, -1.0])
+    fit, _, b, s = many(Z, Z[:, :6] @ beta + effect[days], [*model.terms, *names], sets, 1.0, rng)
+    t = student_quantile(fit.df_residual, LEVEL)
+    for name, extra, shift in (
+        ("one run in a block already run (fixed)", columns[0], effect[0]),
+        ("one run in the mean block (fixed)", np.zeros(2), 0.0),
+    ):
+        row = np.hstack([model.matrix(np.array([[0.3, -0.4]])), extra[None, :]])
+        future = float(row[0, :6] @ beta) + shift + rng.normal(size=sets)
+        h = float(fit.variance_unscaled(row)[0])
+        miss = np.abs(b @ row[0] - future)
+        control = (
+            np.mean(np.abs(b[:, :6] @ row[0, :6] - future) <= t * s * np.sqrt(1 + h))
+            if shift
+            else np.mean(miss <= t * s * np.sqrt(h))
+        )
+        yield Row(
+            name,
+            np.mean(miss <= t * s * np.sqrt(1.0 + h)),
+            LEVEL,
+            False,
+            sets,
+            "block forgotten" if shift else "without the 1",
+            control,
+        )
+
+
+def random_day(sets: int) -> Iterator[Row]:
+    """Eight days of five runs, the ratio of standard deviations drawn from its prior, half-Cauchy cut at 10."""
+    model, _, points, beta = surface(2, 40)
+    Z, days, rng = model.matrix(points), np.arange(40) % 8, np.random.default_rng(2)
+    row = model.matrix(np.array([[0.3, -0.4]]))
+    hits = np.zeros((sets, 6), dtype=bool)
+    for i in range(sets):
+        ratio = float(np.tan(0.5 * np.pi * rng.uniform(0.0, 2.0 / np.pi * np.arctan(10.0))))
+        effect = ratio * rng.normal(size=8)
+        y = Z @ beta + effect[days] + rng.normal(size=40)
+        found = fit_random_blocks(Z, y, days.tolist())
+        truth = float(row[0] @ beta)
+        new, same = found.predict(row, LEVEL), found.predict(row, LEVEL, day=3)
+        plain = fit_least_squares(Z, y, list(model.terms)).predict(row, LEVEL).prediction
+        low, high = found.sigma_ratio_interval(LEVEL)
+        tomorrow = truth + ratio * rng.normal() + rng.normal()
+        several = truth + ratio * rng.normal() + rng.normal() / np.sqrt(5.0)
+        five = found.predict(row, LEVEL, replicates=5).prediction
+        hits[i] = (
+            new.confidence.low[0] <= truth <= new.confidence.high[0],
+            same.prediction.low[0] <= truth + effect[3] + rng.normal() <= same.prediction.high[0],
+            new.prediction.low[0] <= tomorrow <= new.prediction.high[0],
+            five.low[0] <= several <= five.high[0],
+            low <= ratio <= high,
+            plain.low[0] <= tomorrow <= plain.high[0],
+        )
+    names = (
+        "mean of the average block (random)",
+        "one run in a block already run (random)",
+        "one run in a new block (random)",
+        "mean of five runs in a new block (random)",
+        "ratio of the standard deviations",
+    )
+    for j, name in enumerate(names):
+        yield Row(
+            name,
+            hits[:, j].mean(),
+            LEVEL,
+            False,
+            sets,
+            "blocks forgotten" if j == 2 else "",
+            hits[:, 5].mean() if j == 2 else float("nan"),
+        )
+
+
+def at_the_optimum(sets: int, k: int) -> Iterator[Row]:
+    """Intervals at the fitted optimum, from curved to nearly flat surfaces: t, and with the search allowed for."""
+    n = {2: 16, 3: 24, 4: 36}[k]
+    for curvature in (6.0, 1.0, 0.5, 0.0):
+        model, region, points, beta = surface(k, n, curvature)
+        Z, sigma = model.matrix(points), 0.5
+        rng = np.random.default_rng(100 * k)
+        fit, _, b, s = many(Z, Z @ beta, list(model.terms), sets, sigma, rng)
+        place, value = optimum_draws(model, region, b)
+        rows = model.matrix(place)
+        h, truth, t = fit.variance_unscaled(rows), rows @ beta, student_quantile(fit.df_residual, LEVEL)
+        future = truth + sigma * rng.normal(size=sets)
+        what = f"k = {k}, curvature {curvature / sigma:g} sigma"
+        plain = (
+            np.mean(np.abs(value - truth) <= t * s * np.sqrt(h)),
+            np.mean(np.abs(value - future) <= t * s * np.sqrt(1.0 + h)),
+        )
+        hits = np.zeros((sets, 2), dtype=bool)
+        for i in range(sets):
+            one = dataclasses.replace(fit, estimate=b[i], s=float(s[i]))
+            found = searched_interval(model, region, one, draws=250, seed=i)
+            hits[i] = (
+                found.confidence[0] <= truth[i] <= found.confidence[1],
+                found.prediction[0] <= future[i] <= found.prediction[1],
+            )
+        yield Row(
+            f"mean at the optimum, after search; {what}",
+            hits[:, 0].mean(),
+            LEVEL,
+            True,
+            sets,
+            COMPARED,
+            plain[0],
+        )
+        yield Row(
+            f"one run at the optimum, after search; {what}",
+            hits[:, 1].mean(),
+            LEVEL,
+            True,
+            sets,
+            COMPARED,
+            plain[1],
+        )
+
+
+def location(sets: int, k: int) -> Iterator[Row]:
+    """Regions of the place of the optimum, inside and at a bound."""
+    for where, tilt in (("inside", 0.5), ("at a corner", 2.5)):
+        factors = tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(k))
+        model, region = QuadraticModel(factors), Region(factors)
+        points = central_composite(k, centre_runs=4)
+        _, _, _, beta = surface(k, 2**k + 2, 4.0, tilt)
+        best = optimum(model, region, beta).point[None, :]
+        Z, rng = model.matrix(points), np.random.default_rng(k)
+        fit, _, b, s = many(Z, Z @ beta, list(model.terms), sets, 1.5, rng)
+        fits = [dataclasses.replace(fit, estimate=e, s=float(v)) for e, v in zip(b, s, strict=True)]
+        what = f"k = {k}, optimum {where}"
+        if where == "inside":
+            value = np.array([box_hunter_statistic(model, one, best)[0] for one in fits])
+            F = stats.f(k, fit.df_residual).ppf(LEVEL)
+            yield Row(
+                f"Box-Hunter region; {what}",
+                np.mean(value <= F),
+                LEVEL,
+                False,
+                sets,
+                "chi-squared limit",
+                np.mean(value <= stats.chi2(k).ppf(LEVEL) / k),
+            )
+        test = best_settings(model, region, fit, level=LEVEL, n_against=150)
+        critical = test.critical_value(best[0])
+        value = np.array([dataclasses.replace(test, fit=one).statistic(best)[0] for one in fits])
+        # At a corner no constant is too small: the best setting stands out by itself.
+        half = float(np.mean(value <= 0.5 * critical)) if where == "inside" else float("nan")
+        control = "half the constant" if where == "inside" else ""
+        for name, constant in (("Scheffe", test.scheffe), ("simulated constant", critical)):
+            share = float(np.mean(value <= constant))
+            yield Row(f"confidence region, {name}; {what}", share, LEVEL, True, sets, control, half)
+        hits, single = np.zeros((sets, k), dtype=bool), np.zeros((sets, k), dtype=bool)
+        for i in range(sets):
+            sigma = s[i] * np.sqrt(fit.df_residual / rng.chisquare(fit.df_residual, DRAWS))
+            draws = b[i] + sigma[:, None] * (rng.normal(size=(DRAWS, model.p)) @ fit.factor.T)
+            ranges = simulation_set(model, region, draws[: DRAWS // 5], level=LEVEL).ranges
+            hits[i] = [r.low <= x <= r.high for r, x in zip(ranges, best[0], strict=True)]
+            place, _ = optimum_draws(model, region, draws)
+            low, high = np.quantile(place, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL], axis=0)
+            single[i] = (low <= best[0]) & (best[0] <= high)
+        yield Row(f"posterior set, factor by factor; {what}", hits.mean(axis=0).min(), LEVEL, True, sets)
+        yield Row(f"credible interval of the setting; {what}", single.mean(axis=0).min(), LEVEL, True, sets)
+
+
+def averages(sets: int) -> Iterator[Row]:
+    """Averaging over models, with truths from its prior."""
+    rng = np.random.default_rng(6)
+    model, region, _, _ = surface(2, 12)
+    Z, units = model.matrix(region.sample(12, rng)), units_of(model.terms)
+    models = hierarchical_models(units, 100)
+    assert models is not None
+    space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units, None, (0.5, 0.5))
+    prior = np.exp(space.log_prior(models))
+    row = model.matrix(np.array([[0.9, -0.8]]))
+    hits = np.zeros((sets, 3), dtype=bool)
+    for i in range(sets):
+        truth = models[rng.choice(len(models), p=prior)]
+        columns = [c for unit, present in zip(units, truth, strict=True) if present for c in unit.columns]
+        beta, sigma = np.zeros(model.p), float(np.exp(rng.normal()))
+        centred = Z[:, columns] - Z[:, columns].mean(axis=0)
+        L = np.linalg.cholesky(np.linalg.inv(centred.T @ centred / space.g)) if columns else np.zeros((0, 0))
+        beta[columns] = sigma * (L @ rng.normal(size=len(columns)))
+        beta[0] = 100.0 * rng.normal()
+        found = average_models(Z, Z @ beta + sigma * rng.normal(size=12), model.terms)
+        value, both = float(row[0] @ beta), found.predict(row, LEVEL)
+        one = found.posteriors[0].interval(row[:, found.columns[0]], LEVEL)
+        hits[i] = (
+            both.confidence.low[0] <= value <= both.confidence.high[0],
+            both.prediction.low[0] <= value + sigma * rng.normal() <= both.prediction.high[0],
+            one.low[0] <= value <= one.high[0],
+        )
+    yield Row(
+        "mean, averaged over models", hits[:, 0].mean(), LEVEL, False, sets, "best model alone", hits[:, 2].mean()
+    )
+    yield Row("one run, averaged over models", hits[:, 1].mean(), LEVEL, False, sets)
+
+
+def scales(sets: int) -> Iterator[Row]:
+    """Powers of transforms."""
+    rng = np.random.default_rng(7)
+    X = np.column_stack([np.ones(40), np.linspace(-1, 1, 40), np.linspace(-1, 1, 40) ** 2])
+    for power in (0.0, 1.0):
+        inside, other = 0, 0
+        for _ in range(sets):
+            eta = X @ np.array([5.0, 1.0, -0.5]) + 0.3 * rng.normal(size=40)
+            y = np.exp(0.5 * eta) if power == 0.0 else eta
+            found_power = box_cox_profile(X, y, level=LEVEL)
+            inside += found_power.low <= power <= found_power.high
+            other += found_power.low <= 1.0 - power <= found_power.high
+        yield Row(f"Box-Cox power {power:g}", inside / sets, LEVEL, False, sets, f"power {1.0 - power:g}", other / sets)
+    inside, other = 0, 0
+    for _ in range(sets):
+        eta = X @ np.array([1.5, 1.0, -0.5]) + 0.4 * rng.normal(size=40)
+        found_power = logit_profile(X, 100.0 / (1.0 + np.exp(-eta)), level=LEVEL)
+        inside += found_power.low <= 0.0 <= found_power.high
+        other += found_power.low <= 1.5 <= found_power.high
+    yield Row("logit power 0", inside / sets, LEVEL, True, sets, "power 1.5", other / sets)
+
+
+def f_tests(sets: int) -> Iterator[Row]:
+    """Sizes at 5 % of partial F tests of a term, a factor, groups; of the analysis of variance; of lack of fit."""
+    rng = np.random.default_rng(8)
+    model, _, points, _ = surface(2, 9)
+    points = np.vstack([[(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)], points[4:]])
+    days = [*(np.arange(len(points)) % 3).tolist()] * 2
+    points = np.vstack([points, points])  # every setting twice on its day
+    columns, names = block_columns(days)
+    Z, w = np.hstack([model.matrix(points), columns]), rng.uniform(0.5, 2.0, len(points))
+    ids = [tuple(row) for row in points]
+    asked = {
+        "one term": [3],
+        "a factor": model.factor_terms("x0"),
+        "squares": [4, 5],
+        "a named group": [1, 3, 5],
+        "blocks": [6, 7],
+    }
+    sources = ("blocks", "first order", "interactions", "squares")
+    p = np.empty((sets, len(asked) + len(sources) + 1))
+    wrong = np.empty(sets)
+    for i in range(sets):
+        fit = fit_least_squares(
+            Z, 50.0 + rng.normal(size=len(points)) / np.sqrt(w), [*model.terms, *names], weights=w, setting_ids=ids
+        )
+        rows = {row.source: row for row in fit.anova()}
+        lack = fit.lack_of_fit()
+        assert not isinstance(lack, str)
+        p[i] = [*(fit.partial_f(group).p for group in asked.values()), *(rows[name].p for name in sources), lack.p]
+        wrong[i] = stats.f.sf(lack.f, lack.df_lof, fit.df_residual)
+    for j, name in enumerate(
+        [
+            *(f"partial F: {name}" for name in asked),
+            *(f"analysis of variance: {name}" for name in sources),
+            "lack of fit",
+        ]
+    ):
+        last = j == p.shape[1] - 1
+        yield Row(
+            f"size of {name}",
+            np.mean(p[:, j] < 0.05),
+            0.05,
+            False,
+            sets,
+            "residual degrees of freedom" if last else "",
+            np.mean(wrong < 0.05) if last else float("nan"),
+        )
