@@ -19,9 +19,8 @@ from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.statistics import SceneStatistics, scene_statistics
-from seqrsm.score import sampled
-from seqrsm.score.classification import UtilityScore, percent_correct
-from seqrsm.score.retrieval import percent_correct_radiometer, soil_moisture_error
+from seqrsm.score.classification import UtilityScore
+from seqrsm.score.utilities import of_images, of_samples
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
@@ -277,7 +276,7 @@ def _plan_radar(
     return plan, make
 
 
-_SAMPLED_RADAR: Mapping[str, SampledUtility] = {"percent_correct": sampled.percent_correct_radar}
+_SAMPLED_RADAR: Mapping[str, SampledUtility] = of_samples("psm")
 
 
 def _plan_radiometer(
@@ -308,10 +307,7 @@ def _plan_radiometer(
     return plan, make
 
 
-_SAMPLED_RADIOMETER: Mapping[str, SampledUtility] = {
-    "percent_correct": sampled.percent_correct_radiometer,
-    "retrieval_error": sampled.soil_moisture_error,
-}
+_SAMPLED_RADIOMETER: Mapping[str, SampledUtility] = of_samples("prm")
 
 
 def _radiometer_record(image: RadiometerImage, scene: Scene) -> dict[str, Any]:
@@ -325,7 +321,7 @@ ENGINES: Mapping[str, Engine] = {
         simulate=_radar_image,
         examine=_examine_radar,
         record=_radar_record,
-        utilities={"percent_correct": percent_correct},
+        utilities=of_images("psm"),
         plan=_plan_radar,
         sampled=_SAMPLED_RADAR,
         parameters=RADAR,
@@ -338,7 +334,7 @@ ENGINES: Mapping[str, Engine] = {
         simulate=_radiometer_image,
         examine=_examine_radiometer,
         record=_radiometer_record,
-        utilities={"percent_correct": percent_correct_radiometer, "retrieval_error": soil_moisture_error},
+        utilities=of_images("prm"),
         plan=_plan_radiometer,
         sampled=_SAMPLED_RADIOMETER,
         parameters=RADIOMETER,

@@ -344,7 +344,7 @@ def catalogued(applications: Sequence[_Catalogued | None], engine: str | None, r
 def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
     """An error is made small."""
     for index, application in enumerate(applications):
-        if application is not None and application.utility == "retrieval_error" and application.goal == "maximize":
+        if application is not None and application.is_error and application.goal == "maximize":
             path: Path = ("application", index, "goal")
             report.add(path, "the utility is an error", 'Write goal = "minimize".', application.goal)
 

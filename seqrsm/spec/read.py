@@ -94,7 +94,6 @@ from seqrsm.spec import checks as spec_checks
 from seqrsm.spec import prior as spec_prior
 from seqrsm.spec.checks import Reporter
 from seqrsm.spec.tables import (
-    UTILITIES,
     ApplicationSpec,
     CampaignTable,
     ConsiderationSpec,
@@ -114,7 +113,6 @@ from seqrsm.spec.toml_lines import key_lines
 __all__ = [
     "MAX_BYTES",
     "SPEC_NAME",
-    "UTILITIES",
     "ApplicationSpec",
     "CampaignSpec",
     "ConsiderationSpec",

@@ -19,8 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from seqrsm.fit.error_models import ERROR_MODELS
 from seqrsm.propose.criteria import CRITERIA
-
-UTILITIES = ("percent_correct", "retrieval_error", "correlation", "rank", "measured")
+from seqrsm.score.utilities import OF_THE_USER, UTILITIES, Utility
 
 
 def _is_name(text: str) -> str:
@@ -147,6 +146,10 @@ class KnowledgeSpec(Table):
     LATER = ("effect",)
 
 
+def _utility(name: object) -> Utility:
+    return UTILITIES.get(name, OF_THE_USER) if isinstance(name, str) else OF_THE_USER
+
+
 class ApplicationSpec(Table):
     """An application: what the scores measure, and whether large or small ones are good.
 
@@ -157,7 +160,7 @@ class ApplicationSpec(Table):
     utility : str
         One of `UTILITIES` or "package.module:function".
     goal : {"maximize", "minimize"}
-        "minimize" is the default, and the only one, of "retrieval_error".
+        "minimize" is the default, and the only one, of errors such as "retrieval_error".
     weight : float
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
@@ -179,19 +182,24 @@ class ApplicationSpec(Table):
     @model_validator(mode="before")
     @classmethod
     def _errors_are_made_small(cls, data: object) -> object:
-        if isinstance(data, dict) and data.get("utility") == "retrieval_error" and "goal" not in data:
+        if isinstance(data, dict) and "goal" not in data and _utility(data.get("utility")).is_error:
             return {**data, "goal": "minimize"}
         return data
 
     @property
+    def is_error(self) -> bool:
+        """Whether scores are errors, which are made small."""
+        return _utility(self.utility).is_error
+
+    @property
     def is_percent(self) -> bool:
         """Whether scores are percentages from 0 to 100."""
-        return self.utility == "percent_correct"
+        return _utility(self.utility).is_percent
 
     @property
     def unit(self) -> str:
         """Unit of the scores, "" where the utility tells none."""
-        return "percent" if self.is_percent or self.utility == "retrieval_error" else ""
+        return _utility(self.utility).unit
 
 
 class ConsiderationSpec(Table):
