@@ -12,7 +12,9 @@ from measured_campaign import FREQUENCY, MEASURED, PERCENT, POL, X, counted, day
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.cli.show_fit import show_optimum
+from seqrsm.cli.blocks import show_sections
+from seqrsm.report.sections.optimum import optimum_section
+from seqrsm.spec.tables import StopSpec
 
 Rows = list[dict]
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -114,12 +116,12 @@ def test_the_mean_is_known_best_then_that_of_runs_then_one_run(kind: str, docume
 
 
 def test_the_terminal_tells_the_numbers_of_the_document(analysis: Analysis, document: dict, capsys) -> None:
-    show_optimum(analysis)
+    show_sections([optimum_section(analysis, "", StopSpec(half_width=5.0))])
     told = capsys.readouterr().out.replace("\N{NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-")
     best = document["optimum"]
 
     def agree(pattern: str, *values: float) -> None:
-        (line,) = re.findall(rf"^ *{pattern}: (.*)$", told, flags=re.MULTILINE)
+        (line,) = re.findall(rf"^ *{pattern} +(.*)$", told, flags=re.MULTILINE)
         numbers = NUMBER.findall(line)
         assert len(numbers) == len(values)
         for number, value in zip(numbers, values, strict=True):
@@ -128,10 +130,10 @@ def test_the_terminal_tells_the_numbers_of_the_document(analysis: Analysis, docu
     def interval(name: str) -> tuple[float, float, float]:
         return best[name]["low"], best[name]["high"], best[name]["half_width"]
 
-    agree("Mean score there", best["mean"], best["confidence"]["half_width"])
-    agree("95 % prediction interval of one future run", *interval("prediction"))
-    agree("95 % prediction interval of the mean of 5 runs", *interval("prediction_mean"))
-    agree("95 % confidence interval of the mean", *interval("confidence"))
+    agree("Estimated mean score at the optimum:", best["mean"])
+    agree("Prediction: score of one future run", *interval("prediction"))
+    agree("Prediction: mean of 5 future runs", *interval("prediction_mean"))
+    agree("Confidence: mean score at these settings", *interval("confidence"))
 
 
 @pytest.mark.parametrize("kind", [kind for kind, campaign in KINDS.items() if campaign[3] == MEASURED], indirect=True)

@@ -130,7 +130,7 @@ def test_a_wrong_value_is_told_with_its_line(campaign):
     for name in ("film_gamma", "n_bits", "adc_bits"):
         place = next(k for k, line in enumerate(lines, start=1) if line.startswith(name))
         refused(folder, f"campaign.toml:{place}: [simulator.fixed] {name}")
-    refused(folder, "whole bits")
+    refused(folder, "Give a whole number from 0 to 32")
 
 
 def test_winds_that_the_table_lacks_are_refused_before_a_run_draws_them(campaign):

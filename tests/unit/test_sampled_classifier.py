@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seqrsm.score import sampled
-from seqrsm.score.classification import Classifier, decibels, halves, score_pixels, systematic_se, tiles
+from seqrsm.score.classification import decibels, halves, score_pixels, systematic_se, tiles
 
 
 def sample(n=3000, n_channels=2, n_classes=5, draws=1, covariates=False, rare=False, seed=0):
@@ -48,9 +48,9 @@ def by_arrays(sample, n_classes, linear):
         sample.values[:, :, used].transpose(0, 2, 1).reshape(draws * used.size, n_channels),
         np.tile(counts[used], (draws, 1)),
         np.tile(tile, draws),
-        Classifier(scale="linear" if linear else "decibel"),
         seed=1,
         run_id=2,
+        scale="linear" if linear else "decibel",
         covariates=None if sample.covariates is None else np.tile(sample.covariates[used], (draws, 1)),
         tile_keys=keys,
     )

@@ -523,7 +523,7 @@ def test_a_proposed_repeat_has_the_settings_that_were_flown(campaign) -> None:
     runs = [flown(run.run_id, run.proposed) for run in made.propose(source="flight")]
     unasked = made.spec.region.decode(made.spec.region.sample(3, np.random.default_rng(2)))
     runs += [flown(None, settings) for settings in unasked]
-    made.store.ingest_scores(runs, name="f.csv", sha256="0", row_count=len(runs))
+    made.store.ingest_files([IngestedFile("f.csv", "0", len(runs), tuple(runs))])
     assert len(runs) == 23  # so that the first of the next runs is one kept for repeats
     executed = [run.settings for run in runs]
     batch = made.propose(5, source="flight")
