@@ -126,14 +126,8 @@ class CompromiseEstimate:
 
 
 def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> CompromiseEstimate | None:
-    """The compromise over all applications and considerations; None where there is nothing to weigh.
-
-    Surfaces that are fitted to different parts of the region ([model] region = "adaptive" with several applications)
-    cannot be weighed, and give None too.
-    """
+    """The compromise over all applications and considerations; None where there is nothing to weigh."""
     if len(analyses) + len(spec.considerations) < 2 or len(analyses) < len(spec.applications):
-        return None
-    if any(not analysis.region_state.box.whole for analysis in analyses):
         return None
     objectives = [_application(spec, analysis) for analysis in analyses]
     objectives += [_consideration(spec.region, table) for table in spec.considerations]

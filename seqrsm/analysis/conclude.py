@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.departed import departed_optimum_of, departed_text, departures_of, of_both, with_departure
-from seqrsm.analysis.fitted import (
-    Fitted,
-    confirmation_reason,
-    fit_application,
-    natural_ranges,
-    range_text,
-    region_history,
-)
+from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
 from seqrsm.analysis.posterior import (
     central,
     draw_coefficients,
     effects_left_out,
     future_scores,
-    outer_bounds,
     summarise_posterior,
 )
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
@@ -30,11 +19,10 @@ from seqrsm.analysis.runs import block_labels, shared_loadings
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.decide.allowance import Departures
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.rule import StopRule
-from seqrsm.decide.stopping import Adequacy, Before, Decision, Look, decide
+from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -86,7 +74,7 @@ def analyse(
     runs : sequence of RunRecord
         All runs; those that do not count are left out here.
     looks : sequence of LookRecord
-        Earlier looks at this application, for the rule of two looks.
+        Earlier looks at this application, for the guard "spending".
     sampler : "exact" or "emcee"
         How the posterior is drawn; with errors = "student_t" "exact" is a Gibbs sampler of exact conditionals.
     n_draws : int
@@ -106,16 +94,10 @@ def analyse(
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
     best = optimum(model, region, beta, goal)
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
-    departures = departures_of(fitted)
-    of_quadratic = estimate = _estimate(spec, fitted, departures, best, draws)
-    departed = departed_optimum_of(spec, fitted, departures, best)
-    if departed is not None:
-        estimate = _estimate(spec, fitted, departures, departed, draws, chosen=True)
+    estimate = _estimate(spec, fitted, best, draws)
     confirmation, agreement = _confirmation(spec, application, fitted, runs)
     decision = _decision(spec, application, fitted, estimate, looks, agreement)
-    posterior = summarise_posterior(spec, fitted, of_quadratic, draws, goal=goal)
-    if departed is not None:  # what the settings may lose is not the quadratic's to say
-        posterior = replace(posterior, expected_regret=math.nan, p_regret_above=math.nan)
+    posterior = summarise_posterior(spec, fitted, estimate, draws, goal=goal)
     stationary = _stationary(model, region, beta, best)
     return Analysis(
         application=application.name,
@@ -124,29 +106,17 @@ def analyse(
         fitted=fitted,
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
-        optimum=estimate if departed is None else of_both(estimate, best),
+        optimum=estimate,
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        warnings=tuple(
-            ([] if departed is None else [departed_text(spec, fitted, best)])
-            + _warnings(spec, application, fitted, best if departed is None else departed)
-            + effects_left_out(application, posterior)
-        ),
-        region_history=region_history(spec, fitted.state),
+        warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, of_quadratic, stationary, draws) if thorough else None,
+        study=study_fit(spec, fitted, estimate, stationary, draws) if thorough else None,
     )
 
 
-def _estimate(
-    spec: CampaignSpec,
-    fitted: Fitted,
-    departures: Departures | None,
-    best: Optimum,
-    draws: Draws,
-    chosen: bool = False,
-) -> OptimumEstimate:
+def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -> OptimumEstimate:
     stop, scale, surface = spec.stop, fitted.scale, fitted.surface
     row = surface.rows(best.point[None, :])
     one = surface.predict(row, stop.level, weight := scale.weight_at(surface.predict(row).mean))
@@ -163,19 +133,16 @@ def _estimate(
         # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
         prediction_mean = prediction_mean.around(confidence)
         prediction = prediction.around(prediction_mean)
-    hard = outer_bounds(spec.region, fitted.state.box, best.point)
-    plain = (confidence, prediction, prediction_mean)
     return OptimumEstimate(
-        settings=spec.region.decode(hard.point)[0],
+        settings=fitted.region.decode(best.point)[0],
         point=best.point,
-        at_bound=hard.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
+        at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
         mean=float(scale.to_score(one.mean)[0]),
         confidence=confidence,
         prediction=prediction,
         prediction_mean=prediction_mean,
         replicates=stop.replicates,
         level=stop.level,
-        with_departure=with_departure(spec, fitted, departures, best, plain, chosen),
         ties=tuple(fitted.region.decode(best.ties)) if len(best.ties) else (),
         ridge=best.flat,
         exact=best.exact,
@@ -218,10 +185,7 @@ def _decision(
         "prediction_mean": estimate.prediction_mean.half_width,
         "confidence": estimate.confidence.half_width,
     }
-    earlier = [look for look in looks if look.after_run < fitted.n_scored]
-    before = earlier[-1].summary if earlier else {}
-    # Two looks at different regions are not two looks at the same thing.
-    same = before.get("region", {}).get("ranges") in (None, _ranges(spec, fitted))
+    earlier = [look for look in looks if look.after_run < fit.n_runs]
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms + len(fitted.dropped),  # what was left out by selection has used up its runs
@@ -230,14 +194,12 @@ def _decision(
         df_pure_error=fit.df_pure_error,
         h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
-        widening=1.0 if estimate.with_departure is None else estimate.with_departure.widening,
         model_p=_model_p(fitted),
-        n_spent=fitted.n_scored,
+        n_before=earlier[-1].after_run if earlier else 0,
     )
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
     adequacy = Adequacy(p, reason, fitted.departure, is_saturated(fitted.model, fitted.region))
-    last = Before(bool(before.get("conditions_hold")) and same, earlier[-1].after_run if earlier else 0)
-    return decide(rule, look, adequacy, last, agreement, application.unit)
+    return decide(rule, look, adequacy, agreement, application.unit)
 
 
 def _model_p(fitted: Fitted) -> float | None:
@@ -250,10 +212,6 @@ def _model_p(fitted: Fitted) -> float | None:
 
 def _all_equal(fitted: Fitted) -> bool:
     return float(np.ptp(fitted.data.scores)) == 0.0
-
-
-def _ranges(spec: CampaignSpec, fitted: Fitted) -> dict[str, list[float]]:
-    return {name: list(ends) for name, ends in natural_ranges(spec.region, fitted.state.box).items()}
 
 
 def _confirmation(
@@ -307,24 +265,13 @@ def _confirmation(
 
 
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
-    fit, data, state, surface = fitted.fit, fitted.data, fitted.state, fitted.surface
+    fit, data, surface = fitted.fit, fitted.data, fitted.surface
     found = []
     if fit.reason:
         found.append(f"No error estimate: {fit.reason}.")
-    if not state.box.whole:
-        found.append(
-            f"The quadratic is fitted to a part of the region, {range_text(spec.region, state.box)}, with "
-            f"{fit.n_runs} of {fitted.n_scored} runs: it failed in the whole."
-        )
-    if state.target is not None:
-        found.append(
-            "The scores spoke, at this look or an earlier one, against one quadratic for the whole; "
-            f"{range_text(spec.region, state.target)} is being filled with runs and will take its place."
-        )
-    if state.box.whole:
-        outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
-        if outside:
-            found.append(f"{outside} runs were made outside the region; they are part of the fit.")
+    outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
+    if outside:
+        found.append(f"{outside} runs were made outside the region; they are part of the fit.")
     if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
     if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):

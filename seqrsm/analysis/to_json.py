@@ -18,7 +18,7 @@ from seqrsm.analysis.results import (
 )
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.natural import natural_coefficients
@@ -83,36 +83,8 @@ def _document(analysis: Analysis) -> dict[str, Any]:
             "attainable_half_width": analysis.decision.attainable_half_width,
             "runs_needed": analysis.decision.runs_needed,
         },
-        "region": region_to_json(analysis),
         "sources": _sources(analysis),
         "warnings": list(analysis.warnings),
-    }
-
-
-def region_to_json(analysis: Analysis) -> dict[str, Any]:
-    """The fitted part of the region, and how it came to be."""
-    state = analysis.region_state
-    box = {
-        factor.name: [factor.low, factor.high]
-        for factor in analysis.region.factors
-        if isinstance(factor, ContinuousFactor)
-    }
-    return {
-        "whole": state.box.whole,
-        "ranges": box,
-        "n_scored": analysis.n_scored,
-        "n_fitted": analysis.fit.n_runs,
-        "being_filled": state.target is not None,
-        "history": [
-            {
-                "batch": step.batch,
-                "n_runs": step.n_runs,
-                "kind": step.kind,
-                "ranges": {name: list(ends) for name, ends in step.ranges.items()},
-                "text": step.text,
-            }
-            for step in analysis.region_history
-        ],
     }
 
 
@@ -137,7 +109,6 @@ def _sources(analysis: Analysis) -> dict[str, Any] | None:
 def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
     """Settings of the optimum and the intervals there."""
     best = analysis.optimum
-    allowed = best.with_departure
     return {
         "settings": best.settings,
         "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
@@ -150,21 +121,11 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "ties": list(best.ties),
         "ridge": best.ridge,
         "exact": best.exact,
-        "of_quadratic": None if best.quadratic is None else analysis.region.decode(best.quadratic)[0],
-        "with_departure": None
-        if allowed is None
-        else {
-            "mean": allowed.mean,
-            "confidence": interval_to_json(allowed.confidence),
-            "prediction": interval_to_json(allowed.prediction),
-            "prediction_mean": interval_to_json(allowed.prediction_mean),
-            "widening": allowed.widening,
-        },
     }
 
 
 def look_summary(analysis: Analysis) -> dict[str, Any]:
-    """What the store keeps of a look: enough for the history of the interval and the rule of two looks."""
+    """What the store keeps of a look: enough for the history of the interval and of futility."""
     decision = analysis.decision
     return {
         "n_runs": analysis.fit.n_runs,
@@ -173,11 +134,9 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         "half_width": decision.half_width,
         "noise_floor": decision.noise_floor,
         "target": None,
-        "conditions_hold": decision.conditions_hold,
         "held": decision.held,
         "reasons": list(decision.reasons),
         "futility": list(decision.futility),
-        "region": region_to_json(analysis),
     }
 
 

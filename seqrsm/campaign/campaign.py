@@ -117,11 +117,8 @@ class Campaign:
     def _record_looks(self, analyses: Sequence[Analysis]) -> None:
         for analysis in analyses:
             last = self.store.looks(analysis.application)
-            if not last or last[-1].after_run != analysis.n_scored:
-                known = last[-1].summary.get("region", {}).get("history", []) if last else []
-                for change in analysis.region_history[len(known) :]:
-                    self.store.add_event("region", {"application": analysis.application, "text": change.text})
-                self.store.record_look(analysis.n_scored, analysis.application, look_summary(analysis))
+            if not last or last[-1].after_run != analysis.fit.n_runs:
+                self.store.record_look(analysis.fit.n_runs, analysis.application, look_summary(analysis))
 
     # -- proposing ------------------------------------------------------------------------------------------------
 

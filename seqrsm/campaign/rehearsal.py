@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.analysis.fitted import range_text
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
@@ -39,15 +38,12 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     # Where blocks are random, each run of the rehearsal falls into one of its own.
     sigma = draws.sigma if draws.sigma_block is None else np.hypot(draws.sigma, draws.sigma_block)
     result = rehearse(stage, draws.terms, sigma_draws=sigma, n_campaigns=n_campaigns, seed=spec.seed, progress=progress)
-    box = analysis.region_state.box
     found = _summary(
         result,
         spec.cost.simulation if spec.simulator is not None else spec.cost.flight,
         analysis.score_unit,
         rule.interval_name,
         spec.model.response,
-        adaptive=spec.region_moves,
-        within="" if box.whole else range_text(spec.region, box),
     )
     if draws.sigma_block is not None:
         found["notes"].append("Each run of the rehearsal falls into a block of its own, with its block's scatter.")
@@ -56,9 +52,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     return found
 
 
-def _summary(
-    result: Rehearsal, run_cost: float, unit: str, interval_name: str, response: str, *, adaptive: bool, within: str
-) -> dict[str, Any]:
+def _summary(result: Rehearsal, run_cost: float, unit: str, interval_name: str, response: str) -> dict[str, Any]:
     low, middle, high = (int(x) for x in np.quantile(result.runs, [0.1, 0.5, 0.9]))
     numbers = {
         "stopped": float(np.mean(result.stopped)),
@@ -93,12 +87,7 @@ def _summary(
     ]
     notes = [
         "Truths are quadratics drawn from the current posterior, errors are normal; ± is a Monte Carlo standard error.",
-        "On a surface that departs from the quadratic `run` widens its interval by an allowance for that"
-        + (", and shrinks or moves the region, which takes up to two new runs for each term every time" * adaptive)
-        + "; the rehearsal does neither, and such a campaign takes more runs than are said here.",
     ]
-    if within:
-        notes.append(f"Rehearsed from its start in the part of the region that is fitted now: {within}.")
     if response != "identity":
         notes.append(f"Figures are on the scale of the fit ({response}).")
     return {"campaigns": len(result.runs), "rows": rows, "notes": notes, "numbers": numbers}

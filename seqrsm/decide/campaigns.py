@@ -98,7 +98,6 @@ class Campaigns:
         self.counts = np.zeros((g, j))
         self.sums = np.zeros((g, j))
         self.alive = np.arange(g)
-        self.held_before = np.zeros(g, dtype=bool)
         self.extra = np.zeros(g, dtype=np.int64)
         self.best = optimum_draws(stage.model, stage.region, betas, stage.goal, refine=False)[1]
         names = ("stopped", "runs", "half_width", "covers_rule", "covers_new_run", "covers_mean")
@@ -144,9 +143,7 @@ class Campaigns:
         df_pure, lof_p = self.lack_of_fit(rows, sse)
         runs = np.full(len(rows), self.n)
         found = conditions(rule, n_runs=runs, n_terms=p, df_pure_error=df_pure, lack_of_fit_p=lof_p, half_width=width)
-        now = np.logical_and.reduce([np.broadcast_to(v, len(rows)) for v in found.values()])
-        stop = now & self.held_before[rows] if rule.looks == 2 else now
-        self.held_before[rows] = now
+        stop = np.logical_and.reduce([np.broadcast_to(v, len(rows)) for v in found.values()])
         fresh = self.sigmas[rows, None] * self.rng.standard_normal((len(rows), rule.replicates))
         miss = np.sum(z_hat * error, axis=1)
         if rule.guard == "confirmation":

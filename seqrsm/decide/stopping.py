@@ -1,13 +1,13 @@
 """The decision: the chosen interval is narrow enough, and there is reason to believe it.
 
 Stopping as soon as an interval is narrow picks the moments when s happens to be too small. Therefore the rule also asks
-for a number of runs (or another guard), pure error, no significant lack of fit, and the same at two consecutive looks.
+for a number of runs (or another guard), pure error, and no significant lack of fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class Check:
     Attributes
     ----------
     name : str
-        "interval", "runs", "pure_error", "lack_of_fit", "two_looks" or "confirmation".
+        "interval", "runs", "pure_error", "lack_of_fit" or "confirmation".
     holds : bool or None
         None: it cannot be tested yet, which counts as not holding.
     text : str
@@ -54,9 +54,6 @@ class Decision(Forecast):
     ----------
     held : bool
         The whole rule holds: stop.
-    conditions_hold : bool
-        All holds at this look, before "two_looks" and "confirmation"; hand it to the next look as
-        ``held_at_previous_look``.
     checks : tuple of Check
         Every part of the rule.
     half_width : float
@@ -72,7 +69,6 @@ class Decision(Forecast):
     """
 
     held: bool
-    conditions_hold: bool
     checks: tuple[Check, ...]
     half_width: float
     budget_spent: bool
@@ -125,13 +121,10 @@ class Look:
     half_width : float, optional
         Half-width of the rule's Student interval in score units, where the fit is on another scale than the scores; by
         default computed from ``s`` and ``h``. Floors and forecasts are scaled by it.
-    widening : float
-        What a departure from the model, too small to be seen, does to the half-width: a factor >= 1, see
-        :mod:`seqrsm.decide.allowance`.
     model_p : float, optional
         p of the F test that no term but the intercept matters.
-    n_spent : int, optional
-        Scored runs that count against the budget, where the fit leaves some out; ``n_runs`` by default.
+    n_before : int
+        Scored runs at the look before, 0 where there was none.
     """
 
     n_runs: int
@@ -141,9 +134,8 @@ class Look:
     df_pure_error: int
     h: float
     half_width: float | None = None
-    widening: float = 1.0
     model_p: float | None = None
-    n_spent: int | None = None
+    n_before: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,19 +159,10 @@ class Adequacy:
     saturated: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Before:
-    """The look before: its ``conditions_hold``, and the runs spent until then, 0 where there was none."""
-
-    held: bool = False
-    n_spent: int = 0
-
-
 def decide(
     rule: StopRule,
     look: Look,
     adequacy: Adequacy,
-    before: Before | None = None,
     confirmation: Agreement | None = None,
     unit: str = "",
 ) -> Decision:
@@ -190,8 +173,6 @@ def decide(
     rule : StopRule
     look : Look
     adequacy : Adequacy
-    before : Before, optional
-        The look before; none by default.
     confirmation : Agreement, optional
         Test of fresh runs at the recommended settings.
     unit : str
@@ -201,19 +182,15 @@ def decide(
     -------
     Decision
     """
-    before = Before() if before is None else before
     n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
-    spent = n_runs if look.n_spent is None else look.n_spent
-    # What is left of the budget goes to the runs that are fitted.
-    budget = replace(rule, max_runs=max(rule.max_runs - (spent - n_runs), 1))
     student = float(interval_half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
     scale = 1.0
     if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
         scale = look.half_width / student
     width = float("nan")
     if df_residual > 0:
-        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=spent, n_before=before.n_spent))
-        width *= scale * look.widening
+        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=n_runs, n_before=look.n_before))
+        width *= scale
     found = conditions(
         rule,
         n_runs=n_runs,
@@ -222,23 +199,20 @@ def decide(
         lack_of_fit_p=_effective_p(rule, adequacy),
         half_width=width,
     )
-    now = all(bool(value) for value in found.values())
     checks = [
-        _interval_check(rule, bool(found["interval"]), width, unit, look.widening),
+        _interval_check(rule, bool(found["interval"]), width, unit),
         *_count_checks(rule, found, look),
         _lack_of_fit_check(rule, adequacy),
     ]
-    if rule.looks == 2:
-        checks.append(_two_looks_check(now, before.held))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
     held = all(check.holds is True for check in checks)
-    ahead = forecast(budget, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
+    ahead = forecast(rule, n_runs=n_runs, n_terms=n_terms, s=s * scale, h=h)
     useless = futility(
-        budget, ahead, n_terms=n_terms, df_residual=df_residual, model_p=look.model_p, width=width, unit=unit
+        rule, ahead, n_terms=n_terms, df_residual=df_residual, model_p=look.model_p, width=width, unit=unit
     )
-    budget_spent = spent >= rule.max_runs
+    budget_spent = n_runs >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
         reasons = [f"The stop rule holds after {n_runs} runs.", *(check.text for check in checks)]
@@ -248,10 +222,9 @@ def decide(
         reasons.append(confirmation.text)
     return Decision(
         held=held,
-        conditions_hold=now,
         checks=tuple(checks),
         half_width=width,
-        **asdict(ahead) | {"runs_needed": None if ahead.runs_needed is None else ahead.runs_needed + spent - n_runs},
+        **asdict(ahead),
         budget_spent=budget_spent,
         wants_confirmation=rule.guard == "confirmation" and before_confirmation and confirmation is None,
         futility=() if held else useless,
@@ -259,17 +232,14 @@ def decide(
     )
 
 
-def _interval_check(rule: StopRule, holds: bool, width: float, unit: str, widening: float) -> Check:
+def _interval_check(rule: StopRule, holds: bool, width: float, unit: str) -> Check:
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
     kinds = {"anytime": ", valid at every look", "spending": ", its error spent over the looks"}
     kind = kinds.get(rule.guard, "")
-    departure = f", {100 * (widening - 1.0):.0f} % of it for departures from the model" if widening >= 1.005 else ""
-    text = (
-        f"The {rule.interval_name} at the optimum is ± {amount(width, unit)} "
-        f"({100 * rule.level:g} %{kind}{departure}); {target}."
-    )
+    now = f"± {amount(width, unit)} ({100 * rule.level:g} %{kind})"
+    text = f"The {rule.interval_name} at the optimum is {now}; {target}."
     return Check("interval", holds, text)
 
 
@@ -348,14 +318,6 @@ def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:
     holds = p >= rule.alpha_lack_of_fit
     verdict = "not significant" if holds else "significant: the quadratic does not describe this region"
     return Check("lack_of_fit", holds, f"Lack of fit is {verdict} (p = {p:.2g}, limit {rule.alpha_lack_of_fit:g}).")
-
-
-def _two_looks_check(now: bool, before: bool) -> Check:
-    if now and before:
-        return Check("two_looks", True, "All of this held at the look before, too.")
-    if now:
-        return Check("two_looks", False, "All of this holds for the first time; it must hold at two consecutive looks.")
-    return Check("two_looks", False, "It must hold at two consecutive looks.")
 
 
 def _confirmation_check(rule: StopRule, confirmation: Agreement | None) -> Check:

@@ -46,7 +46,6 @@ from seqrsm.report.wording import (
     listing,
     no_error_estimate,
     number_cell,
-    of_quadratic,
     optimum_setting_text,
     readable,
     readable_text,
@@ -75,13 +74,6 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         ("Prediction: score of one future run", optimum.prediction),
         (f"Prediction: mean of {m} future runs", optimum.prediction_mean),
     ]
-    allowed = optimum.with_departure if optimum.quadratic is None else None
-    if allowed is not None:
-        intervals += [
-            ("Confidence, departure allowed for", allowed.confidence),
-            ("Prediction of one run, departure allowed for", allowed.prediction),
-            (f"Prediction of {m} runs, departure allowed for", allowed.prediction_mean),
-        ]
     rows = (
         (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
         for name, interval in intervals
@@ -89,29 +81,11 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     columns = ("Interval", "From, to", right("Half-width"))
     found = table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows)
     mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
-    blocks: list[Block]
-    if optimum.quadratic is None:
-        how = (
-            "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
-            "print; z\u2080 is the full model row) is"
-        )
-        blocks = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
-    else:
-        text = (
-            "A departure from the quadratic is seen. Settings, mean and intervals are those of the quadratic and a "
-            "smooth departure together, all sizes of which that the scores do not exclude are averaged over, with the "
-            "weight that the scores give to each. The settings were chosen because the departure is good there, so it "
-            "counts as an error of its own size. The stop rule watches these intervals."
-        )
-        blocks = [Paragraph(mean + text), found]
-    if allowed is not None:
-        blocks.append(
-            Paragraph(
-                "No surface is quite a quadratic. Where a departure is allowed for, all sizes of it that the scores do "
-                "not exclude are averaged over, with the weight that the scores give to each: the estimated mean is "
-                f"then {score_text(analysis, allowed.mean)}. The stop rule watches these intervals."
-            )
-        )
+    how = (
+        "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
+        "print; z\u2080 is the full model row) is"
+    )
+    blocks: list[Block] = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
     floor = analysis.decision.noise_floor
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
@@ -283,15 +257,14 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
         mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
         text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
         rows.append((axis_label(factor), text, setting_range_text(analysis, factor), at_bound_text(analysis, factor)))
-    level, there = level_phrase(analysis), "there" if of_quadratic(analysis) else "at the recommended settings"
-    spread = f"{level} interval, or probability of each level{of_quadratic(analysis)}"
+    level = level_phrase(analysis)
+    spread = f"{level} interval, or probability of each level"
     columns = ("Factor", right("Mean"), spread, right("Probability at a bound"))
     blocks: list[Block] = [
         Paragraph(
-            f"Posterior mean of the score at the optimum{of_quadratic(analysis)}: "
-            f"{score_text(analysis, posterior.mean)}; credible interval ({level}): "
-            f"{interval_text(analysis, posterior.credible)}; one future score {there} ({level}): "
-            f"{interval_text(analysis, posterior.predictive)}."
+            f"Posterior mean of the score at the optimum: {score_text(analysis, posterior.mean)}; credible interval "
+            f"({level}): {interval_text(analysis, posterior.credible)}; one future score at the recommended settings "
+            f"({level}): {interval_text(analysis, posterior.predictive)}."
         ),
         *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
         table("Posterior of the optimal settings", columns, rows),
@@ -340,9 +313,7 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
     alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
     draw, data = partial(optimum_value_panel, analysis), partial(optimum_values_data, analysis)
     panels.append(Panel("score at the optimum", alt, draw, name="posterior-of-score-at-optimum", data=data))
-    caption = "Posterior of the optimal setting of every factor and of the mean score there" + (
-        f"{of_quadratic(analysis)}. Dashed: what is recommended, by quadratic and departure together."
-        if of_quadratic(analysis)
-        else ". Dashed: least-squares estimate."
+    caption = (
+        "Posterior of the optimal setting of every factor and of the mean score there. Dashed: least-squares estimate."
     )
     return FigureBlock(tuple(panels), caption)

@@ -62,9 +62,8 @@ def searched_text(analysis: Analysis, study: Study) -> str:
     if isinstance(found, str):
         return f"Not computed: {found}."
     size = half_width_text(analysis, abs(found.optimism))
-    where = "" if analysis.optimum.quadratic is None else "At the optimum of the quadratic alone. "
     return (
-        f"{where}The settings were chosen by the same scores, which makes their mean look about {size} too good "
+        f"The settings were chosen by the same scores, which makes their mean look about {size} too good "
         "(bootstrap with the search repeated). Intervals that allow for it:"
     )
 
