@@ -100,7 +100,7 @@ def test_unknown_test_is_refused_with_the_names(tmp_path: Path) -> None:
 def test_weights_from_standard_errors(tmp_path: Path) -> None:
     se = np.round(np.random.default_rng(5).uniform(0.5, 3.0, 24), 3)
     rows = quadratic(se=se)
-    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
     theirs = sm.WLS([row["score"] for row in rows], matrix(rows), weights=1 / se**2).fit()
     np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
     np.testing.assert_allclose(of(found, "se"), theirs.bse, rtol=1e-9)
@@ -110,7 +110,7 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     assert found["optimum"]["prediction"]["half_width"] == pytest.approx(half, rel=1e-7)
     rows[4]["se"] = ""
     with pytest.raises(FitError, match="runs 5 have no standard error"):
-        fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+        fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
 
 
 def test_hierarchical_terms(tmp_path: Path) -> None:
@@ -375,7 +375,7 @@ def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Pa
         "student": ({}, '[model]\nerrors = "student_t"\n'),
         "logit": ({}, '[model]\nerrors = "student_t"\nresponse = "logit"\n'),
         "days": ({"block": [f"d{i % 5}" for i in range(30)]}, '[model]\nblock = "block"\nblock_effect = "random"\n'),
-        "flights": ({"source": ["simulation", "flight", "simulation"] * 10}, '[model]\nregion = "fixed"\n'),
+        "flights": ({"source": ["simulation", "flight", "simulation"] * 10}, ""),
     }
     for name, (more, model) in cases.items():
         rows = [{**row, **{key: values[i] for key, values in more.items()}} for i, row in enumerate(flat)]
@@ -545,7 +545,7 @@ def test_level_that_was_never_run(tmp_path: Path) -> None:
 def test_weights_over_twelve_decades(tmp_path: Path) -> None:
     se = 10.0 ** np.linspace(-3, 3, 24)
     rows = quadratic(se=se)
-    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
     from fractions import Fraction
 
     Z, y = matrix(rows), [row["score"] for row in rows]

@@ -77,7 +77,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> dict:
 
 def keys(document: dict) -> dict[str, set[str]]:
     """Keys of a document and of the tables in it that are there for every kind of fit."""
-    tables = ("optimum", "posterior", "stop", "region", "diagnostics")
+    tables = ("optimum", "posterior", "stop", "diagnostics")
     lists = ("terms", "anova", "factors_importance")
     return (
         {"": set(document), "in the posterior": set(document["posterior"]["optimum"])}

@@ -38,18 +38,25 @@ def test_a_shared_bound_widens_intervals_and_posterior(tmp_path: Path, tiny_scen
     spec, runs = campaign.spec, campaign.store.runs()
     one = spec.applications[0]
     plain, shared = (analyse(spec, one, made_by(runs, bound), ()) for bound in (0.0, BOUND))
-    narrow, wide = plain.optimum.with_departure, shared.optimum.with_departure
-    assert plain.optimum.mean == pytest.approx(shared.optimum.mean)
+    narrow, wide = plain.optimum, shared.optimum
+    assert narrow.mean == pytest.approx(wide.mean)
     # All runs by one rung: nothing is learnt of what they share, half the bound is its standard deviation.
     fitted = fit_application(spec, one, made_by(runs, 0.0))
     quantile = t.ppf(0.5 + 0.5 * shared.optimum.level, fitted.surface.df_residual)
     wanted = np.hypot(narrow.confidence.half_width, quantile * 0.5 * BOUND)
     assert wide.confidence.half_width == pytest.approx(wanted, rel=1e-6)
+    assert wide.prediction.half_width == pytest.approx(
+        np.hypot(narrow.prediction.half_width, quantile * 0.5 * BOUND), rel=1e-6
+    )
+    assert shared.decision.half_width == pytest.approx(getattr(wide, spec.stop.interval).half_width)
+    assert shared.decision.noise_floor == pytest.approx(plain.decision.noise_floor)
+    searched = analyse(spec, one, made_by(runs, BOUND), (), thorough=True).study.searched
+    assert searched.confidence.half_width >= wide.confidence.half_width
     assert any("may be off together, by 4 at most" in text for text in shared.warnings)
     assert not any("off together" in text for text in plain.warnings)
-    # Which intervals leave it out is said, too; flights and random blocks have their own rule.
+    # What counts it is said, too; flights and random blocks have their own rule.
     said = next(text for text in shared.warnings if "off together" in text)
-    assert said.endswith("the plain confidence and prediction intervals do not.")
+    assert said.endswith("the posterior and the intervals at the optimum count that.")
     by_rung = made_by(runs, BOUND)
     flown = [
         replace(run, source="flight", scores=runs[i].scores) if i % 4 == 0 else run for i, run in enumerate(by_rung)
@@ -58,7 +65,10 @@ def test_a_shared_bound_widens_intervals_and_posterior(tmp_path: Path, tiny_scen
         replace(run, scores=(replace(run.scores[0], metadata={}),)) if run.source == "flight" else run for run in flown
     ]
     dealt = [replace(run, block=f"occasion {1 + i % 3}") for i, run in enumerate(by_rung)]
-    for own, words in ((flown, "whose prior is [model] discrepancy_sd"), (dealt, "the posterior and the plain")):
+    for own, words in (
+        (flown, "whose prior is [model] discrepancy_sd"),
+        (dealt, "the intervals at the optimum count that, the posterior does not"),
+    ):
         assert any("off together" in text and words in text for text in analyse(spec, one, own, ()).warnings)
     draws = [
         draw_coefficients(spec, fit_application(spec, one, made_by(runs, bound)), sampler="exact", n_draws=20_000)

@@ -37,7 +37,7 @@ def analysed(folder: Path, text: str, factors: dict[str, tuple[float, float]], g
         f'[[factor]]\nname = "{name}"\nlow = {low}\nhigh = {high}\n' for name, (low, high) in factors.items()
     )
     toml += f'[[application]]\nname = "a"\nutility = "measured"\ngoal = "{goal}"\n'
-    toml += '[model]\nregion = "fixed"\n[stop]\nhalf_width = 5.0\n'
+    toml += "[stop]\nhalf_width = 5.0\n"
     (folder / "campaign.toml").write_text(toml, encoding="utf-8")
     rows = [",".join(["score", *factors]), *(",".join(repr(float(v)) for v in row) for row in table)]
     (folder / "scores.csv").write_text("\n".join(rows), encoding="utf-8")

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.decide.discrepancy import find_discrepancy
-from seqrsm.decide.moving import evidence_limit
+from seqrsm.decide.discrepancy import evidence_limit, find_discrepancy
 from seqrsm.decide.rule import StopRule
 from seqrsm.decide.stopping import Adequacy, Departure, Look, decide
 from seqrsm.design.factors import ContinuousFactor
@@ -83,7 +82,7 @@ def rates(k: int, sets: int, *, ratio: float = 1.0, departure: str = "", size: f
         return 1.0 - (1.0 - ratio) * np.exp(-2.0 * np.sum((x - BEST) ** 2, axis=1))
 
     Z, ids = model.matrix(points), [tuple(row) for row in points]
-    rule = StopRule(half_width=10.0, looks=1)
+    rule = StopRule(half_width=10.0)
     found = np.zeros((sets, 5), dtype=bool)
     for i in range(sets):
         y = mean(points) + noise(points) * rng.standard_normal(len(points))

@@ -2,9 +2,9 @@
 
     OPENBLAS_NUM_THREADS=1 python tests/studies/coverage_study.py [--campaigns 2000] [--workers 1] [--out DIR]
 
-Every campaign starts from an optimal design, proposes by the default criterion, moves and shrinks its region, and stops
-by the default rule (guard "runs": half-width, 3 runs a term, pure error, no lack of fit, two looks); then it makes five
-confirmation runs. Results are kept after each chunk in ``DIR/chunks.csv``: the same command goes on where it was.
+Every campaign starts from an optimal design, proposes by the default criterion, and stops by the default rule (guard
+"runs": half-width, 3 runs a term, pure error, no lack of fit); then it makes five confirmation runs. Results are kept
+after each chunk in ``DIR/chunks.csv``: the same command goes on where it was.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import sequential_surfaces as surfaces
 
 from seqrsm.decide.intervals import confirmation_interval, counted_confirmation
 from seqrsm.decide.rule import StopRule
-from seqrsm.decide.stopping import Adequacy, Before, Decision, Look, decide
+from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
 from seqrsm.fit.anova import LackOfFit
 
 CASES = {
@@ -45,8 +45,8 @@ ERRORS = ("normal", "student_t", "binomial", "student_t" + PLAIN, "binomial" + P
 SIGMAS = (1.0, 3.0)
 CHUNK = 50
 FIELDS = (
-    "surface", "errors", "sigma", "chunk", "campaigns", "stopped", "new_run", "new_run_sq", "new_run_plain", "mean",
-    "mean_plain", "confirmation", "new_run_all", "runs", "regret", "regret_max", "zoomed", "seconds",
+    "surface", "errors", "sigma", "chunk", "campaigns", "stopped", "new_run", "new_run_sq", "mean", "confirmation",
+    "new_run_all", "runs", "regret", "regret_max", "seconds",
 )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def trials(sigma: float) -> int:
     return round(80.0 * 20.0 / sigma**2)
 
 
-def decision_at(rule: StopRule, found: surfaces.Fitted, n_spent: int, before: bool, pure: int) -> Decision:
+def decision_at(rule: StopRule, found: surfaces.Fitted, pure: int) -> Decision:
     """The rule at one look."""
     lack = found.fit.lack_of_fit()
     half = float("nan")
@@ -90,11 +90,9 @@ def decision_at(rule: StopRule, found: surfaces.Fitted, n_spent: int, before: bo
         df_pure_error=pure,
         h=found.h,
         half_width=half,
-        widening=found.widening(half) if np.isfinite(half) else np.inf,
-        n_spent=n_spent,
     )
     adequacy = Adequacy(lack.p if isinstance(lack, LackOfFit) else None, departure=found.departure)
-    return decide(rule, look, adequacy, Before(before))
+    return decide(rule, look, adequacy)
 
 
 def campaign(surface: surfaces.Surface, k: int, sigma: float, errors: str, seed: int) -> dict[str, float]:
@@ -106,24 +104,16 @@ def campaign(surface: surfaces.Surface, k: int, sigma: float, errors: str, seed:
     kind = errors.removesuffix(PLAIN)
     told = surfaces.Told(errors, trials(sigma))
     X, y = start, noisy(surface(start), sigma, kind, rng)
-    plan, state = surfaces.begin(k, max_runs, True)
-    batch, before = 1, (False, state.box)
     while True:
-        state = surfaces.step(plan, state, X, y, batch, told)
         spent = len(y) >= max_runs
         least = 0 if spent else rule.min_runs(model.p)
-        found = surfaces.fit_box(state, model, region, X, y, told, least)
-        held = before[0] and before[1] == state.box
+        found = surfaces.fit_scores(model, region, X, y, told, least)
         if found.fit.n_runs >= least:  # with fewer the rule cannot hold
-            decision = decision_at(rule, found, len(y), held, surfaces.pure_error(found))
+            decision = decision_at(rule, found, surfaces.pure_error(found))
             if decision.held or spent:
                 break
-            before = (decision.conditions_hold, state.box)
-        else:
-            before = (False, state.box)
-        new = surfaces.next_points(state, found, k, X, 4, rng, seed * 131 % 2**31 + len(X))
+        new = surfaces.next_points(found, k, X, 4, rng, seed * 131 % 2**31 + len(X))
         X, y = np.vstack([X, new]), np.append(y, noisy(surface(new), sigma, kind, rng))
-        batch += 1
     truth = float(surface(found.point[None, :])[0])
     fresh = noisy(np.full(500, truth), sigma, kind, eyes)
     five = noisy(np.full(5, truth), sigma, kind, eyes)
@@ -133,20 +123,17 @@ def campaign(surface: surfaces.Surface, k: int, sigma: float, errors: str, seed:
     else:
         confirmed = confirmation_interval(five)
 
-    def covered(values: np.ndarray, kind: str, allow: bool) -> float:
-        low, high = found.ends(kind, allow=allow)
+    def covered(values: np.ndarray, kind: str) -> float:
+        low, high = found.ends(kind)
         return float(np.mean((values >= low) & (values <= high)))
 
     return {
         "stopped": float(decision.held),
-        "new_run": covered(fresh, "prediction", True),
-        "new_run_plain": covered(fresh, "prediction", False),
-        "mean": covered(np.array([truth]), "confidence", True),
-        "mean_plain": covered(np.array([truth]), "confidence", False),
+        "new_run": covered(fresh, "prediction"),
+        "mean": covered(np.array([truth]), "confidence"),
         "confirmation": float(confirmed.low <= truth <= confirmed.high),
         "runs": float(len(y)),
         "regret": surfaces.true_optimum(surface, k) - truth,
-        "zoomed": float(not state.box.whole),
     }
 
 
@@ -163,12 +150,10 @@ def chunk(task: tuple[str, str, float, int, int]) -> dict[str, object]:
     return {
         "surface": name, "errors": errors, "sigma": sigma, "chunk": number, "campaigns": len(rows),
         "stopped": len(held), "new_run": sum(r["new_run"] for r in held),
-        "new_run_sq": sum(r["new_run"] ** 2 for r in held), "new_run_plain": sum(r["new_run_plain"] for r in held),
-        "mean": sum(r["mean"] for r in held), "mean_plain": sum(r["mean_plain"] for r in held),
+        "new_run_sq": sum(r["new_run"] ** 2 for r in held), "mean": sum(r["mean"] for r in held),
         "confirmation": sum(r["confirmation"] for r in rows), "new_run_all": sum(r["new_run"] for r in rows),
         "runs": float(np.median([r["runs"] for r in rows])), "regret": float(np.median([r["regret"] for r in rows])),
-        "regret_max": max(r["regret"] for r in rows), "zoomed": sum(r["zoomed"] for r in rows),
-        "seconds": time.perf_counter() - began,
+        "regret_max": max(r["regret"] for r in rows), "seconds": time.perf_counter() - began,
     }  # fmt: skip
 
 
@@ -214,13 +199,12 @@ def summary(rows: list[dict[str, str]]) -> list[dict[str, object]]:
                     {
                         "surface": name, "errors": errors, "sigma": sigma, "campaigns": int(n),
                         "stopped": total("stopped") / n, "new_run": new, "new_run_se": float(np.sqrt(spread / held)),
-                        "new_run_plain": total("new_run_plain") / held, "new_run_all": total("new_run_all") / n,
+                        "new_run_all": total("new_run_all") / n,
                         "mean": mean, "mean_se": float(np.sqrt(mean * (1.0 - mean) / held)),
-                        "mean_plain": total("mean_plain") / held,
                         "confirmation": confirmed,
                         "confirmation_se": float(np.sqrt(confirmed * (1 - confirmed) / n)),
                         "runs": float(np.mean([float(r["runs"]) for r in cell])),
-                        "regret": float(np.mean([float(r["regret"]) for r in cell])), "zoomed": total("zoomed") / n,
+                        "regret": float(np.mean([float(r["regret"]) for r in cell])),
                     }
                 )  # fmt: skip
     return table
@@ -230,22 +214,19 @@ HEAD = """# Coverage after stopping
 
 `OPENBLAS_NUM_THREADS=1 python tests/studies/coverage_study.py` regenerates this page, goes on where it was, and takes
 `--workers N`. Every campaign has its own random surface and noise. It begins with an optimal design of p + 6 runs,
-makes batches of 4 by the default criterion, may shrink and move its region, and stops by the default rule on the
-prediction interval of the mean of five runs (target 1.3 sigma, budget max(80, 4p)). Then it makes five confirmation
-runs. Scores scatter normally, by a Student t with 4 degrees of freedom, or as counts, with about the standard deviation
+makes batches of 4 by the default criterion, and stops by the default rule on the prediction interval of the mean of
+five runs (target 1.3 sigma, budget max(80, 4p)). Then it makes five confirmation runs. Scores scatter normally, by a Student t with 4 degrees of freedom, or as counts, with about the standard deviation
 sigma at the optimum; the fit is told of it (`errors = "student_t"`; `weights = "counts"`) or fits them *as normal*.
 Surfaces for counts are put between 40 and 85 percent.
 
-*New run* is the coverage of the 95 % interval of one new run at the recommended settings, with a departure from the
-quadratic allowed for, among the campaigns that stopped by the rule (500 fresh runs each, so that its error is that of
-the campaigns); *t* behind it that of the interval of the quadratic alone, in the same campaigns. *Mean* is the same for
-the interval of the mean; *confirmation* is the coverage of the interval of the five fresh runs (t; of counts a score interval). ± is one Monte Carlo
+*New run* is the coverage of the 95 % interval of one new run at the recommended settings, among the campaigns that
+stopped by the rule (500 fresh runs each, so that its error is that of the campaigns). *Mean* is the same for the interval of the mean; *confirmation* is the coverage of the interval of the five fresh runs (t; of counts a score interval). ± is one Monte Carlo
 standard error. Runs and regret (score units) are medians by chunk of 50, averaged.
 
 ![Coverage by surface and errors](coverage.png)
 
-| surface | errors | sigma | campaigns | stopped | new run | t | mean | t | confirmation | runs | regret | region shrunk |
-|---|---|---|---|---|---|---|---|---|---|---|---|---|
+| surface | errors | sigma | campaigns | stopped | new run | mean | confirmation | runs | regret |
+|---|---|---|---|---|---|---|---|---|---|
 """  # noqa: E501
 
 
@@ -257,10 +238,10 @@ def write(table: list[dict[str, object]], folder: Path) -> None:
         writer.writerows(table)
     lines = [
         f"| {r['surface']} | {r['errors']} | {r['sigma']:g} | {r['campaigns']} | {100 * r['stopped']:.0f} % | "
-        f"{100 * r['new_run']:.1f} ± {100 * r['new_run_se']:.1f} % | {100 * r['new_run_plain']:.1f} % | "
-        f"{100 * r['mean']:.1f} ± {100 * r['mean_se']:.1f} % | {100 * r['mean_plain']:.1f} % | "
+        f"{100 * r['new_run']:.1f} ± {100 * r['new_run_se']:.1f} % | "
+        f"{100 * r['mean']:.1f} ± {100 * r['mean_se']:.1f} % | "
         f"{100 * r['confirmation']:.1f} ± {100 * r['confirmation_se']:.1f} % | "
-        f"{r['runs']:.0f} | {r['regret']:.2f} | {100 * r['zoomed']:.0f} % |"
+        f"{r['runs']:.0f} | {r['regret']:.2f} |"
         for r in table
     ]
     notes = folder / "notes.md"

@@ -48,17 +48,15 @@ def seqrsm(score: Score, k: int, n: int, seed: int) -> Answers:
     model, region, start = surfaces.stage(k)
     rng = np.random.default_rng(seed)
     X, y = start, score(start)
-    plan, state = surfaces.begin(k, n, True)
-    answers, batch = [], 1
+    answers = []
     while True:
-        state = surfaces.step(plan, state, X, y, batch)
-        found = surfaces.fit_box(state, model, region, X, y)
+        found = surfaces.fit_scores(model, region, X, y)
         low, high = found.ends("confidence")
         answers.append((len(y), found.point, (float(low), float(high))))
         if len(y) >= n:
             return answers
-        new = surfaces.next_points(state, found, k, X, min(BATCH, n - len(y)), rng, seed * 131 + len(y))
-        X, y, batch = np.vstack([X, new]), np.append(y, score(new)), batch + 1
+        new = surfaces.next_points(found, k, X, min(BATCH, n - len(y)), rng, seed * 131 + len(y))
+        X, y = np.vstack([X, new]), np.append(y, score(new))
 
 
 def _start(k: int, seed: int) -> np.ndarray:

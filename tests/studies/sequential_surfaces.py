@@ -15,10 +15,8 @@ from scipy.optimize import minimize
 
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.allowance import NO_ALLOWANCE, Allowance, departed_optimum, weigh_departures
-from seqrsm.decide.discrepancy import find_discrepancy
+from seqrsm.decide.discrepancy import evidence_limit, find_discrepancy
 from seqrsm.decide.intervals import IntervalKind, half_width
-from seqrsm.decide.moving import Plan, RegionState, evidence_limit, look, whole_box
 from seqrsm.decide.stopping import Departure
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
@@ -141,13 +139,11 @@ class Fitted:
     """What one look knows."""
 
     told: Told
-    point: FloatArray  # recommended, coded in the whole region
-    quadratic: FloatArray  # optimum of the quadratic, coded in the box
+    point: FloatArray  # recommended, coded
     row: FloatArray  # of the recommended settings
     fit: LeastSquaresFit
     model: QuadraticModel
     weight: float  # of a run at the recommended settings
-    allowance: Allowance
     departure: Departure
 
     @property
@@ -165,7 +161,7 @@ class Fitted:
         return float(self.fit.variance_unscaled(self.row[None, :])[0]) * self.weight
 
     def half_width(self, kind: IntervalKind, level: float = 0.95, replicates: int = 5) -> float:
-        """Of the model alone."""
+        """Of an interval at the recommended settings."""
         if not self.told.student:
             return float(half_width(kind, self.s, self.fit.df_residual, self.h, level, replicates))
         beta, sigma = _draws_of(self.fit.Z.tobytes(), self.fit.y.tobytes(), self.fit.n_terms)
@@ -175,15 +171,9 @@ class Fitted:
         low, high = np.quantile(beta @ self.row + sigma * noise, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
         return 0.5 * float(high - low)
 
-    def ends(self, kind: IntervalKind, level: float = 0.95, *, allow: bool = True) -> FloatArray:
-        """With or without the allowance for a departure."""
-        allowance = self.allowance if allow else NO_ALLOWANCE
-        return np.array(allowance.ends(self.mean, self.half_width(kind, level), self.fit.df_residual, level))
-
-    def widening(self, half: float, level: float = 0.95) -> float:
-        """Factor by which the allowance widens an interval of half-width ``half``."""
-        low, high = self.allowance.ends(self.mean, half, self.fit.df_residual, level)
-        return (high - low) / (2.0 * half)
+    def ends(self, kind: IntervalKind, level: float = 0.95) -> FloatArray:
+        """Of the same interval."""
+        return self.mean + self.half_width(kind, level) * np.array([-1.0, 1.0])
 
 
 @lru_cache(maxsize=2)
@@ -230,78 +220,37 @@ def student_draws(Z: FloatArray, y: FloatArray, nu: float = 4.0, chains: int = 2
     return np.vstack(betas), np.concatenate(sigmas)
 
 
-def fit_box(
-    state: RegionState,
-    model: QuadraticModel,
-    region: Region,
-    X: FloatArray,
-    y: FloatArray,
-    told: Told = NORMAL,
-    least: int = 0,
-    moving: bool = True,
+def fit_scores(
+    model: QuadraticModel, region: Region, X: FloatArray, y: FloatArray, told: Told = NORMAL, least: int = 0
 ) -> Fitted:
-    """The fit in the box of ``state``, as ``seqrsm`` makes it; departures are looked for from ``least`` runs on.
-
-    ``moving`` False recommends the quadratic's optimum even where a departure is seen, as ``region = "fixed"`` does.
-    """
-    inside = state.box.contains(X)
-    local = state.box.local(X[inside])
-    values, Z = y[inside], model.matrix(local)
-    weights = told.weights(Z, values)
-    ids = [tuple(row) for row in np.round(local, 9) + 0.0]
-    fit = fit_least_squares(Z, values, model.terms, weights=weights, setting_ids=ids)
-    best = quadratic = optimum(model, region, fit.estimate).point
-    departure, departures = Departure(0.0, evidence_limit(fit.df_residual)), None
-    if len(values) >= least:
-        departure = replace(departure, evidence=find_discrepancy(model, local, Z, values, weights).evidence)
-        departures = weigh_departures(model, region, local, Z, values, weights)
-    chosen = moving and departures is not None and departure.seen
-    if chosen:
-        best = departed_optimum(departures, region, model.matrix, fit.estimate)
+    """The fit, as ``seqrsm`` makes it; a departure is looked for from ``least`` runs on."""
+    Z = model.matrix(X)
+    weights = told.weights(Z, y)
+    ids = [tuple(row) for row in np.round(X, 9) + 0.0]
+    fit = fit_least_squares(Z, y, model.terms, weights=weights, setting_ids=ids)
+    best = optimum(model, region, fit.estimate).point
+    departure = Departure(0.0, evidence_limit(fit.df_residual))
+    if len(y) >= least:
+        departure = replace(departure, evidence=find_discrepancy(model, X, Z, y, weights).evidence)
     row = model.matrix(best[None, :])[0]
-    allowance = NO_ALLOWANCE if departures is None else departures.allowance(best, row)
-    if chosen:
-        allowance = allowance.of_chosen
-    weight = told.weight_at(Z, values, float(row @ fit.estimate))
-    return Fitted(told, state.box.outwards(best), quadratic, row, fit, model, weight, allowance, departure)
+    weight = told.weight_at(Z, y, float(row @ fit.estimate))
+    return Fitted(told, best, row, fit, model, weight, departure)
 
 
-def next_points(
-    state: RegionState, found: Fitted, k: int, X: FloatArray, n: int, rng: np.random.Generator, seed: int
-) -> FloatArray:
+def next_points(found: Fitted, k: int, X: FloatArray, n: int, rng: np.random.Generator, seed: int) -> FloatArray:
     """Next runs, as ``seqrsm run`` chooses them."""
     model, region, _ = stage(k)
-    box = state.box if state.target is None else state.target
-    done = box.local(X[box.contains(X)])
-    evidence, plan = Evidence(model.matrix(done), done), plan_of("optimum")
-    if state.target is None:
-        fit = found.fit
-        df = fit.df_residual
-        sigma = fit.s * np.sqrt(df / rng.chisquare(df, size=(64, 1)))
-        draws = fit.estimate + sigma * (rng.standard_normal((64, model.p)) @ fit.factor.T)
-        evidence = replace(evidence, df_pure_error=pure_error(found))
-        sought = Sought(found.quadratic, optimum_draws(model, region, draws)[0])
-    else:
-        evidence = replace(evidence, df_pure_error=99, prior_precision=0.05 * np.eye(model.p))
-        sought, plan = Sought(np.zeros(k), np.zeros((1, k))), plan_of("D")
-    batch = propose_batch(model, region, evidence, sought, n, plan, seed=seed, n_candidates=700)
-    return np.array([box.outwards(proposal.point) for proposal in batch])
+    fit = found.fit
+    df = fit.df_residual
+    sigma = fit.s * np.sqrt(df / rng.chisquare(df, size=(64, 1)))
+    draws = fit.estimate + sigma * (rng.standard_normal((64, model.p)) @ fit.factor.T)
+    evidence = Evidence(model.matrix(X), X, df_pure_error=pure_error(found))
+    sought = Sought(found.point, optimum_draws(model, region, draws)[0])
+    batch = propose_batch(model, region, evidence, sought, n, plan_of("optimum"), seed=seed, n_candidates=700)
+    return np.array([proposal.point for proposal in batch])
 
 
 def pure_error(found: Fitted) -> int:
     """Degrees of freedom of pure error."""
     lack = found.fit.lack_of_fit()
     return lack.df_pe if isinstance(lack, LackOfFit) else 0
-
-
-def begin(k: int, max_runs: int, moving: bool) -> tuple[Plan, RegionState]:
-    """Plan and first state; ``moving`` False keeps the whole region for ever."""
-    _, region, _ = stage(k)
-    return Plan(region, max_runs=max_runs if moving else 0), RegionState(whole_box(k))
-
-
-def step(plan: Plan, state: RegionState, X: FloatArray, y: FloatArray, batch: int, told: Told = NORMAL) -> RegionState:
-    """One look."""
-    if not plan.max_runs:
-        return state
-    return look(plan, state, X, y, batch, told.weights(stage(X.shape[1])[0].matrix(X), y))

@@ -19,7 +19,7 @@ from seqrsm.decide.intervals import (
     t_quantile,
 )
 from seqrsm.decide.rule import StopRule, rule_half_width, spending_level
-from seqrsm.decide.stopping import Adequacy, Before, Decision, Departure, Look, decide
+from seqrsm.decide.stopping import Adequacy, Decision, Departure, Look, decide
 from seqrsm.errors import FitError, SpecError
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -31,7 +31,6 @@ GOOD: dict[str, Any] = {
     "df_pure_error": 6,
     "lack_of_fit_p": 0.4,
     "h": 0.2,
-    "held_at_previous_look": True,
 }
 
 
@@ -46,9 +45,8 @@ ADEQUACY = {
 def look(rule: StopRule = RULE, **changes: Any) -> Decision:
     facts = {**GOOD, **changes}
     adequacy = {of: facts.pop(key) for key, of in ADEQUACY.items() if key in facts}
-    before = Before(facts.pop("held_at_previous_look", False), facts.pop("n_before", 0))
     confirmation, unit = facts.pop("confirmation", None), facts.pop("unit", "")
-    return decide(rule, Look(**facts), Adequacy(**adequacy), before, confirmation, unit)
+    return decide(rule, Look(**facts), Adequacy(**adequacy), confirmation, unit)
 
 
 def holds(decision: Decision) -> dict[str, bool | None]:
@@ -58,8 +56,7 @@ def holds(decision: Decision) -> dict[str, bool | None]:
 def test_all_parts_hold_and_it_stops() -> None:
     decision = look()
     assert decision.held
-    assert decision.conditions_hold
-    assert list(holds(decision)) == ["interval", "runs", "pure_error", "lack_of_fit", "two_looks"]
+    assert list(holds(decision)) == ["interval", "runs", "pure_error", "lack_of_fit"]
     assert all(holds(decision).values())
     assert decision.half_width == pytest.approx(stats.t.ppf(0.975, 35) * 2.0 * np.sqrt(1.2))
     assert decision.reasons[0] == "The stop rule holds after 50 runs."
@@ -73,15 +70,13 @@ def test_all_parts_hold_and_it_stops() -> None:
         ("runs", {"n_runs": 44}, "45 are asked for"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees"),
         ("lack_of_fit", {"lack_of_fit_p": 0.04}, "p = 0.04"),
-        ("two_looks", {"held_at_previous_look": False}, "first time"),
     ],
 )
 def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: str) -> None:
     decision = look(**changes)
     assert not decision.held
     failing = [name for name, value in holds(decision).items() if value is not True]
-    assert failing == ([part] if part == "two_looks" else [part, "two_looks"])
-    assert decision.conditions_hold == (part == "two_looks")
+    assert failing == [part]
     text = next(check.text for check in decision.checks if check.name == part)
     assert number in text
     assert text in decision.reasons
@@ -102,11 +97,12 @@ def test_saturated_fit_has_no_interval() -> None:
     assert np.isnan(decision.attainable_half_width)
 
 
-def test_one_look_is_enough_when_the_rule_says_so() -> None:
-    rule = StopRule(half_width=5.0, looks=1)
-    decision = look(rule, held_at_previous_look=False)
-    assert decision.held
-    assert "two_looks" not in holds(decision)
+def test_guard_spending_spends_from_the_look_before() -> None:
+    rule = StopRule(half_width=5.0, guard="spending")
+    since_the_start, since_46 = look(rule).half_width, look(rule, n_before=46).half_width
+    wanted = [float(rule_half_width(rule, 2.0, 35, 0.2, 15, n_runs=50, n_before=n)) for n in (0, 46)]
+    assert [since_the_start, since_46] == pytest.approx(wanted)
+    assert since_the_start < since_46
 
 
 def test_interval_kinds() -> None:
@@ -312,7 +308,7 @@ def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
 
 
 def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
-    rule = StopRule(interval="confidence", half_width=2.0, max_runs=60, looks=1)
+    rule = StopRule(interval="confidence", half_width=2.0, max_runs=60)
     numbers = {"n_runs": 40, "n_terms": 6, "s": 1.0, "df_residual": 34, "df_pure_error": 6, "h": 0.1}
 
     def check(p: float | None, evidence: float, noise: float = 0.0):
