@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import logit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
@@ -103,10 +102,6 @@ class ResponseScale:
         """An interval of the scale of the fit, in score units."""
         ends = self.to_score(np.array([low, high]))
         return Interval(float(ends[0]), float(ends[1]))
-
-    def of_score(self, scores: FloatArray) -> FloatArray:
-        """Scores on the scale of the fit."""
-        return scores if self.kind == "identity" else logit(scores / 100.0)
 
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""
