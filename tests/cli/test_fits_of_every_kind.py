@@ -111,7 +111,7 @@ def test_the_mean_is_known_best_then_that_of_runs_then_one_run(kind: str, docume
         assert best[name]["half_width"] == pytest.approx(0.5 * (high - low))
         inner = (low, high)
     assert stop["noise_floor"] <= stop["attainable_half_width"] <= stop["half_width"]
-    assert stop["half_width"] >= best["prediction"]["half_width"]
+    assert stop["half_width"] == pytest.approx(best["prediction"]["half_width"], rel=1e-12)
     assert drawn["credible"]["low"] < drawn["mean"] < drawn["credible"]["high"]
 
 

@@ -122,7 +122,8 @@ def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     mean = analysis.fit.predict(rows).mean
     # Where the runs do not determine the mean, neither is there a weight: any will do, the interval is nan anyway.
     weight = np.nan_to_num(analysis.scale.weight_at(mean), nan=1.0)
-    return analysis.fit.predict(rows, level=analysis.optimum.level, weight=weight)
+    found = analysis.fit.predict(rows, level=analysis.optimum.level, weight=weight)
+    return analysis.fitted.surface.with_shared(found, rows)
 
 
 def line(analysis: Analysis, index: int) -> Line:
