@@ -1,0 +1,255 @@
+"""What is believed of the surface: the quadratic, or a process that need not be one, each by its probability.
+
+The probability is that given the scores. Settings, intervals, the place of the
+optimum and what the settings may lose come from both; the quadratic's own analysis stays a description.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from seqrsm.analysis.runs import ScoredRuns
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.surfaces import Surface
+from seqrsm.arrays import FloatArray
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.error_models import Draws
+from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound
+from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
+from seqrsm.propose.cloud import Cloud, climb
+from seqrsm.rng import generator
+from seqrsm.spec.read import CampaignSpec
+
+PRIOR_LOG_ODDS = 1.0
+"""Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
+
+_CERTAIN = 0.01  # below it the quadratic is taken to be true, above one less it the process
+_STRATA = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """What the scores say of a surface that is no quadratic.
+
+    Attributes
+    ----------
+    process : Process or None
+        None where it was not weighed, for ``reason``.
+    log_bayes_factor : float
+        Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed.
+    probability : float
+        Of the process given the scores; 0 and 1 where it is within 0.01 of these, and 0 where it was not weighed.
+    reason : str
+        Why it was not weighed.
+    """
+
+    process: Process | None
+    log_bayes_factor: float
+    probability: float
+    reason: str = ""
+
+
+def weigh_departure(
+    spec: CampaignSpec,
+    model: QuadraticModel,
+    data: ScoredRuns,
+    fit: LeastSquaresFit,
+    surface: Surface,
+    goal: Goal,
+) -> Departure:
+    """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
+
+    ``model`` has all terms, those too that were left out by selection.
+    """
+    n = len(fit.y)
+    reason = surface.no_departure
+    if not reason and model.order == 1:
+        reason = "the model is of first order"
+    if not reason and not (fit.df_residual > 0 and fit.s > 0.0):
+        reason = "nothing is left to tell scatter from surface"
+    if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
+        reason = f"it is weighed with {LEAST_RUNS} to {MOST_RUNS} runs, here are {n}"
+    if reason:
+        return Departure(None, float("nan"), 0.0, reason)
+    rng = generator(spec.seed, n, "process")
+    nuisance = fit.Z[:, surface.estimate.size :]
+    process = Process(model, data.points, fit.y, fit.weights, nuisance, sign_of(goal), rng)
+    probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
+    probability = 0.0 if probability < _CERTAIN else 1.0 if probability > 1.0 - _CERTAIN else float(probability)
+    return Departure(process, process.log_bayes_factor, probability)
+
+
+def sign_of(goal: Goal) -> float:
+    """1 where the score is maximized, -1 where minimized."""
+    return 1.0 if goal == "maximize" else -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """The two surfaces on the scale of the fit, by their probabilities.
+
+    Attributes
+    ----------
+    surface : Surface
+        The quadratic's.
+    departure : Departure
+    region : Region
+    goal : "maximize" or "minimize"
+    """
+
+    surface: Surface
+    departure: Departure
+    region: Region
+    goal: Goal
+
+    def mean(self, points: FloatArray) -> FloatArray:
+        """Expected surface (m,) at coded points (m, k)."""
+        found = self.surface.rows(points) @ self.surface.estimate
+        process, share = self.departure.process, self.departure.probability
+        if process is None or share == 0.0:
+            return found
+        return (1.0 - share) * found + share * process.mean(points)
+
+    def best(self, of_quadratic: Optimum, made: FloatArray, rng: np.random.Generator) -> Optimum:
+        """Where the expected surface is best; the quadratic's optimum where that is taken to be true."""
+        process, share = self.departure.process, self.departure.probability
+        if process is None or share == 0.0:
+            return of_quadratic
+        sign = sign_of(self.goal)
+        of_process = climb(lambda at: sign * process.mean(at), self.region, self._starts(made), rng)[:8]
+        starts = np.vstack([of_quadratic.point[None, :], of_process])
+        (point, *_) = climb(lambda at: sign * self.mean(at), self.region, starts, rng)
+        return replace(
+            of_quadratic,
+            point=point,
+            value=float(self.mean(point[None, :])[0]),
+            at_bound=at_bound(self.region, point),
+            active_constraints=active_constraints(self.region, point),
+            ties=np.empty((0, self.region.k)),
+            flat=False,
+            exact=False,
+        )
+
+    def _starts(self, made: FloatArray) -> FloatArray:
+        cover = self.region.candidates(limit=1000)
+        return np.vstack([cover, made[self.region.feasible(made)]])
+
+
+    def process_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Mean, variance and noise variance of the process (d,) at coded settings (k,), a draw an entry."""
+        assert self.departure.process is not None
+        means, covariances = self.departure.process.joint(point[None, :])
+        noise = self.departure.process.noise_variance(means)
+        return means[:, 0], covariances[:, 0, 0], noise[:, 0]
+
+    def optima(self, point: FloatArray, made: FloatArray, n: int, rng: np.random.Generator) -> Optima:
+        """About ``n`` draws of the process's optimum, and of its value at coded settings (k,)."""
+        process = self.departure.process
+        assert process is not None
+        sign = sign_of(self.goal)
+        cloud = Cloud(process, self.region, point, made, sign, rng)
+        draws = cloud.draws(-(-n // len(cloud.means)), rng)
+        draws = draws[rng.permutation(len(draws))[:n]]
+        best = np.argmax(draws, axis=1)
+        return Optima(cloud.points[best], sign * np.max(draws, axis=1), sign * draws[:, cloud.hat])
+
+
+@dataclass(frozen=True, slots=True)
+class Optima:
+    """Draws of a surface's optimum.
+
+    Attributes
+    ----------
+    points : ndarray (n, k)
+        Coded.
+    values, here : ndarray (n,)
+        Of the surface at the optimum, and at the recommended settings, on the scale of the fit.
+    """
+
+    points: FloatArray
+    values: FloatArray
+    here: FloatArray
+
+
+def mixed_quantiles(parts: Sequence[tuple[FloatArray, float]], level: float) -> Interval:
+    """Equal-tailed interval of samples that are mixed by their shares, 1 in all."""
+    values = np.concatenate([sample for sample, _ in parts])
+    weights = np.concatenate([np.full(len(sample), share / len(sample)) for sample, share in parts])
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weights[order]) - 0.5 * weights[order]
+    tail = 0.5 * (1.0 - level)
+    low, high = np.interp([tail, 1.0 - tail], reached, values[order])
+    return Interval(float(low), float(high))
+
+
+def intervals(
+    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, replicates: int
+) -> tuple[float, tuple[Interval, Interval, Interval]]:
+    """Mean, and intervals of it, of one future run and of the mean of several, at coded settings (k,), score units.
+
+    Of Student's distribution and of normal ones: where errors are neither, see `intervals_by_draws`.
+    """
+    surface, share = belief.surface, belief.departure.probability
+    row = surface.rows(point[None, :])
+    weight = float(scale.weight_at(surface.predict(row).mean)[0])
+    one, several = (surface.predict(row, level, weight, m) for m in (1, replicates))
+    if share == 0.0:
+        plain = [one.confidence, one.prediction, several.prediction]
+        a, b, c = (scale.in_scores(float(found.low[0]), float(found.high[0])) for found in plain)
+        return float(scale.to_score(one.mean)[0]), (a, b, c)
+    means, variances, noise = belief.process_at(point)
+    u = (np.arange(_STRATA) + 0.5) / _STRATA
+    t, z = stdtrit(surface.df_residual, u), ndtri(u[:: len(means)])
+    found = []
+    for se, part in ((one.se_mean, 0.0), (one.se_prediction, 1.0), (several.se_prediction, 1.0 / replicates)):
+        sd = np.sqrt(variances + part * noise / weight)
+        of_process = (means[:, None] + sd[:, None] * z).ravel()
+        mixed = mixed_quantiles([(one.mean[0] + se[0] * t, 1.0 - share), (of_process, share)], level)
+        found.append(scale.in_scores(mixed.low, mixed.high))
+    mean = (1.0 - share) * float(one.mean[0]) + share * float(np.mean(means))
+    a, b, c = found
+    return float(scale.to_score(np.array([mean]))[0]), (a, b, c)
+
+
+def intervals_by_draws(
+    belief: Belief,
+    scale: ResponseScale,
+    point: FloatArray,
+    level: float,
+    replicates: int,
+    draws: Draws,
+    rng: np.random.Generator,
+) -> tuple[float, tuple[Interval, Interval, Interval]]:
+    """The same where errors are not normal: Student's interval of least squares knows nothing of heavy tails or counts.
+
+    These are quantiles of posterior draws.
+    """
+    errors, share = belief.surface.errors, belief.departure.probability
+    row = belief.surface.rows(point[None, :])
+    parts = [(draws.terms @ row[0], draws, 1.0 - share)]
+    if share > 0.0:
+        means, variances, noise = belief.process_at(point)
+        own = draws.first(_STRATA)
+        of = rng.integers(len(means), size=len(own.sigma))
+        here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))
+        parts.append((here, replace(own, sigma=np.sqrt(noise[of])), share))
+    parts = [part for part in parts if part[2] > 0.0]
+    confidence = mixed_quantiles([(scale.to_score(here), of) for here, _, of in parts], level)
+    prediction, prediction_mean = (
+        mixed_quantiles(
+            [(np.mean(errors.future_scores(own, scale, here, m, rng), axis=1), of) for here, own, of in parts], level
+        )
+        for m in (1, replicates)
+    )
+    # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
+    prediction_mean = prediction_mean.around(confidence)
+    mean = float(sum(of * np.mean(here) for here, _, of in parts[1:])) + (1.0 - share) * float(
+        belief.surface.predict(row).mean[0]
+    )
+    return float(scale.to_score(np.array([mean]))[0]), (confidence, prediction.around(prediction_mean), prediction_mean)
