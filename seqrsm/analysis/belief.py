@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from seqrsm.analysis.runs import ScoredRuns
+from seqrsm.analysis.runs import ScoredRuns, shared_loadings
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import FloatArray
@@ -24,7 +24,6 @@ from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound
 from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
 from seqrsm.propose.cloud import Cloud, climb
 from seqrsm.rng import generator
-from seqrsm.spec.read import CampaignSpec
 
 PRIOR_LOG_ODDS = 1.0
 """Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
@@ -56,12 +55,13 @@ class Departure:
 
 
 def weigh_departure(
-    spec: CampaignSpec,
     model: QuadraticModel,
     data: ScoredRuns,
+    scale: ResponseScale,
     fit: LeastSquaresFit,
     surface: Surface,
     goal: Goal,
+    seed: int,
 ) -> Departure:
     """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
 
@@ -77,9 +77,9 @@ def weigh_departure(
         reason = f"it is weighed with {LEAST_RUNS} to {MOST_RUNS} runs, here are {n}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
-    rng = generator(spec.seed, n, "process")
-    nuisance = fit.Z[:, surface.estimate.size :]
-    process = Process(model, data.points, fit.y, fit.weights, nuisance, sign_of(goal), rng)
+    rng = generator(seed, n, "process")
+    nuisance, (shared, _) = fit.Z[:, surface.estimate.size :], shared_loadings(data, scale)
+    process = Process(model, data.points, fit.y, fit.weights, nuisance, shared, sign_of(goal), rng)
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else 1.0 if probability > 1.0 - _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)
@@ -139,7 +139,6 @@ class Belief:
     def _starts(self, made: FloatArray) -> FloatArray:
         cover = self.region.candidates(limit=1000)
         return np.vstack([cover, made[self.region.feasible(made)]])
-
 
     def process_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Mean, variance and noise variance of the process (d,) at coded settings (k,), a draw an entry."""

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
 from seqrsm.analysis.posterior import (
-    central,
     draw_coefficients,
     effects_left_out,
-    future_scores,
     summarise_posterior,
 )
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
@@ -33,6 +32,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
+from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
 
@@ -92,13 +92,15 @@ def analyse(
     goal: Goal = application.goal
     fitted = fit_application(spec, application, runs)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
-    best = optimum(model, region, beta, goal)
+    of_quadratic = optimum(model, region, beta, goal)
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
-    estimate = _estimate(spec, fitted, best, draws)
+    belief = Belief(fitted.surface, fitted.departure, region, goal)
+    best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
+    estimate = _estimate(spec, fitted, belief, best, draws)
     confirmation, agreement = _confirmation(spec, application, fitted, runs)
     decision = _decision(spec, application, fitted, estimate, looks, agreement)
-    posterior = summarise_posterior(spec, fitted, estimate, draws, goal=goal)
-    stationary = _stationary(model, region, beta, best)
+    posterior = summarise_posterior(spec, fitted, belief, estimate, draws)
+    stationary = _stationary(model, region, beta, of_quadratic)
     return Analysis(
         application=application.name,
         goal=goal,
@@ -116,28 +118,19 @@ def analyse(
     )
 
 
-def _estimate(spec: CampaignSpec, fitted: Fitted, best: Optimum, draws: Draws) -> OptimumEstimate:
-    stop, scale, surface = spec.stop, fitted.scale, fitted.surface
-    row = surface.rows(best.point[None, :])
-    one = surface.predict(row, stop.level, weight := scale.weight_at(surface.predict(row).mean))
-    several = surface.predict(row, stop.level, weight, stop.replicates)
-    confidence, prediction, prediction_mean = (
-        scale.in_scores(float(found.low[0]), float(found.high[0]))
-        for found in (one.confidence, one.prediction, several.prediction)
-    )
-    if not surface.errors.exact:
-        # The t interval of least squares knows nothing of heavy tails or counts: these are quantiles of the posterior.
-        futures = [future_scores(spec, fitted, draws, row[0], m) for m in (1, stop.replicates)]
-        mean = scale.to_score(draws.terms @ row[0])
-        confidence, prediction, prediction_mean = (central(x, stop.level) for x in (mean, *futures))
-        # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
-        prediction_mean = prediction_mean.around(confidence)
-        prediction = prediction.around(prediction_mean)
+def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> OptimumEstimate:
+    stop, scale = spec.stop, fitted.scale
+    if fitted.surface.errors.exact:
+        mean, found = intervals(belief, scale, best.point, stop.level, stop.replicates)
+    else:
+        rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
+        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, stop.replicates, draws, rng)
+    confidence, prediction, prediction_mean = found
     return OptimumEstimate(
         settings=fitted.region.decode(best.point)[0],
         point=best.point,
         at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
-        mean=float(scale.to_score(one.mean)[0]),
+        mean=mean,
         confidence=confidence,
         prediction=prediction,
         prediction_mean=prediction_mean,
@@ -198,7 +191,8 @@ def _decision(
         n_before=earlier[-1].after_run if earlier else 0,
     )
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
-    adequacy = Adequacy(p, reason, fitted.departure, is_saturated(fitted.model, fitted.region))
+    weighed = None if fitted.departure.process is None else fitted.departure.probability
+    adequacy = Adequacy(p, reason, weighed, is_saturated(fitted.model, fitted.region))
     return decide(rule, look, adequacy, agreement, application.unit)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.belief import Departure, weigh_departure
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
     ScoredRuns,
@@ -20,8 +21,6 @@ from seqrsm.analysis.runs import (
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.discrepancy import evidence_limit, find_discrepancy
-from seqrsm.decide.stopping import Departure
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -54,7 +53,7 @@ class Fitted:
     surface : Surface
         What the optimum is sought on.
     departure : Departure
-        Smooth departure from the quadratic.
+        What the scores say of a surface that is no quadratic.
     dropped : tuple of str
         Terms of the whole model that were left out by selection.
     """
@@ -91,9 +90,7 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
     fit = fit_surface(spec, region, model, data, scale)
     surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
-    found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights, application.goal)
-    ratio = float(np.exp(0.5 * found.noise_slope))
-    departure = Departure(found.evidence, evidence_limit(fit.df_residual), found.noise_evidence, ratio)
+    departure = weigh_departure(whole, data, scale, fit, surface, application.goal, spec.seed)
     return Fitted(application, region, model, data, scale, fit, surface, departure, dropped)
 
 

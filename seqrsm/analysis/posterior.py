@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from seqrsm.analysis.belief import Belief, intervals_by_draws, sign_of
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
@@ -17,7 +18,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
 from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
 from seqrsm.fit.error_models import Draws, Sampler, enough
-from seqrsm.fit.optimum import Goal, optimum_draws
+from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
@@ -145,9 +146,9 @@ def future_noise(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArr
 
 
 def summarise_posterior(
-    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws, *, goal: Goal
+    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws
 ) -> PosteriorSummary:
-    """Posterior of the optimum: the exact optimum for every draw of the coefficients.
+    """Posterior of the optimum: the exact optimum for every draw of the coefficients, and optima of the process.
 
     Returns
     -------
@@ -156,14 +157,23 @@ def summarise_posterior(
         recommendation may lose.
     """
     scale, model = fitted.scale, fitted.model
-    points, values = optimum_draws(model, fitted.region, draws.terms, goal)
-    row = fitted.surface.rows(estimate.point[None, :])[0]
-    here = scale.to_score(draws.terms @ row)
+    n = len(draws.terms)
+    of_process = round(n * fitted.departure.probability)
+    terms = draws.terms[: n - of_process]
+    points, values = optimum_draws(model, fitted.region, terms, belief.goal)
+    here = terms @ fitted.surface.rows(estimate.point[None, :])[0]
+    if of_process:
+        rng = generator(spec.seed, fitted.fit.n_runs, "optima of the process")
+        found = belief.optima(estimate.point, fitted.data.points, of_process, rng)
+        points, values = np.vstack([points, found.points]), np.append(values, found.values)
+        here = np.append(here, found.here)
     best_scores = scale.to_score(values)
-    sign = 1.0 if goal == "maximize" else -1.0
-    regret = np.maximum(sign * (best_scores - here), 0.0)
+    regret = np.maximum(sign_of(belief.goal) * (best_scores - scale.to_score(here)), 0.0)
     epsilon = 0.25 * spec.stop.half_width
     tail = 0.5 * (1.0 - spec.stop.level)
+    rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
+    stop = spec.stop
+    _, (_, predictive, _) = intervals_by_draws(belief, scale, estimate.point, stop.level, stop.replicates, draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,
@@ -172,7 +182,7 @@ def summarise_posterior(
         settings=tuple(_setting(spec.region, j, points[:, j], tail) for j in range(spec.region.k)),
         mean=float(np.mean(best_scores)),
         credible=central(best_scores, spec.stop.level),
-        predictive=central(future_scores(spec, fitted, draws, row, 1), spec.stop.level),
+        predictive=predictive,
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,

@@ -122,6 +122,10 @@ class Surface(Protocol):
         """Why ``what``, a method for plain least squares, does not apply; empty where it does."""
 
     @property
+    def no_departure(self) -> str:
+        """Why no process is weighed against it; empty where one is."""
+
+    @property
     def fixed_blocks(self) -> bool:
         """Blocks, where there are some, differ by constants."""
 
@@ -173,6 +177,7 @@ class Quadratic:
     note: str
 
     fixed_blocks: ClassVar[bool] = True
+    no_departure: ClassVar[str] = ""
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
@@ -301,6 +306,7 @@ class RandomBlocks(Quadratic):
     apart: bool
 
     fixed_blocks: ClassVar[bool] = False
+    no_departure: ClassVar[str] = "blocks are random"
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
@@ -382,6 +388,8 @@ class TwoSources(Quadratic):
     """
 
     both: SourceFit
+
+    no_departure: ClassVar[str] = "simulations and flights differ by a surface of their own"
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.belief import sign_of
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
@@ -19,6 +20,7 @@ from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.propose.batch import plan_of, propose_batch
 from seqrsm.propose.candidates import Source
+from seqrsm.propose.cloud import propose_from_process
 from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import generator
@@ -132,6 +134,21 @@ class _Chooser:
         With ``ties`` None a new day counts as tied already.
         """
         points = self.spec.region.code([run.settings for run in done])
+        process = self.analysis.fitted.departure.process
+        of_scores = self.spec.criterion == "optimum" and self.spec.model.block is None
+        if process is not None and of_scores and {run.source for run in done} == {source}:
+            return propose_from_process(
+                process,
+                self.spec.region,
+                self.target(),
+                points,
+                np.array([run.pending for run in done], dtype=np.bool_),
+                n,
+                weight=float(self.weights(self.target()[None, :])[0]),
+                barred=barred,
+                sign=sign_of(self.analysis.goal),
+                seed=(self.spec.seed + 7919 * len(done)) % 2**32,
+            )
         flights = np.array([run.source == "flight" for run in done], dtype=np.bool_)
         two = len({run.source for run in done} | {source}) > 1
         Z = stacked_rows(self.model, points, flights) if two else self.model.matrix(points)

@@ -14,15 +14,11 @@ MCMC hammer, PASP 125, 306-312.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import emcee
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
-from scipy.stats import multivariate_t
+from scipy.special import gammaln, logsumexp
 
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
@@ -34,8 +30,8 @@ MOST_RUNS = 200
 _VAGUE = 100.0  # prior variance of constants and nuisance effects, in units of the scores' variance
 _JITTER = 1e-9
 _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "growth": (0.3, 1.2), "length": (1.2, 0.9)}
-"""Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores' scatter;
-growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
+"""Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
+scatter; growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _WALKERS, _STEPS, _KEPT = 32, 60, 16
 _IMPORTANCE_DRAWS = 256
@@ -104,6 +100,7 @@ class Process:
         y: FloatArray,
         weights: FloatArray,
         nuisance: FloatArray,
+        shared: FloatArray,
         goal_sign: float,
         rng: np.random.Generator,
     ) -> None:
@@ -121,6 +118,8 @@ class Process:
             Relative weights, > 0.
         nuisance : ndarray (n, e)
             Columns of effects that are no part of the surface (blocks); 0 in future runs.
+        shared : ndarray (n, r)
+            Errors that scores share: their prior standard deviations.
         goal_sign : float
             1 where the score is maximized, -1 where minimized.
         rng : numpy.random.Generator
@@ -132,7 +131,7 @@ class Process:
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
         self._trend = trend_rows(model, self._points)
         constants = np.hstack([np.ones((n, 1)), nuisance])
-        self._vague = _VAGUE * constants @ constants.T
+        self._vague = _VAGUE * constants @ constants.T + shared @ shared.T / self._scatter**2
         self._gram = self._trend @ self._trend.T
         self._squares, self._others = self._apart(self._points, self._points, np.tril_indices(n, -1))
         self._gap = np.zeros(n)
@@ -242,6 +241,8 @@ class Process:
 
     def _sample(self, rng: np.random.Generator) -> FloatArray:
         """Draws (m, h): first with equal noise, then with the gap to the best score that these show."""
+        from seqrsm.fit.ensemble import short_chain  # emcee: only where there is a process
+
         mean, sd = self._prior
         seen, chain = np.empty((0, len(mean))), np.empty((0, len(mean)))
         for steps in (_STEPS // 2, _STEPS):
@@ -250,7 +251,7 @@ class Process:
             if len(seen):
                 start[: _WALKERS // 2] = seen[: _WALKERS // 2]
             start = start + 0.05 * rng.standard_normal(start.shape)
-            chain, seen = _ensemble(self._log_posterior, start, steps, rng)
+            chain, seen = short_chain(self._log_posterior, start, steps, rng)
             if steps < _STEPS:
                 self._keep(seen[:8])
                 h = self.hyper
@@ -270,15 +271,18 @@ class Process:
 
     def _log_evidence(self, chain: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
         """By importance sampling from a Student-t distribution fitted to the chain; and its effective draws."""
-        h = chain.shape[1]
-        covariance = 1.3 * np.cov(chain.T) + 1e-4 * np.eye(h)
-        proposal = multivariate_t(chain.mean(axis=0), covariance, df=6.0, seed=rng)
-        theta = proposal.rvs(_IMPORTANCE_DRAWS)
-        logs = self._log_posterior(theta) - proposal.logpdf(theta)
+        n, h, df = _IMPORTANCE_DRAWS, chain.shape[1], 6.0
+        factor = np.linalg.cholesky(1.3 * np.cov(chain.T) + 1e-4 * np.eye(h))
+        wide = rng.standard_normal((n, h)) / np.sqrt(rng.chisquare(df, (n, 1)) / df)
+        of_proposal = (
+            float(gammaln(0.5 * (df + h)) - gammaln(0.5 * df) - 0.5 * h * np.log(df * np.pi))
+            - float(np.sum(np.log(np.diag(factor))))
+            - 0.5 * (df + h) * np.log1p(np.sum(wide**2, axis=1) / df)
+        )
+        logs = self._log_posterior(chain.mean(axis=0) + wide @ factor.T) - of_proposal
         constant = -0.5 * h * np.log(2.0 * np.pi) - float(np.sum(np.log(self._prior[1])))
         shares = np.exp(logs - logs.max())
-        effective = float(np.sum(shares) ** 2 / np.sum(shares**2))
-        return float(logsumexp(logs)) - np.log(_IMPORTANCE_DRAWS) + constant, effective
+        return float(logsumexp(logs)) - np.log(n) + constant, float(np.sum(shares) ** 2 / np.sum(shares**2))
 
     def _log_evidence_of_quadratic(self) -> float:
         """Of the model's own terms with coefficients of free scale and equal noise, on a grid of the two scales."""
@@ -296,17 +300,4 @@ class Process:
             total = np.maximum(own, 0.0)[:, None] + variances + _JITTER
             logs[i] = -0.5 * np.sum(((vectors.T @ y) ** 2)[:, None] / total + np.log(total), axis=0)
         logs += -0.5 * (z[:, None] ** 2 + z**2) - np.log(2.0 * np.pi)
-        return float(logsumexp(logs)) + 2.0 * np.log(step) + float(np.sum(np.log(root)))
-
-
-def _ensemble(
-    log_posterior: Callable[[FloatArray], FloatArray], start: FloatArray, steps: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Second half of an ensemble's chain (m, h), and its last state (walkers, h)."""
-    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
-    sampler = emcee.EnsembleSampler(*start.shape, log_posterior, vectorize=True, moves=moves)
-    state = emcee.State(start, random_state=np.random.RandomState(int(rng.integers(2**31))).get_state())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of walkers that start outside the prior's reach
-        last = sampler.run_mcmc(state, steps, skip_initial_state_check=True)
-    return sampler.get_chain(discard=steps // 2, flat=True), last.coords
+        return float(logsumexp(logs) + 2.0 * np.log(step) + np.sum(np.log(root)))

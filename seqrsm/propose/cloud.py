@@ -53,7 +53,13 @@ class Cloud:
     """
 
     def __init__(
-        self, process: Process, region: Region, x_hat: FloatArray, made: FloatArray, sign: float, rng: np.random.Generator
+        self,
+        process: Process,
+        region: Region,
+        x_hat: FloatArray,
+        made: FloatArray,
+        sign: float,
+        rng: np.random.Generator,
     ) -> None:
         """Place the cloud.
 
