@@ -203,8 +203,7 @@ def intervals(
         a, b, c = (scale.in_scores(float(found.low[0]), float(found.high[0])) for found in plain)
         return float(scale.to_score(one.mean)[0]), (a, b, c)
     means, variances, noise = belief.process_at(point)
-    u = (np.arange(_STRATA) + 0.5) / _STRATA
-    t, z = stdtrit(surface.df_residual, u), ndtri(u[:: len(means)])
+    t, z = stdtrit(surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA // len(means)))
     found = []
     for se, part in ((one.se_mean, 0.0), (one.se_prediction, 1.0), (several.se_prediction, 1.0 / replicates)):
         sd = np.sqrt(variances + part * noise / weight)
@@ -214,6 +213,11 @@ def intervals(
     mean = (1.0 - share) * float(one.mean[0]) + share * float(np.mean(means))
     a, b, c = found
     return float(scale.to_score(np.array([mean]))[0]), (a, b, c)
+
+
+def _strata(n: int) -> FloatArray:
+    """Middles (n,) of n equal parts of 0 to 1."""
+    return (np.arange(n) + 0.5) / n
 
 
 def intervals_by_draws(

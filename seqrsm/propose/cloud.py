@@ -16,9 +16,8 @@ from seqrsm.propose.known import percent
 
 _COVER = 1000
 _RADII = (0.15, 0.06, 0.025, 0.01)
-_PLACES = 400
-_TOPS_OF_DRAW, _TOPS = 4, 12
-_ANYWHERE = 60
+_TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
+_ANYWHERE, _AGAIN = 40, 40
 _DRAWS_OF_EACH = 12
 _NUGGET = 1e-7
 
@@ -41,7 +40,7 @@ class Cloud:
     Attributes
     ----------
     points : ndarray (m, k)
-        Coded and feasible: the recommended settings first, executed and pending ones last.
+        Coded and feasible; of the executed and pending ones the forty best.
     executed : ndarray (m,) of bool
         Run already, or pending.
     means, covariances : ndarray (d, m), (d, m, m)
@@ -60,6 +59,7 @@ class Cloud:
         made: FloatArray,
         sign: float,
         rng: np.random.Generator,
+        pending: FloatArray | None = None,
     ) -> None:
         """Place the cloud.
 
@@ -70,21 +70,25 @@ class Cloud:
         x_hat : ndarray (k,)
             Recommended settings.
         made : ndarray (r, k)
-            Executed and pending settings.
+            Executed settings.
         sign : float
             1 where the score is maximized, -1 where minimized.
         rng : numpy.random.Generator
+        pending : ndarray (w, k), optional
+            Settings of runs that have no score yet.
         """
         cover, _ = candidate_points(region, x_hat, x_hat[None, :], made, rng, _COVER)
         of_draws = sign * process.means(cover)
         tops = np.concatenate([np.argsort(-row, kind="stable")[:_TOPS_OF_DRAW] for row in of_draws])
         tops = np.unique(np.append(tops, np.argsort(-of_draws.mean(axis=0), kind="stable")[:_TOPS]))
-        near = jitter(region, np.repeat(cover[tops], 3, axis=0), 0.12, rng)
-        peak = climb(lambda at: sign * process.mean(at), region, cover, rng)[:24]
+        near = jitter(region, np.repeat(cover[tops], _NEAR, axis=0), 0.12, rng)
+        peak = climb(lambda at: sign * process.mean(at), region, cover, rng)[:_PEAK]
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
         fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
-        fresh = fresh[region.feasible(fresh, tol=1e-9)][:_PLACES]
-        still = made[region.feasible(made, tol=1e-9)] if len(made) else made
+        fresh = fresh[region.feasible(fresh, tol=1e-9)]
+        still = made[region.feasible(made, tol=1e-9)]
+        still = still[np.argsort(-sign * process.mean(still), kind="stable")[:_AGAIN]] if len(still) else still
+        still = still if pending is None else np.vstack([still, pending])
         both = np.vstack([still, fresh])
         _, first = np.unique(np.round(both, 9) + 0.0, axis=0, return_index=True)
         points = both[first]
@@ -147,7 +151,7 @@ def propose_from_process(
         Equal inputs and seed give equal proposals.
     """
     rng = np.random.default_rng(seed)
-    cloud = Cloud(process, region, x_hat, made, sign, rng)
+    cloud = Cloud(process, region, x_hat, made[~pending], sign, rng, made[pending])
     covariance, noise = cloud.covariance.copy(), cloud.noise / weight
     for point in made[pending]:
         _count(covariance, noise, int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))
