@@ -134,7 +134,8 @@ WIDTHS = """
 ## Intervals of the mean score at the answer
 
 Median half-width of the 95 % interval [points], and in how many campaigns it covers the true mean (packages: 1.96
-posterior standard deviations about the mean of their model).
+posterior standard deviations about the mean of their model; `ax` gives an interval in some campaigns only, which alone
+count).
 """
 STOP = """
 ## What seqrsm tells, when its stop rule holds
