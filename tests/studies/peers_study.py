@@ -164,7 +164,9 @@ def median_se(values: Array) -> float:
 
 def median_text(values: Array) -> str:
     """Median and standard error."""
-    return f"{np.median(values):.2f} ± {median_se(values):.2f}" if len(values) else ""
+    if not len(values):
+        return ""
+    return f"{np.median(values):.2f}" + (f" ± {median_se(values):.2f}" if len(values) > 1 else "")
 
 
 def difference_text(values: Array) -> str:
