@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 sys.path.insert(0, str(Path(__file__).parent))
-import sequential_surfaces as surfaces
+import surfaces
 
 Array = np.ndarray
 Value = Callable[[Array], Array]
