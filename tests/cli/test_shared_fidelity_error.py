@@ -15,6 +15,7 @@ from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.report.figures.surfaces import predict
 from seqrsm.store.records import RunRecord
 
 BOUND = 4.0
@@ -50,6 +51,8 @@ def test_a_shared_bound_widens_intervals_and_posterior(tmp_path: Path, tiny_scen
     )
     assert shared.decision.half_width == pytest.approx(getattr(wide, spec.stop.interval).half_width)
     assert shared.decision.noise_floor == pytest.approx(plain.decision.noise_floor)
+    band = predict(shared, wide.point[None, :]).confidence  # of the report's figures
+    assert float(band.half_width[0]) == pytest.approx(wide.confidence.half_width)
     searched = analyse(spec, one, made_by(runs, BOUND), (), thorough=True).study.searched
     assert searched.confidence.half_width >= wide.confidence.half_width
     assert any("may be off together, by 4 at most" in text for text in shared.warnings)
