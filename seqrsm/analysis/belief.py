@@ -19,6 +19,8 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.error_models import Draws
+from seqrsm.fit.intervals import Interval as Ends
+from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound
 from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
@@ -108,6 +110,11 @@ class Belief:
     region: Region
     goal: Goal
 
+    @property
+    def of_quadratic(self) -> Belief:
+        """The same with the quadratic taken to be true."""
+        return replace(self, departure=Departure(None, float("nan"), 0.0))
+
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""
         found = self.surface.rows(points) @ self.surface.estimate
@@ -140,12 +147,41 @@ class Belief:
         cover = self.region.candidates(limit=1000)
         return np.vstack([cover, made[self.region.feasible(made)]])
 
-    def process_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mean, variance and noise variance of the process (d,) at coded settings (k,), a draw an entry."""
-        assert self.departure.process is not None
-        means, covariances = self.departure.process.joint(point[None, :])
-        noise = self.departure.process.noise_variance(means)
-        return means[:, 0], covariances[:, 0, 0], noise[:, 0]
+    def bands(
+        self, points: FloatArray, level: float, weight: FloatArray | float = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Mean, confidence interval, and prediction interval of the mean of ``replicates`` runs at points (m, k).
+
+        Exact quantiles of Student's distribution and normal ones together; on the scale of the fit.
+        """
+        of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
+        process, share = self.departure.process, self.departure.probability
+        if process is None or share == 0.0:
+            return of_quadratic
+        means, variances = process.marginals(points)
+        noise = process.noise_variance(means) / (weight * replicates)
+        t, z = stdtrit(self.surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA // len(means)))
+
+        def mixed(se: FloatArray, added: FloatArray | float) -> Ends:
+            sd = np.sqrt(variances + added)
+            ends = [
+                mixed_quantiles(
+                    [
+                        (of_quadratic.mean[i] + se[i] * t, 1.0 - share),
+                        ((means[:, i, None] + sd[:, i, None] * z).ravel(), share),
+                    ],
+                    level,
+                )
+                for i in range(len(points))
+            ]
+            return Ends(np.array([one.low for one in ends]), np.array([one.high for one in ends]))
+
+        return replace(
+            of_quadratic,
+            mean=(1.0 - share) * of_quadratic.mean + share * means.mean(axis=0),
+            confidence=mixed(of_quadratic.se_mean, 0.0),
+            prediction=mixed(of_quadratic.se_prediction, noise),
+        )
 
     def optima(self, point: FloatArray, made: FloatArray, n: int, rng: np.random.Generator) -> Optima:
         """About ``n`` draws of the process's optimum, and of its value at coded settings (k,)."""
@@ -192,27 +228,14 @@ def intervals(
 ) -> tuple[float, tuple[Interval, Interval, Interval]]:
     """Mean, and intervals of it, of one future run and of the mean of several, at coded settings (k,), score units.
 
-    Of Student's distribution and of normal ones: where errors are neither, see `intervals_by_draws`.
+    Where errors are not normal, see `intervals_by_draws`.
     """
-    surface, share = belief.surface, belief.departure.probability
-    row = surface.rows(point[None, :])
-    weight = float(scale.weight_at(surface.predict(row).mean)[0])
-    one, several = (surface.predict(row, level, weight, m) for m in (1, replicates))
-    if share == 0.0:
-        plain = [one.confidence, one.prediction, several.prediction]
-        a, b, c = (scale.in_scores(float(found.low[0]), float(found.high[0])) for found in plain)
-        return float(scale.to_score(one.mean)[0]), (a, b, c)
-    means, variances, noise = belief.process_at(point)
-    t, z = stdtrit(surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA // len(means)))
-    found = []
-    for se, part in ((one.se_mean, 0.0), (one.se_prediction, 1.0), (several.se_prediction, 1.0 / replicates)):
-        sd = np.sqrt(variances + part * noise / weight)
-        of_process = (means[:, None] + sd[:, None] * z).ravel()
-        mixed = mixed_quantiles([(one.mean[0] + se[0] * t, 1.0 - share), (of_process, share)], level)
-        found.append(scale.in_scores(mixed.low, mixed.high))
-    mean = (1.0 - share) * float(one.mean[0]) + share * float(np.mean(means))
-    a, b, c = found
-    return float(scale.to_score(np.array([mean]))[0]), (a, b, c)
+    at = point[None, :]
+    weight = float(scale.weight_at(belief.surface.predict(belief.surface.rows(at)).mean)[0])
+    one, several = (belief.bands(at, level, weight, m) for m in (1, replicates))
+    plain = (one.confidence, one.prediction, several.prediction)
+    a, b, c = (scale.in_scores(float(found.low[0]), float(found.high[0])) for found in plain)
+    return float(scale.to_score(one.mean)[0]), (a, b, c)
 
 
 def _strata(n: int) -> FloatArray:
@@ -237,7 +260,10 @@ def intervals_by_draws(
     row = belief.surface.rows(point[None, :])
     parts = [(draws.terms @ row[0], draws, 1.0 - share)]
     if share > 0.0:
-        means, variances, noise = belief.process_at(point)
+        assert belief.departure.process is not None
+        found, spread = belief.departure.process.marginals(point[None, :])
+        means, variances = found[:, 0], spread[:, 0]
+        noise = belief.departure.process.noise_variance(found)[:, 0]
         own = draws.first(_STRATA)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))

@@ -100,6 +100,9 @@ def analyse(
     confirmation, agreement = _confirmation(spec, application, fitted, runs)
     decision = _decision(spec, application, fitted, estimate, looks, agreement)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws)
+    described = estimate
+    if thorough and best is not of_quadratic:  # what is studied is the quadratic
+        described = _estimate(spec, fitted, belief.of_quadratic, of_quadratic, draws)
     stationary = _stationary(model, region, beta, of_quadratic)
     return Analysis(
         application=application.name,
@@ -108,13 +111,14 @@ def analyse(
         fitted=fitted,
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
+        of_quadratic=of_quadratic,
         optimum=estimate,
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
         warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, estimate, stationary, draws) if thorough else None,
+        study=study_fit(spec, fitted, described, stationary, draws) if thorough else None,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from seqrsm.analysis.belief import Belief
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
@@ -20,7 +21,7 @@ from seqrsm.fit.anova import AnovaRow, LackOfFit
 from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.location import LocationRegion
-from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum import Goal, Optimum
 from seqrsm.fit.profile import PowerProfile
 from seqrsm.fit.residuals import InfluentialRun, NormalPlot
 
@@ -347,7 +348,8 @@ class Analysis:
     ``fitted`` is what all was made from; ``study`` is there where a thorough analysis was asked for. ``fit`` is on
     ``scale``; everything else is in score units. ``beta`` are the coefficients that the optimum belongs to: those of
     ``fit``, of the flight's surface where there are two sources, or of the average block where blocks are random.
-    ``dropped`` names the terms that were left out by selection.
+    ``dropped`` names the terms that were left out by selection. ``of_quadratic`` is the optimum of the fitted quadratic
+    alone, ``optimum`` that of all that is believed.
     """
 
     application: str
@@ -356,6 +358,7 @@ class Analysis:
     fitted: Fitted
     importance: tuple[FactorImportance, ...]
     stationary: StationaryPoint | None
+    of_quadratic: Optimum
     optimum: OptimumEstimate
     posterior: PosteriorSummary
     decision: Decision
@@ -398,6 +401,11 @@ class Analysis:
     def dropped(self) -> tuple[str, ...]:
         """Terms that were left out by selection."""
         return self.fitted.dropped
+
+    @property
+    def belief(self) -> Belief:
+        """Quadratic and process together, on ``scale``."""
+        return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal)
 
     @property
     def anova(self) -> tuple[AnovaRow, ...]:

@@ -68,6 +68,7 @@ def _document(analysis: Analysis) -> dict[str, Any]:
             for row in analysis.importance
         ],
         "stationary_point": _stationary(analysis),
+        "departure": _departure(analysis),
         "optimum": optimum_to_json(analysis),
         "posterior": _posterior(analysis),
         "diagnostics": _diagnostics(analysis),
@@ -104,6 +105,24 @@ def _sources(analysis: Analysis) -> dict[str, Any] | None:
         "prior_driven": found.prior_driven,
         "text": found.text,
     }
+
+
+def _departure(analysis: Analysis) -> dict[str, Any]:
+    """What the scores say of a surface that is no quadratic; lengths coded, noise on the scale of the fit."""
+    found = analysis.fitted.departure
+    document: dict[str, Any] = {
+        "probability": found.probability,
+        "log_bayes_factor": found.log_bayes_factor,
+        "reason": found.reason,
+        "optimum_of_quadratic": analysis.region.decode(analysis.of_quadratic.point)[0],
+    }
+    if found.process is not None:
+        hyper, names = found.process.hyper, analysis.region.names
+        lengths = np.median(hyper.lengths, axis=0).tolist()
+        document["lengths"] = dict(zip([names[j] for j in analysis.model.numeric], lengths, strict=True))
+        document["noise_sd"] = float(np.median(hyper.noise)) * found.process.scatter
+        document["noise_growth"] = float(np.median(hyper.growth)) / found.process.scatter
+    return document
 
 
 def optimum_to_json(analysis: Analysis) -> dict[str, Any]:

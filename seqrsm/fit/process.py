@@ -89,6 +89,8 @@ class Process:
     log_bayes_factor : float
         Log evidence for the process, less that for the quadratic with coefficients of the same free scale and equal
         noise: about 0 where the scores do not tell, > 3 where the quadratic is refuted.
+    scatter : float
+        Standard deviation of the scores, score units.
     effective_draws : float
         Of the 256 that the evidence was estimated by.
     """
@@ -126,12 +128,12 @@ class Process:
         """
         n = len(y)
         self.model, self._points = model, np.asarray(points, dtype=np.float64)
-        self._centre, self._scatter, self._sign = float(np.mean(y)), float(np.std(y)), goal_sign
-        self._y = (y - self._centre) / self._scatter
+        self._centre, self.scatter, self._sign = float(np.mean(y)), float(np.std(y)), goal_sign
+        self._y = (y - self._centre) / self.scatter
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
         self._trend = trend_rows(model, self._points)
         constants = np.hstack([np.ones((n, 1)), nuisance])
-        self._vague = _VAGUE * constants @ constants.T + shared @ shared.T / self._scatter**2
+        self._vague = _VAGUE * constants @ constants.T + shared @ shared.T / self.scatter**2
         self._gram = self._trend @ self._trend.T
         self._squares, self._others = self._apart(self._points, self._points, np.tril_indices(n, -1))
         self._gap = np.zeros(n)
@@ -144,7 +146,7 @@ class Process:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
         trend = trend_rows(self.model, points)
         cross = self._covariance(points, trend, self._points, self._trend)
-        found: FloatArray = self._centre + self._scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        found: FloatArray = self._centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
         return found
 
     def mean(self, points: FloatArray) -> FloatArray:
@@ -159,14 +161,26 @@ class Process:
         for d, factor in enumerate(self._factors):
             half = solve_triangular(factor, cross[d].T, lower=True, check_finite=False)
             covariance[d] -= half.T @ half
-        means = self._centre + self._scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
-        return means, self._scatter**2 * covariance
+        means = self._centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        return means, self.scatter**2 * covariance
+
+    def marginals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Means and variances (d, m) of the surface at coded points (m, k), score units."""
+        trend = trend_rows(self.model, points)
+        cross = self._covariance(points, trend, self._points, self._trend)
+        means = self._centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        h = self.hyper
+        own = np.square(h.trend)[:, None] * np.sum(trend**2, axis=1) + np.square(h.process)[:, None] + _VAGUE
+        for d, factor in enumerate(self._factors):
+            half = solve_triangular(factor, cross[d].T, lower=True, check_finite=False)
+            own[d] -= np.sum(half**2, axis=0)
+        return means, self.scatter**2 * np.maximum(own, 0.0)
 
     def noise_variance(self, means: FloatArray) -> FloatArray:
         """Variance (d, m) of a run of weight 1 where the surface has these means (d, m), score units."""
-        gap = np.maximum(self._best - self._sign * means, 0.0) / self._scatter
+        gap = np.maximum(self._best - self._sign * means, 0.0) / self.scatter
         h = self.hyper
-        found: FloatArray = (self._scatter * h.noise[:, None]) ** 2 * (1.0 + (h.growth[:, None] * gap) ** 2)
+        found: FloatArray = (self.scatter * h.noise[:, None]) ** 2 * (1.0 + (h.growth[:, None] * gap) ** 2)
         return found
 
     def _apart(

@@ -10,7 +10,7 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.region import Region
 from seqrsm.fit.process import Process
 from seqrsm.progress import tell
-from seqrsm.propose.candidates import candidate_points, clear_of, jitter
+from seqrsm.propose.candidates import clear_of, jitter
 from seqrsm.propose.criteria import Proposal
 from seqrsm.propose.known import percent
 
@@ -77,7 +77,7 @@ class Cloud:
         pending : ndarray (w, k), optional
             Settings of runs that have no score yet.
         """
-        cover, _ = candidate_points(region, x_hat, x_hat[None, :], made, rng, _COVER)
+        cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), made[region.feasible(made, tol=1e-9)]])
         of_draws = sign * process.means(cover)
         tops = np.concatenate([np.argsort(-row, kind="stable")[:_TOPS_OF_DRAW] for row in of_draws])
         tops = np.unique(np.append(tops, np.argsort(-of_draws.mean(axis=0), kind="stable")[:_TOPS]))

@@ -90,9 +90,42 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks += _departure(analysis)
     blocks += searched_blocks(analysis)
     blocks += _shape(analysis)
     return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+
+
+def _departure(analysis: Analysis) -> list[Block]:
+    """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
+    found = analysis.fitted.departure
+    if found.process is None:
+        return [
+            Paragraph(
+                f"Settings and intervals are those of the quadratic: no other surface was weighed, {found.reason}."
+            )
+        ]
+    how = (
+        "The other surface is a Gaussian process about the quadratic, with a length of its own for each parameter and "
+        "noise that may grow where scores are poorer, averaged over what is not known of it."
+    )
+    share = format_share(found.probability)
+    if found.probability == 0.0:
+        text = (
+            f"The scores speak for a quadratic surface (natural log of the Bayes factor {found.log_bayes_factor:.1f})."
+        )
+        return [Paragraph(text, method=how)]
+    alone = analysis.region.decode(analysis.of_quadratic.point)[0]
+    names = [
+        f"{readable(factor.name)} {with_unit(format_setting(factor, alone[factor.name]), factor.unit)}"
+        for factor in analysis.region.factors
+    ]
+    text = (
+        f"A surface that is no quadratic has a probability of {share} (natural log of the Bayes factor "
+        f"{found.log_bayes_factor:.1f}); settings and intervals count both. The quadratic alone has its optimum at "
+        f"{listing(names)}."
+    )
+    return [Paragraph(text, method=how)]
 
 
 def _shape(analysis: Analysis) -> list[Block]:
