@@ -39,7 +39,7 @@ from seqrsm.report.wording import (
     axis_label,
     decimal_cell,
     effects_text,
-    format_setting,
+    format_settings,
     half_width_text,
     interval_text,
     level_phrase,
@@ -100,30 +100,20 @@ def _departure(analysis: Analysis) -> list[Block]:
     """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
     found = analysis.fitted.departure
     if found.process is None:
-        return [
-            Paragraph(
-                f"Settings and intervals are those of the quadratic: no other surface was weighed, {found.reason}."
-            )
-        ]
+        text = f"Settings and intervals are those of the quadratic; no other surface was weighed: {found.reason}."
+        return [Paragraph(text)]
     how = (
         "The other surface is a Gaussian process about the quadratic, with a length of its own for each parameter and "
         "noise that may grow where scores are poorer, averaged over what is not known of it."
     )
-    share = format_share(found.probability)
+    factor = f"natural log of the Bayes factor {found.log_bayes_factor:.1f}"
     if found.probability == 0.0:
-        text = (
-            f"The scores speak for a quadratic surface (natural log of the Bayes factor {found.log_bayes_factor:.1f})."
-        )
-        return [Paragraph(text, method=how)]
+        return [Paragraph(f"The scores speak for a quadratic ({factor}).", method=how)]
     alone = analysis.region.decode(analysis.of_quadratic.point)[0]
-    names = [
-        f"{readable(factor.name)} {with_unit(format_setting(factor, alone[factor.name]), factor.unit)}"
-        for factor in analysis.region.factors
-    ]
     text = (
-        f"A surface that is no quadratic has a probability of {share} (natural log of the Bayes factor "
-        f"{found.log_bayes_factor:.1f}); settings and intervals count both. The quadratic alone has its optimum at "
-        f"{listing(names)}."
+        f"A surface that is no quadratic has a probability of {format_share(found.probability)} ({factor}); settings "
+        "and intervals count both. The quadratic alone has its optimum at "
+        f"{format_settings(analysis.region.factors, alone)}."
     )
     return [Paragraph(text, method=how)]
 
