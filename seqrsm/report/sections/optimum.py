@@ -39,6 +39,7 @@ from seqrsm.report.wording import (
     axis_label,
     decimal_cell,
     effects_text,
+    format_setting,
     format_settings,
     half_width_text,
     interval_text,
