@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from seqrsm.analysis.posterior import (
     summarise_posterior,
 )
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
-from seqrsm.analysis.runs import block_labels, shared_loadings
+from seqrsm.analysis.runs import block_labels, evidence, shared_loadings
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
@@ -97,7 +98,7 @@ def analyse(
     belief = Belief(fitted.surface, fitted.departure, region, goal)
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     estimate = _estimate(spec, fitted, belief, best, draws)
-    confirmation, agreement = _confirmation(spec, application, fitted, runs)
+    confirmation, agreement = _confirmation(spec, application, fitted, belief, runs)
     decision = _decision(spec, application, fitted, estimate, looks, agreement)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws)
     described = estimate
@@ -112,7 +113,7 @@ def analyse(
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
         of_quadratic=of_quadratic,
-        optimum=estimate,
+        optimum=_within_percent(estimate) if application.is_percent else estimate,
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
@@ -143,6 +144,17 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum,
         ties=tuple(fitted.region.decode(best.ties)) if len(best.ties) else (),
         ridge=best.flat,
         exact=best.exact,
+    )
+
+
+def _within_percent(estimate: OptimumEstimate) -> OptimumEstimate:
+    """Nothing above 100 or below 0 is promised; what the rule watches is not shortened by that."""
+    return replace(
+        estimate,
+        mean=min(max(estimate.mean, 0.0), 100.0),
+        confidence=estimate.confidence.within(0.0, 100.0),
+        prediction=estimate.prediction.within(0.0, 100.0),
+        prediction_mean=estimate.prediction_mean.within(0.0, 100.0),
     )
 
 
@@ -213,11 +225,13 @@ def _all_equal(fitted: Fitted) -> bool:
 
 
 def _confirmation(
-    spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, runs: Sequence[RunRecord]
+    spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, belief: Belief, runs: Sequence[RunRecord]
 ) -> tuple[Confirmation | None, Agreement | None]:
-    """The latest set of confirmation runs, against the model's prediction at their settings."""
+    """The latest set of confirmation runs, against what is believed at their settings; none once it is in the fit."""
     why = confirmation_reason(application.name)
+    used = {run.run_id for run in evidence(runs)}
     fresh = [run for run in runs if run.purpose == CONFIRMATION and run.state == "scored" and run.why == why]
+    fresh = [run for run in fresh if run.run_id not in used]
     fresh = [run for run in fresh if run.batch == fresh[-1].batch and run.score_of(application.name) is not None]
     if len(fresh) < 2:
         return None, None
@@ -230,16 +244,14 @@ def _confirmation(
         interval = counted_confirmation(right, trials, spec.stop.level)
     else:
         interval = confirmation_interval(scores, spec.stop.level)
-    row = surface.rows(fitted.region.code([fresh[0].settings]))
-    weight = float(scale.weight_at(surface.predict(row).mean)[0])
-    predicted = surface.predict(row, spec.stop.level, weight, len(scores))
+    at = fitted.region.code([fresh[0].settings])
+    predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
     fresh_scale = ResponseScale.of(spec.model.response, scores)
     agreement = confirmation_agrees(
         confirmation_interval(fresh_scale.values, spec.stop.level),
         predicted=float(predicted.mean[0]),
-        s=surface.s / np.sqrt(weight),
+        half_width=float(predicted.prediction.half_width[0]),
         df=surface.df_residual,
-        h=float(surface.variance_unscaled(row)[0]) * weight,
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))

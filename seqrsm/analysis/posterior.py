@@ -167,8 +167,9 @@ def summarise_posterior(
         found = belief.optima(estimate.point, fitted.data.points, of_process, rng)
         points, values = np.vstack([points, found.points]), np.append(values, found.values)
         here = np.append(here, found.here)
-    best_scores = scale.to_score(values)
-    regret = np.maximum(sign_of(belief.goal) * (best_scores - scale.to_score(here)), 0.0)
+    low, high = (0.0, 100.0) if fitted.application.is_percent else (-np.inf, np.inf)
+    best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
+    regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
     epsilon = 0.25 * spec.stop.half_width
     tail = 0.5 * (1.0 - spec.stop.level)
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")

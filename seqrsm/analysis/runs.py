@@ -77,12 +77,21 @@ class ScoredRuns:
     rungs: tuple[str, ...] = ()
 
 
+def evidence(runs: Sequence[RunRecord]) -> list[RunRecord]:
+    """Runs that a fit is made of, once they are scored: a set of confirmation runs is held back until others follow it.
+
+    It then tests what was recommended; from the next runs on it counts as they do.
+    """
+    last = max((run.batch for run in runs if run.state == "scored" and run.purpose != CONFIRMATION), default=0)
+    return [run for run in runs if run.purpose != CONFIRMATION or run.batch < last]
+
+
 def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> ScoredRuns:
-    """Runs that enter the fit of ``application``: scored, not void, no confirmation runs; in order of id."""
+    """Runs that enter the fit of ``application``: those of `evidence` that are scored and not void, in order of id."""
     used = [
         (run, score)
-        for run in runs
-        if run.state == "scored" and run.purpose != CONFIRMATION and (score := run.score_of(application)) is not None
+        for run in evidence(runs)
+        if run.state == "scored" and (score := run.score_of(application)) is not None
     ]
     errors = [_model_error(score.metadata) for _, score in used]
     return ScoredRuns(

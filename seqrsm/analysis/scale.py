@@ -24,6 +24,10 @@ class Interval:
         """Half of ``high - low``."""
         return 0.5 * (self.high - self.low)
 
+    def within(self, low: float, high: float) -> Interval:
+        """The part of it that lies between two bounds."""
+        return Interval(min(max(self.low, low), high), min(max(self.high, low), high))
+
     def around(self, other: Interval) -> Interval:
         """The smallest interval that holds both."""
         return Interval(min(self.low, other.low), max(self.high, other.high))
