@@ -30,7 +30,7 @@ from seqrsm.rng import generator
 PRIOR_LOG_ODDS = 1.0
 """Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
 
-_CERTAIN = 0.01  # below it the quadratic is taken to be true, above one less it the process
+_CERTAIN = 0.01  # a process less probable is left out
 _STRATA = 4000
 
 
@@ -45,7 +45,7 @@ class Departure:
     log_bayes_factor : float
         Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed.
     probability : float
-        Of the process given the scores; 0 and 1 where it is within 0.01 of these, and 0 where it was not weighed.
+        Of the process given the scores; 0 where it is below 0.01, or was not weighed.
     reason : str
         Why it was not weighed.
     """
@@ -83,7 +83,7 @@ def weigh_departure(
     nuisance, (shared, _) = fit.Z[:, surface.estimate.size :], shared_loadings(data, scale)
     process = Process(model, data.points, fit.y, fit.weights, nuisance, shared, sign_of(goal), rng)
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
-    probability = 0.0 if probability < _CERTAIN else 1.0 if probability > 1.0 - _CERTAIN else float(probability)
+    probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)
 
 

@@ -189,10 +189,15 @@ def _lack_of_fit_text(analysis: Analysis) -> str:
         text = f"Test of lack of fit: {numbers}. {readable_text(verdict.text, analysis.region.names)}"
         return text if verdict.holds else f"{text} {_NOT_COVERED}"
     if test.p < 0.05:
-        return f"Lack of fit is significant: {numbers}. {_NOT_COVERED}"
+        weighed = analysis.fitted.departure.process is not None
+        return f"Lack of fit is significant: {numbers}. {_COVERED if weighed else _NOT_COVERED}"
     return f"No significant lack of fit: {numbers}."
 
 
+_COVERED = (
+    "The surface departs from the polynomial by more than repeated runs scatter; the intervals below count a surface "
+    "that is no quadratic."
+)
 _NOT_COVERED = (
     "The surface departs from the polynomial by more than repeated runs scatter; the intervals below then do not cover "
     "what they claim."

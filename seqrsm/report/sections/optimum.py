@@ -82,8 +82,9 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     columns = ("Interval", "From, to", right("Half-width"))
     found = table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows)
     mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
+    whose = "For a quadratic alone the" if analysis.fitted.departure.probability > 0.0 else "The"
     how = (
-        "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
+        f"{whose} prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
         "print; z\u2080 is the full model row) is"
     )
     blocks: list[Block] = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
@@ -109,12 +110,12 @@ def _departure(analysis: Analysis) -> list[Block]:
     )
     factor = f"natural log of the Bayes factor {found.log_bayes_factor:.1f}"
     if found.probability == 0.0:
-        return [Paragraph(f"The scores speak for a quadratic ({factor}).", method=how)]
+        return [Paragraph(f"The scores speak for a quadratic ({factor}). ", method=how)]
     alone = analysis.region.decode(analysis.of_quadratic.point)[0]
     text = (
         f"A surface that is no quadratic has a probability of {format_share(found.probability)} ({factor}); settings "
         "and intervals count both. The quadratic alone has its optimum at "
-        f"{format_settings(analysis.region.factors, alone)}."
+        f"{format_settings(analysis.region.factors, alone)}. "
     )
     return [Paragraph(text, method=how)]
 

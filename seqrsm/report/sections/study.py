@@ -62,8 +62,10 @@ def searched_text(analysis: Analysis, study: Study) -> str:
     if isinstance(found, str):
         return f"Not computed: {found}."
     size = half_width_text(analysis, abs(found.optimism))
+    alone = analysis.fitted.departure.probability > 0.0
+    settings = "The quadratic's own best settings" if alone else "The settings"
     return (
-        f"The settings were chosen by the same scores, which makes their mean look about {size} too good "
+        f"{settings} were chosen by the same scores, which makes their mean look about {size} too good "
         "(bootstrap with the search repeated). Intervals that allow for it:"
     )
 
