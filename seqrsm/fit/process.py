@@ -14,13 +14,16 @@ MCMC hammer, PASP 125, 306-312.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 
 LEAST_RUNS = 8
@@ -35,6 +38,7 @@ scatter; growth of the noise per unit of that below the best score; lengths in u
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _WALKERS, _STEPS, _KEPT = 32, 60, 12
 _IMPORTANCE_DRAWS = 256
+_FEATURES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +93,8 @@ class Process:
     log_bayes_factor : float
         Log evidence for the process, less that for the quadratic with coefficients of the same free scale and equal
         noise: about 0 where the scores do not tell, > 3 where the quadratic is refuted.
-    scatter : float
-        Standard deviation of the scores, score units.
+    centre, scatter : float
+        Mean and standard deviation of the scores, score units.
     effective_draws : float
         Of the 256 that the evidence was estimated by.
     """
@@ -128,8 +132,8 @@ class Process:
         """
         n = len(y)
         self.model, self._points = model, np.asarray(points, dtype=np.float64)
-        self._centre, self.scatter, self._sign = float(np.mean(y)), float(np.std(y)), goal_sign
-        self._y = (y - self._centre) / self.scatter
+        self.centre, self.scatter, self._sign = float(np.mean(y)), float(np.std(y)), goal_sign
+        self._y = (y - self.centre) / self.scatter
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
         self._trend = trend_rows(model, self._points)
         constants = np.hstack([np.ones((n, 1)), nuisance])
@@ -146,7 +150,7 @@ class Process:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
         trend = trend_rows(self.model, points)
         cross = self._covariance(points, trend, self._points, self._trend)
-        found: FloatArray = self._centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        found: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
         return found
 
     def mean(self, points: FloatArray) -> FloatArray:
@@ -161,20 +165,66 @@ class Process:
         for d, factor in enumerate(self._factors):
             half = solve_triangular(factor, cross[d].T, lower=True, check_finite=False)
             covariance[d] -= half.T @ half
-        means = self._centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        means = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
         return means, self.scatter**2 * covariance
 
     def marginals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means and variances (d, m) of the surface at coded points (m, k), score units."""
         trend = trend_rows(self.model, points)
         cross = self._covariance(points, trend, self._points, self._trend)
-        means = self._centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        means = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
         h = self.hyper
         own = np.square(h.trend)[:, None] * np.sum(trend**2, axis=1) + np.square(h.process)[:, None] + _VAGUE
         for d, factor in enumerate(self._factors):
             half = solve_triangular(factor, cross[d].T, lower=True, check_finite=False)
             own[d] -= np.sum(half**2, axis=0)
         return means, self.scatter**2 * np.maximum(own, 0.0)
+
+    def draw(
+        self, rng: np.random.Generator
+    ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:
+        """One draw of the surface, and the standard deviation of a run of weight 1: functions of points (m, k).
+
+        A draw of the process without scores, from random features, is moved by what the scores say (Wilson et al. 2020,
+        Efficiently sampling functions from Gaussian process posteriors, ICML).
+        """
+        d = int(rng.integers(len(self.hyper.noise)))
+        h = Hyper(*(getattr(self.hyper, f.name)[d : d + 1] for f in fields(Hyper)))
+        numeric, categorical = list(self.model.numeric), list(self.model.categorical)
+        # The spectrum of a Matern 5/2 covariance is Student's distribution with 5 degrees of freedom.
+        waves = rng.standard_normal((_FEATURES, len(numeric))) / np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
+        waves, phases = waves / h.lengths, rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
+        sizes = [len(f.levels) for f in self.model.factors if isinstance(f, CategoricalFactor)]
+        levels = np.array(list(itertools.product(*(range(size) for size in sizes))), dtype=np.float64)
+        apart = np.sum(levels[:, None] != levels[None, :], axis=-1)
+        factor = np.linalg.cholesky(h.between**apart + _JITTER * np.eye(len(levels)))
+        heights = factor @ rng.standard_normal((len(levels), _FEATURES)) * h.process * np.sqrt(2.0 / _FEATURES)
+        slopes = h.trend * rng.standard_normal(self._trend.shape[1])
+        middle = np.sqrt(_VAGUE) * rng.standard_normal()
+
+        def before(points: FloatArray) -> FloatArray:
+            which = np.argmin(np.sum(points[:, None, categorical] != levels[None], axis=-1), axis=1)
+            features = np.cos(points[:, numeric] @ waves.T + phases)
+            found: FloatArray = np.sum(features * heights[which], axis=1) + trend_rows(self.model, points) @ slopes
+            return np.asarray(found + middle)
+
+        own = np.arange(len(self._y))
+        noise = np.square(h.noise) * (1.0 + np.square(h.growth * self._gap)) * self._inverse_weights
+        V = self._of_scores(h)[0]
+        others = self._vague - _VAGUE + np.diag(noise)  # what scores have beyond the surface
+        error = np.linalg.cholesky(others + _JITTER * np.eye(len(own))) @ rng.standard_normal(len(own))
+        pull = np.linalg.solve(V, self._y - before(self._points) - error)
+
+        def surface(points: FloatArray) -> FloatArray:
+            cross = self._matern(h, *self._apart(points, self._points))[0]
+            cross += h.trend**2 * (trend_rows(self.model, points) @ self._trend.T) + _VAGUE
+            return np.asarray(self.centre + self.scatter * (before(points) + cross @ pull))
+
+        def scatter(points: FloatArray) -> FloatArray:
+            gap = np.maximum(self._best - self._sign * surface(points), 0.0) / self.scatter
+            return np.asarray(self.scatter * h.noise * np.sqrt(1.0 + np.square(h.growth * gap)))
+
+        return surface, scatter
 
     def noise_variance(self, means: FloatArray) -> FloatArray:
         """Variance (d, m) of a run of weight 1 where the surface has these means (d, m), score units."""
