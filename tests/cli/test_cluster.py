@@ -145,7 +145,7 @@ def test_a_result_that_is_not_there_when_it_is_fetched_is_waited_for(address, mo
 
 def test_a_run_that_fails_for_want_of_time_is_not_taken_for_one_whose_result_is_late(address, monkeypatch):
     monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
-    with pytest.raises(TimeoutError, match="^[01]$"):
+    with pytest.raises(TimeoutError, match=r"^[01]$"):
         list(run_many(cluster_jobs.time_out, range(2), cluster=address))
 
 
