@@ -101,6 +101,7 @@ def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) 
 
 
 _AT_BOUND = 1.0 - 1e-6
+_MOST_OPTIMA = 8000  # draws whose optimum is sought
 
 
 def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n_draws: int) -> Draws:
@@ -157,7 +158,7 @@ def summarise_posterior(
         recommendation may lose.
     """
     scale, model = fitted.scale, fitted.model
-    n = len(draws.terms)
+    n = min(len(draws.terms), _MOST_OPTIMA)
     of_process = round(n * fitted.departure.probability)
     terms = draws.terms[: n - of_process]
     points, values = optimum_draws(model, fitted.region, terms, belief.goal)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -280,25 +280,28 @@ def next_batch(
     for index, share in _shares(spec, n):
         chooser = _Chooser(spec, analyses[index])
         pure = _pure_error_df(analyses[index], active)
-        proposals: list[tuple[Proposal, str]] = []
+        batch: Iterable[tuple[Proposal, str]]
         if source == "best":
-            for _ in range(share):
-                proposal, chosen = _best_source(chooser, done, pure, barred, ties)
-                pure += proposal.repeats
-                ties -= proposal.purpose == "tie"
-                proposals.append((proposal, chosen))
-                done.append(_Made(rounded_settings(region, proposal.point[None, :])[0], chosen, ""))
+            batch = (_best_source(chooser, done, pure, barred, ties) for _ in range(share))
         else:
-            batch = chooser.batch(done, share, source, pure, barred, ties)
-            proposals = [(proposal, source) for proposal in batch]
-            ties -= sum(proposal.purpose == "tie" for proposal in batch)
-        for proposal, chosen in proposals:
-            (setting,) = rounded_settings(region, proposal.point[None, :])
+            batch = [(proposal, source) for proposal in chooser.batch(done, share, source, pure, barred, ties)]
+        for proposal, chosen in batch:
+            pure += proposal.repeats
+            ties -= proposal.purpose == "tie"
+            setting = _settings_of(region, proposal, done)
             why = proposal.why if len(analyses) == 1 else f"{chooser.analysis.application}: {proposal.why}"
             made.append(NewRun(setting, proposal.purpose, why, chosen, _cost(spec, chosen)))
-            if source != "best":
-                done.append(_Made(setting, chosen, ""))
+            done.append(_Made(setting, chosen, ""))
     return made
+
+
+def _settings_of(region: Region, proposal: Proposal, done: Sequence[_Made]) -> dict[str, float | str]:
+    """Settings of a proposal in round numbers; those of the run that it repeats to their last digit."""
+    if not proposal.repeats:
+        return rounded_settings(region, proposal.point[None, :])[0]
+    distance = np.sum(np.square(region.code([run.settings for run in done]) - proposal.point), axis=1)
+    repeated = done[int(np.argmin(distance))].settings
+    return {name: repeated[name] for name in region.names}
 
 
 def in_random_order(runs: Sequence[NewRun], seed: int, n_made: int) -> list[NewRun]:
