@@ -203,4 +203,4 @@ def _root(covariance: FloatArray) -> FloatArray:
 def _count(covariance: FloatArray, noise: FloatArray, index: int) -> None:
     """Count a run at a place as made: the covariance falls, in place."""
     row = covariance[index].copy()
-    covariance -= np.outer(row, row) / (row[index] + noise[index])
+    covariance -= np.outer(row, row) / (max(row[index], 0.0) + noise[index])

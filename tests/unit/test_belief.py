@@ -159,9 +159,7 @@ def test_analysis_is_made_of_the_belief(narrow: Analysis) -> None:
         (best.prediction_mean, five.prediction),
     ):
         assert [got.low, got.high] == pytest.approx([float(wanted.low[0]), float(wanted.high[0])])
-    assert {check.name for check in narrow.decision.checks} == {"interval", "runs", "confirmation"} & {
-        check.name for check in narrow.decision.checks
-    }
+    assert [check.name for check in narrow.decision.checks] == ["interval", "runs"]
     assert narrow.posterior.expected_regret >= 0.0
 
 
@@ -325,6 +323,7 @@ def test_constant_blocks_are_no_part_of_the_surface(tmp_path: Path) -> None:
     np.testing.assert_allclose(process.mean(at), bowl(at), atol=4.0)
 
 
+@pytest.mark.slow
 def test_most_runs_that_are_weighed(tmp_path: Path) -> None:
     points = np.round(spread(MOST_RUNS, 1), 3)
     made = campaign(tmp_path / "c", specification(numeric(1)), points, hill(points) + NOISE[:MOST_RUNS])
