@@ -337,13 +337,13 @@ def _best_source(
 ) -> tuple[Proposal, str]:
     """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper.
 
-    Both are judged by the quadratic, as a process knows of one source. A flight is judged by what it tells once its day is tied; the first one that is worth its cost ties it.
+    Both are judged by the quadratic, as a process knows of one source. A flight is judged by what it tells once its day
+    is tied; the first one that is worth its cost ties it.
     """
     known = None if ties else 0
     sources = ("simulation", "flight")
     found = {
-        source: chooser.batch(done, 1, source, df_pure_error, barred, known, of_quadratic=True)[0]
-        for source in sources
+        source: chooser.batch(done, 1, source, df_pure_error, barred, known, of_quadratic=True)[0] for source in sources
     }
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):

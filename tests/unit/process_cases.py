@@ -74,7 +74,11 @@ def trend(points: np.ndarray, k: int, levels: tuple[int, ...] = ()) -> np.ndarra
     rows = list(groups)
     for i in range(len(groups)):
         for j in range(i):
-            rows += [groups[i][:, [a]] * groups[j][:, [b]] for a in range(groups[i].shape[1]) for b in range(groups[j].shape[1])]
+            rows += [
+                groups[i][:, [a]] * groups[j][:, [b]]
+                for a in range(groups[i].shape[1])
+                for b in range(groups[j].shape[1])
+            ]
     rows += [points[:, [j]] ** 2 for j in range(k)]
     rows += [c[:, [a]] * points[:, [j]] ** 2 for c in contrasts for a in range(c.shape[1]) for j in range(k)]
     return np.hstack(rows)

@@ -214,7 +214,11 @@ def refused(analysis: Analysis, reason: str) -> None:
         (20, {"scores": np.full(20, 70.0)}, "nothing is left"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
         (20, {"source": ["simulation", "flight"] * 10}, ""),
-        (20, {"rest": '[model]\nblock = "day"\nblock_effect = "random"\n', "block": ["a", "b", "c", "d"] * 5}, "random"),
+        (
+            20,
+            {"rest": '[model]\nblock = "day"\nblock_effect = "random"\n', "block": ["a", "b", "c", "d"] * 5},
+            "random",
+        ),
     ],
     ids=["few", "many", "no df", "equal", "first order", "two sources", "random blocks"],
 )
