@@ -127,16 +127,24 @@ class _Chooser:
         self.scale = analysis.scale
 
     def batch(
-        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray, ties: int | None = 0
+        self,
+        done: Sequence[_Made],
+        n: int,
+        source: str,
+        df_pure_error: int,
+        barred: FloatArray,
+        ties: int | None = 0,
+        *,
+        of_quadratic: bool = False,
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 
-        With ``ties`` None a new day counts as tied already.
+        With ``ties`` None a new day counts as tied already. ``of_quadratic``: even where a process was weighed.
         """
         points = self.spec.region.code([run.settings for run in done])
         process = self.analysis.fitted.departure.process
         of_scores = self.spec.criterion == "optimum" and self.spec.model.block is None
-        if process is not None and of_scores and {run.source for run in done} == {source}:
+        if process is not None and of_scores and not of_quadratic and {run.source for run in done} == {source}:
             return propose_from_process(
                 process,
                 self.spec.region,
@@ -332,18 +340,21 @@ def _best_source(
 ) -> tuple[Proposal, str]:
     """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper.
 
-    A flight is judged by what it tells once its day is tied; the first one that is worth its cost ties it.
+    Both are judged by the quadratic, as a process knows of one source. A flight is judged by what it tells once its day
+    is tied; the first one that is worth its cost ties it.
     """
     known = None if ties else 0
     sources = ("simulation", "flight")
-    found = {source: chooser.batch(done, 1, source, df_pure_error, barred, known)[0] for source in sources}
+    found = {
+        source: chooser.batch(done, 1, source, df_pure_error, barred, known, of_quadratic=True)[0] for source in sources
+    }
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):
         source = min(found, key=lambda name: _cost(chooser.spec, name))
     else:
         source = max(found, key=lambda name: found[name].gain)
     if source == "flight" and ties > 0:
-        return chooser.batch(done, 1, source, df_pure_error, barred, ties)[0], source
+        return chooser.batch(done, 1, source, df_pure_error, barred, ties, of_quadratic=True)[0], source
     return found[source], source
 
 

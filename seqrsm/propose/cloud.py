@@ -105,9 +105,7 @@ class Cloud:
         """Joint draws (d * of_each, m) of the surface, rising towards the goal."""
         found = []
         for mean, covariance in zip(self.means, self.covariances, strict=True):
-            nugget = _NUGGET * max(float(np.trace(covariance)) / len(mean), 1e-300)
-            factor = np.linalg.cholesky(covariance + nugget * np.eye(len(mean)))
-            found.append(mean + rng.standard_normal((of_each, len(mean))) @ factor.T)
+            found.append(mean + rng.standard_normal((of_each, len(mean))) @ _root(covariance).T)
         return np.vstack(found)
 
 
@@ -157,13 +155,14 @@ def propose_from_process(
         _count(covariance, noise, int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))
     draws = cloud.draws(_DRAWS_OF_EACH, rng)
     best = np.argmax(draws, axis=1)
-    allowed = clear_of(cloud.points, barred, region)
-    allowed = allowed if allowed.any() else np.ones_like(allowed)
+    inside = region.feasible(cloud.points, tol=1e-9)  # a pending run need not be
+    allowed = clear_of(cloud.points, barred, region) & inside
+    allowed = allowed if allowed.any() else inside
     executed = cloud.executed.copy()
     found = []
     for i in range(n):
         tell("choosing the next runs", i, n)
-        total = np.diag(covariance) + noise
+        total = np.maximum(np.diag(covariance), 0.0) + noise
         at_hat = covariance[cloud.hat]
         value = np.square(at_hat) / total
         loss = np.mean(np.square(covariance[best] - at_hat), axis=0) / total
@@ -191,7 +190,17 @@ def propose_from_process(
     return tuple(found)
 
 
+def _root(covariance: FloatArray) -> FloatArray:
+    """A matrix (m, m) whose product with its transpose is this; of the part above zero where rounding leaves more."""
+    nugget = _NUGGET * max(float(np.trace(covariance)) / len(covariance), 1e-300)
+    try:
+        return np.linalg.cholesky(covariance + nugget * np.eye(len(covariance)))
+    except np.linalg.LinAlgError:  # scores without noise: the variance left is less than the rounding of the prior's
+        own, vectors = np.linalg.eigh(covariance)
+        return np.asarray(vectors * np.sqrt(np.maximum(own, 0.0)))
+
+
 def _count(covariance: FloatArray, noise: FloatArray, index: int) -> None:
     """Count a run at a place as made: the covariance falls, in place."""
     row = covariance[index].copy()
-    covariance -= np.outer(row, row) / (row[index] + noise[index])
+    covariance -= np.outer(row, row) / (max(row[index], 0.0) + noise[index])

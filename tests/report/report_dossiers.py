@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from seqrsm.analysis.belief import Departure
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import (
     Analysis,
@@ -22,7 +23,7 @@ from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Quadratic
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel, TruthPanel
-from seqrsm.decide.stopping import Adequacy, Departure, Look, StopRule, decide
+from seqrsm.decide.stopping import Adequacy, Look, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.anova import LackOfFit
@@ -216,10 +217,11 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
             scale=scale,
             fit=fit,
             surface=Quadratic.of(spec, model, data, scale, fit),
-            departure=Departure(0.0, 0.0, 0.0, 1.0),
+            departure=Departure(None, float("nan"), 0.0, "the scores were drawn about a quadratic"),
         ),
         importance=tuple(importance),
         stationary=stationary_point(model, region, beta, levels) if region.numeric else None,
+        of_quadratic=best,
         optimum=estimate,
         posterior=make_posterior(spec, region, model, fit, estimate, application.goal, draws),
         decision=decision,

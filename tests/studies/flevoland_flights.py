@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from seqrsm.analysis.fitted import fit_application
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.store.records import IngestedFile, IngestedRun, NewScore
 
@@ -91,15 +90,11 @@ def take_in(campaign: Campaign, settings, scores: np.ndarray, source: str, name:
 def look(campaign: Campaign, points: np.ndarray, real: np.ndarray, flown: list[int]) -> dict[str, float]:
     """Interval at the recommended settings, and how it does on real scores that were not taken in."""
     (analysis,) = campaign.analyse_all(n_draws=400)
-    fitted = fit_application(campaign.spec, campaign.spec.applications[0], campaign.store.runs())
-    box = fitted.state.box
     best = analysis.optimum
-    inside = box.contains(points, slack=1.0)
-    inside[flown] = False
-    index = np.flatnonzero(inside)
-    found = fitted.surface.predict(fitted.surface.rows(box.local(points[index])), LEVEL)
+    index = np.setdiff1d(np.arange(len(points)), flown)
+    found = analysis.belief.bands(points[index], LEVEL)
     hit = (real[index] >= found.prediction.low) & (real[index] <= found.prediction.high)
-    here = box.outwards(best.point)
+    here = best.point
     near = (points[index, 0] == here[0]) & (np.max(np.abs(points[index, 1:] - here[1:]), axis=1) <= NEAR)
     same = np.flatnonzero(points[:, 0] == here[0])
     nearest = same[int(np.argmin(np.sum((points[same, 1:] - here[1:]) ** 2, axis=1)))]

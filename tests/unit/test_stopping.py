@@ -19,7 +19,7 @@ from seqrsm.decide.intervals import (
     t_quantile,
 )
 from seqrsm.decide.rule import StopRule, rule_half_width, spending_level
-from seqrsm.decide.stopping import Adequacy, Decision, Departure, Look, decide
+from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
 from seqrsm.errors import FitError, SpecError
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -307,32 +307,21 @@ def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
     assert student > 0.15
 
 
-def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
-    rule = StopRule(interval="confidence", half_width=2.0, max_runs=60)
-    numbers = {"n_runs": 40, "n_terms": 6, "s": 1.0, "df_residual": 34, "df_pure_error": 6, "h": 0.1}
+def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:
+    bare = {"df_pure_error": 0, "lack_of_fit_p": 1e-9}
+    assert not look(**bare).held
+    for probability in (0.0, 0.3, 1.0):
+        decision = look(**bare, departure=probability)
+        assert list(holds(decision)) == ["interval", "runs"]
+        assert decision.held
+        assert not look(**bare, departure=probability, s=2.5).held  # the interval
+        assert not look(**bare, departure=probability, n_runs=44).held
 
-    def check(p: float | None, evidence: float, noise: float = 0.0):
-        decision = decide(rule, Look(**numbers), Adequacy(p, departure=Departure(evidence, 3.5, noise, 2.0)))
-        (found,) = (c for c in decision.checks if c.name == "lack_of_fit")
-        return found, decision.held
 
-    assert check(0.4, 0.2)[1]
-    seen, held = check(0.4, 9.0)  # pure error alone would not have seen it
-    assert seen.holds is False
-    assert not held
-    assert "smooth departure" in seen.text
-    chance, held = check(0.03, 0.2)
-    assert held
-    assert "chance" in chance.text
-    assert not check(0.03, 2.0)[1]  # some sign of a departure: the test against pure error stands
-    rough, held = check(0.005, 0.2)  # chance does not explain it, and nothing else does
-    assert rough.holds is False
-    assert not held
-    unequal, held = check(0.005, 0.2, 4.0)
-    assert held
-    assert "noise grows" in unequal.text
-    assert check(None, 0.2)[0].holds is None
-    assert check(None, 9.0)[0].holds is False
+def test_a_saturated_region_has_no_lack_of_fit_to_test() -> None:
+    decision = look(lack_of_fit_p=None, saturated=True)
+    assert holds(decision)["lack_of_fit"] is True
+    assert decision.held
 
 
 def test_spending_sums_to_the_error_probability() -> None:
