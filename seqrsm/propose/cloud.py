@@ -194,7 +194,7 @@ def _root(covariance: FloatArray) -> FloatArray:
     """A matrix (m, m) whose product with its transpose is this; of the part above zero where rounding leaves more."""
     nugget = _NUGGET * max(float(np.trace(covariance)) / len(covariance), 1e-300)
     try:
-        return np.linalg.cholesky(covariance + nugget * np.eye(len(covariance)))
+        return np.asarray(np.linalg.cholesky(covariance + nugget * np.eye(len(covariance))))
     except np.linalg.LinAlgError:  # scores without noise: the variance left is less than the rounding of the prior's
         own, vectors = np.linalg.eigh(covariance)
         return np.asarray(vectors * np.sqrt(np.maximum(own, 0.0)))

@@ -112,21 +112,14 @@ def test_beside_flights_occasions_are_constants_that_leave_the_flights_alone(don
     assert np.abs(forgotten[1].surface.estimate - forgotten[0].surface.estimate).max() > 0.5
 
 
-def test_a_rehearsed_run_has_the_scatter_of_occasions_too(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    given = {}
-    own = rehearsal.rehearse
-
-    def spy(*arguments: object, **options: object) -> object:
-        given.update(options)
-        return own(*arguments, **options)
-
-    monkeypatch.setattr(rehearsal, "rehearse", spy)
+def test_a_rehearsed_run_has_the_scatter_of_occasions_too(done: Path) -> None:
     campaign = Campaign.open(done)
-    notes = rehearsal.rehearse_campaign(campaign, 2, lambda _done, _total: None)["notes"]
-    assert any("block of its own" in note for note in notes)
-    fitted = fit_application(campaign.spec, campaign.spec.applications[0], campaign.store.runs())
-    draws = draw_coefficients(campaign.spec, fitted, sampler="exact", n_draws=2000)
-    np.testing.assert_allclose(given["sigma_draws"] ** 2, draws.sigma**2 + draws.sigma_block**2, rtol=1e-12)
+    (analysis,) = campaign.analyse_all()
+    draws = draw_coefficients(campaign.spec, analysis.fitted, sampler="exact", n_draws=2000)
+    assert draws.sigma_block is not None
+    truth = rehearsal._truth(analysis, draws, np.random.default_rng(0))
+    variance = float(truth.sd(analysis.optimum.point[None, :])[0]) ** 2
+    assert np.min(np.abs(variance - draws.sigma**2 - draws.sigma_block**2)) < 1e-9
 
 
 def test_status_and_report_say_it_in_words(done: Path) -> None:
