@@ -258,11 +258,13 @@ def intervals_by_draws(
     """
     errors, share = belief.surface.errors, belief.departure.probability
     row = belief.surface.rows(point[None, :])
+    mean = (1.0 - share) * float(belief.surface.predict(row).mean[0])
     parts = [(draws.terms @ row[0], draws, 1.0 - share)]
     if share > 0.0:
         assert belief.departure.process is not None
         found, spread = belief.departure.process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
+        mean += share * float(np.mean(means))
         noise = belief.departure.process.noise_variance(found)[:, 0]
         own = draws.first(_STRATA)
         of = rng.integers(len(means), size=len(own.sigma))
@@ -278,7 +280,4 @@ def intervals_by_draws(
     )
     # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
     prediction_mean = prediction_mean.around(confidence)
-    mean = float(sum(of * np.mean(here) for here, _, of in parts[1:])) + (1.0 - share) * float(
-        belief.surface.predict(row).mean[0]
-    )
     return float(scale.to_score(np.array([mean]))[0]), (confidence, prediction.around(prediction_mean), prediction_mean)

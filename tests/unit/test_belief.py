@@ -12,7 +12,8 @@ from process_cases import bowl, hill, spread
 from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
-from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, mixed_quantiles
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.fit.intervals import Prediction
@@ -188,6 +189,40 @@ def test_minimizing_mirrors_maximizing(tmp_path: Path) -> None:
     assert up.optimum.mean == pytest.approx(-down.optimum.mean, rel=1e-9)
     assert up.optimum.prediction.low == pytest.approx(-down.optimum.prediction.high, rel=1e-6)
     assert up.posterior.expected_regret == pytest.approx(down.posterior.expected_regret, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("errors", ["normal", "student_t"])
+def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors: str, share: float) -> None:
+    """Draws of normal errors have the quantiles of `bands`; with wild errors the process is the same."""
+    points = np.round(spread(30, 2), 3)
+    y = hill(points) + NOISE[:30]
+    text = specification(numeric(2), rest=f'[model]\nerrors = "{errors}"\n')
+    made = campaign(tmp_path / "c", text, points, y)
+    (analysis,) = made.analyse_all(n_draws=400)
+    belief, at = believed(analysis, share), np.array([0.3, 0.3])
+    draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=8000)
+    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, 5, draws, np.random.default_rng(5))
+    one, five = (belief.bands(at[None, :], 0.95, 1.0, m) for m in (1, 5))
+    assert mean == pytest.approx(float(one.mean[0]), rel=1e-12)
+    if errors == "student_t" and share < 1.0:
+        return
+    for got, wanted in zip(found, (one.confidence, one.prediction, five.prediction), strict=True):
+        low, high = float(wanted.low[0]), float(wanted.high[0])
+        slack = {"normal": 0.06, "student_t": 0.5}[errors] * (high - low)
+        assert [got.low, got.high] == pytest.approx([low, high], abs=slack)
+
+
+@pytest.mark.parametrize("rest", ['errors = "student_t"', 'block = "day"', 'terms = "hierarchical"'])
+def test_a_narrow_top_is_found_whatever_the_model(tmp_path: Path, rest: str) -> None:
+    points = np.round(spread(40, 2), 3)
+    text = specification(numeric(2), rest=f"[model]\n{rest}\n")
+    analysis = analysed(tmp_path / "c", text, points, hill(points) + NOISE[:40], block=["a", "b"] * 20)
+    assert analysis.fitted.departure.probability == 1.0
+    best = analysis.optimum
+    assert best.confidence.low < best.mean < best.confidence.high
+    assert best.mean == pytest.approx(80.0, abs=5.0)
+    np.testing.assert_allclose(best.point, 0.3, atol=0.2)
 
 
 # where no process is weighed ------------------------------------------------------------------------------------------
