@@ -106,6 +106,25 @@ def test_noise_grows_with_what_the_mean_falls_short_of_the_best(sign: float) -> 
     assert np.corrcoef(process._gap, -hill(points))[0, 1] > 0.8
 
 
+@pytest.mark.parametrize("case", ["two factors", "a category"])
+def test_drawn_surfaces_have_the_mean_and_covariance_of_the_process(case: str) -> None:
+    """By random features: the process's part of the prior is right on average over the waves."""
+    k, levels, n = CASES[case]
+    process, _ = made(k, levels, n)
+    process._keep(process._prior[0][None, :])
+    points, rng = spread(5, k, levels, seed=8), np.random.default_rng(6)
+    drawn = [process.draw(rng) for _ in range(600)]
+    values = np.array([surface(points) for surface, _ in drawn])
+    (mean,), (covariance,) = process.joint(points)
+    se = np.sqrt(np.diag(covariance) / len(values))
+    np.testing.assert_array_less(np.abs(values.mean(axis=0) - mean), 5.0 * se)
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.cov(values.T) / np.outer(sd, sd), covariance / np.outer(sd, sd), atol=0.25)
+    surface, scatter = drawn[0]
+    at = surface(points)
+    np.testing.assert_allclose(scatter(points) ** 2, process.noise_variance(at[None, :])[0], rtol=1e-9)
+
+
 # evidence -------------------------------------------------------------------------------------------------------------
 
 
