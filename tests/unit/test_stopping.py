@@ -10,6 +10,8 @@ from scipy import stats
 
 from seqrsm.decide.forecast import target_problem
 from seqrsm.decide.intervals import (
+    Agreement,
+    ConfirmationInterval,
     anytime_half_width,
     anytime_radius,
     confirmation_agrees,
@@ -47,6 +49,12 @@ def look(rule: StopRule = RULE, **changes: Any) -> Decision:
     adequacy = {of: facts.pop(key) for key, of in ADEQUACY.items() if key in facts}
     confirmation, unit = facts.pop("confirmation", None), facts.pop("unit", "")
     return decide(rule, Look(**facts), Adequacy(**adequacy), confirmation, unit)
+
+
+def agreement(fresh: ConfirmationInterval, predicted: float, *, s: float, df: int, h: float) -> Agreement:
+    """Against Student's prediction interval of the mean of as many runs."""
+    half = float(stats.t.ppf(0.5 * (1.0 + fresh.level), df)) * s * np.sqrt(1.0 / fresh.n + h)
+    return confirmation_agrees(fresh, predicted=predicted, half_width=half, df=df)
 
 
 def holds(decision: Decision) -> dict[str, bool | None]:
@@ -176,9 +184,9 @@ def test_confirmation_guard_waits_for_fresh_runs() -> None:
     assert waiting.wants_confirmation
     assert holds(waiting)["confirmation"] is None
     fresh = confirmation_interval([80.1, 81.0, 79.5, 80.4, 80.2])
-    good = confirmation_agrees(fresh, predicted=80.0, s=1.5, df=10, h=0.2)
+    good = agreement(fresh, 80.0, s=1.5, df=10, h=0.2)
     assert look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=good).held
-    bad = confirmation_agrees(fresh, predicted=90.0, s=1.5, df=10, h=0.2)
+    bad = agreement(fresh, 90.0, s=1.5, df=10, h=0.2)
     refused = look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=bad)
     assert not refused.held
     assert not refused.wants_confirmation
@@ -187,7 +195,7 @@ def test_confirmation_guard_waits_for_fresh_runs() -> None:
 
 def test_disagreeing_confirmation_is_told_under_the_other_guards() -> None:
     fresh = confirmation_interval([80.1, 81.0, 79.5])
-    bad = confirmation_agrees(fresh, predicted=90.0, s=1.5, df=10, h=0.2)
+    bad = agreement(fresh, 90.0, s=1.5, df=10, h=0.2)
     assert bad.text in look(confirmation=bad).reasons
 
 
@@ -259,8 +267,8 @@ def test_confirmation_interval_is_the_t_interval() -> None:
 def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
     fresh = confirmation_interval([71.0, 73.5, 70.2, 74.1, 72.0])
     limit = stats.t.ppf(0.975, 12) * 1.8 * np.sqrt(1 / 5 + 0.3)
-    inside = confirmation_agrees(fresh, predicted=fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
-    outside = confirmation_agrees(fresh, predicted=fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
+    inside = agreement(fresh, fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
+    outside = agreement(fresh, fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
     assert inside.agrees
     assert not outside.agrees
     assert inside.half_width == pytest.approx(limit)
