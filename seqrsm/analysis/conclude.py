@@ -25,7 +25,6 @@ from seqrsm.decide.rule import StopRule
 from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
@@ -104,7 +103,7 @@ def analyse(
     described = estimate
     if thorough and best is not of_quadratic:  # what is studied is the quadratic
         described = _estimate(spec, fitted, belief.of_quadratic, of_quadratic, draws)
-    stationary = _stationary(model, region, beta, of_quadratic)
+    stationary = _stationary(fitted, of_quadratic)
     return Analysis(
         application=application.name,
         goal=goal,
@@ -117,7 +116,11 @@ def analyse(
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
-        warnings=tuple(_warnings(spec, application, fitted, best) + effects_left_out(application, posterior)),
+        warnings=tuple(
+            _warnings(spec, application, fitted, best)
+            + _other_sampler(sampler, draws)
+            + effects_left_out(application, posterior)
+        ),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         study=study_fit(spec, fitted, described, stationary, draws) if thorough else None,
     )
@@ -173,10 +176,14 @@ def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -
     return sorted(rows, key=lambda row: -row.f if np.isfinite(row.f) else np.inf)
 
 
-def _stationary(model: QuadraticModel, region: Region, beta: FloatArray, best: Optimum) -> StationaryPoint | None:
+def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
+    model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    return stationary_point(model, region, beta, tuple(int(best.point[j]) for j in region.categorical))
+    levels = tuple(int(best.point[j]) for j in region.categorical)
+    return stationary_point(
+        model, region, surface.estimate, levels, variance=lambda rows: surface.s**2 * surface.variance_unscaled(rows)
+    )
 
 
 def _decision(
@@ -272,6 +279,21 @@ def _confirmation(
         text=text,
     )
     return confirmation, agreement
+
+
+def _other_sampler(sampler: Sampler, draws: Draws) -> list[str]:
+    """A sentence where emcee was asked for and something else drew the posterior."""
+    made = draws.made
+    if sampler != "emcee" or made["method"] == "emcee":
+        return []
+    if made["method"] == "gibbs":
+        return ["The posterior was drawn by Gibbs sampling, not by emcee, which did not converge."]
+    reason = "the surface passes through every score"
+    if "blocks" in made:
+        reason = "with random blocks it is known"
+    elif "sources" in made:
+        reason = "with simulations and flights it is known"
+    return [f"Draws of the posterior are independent ones of its exact form, not by emcee: {reason}."]
 
 
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:

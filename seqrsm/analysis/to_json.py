@@ -18,8 +18,10 @@ from seqrsm.analysis.results import (
 )
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
+from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.canonical import natural_errors
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.profile import PowerProfile
@@ -50,6 +52,7 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         "r2_predicted": fit.r2_predicted,
         "press": fit.press,
         "terms": _terms(analysis),
+        "covariance": _covariance(analysis),
         "terms_dropped": list(analysis.dropped),
         "anova": [
             {"source": row.source, "df": row.df, "ss": row.ss, "ms": row.ms, "f": row.f, "p": row.p}
@@ -180,6 +183,13 @@ def _terms(analysis: Analysis) -> list[dict[str, Any]]:
     ]
 
 
+def _covariance(analysis: Analysis) -> dict[str, Any]:
+    """Covariance s^2 (Z'WZ)^-1 of the coded coefficients, by the rows of its lower triangle."""
+    fit = analysis.fit
+    matrix = fit.s**2 * fit.covariance_unscaled
+    return {"terms": list(fit.names), "lower_triangle": [matrix[i, : i + 1] for i in range(fit.n_terms)]}
+
+
 def _natural(analysis: Analysis) -> list[dict[str, float]]:
     """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
     found = natural_coefficients(analysis.model, analysis.fit, analysis.optimum.level)
@@ -199,17 +209,38 @@ def _stationary(analysis: Analysis) -> dict[str, Any] | None:
     if point is None:
         return None
     numeric = [analysis.region.names[j] for j in analysis.region.numeric]
-    finite = bool(np.all(np.isfinite(point.point)))
     return {
-        "natural": analysis.region.decode(point.point)[0] if finite else None,
-        "coded": dict(zip(analysis.region.names, point.point.tolist(), strict=True)),
+        **_place(analysis, point.point, point.se),
         "value": point.value,
         "kind": point.kind,
         "factors": numeric,
         "eigenvalues": point.eigenvalues,
         "eigenvectors": point.eigenvectors,
         "inside_region": point.inside_region,
+        "flat": point.flat,
+        "exact": {
+            **_place(analysis, point.exact_point, point.exact_se),
+            "value": point.exact_value,
+            "inside_region": point.exact_inside_region,
+        },
         "warning": point.warning,
+    }
+
+
+def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, Any]:
+    """Settings at a coded point (k,), and standard errors of the numeric ones."""
+    region = analysis.region
+    natural = None
+    if np.all(np.isfinite(point)):
+        with np.errstate(over="ignore"):  # a stationary point may lie anywhere
+            natural = region.decode(point)[0]
+    return {
+        "natural": natural,
+        "coded": dict(zip(region.names, point.tolist(), strict=True)),
+        "se": {
+            "natural": natural_errors(region, point, se),
+            "coded": {region.names[j]: float(se[j]) for j in region.numeric},
+        },
     }
 
 

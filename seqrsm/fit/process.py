@@ -36,7 +36,7 @@ _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "grow
 """Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
 scatter; growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
-_WALKERS, _STEPS, _KEPT = 32, 60, 12
+_WALKERS, _STEPS, _KEPT = 32, 60, 20
 _IMPORTANCE_DRAWS = 256
 _FEATURES = 1000
 
@@ -89,7 +89,7 @@ class Process:
     model : QuadraticModel
         Whose terms the trend has.
     hyper : Hyper
-        Twelve draws.
+        Twenty draws.
     log_bayes_factor : float
         Log evidence for the process, less that for the quadratic with coefficients of the same free scale and equal
         noise: about 0 where the scores do not tell, > 3 where the quadratic is refuted.

@@ -9,7 +9,9 @@ from functools import partial
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
+from seqrsm.fit.canonical import natural_errors
 from seqrsm.report.blocks import (
     Block,
     Definitions,
@@ -32,7 +34,7 @@ from seqrsm.report.figures.optimum import (
     slice_panel,
 )
 from seqrsm.report.figures.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
-from seqrsm.report.rounding import format_number, format_share, format_significant
+from seqrsm.report.rounding import format_number, format_plus_minus, format_share, format_significant
 from seqrsm.report.sections.study import searched_blocks
 from seqrsm.report.wording import (
     at_bound_text,
@@ -130,20 +132,21 @@ def _shape(analysis: Analysis) -> list[Block]:
         warning = readable_text(stationary.warning, analysis.region.names)
         return [Paragraph(warning or "The fitted surface has no stationary point.")]
     where = "inside" if stationary.inside_region else "outside"
-    settings = []
-    for index in numeric:
-        factor = numeric_factor(analysis, index)
-        value = float(factor.decode(stationary.point[index]))
-        settings.append(f"{readable(factor.name)} {with_unit(format_significant(value, 3), factor.unit)}")
     text = (
         "At the optimal levels of the categorical factors the fitted surface "
         if analysis.region.categorical
         else "The fitted surface "
     )
-    text += f"has a {stationary.kind} {where} the region, at {listing(settings)}."
-    blocks: list[Block] = [Paragraph(text)]
+    text += f"has a {stationary.kind} {where} the region, at {_place(analysis, stationary.point, stationary.se)}."
+    method = " After \u00b1 stand standard errors, by the delta method from those of the coefficients."
+    blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
+    if stationary.flat.any() and np.all(np.isfinite(stationary.exact_point[list(numeric)])):
+        place = _place(analysis, stationary.exact_point, stationary.exact_se)
+        where = "inside" if stationary.exact_inside_region else "outside"
+        text = f"With no curvature taken as flat the stationary point lies {where} the region, at {place}."
+        blocks.append(Paragraph(text))
     rows = (
         (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
         for value, direction in zip(stationary.eigenvalues.tolist(), stationary.eigenvectors.T.tolist(), strict=True)
@@ -152,6 +155,20 @@ def _shape(analysis: Analysis) -> list[Block]:
     columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
     caption = "Principal curvatures of the fitted surface and their directions, in coded units"
     return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
+
+
+def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
+    """Settings of the numeric factors at a coded point (k,), with their standard errors."""
+    errors, settings = natural_errors(analysis.region, point, se), []
+    for index in analysis.region.numeric:
+        factor = numeric_factor(analysis, index)
+        with np.errstate(over="ignore"):  # a stationary point may lie anywhere
+            value = float(factor.decode(point[index]))
+        error = errors[factor.name]
+        known = math.isfinite(error) and error > 0.0
+        text = format_plus_minus(value, error) if known else format_significant(value, 3)
+        settings.append(f"{readable(factor.name)} {with_unit(text, factor.unit)}")
+    return listing(settings)
 
 
 def surface_section(analysis: Analysis, key: str) -> Section:
