@@ -42,8 +42,8 @@ def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float
     return found
 
 
-_CHAINS, _WARM_UP = 100, 30
-_LEAST_SWEEPS = 25
+_CHAINS, _WARM_UP = 200, 20
+_LEAST_SWEEPS = 12
 _ENDS = (0.025, 0.975)
 
 
