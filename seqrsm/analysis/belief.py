@@ -64,13 +64,17 @@ def weigh_departure(
     surface: Surface,
     goal: Goal,
     seed: int,
+    stated: bool,
 ) -> Departure:
     """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
 
-    ``model`` has all terms, those too that were left out by selection.
+    ``model`` has all terms, those too that were left out by selection. ``stated``: campaign.toml states a prior of its
+    coefficients, which a process knows nothing of.
     """
     n = len(fit.y)
     reason = surface.no_departure
+    if not reason and stated:
+        reason = "a prior is stated of the quadratic"
     if not reason and model.order == 1:
         reason = "the model is of first order"
     if not reason and not (fit.df_residual > 0 and fit.s > 0.0):

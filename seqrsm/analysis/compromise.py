@@ -15,6 +15,7 @@ from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
 from seqrsm.plain import known
+from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec, ConsiderationSpec
 
 DRAWS = 200
@@ -137,16 +138,25 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
-    scale = analysis.scale
-    beta = analysis.beta
+    scale, belief, departure = analysis.scale, analysis.belief, analysis.fitted.departure
     draws = analysis.posterior.term_draws
     some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
+    surfaces = []
+    if departure.process is not None:
+        rng = generator(spec.seed, analysis.fit.n_runs, "compromise")
+        surfaces = [departure.process.draw(rng)[0] for _ in range(round(departure.probability * len(some)))]
+        some = some[: len(some) - len(surfaces)]
+
+    def drawn(points: FloatArray) -> FloatArray:
+        of_process = [surface(points) for surface in surfaces]
+        return scale.to_score(np.vstack([some @ analysis.model.matrix(points).T, *of_process]))
+
     return Objective(
         table.name,
         table.goal,
         table.weight,
-        lambda points: scale.to_score(analysis.model.matrix(points) @ beta),
-        lambda points: scale.to_score(some @ analysis.model.matrix(points).T),
+        lambda points: scale.to_score(belief.mean(points)),
+        drawn,
         table.unacceptable,
         table.ideal,
     )

@@ -90,7 +90,9 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
     fit = fit_surface(spec, region, model, data, scale)
     surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
-    departure = weigh_departure(whole, data, scale, fit, surface, application.goal, spec.seed)
+    departure = weigh_departure(
+        whole, data, scale, fit, surface, application.goal, spec.seed, spec.states_prior(application)
+    )
     return Fitted(application, region, model, data, scale, fit, surface, departure, dropped)
 
 

@@ -27,7 +27,7 @@ from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 
 LEAST_RUNS = 8
-MOST_RUNS = 200
+MOST_RUNS = 250
 """Above it a look would take many seconds: every likelihood costs the cube of the runs."""
 
 _VAGUE = 100.0  # prior variance of constants and nuisance effects, in units of the scores' variance
@@ -37,6 +37,7 @@ _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "grow
 scatter; growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _WALKERS, _STEPS, _KEPT = 32, 60, 20
+_MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
 _IMPORTANCE_DRAWS = 256
 _FEATURES = 1000
 
@@ -309,14 +310,15 @@ class Process:
 
         mean, sd = self._prior
         seen, chain = np.empty((0, len(mean))), np.empty((0, len(mean)))
-        for steps in (_STEPS // 2, _STEPS):
+        last = _STEPS if len(self._y) <= _MANY_RUNS else _FEWER_STEPS
+        for steps in (last // 2, last):
             pool = mean + sd * np.clip(rng.standard_normal((200, len(mean))), -3.0, 3.0)
             start = pool[np.argsort(-self._log_posterior(pool), kind="stable")[:_WALKERS]]
             if len(seen):
                 start[: _WALKERS // 2] = seen[: _WALKERS // 2]
             start = start + 0.05 * rng.standard_normal(start.shape)
             chain, seen = short_chain(self._log_posterior, start, steps, rng)
-            if steps < _STEPS:
+            if steps < last:
                 self._keep(seen[:8])
                 h = self.hyper
                 noise = np.square(h.noise)[:, None] * self._inverse_weights

@@ -208,6 +208,11 @@ class CampaignSpec:
         """The scene file, or None without a simulator."""
         return None if self.simulator is None else self.folder / self.simulator.scene
 
+    def states_prior(self, application: ApplicationSpec) -> bool:
+        """Whether something is stated of the coefficients of an application's surface."""
+        known = application.prior
+        return self.model.prior is not None or (known is not None and (known.utility is not None or bool(known.effect)))
+
     def application(self, name: str) -> ApplicationSpec:
         """The application of this name; SpecError when there is none."""
         for application in self.applications:

@@ -244,8 +244,8 @@ def refused(analysis: Analysis, reason: str) -> None:
 @pytest.mark.parametrize(
     ("n", "more", "reason"),
     [
-        (7, {}, "with 8 to 200 runs, here are 7"),
-        (MOST_RUNS + 1, {}, "with 8 to 200 runs, here are 201"),
+        (7, {}, f"with 8 to {MOST_RUNS} runs, here are 7"),
+        (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, here are {MOST_RUNS + 1}"),
         (6, {}, "nothing is left"),
         (20, {"scores": np.full(20, 70.0)}, "nothing is left"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
@@ -108,7 +109,8 @@ def _departure(analysis: Analysis) -> list[Block]:
         return [Paragraph(text)]
     how = (
         "The other surface is a Gaussian process about the quadratic, with a length of its own for each parameter and "
-        "noise that may grow where scores are poorer, averaged over what is not known of it."
+        "noise that may grow where scores are poorer, averaged over what is not known of it; before the scores its "
+        f"probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
     )
     factor = f"natural log of the Bayes factor {found.log_bayes_factor:.1f}"
     if found.probability == 0.0:
