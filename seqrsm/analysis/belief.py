@@ -31,7 +31,7 @@ PRIOR_LOG_ODDS = 1.0
 """Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
 
 _CERTAIN = 0.01  # a process less probable is left out
-_STRATA = 4000
+_STRATA, _STRATA_OF_EACH = 4000, 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ class Belief:
             return of_quadratic
         means, variances = process.marginals(points)
         noise = process.noise_variance(means) / (weight * replicates)
-        t, z = stdtrit(self.surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA // len(means)))
+        t, z = stdtrit(self.surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA_OF_EACH))
 
         def mixed(se: FloatArray, added: FloatArray | float) -> Ends:
             sd = np.sqrt(variances + added)

@@ -147,7 +147,8 @@ def test_the_least_of_scores_turned_over_and_doubled_in_another_order_is_the_sam
     one, other = document["optimum"], found["optimum"]
     assert other["coded"] == pytest.approx(one["coded"], abs=1e-6)
     assert other["mean"] == pytest.approx(-2.0 * one["mean"], rel=1e-7)
-    drawn = 0.2 if "student_t" in model else 1e-6  # by a sampler, whose draws depend on the order
+    # By a sampler, whose draws depend on the order; that of a process on its rounding only.
+    drawn = 0.2 if "student_t" in model else 1e-6 if document["departure"]["reason"] else 1e-2
     for name in ("confidence", "prediction", "prediction_mean"):
         expected = np.array([one[name]["low"], one[name]["high"]])
         turned_back = np.array([other[name]["high"], other[name]["low"]]) / -2.0
