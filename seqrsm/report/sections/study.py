@@ -85,6 +85,11 @@ def location_section(analysis: Analysis, key: str) -> Section | None:
     columns = ("Factor", *(capital(LOCATION_METHODS[region.method]) for region in study.locations))
     caption = f"Where the optimum may lie, {level_phrase(analysis)}. {_location_caption(analysis, study.locations)}"
     found: list[Block] = [table(caption, columns, rows)]
+    if analysis.fitted.departure.probability > 0.0:
+        text = (
+            "These are regions of the quadratic's optimum; the credible intervals of the settings count both surfaces."
+        )
+        found.insert(0, Paragraph(text))
     found += _location_figure(analysis, study.locations)
     found += _paths(analysis, study)
     return Section(f"{key}-location", "Place of the optimum", tuple(found))
