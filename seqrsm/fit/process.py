@@ -38,7 +38,7 @@ scatter; growth of the noise per unit of that below the best score; lengths in u
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _WALKERS, _STEPS, _KEPT = 32, 60, 20
 _MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
-_IMPORTANCE_DRAWS = 256
+_IMPORTANCE_DRAWS = 512
 _FEATURES = 1000
 
 
@@ -97,7 +97,7 @@ class Process:
     centre, scatter : float
         Mean and standard deviation of the scores, score units.
     effective_draws : float
-        Of the 256 that the evidence was estimated by.
+        Of the 512 that the evidence was estimated by.
     """
 
     def __init__(
