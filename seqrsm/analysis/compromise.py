@@ -15,6 +15,7 @@ from seqrsm.decide.compromise import Compromise, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
 from seqrsm.plain import known
+from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec, ConsiderationSpec
 
 DRAWS = 200
@@ -126,14 +127,8 @@ class CompromiseEstimate:
 
 
 def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> CompromiseEstimate | None:
-    """The compromise over all applications and considerations; None where there is nothing to weigh.
-
-    Surfaces that are fitted to different parts of the region ([model] region = "adaptive" with several applications)
-    cannot be weighed, and give None too.
-    """
+    """The compromise over all applications and considerations; None where there is nothing to weigh."""
     if len(analyses) + len(spec.considerations) < 2 or len(analyses) < len(spec.applications):
-        return None
-    if any(not analysis.region_state.box.whole for analysis in analyses):
         return None
     objectives = [_application(spec, analysis) for analysis in analyses]
     objectives += [_consideration(spec.region, table) for table in spec.considerations]
@@ -143,16 +138,25 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
 
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     table = spec.application(analysis.application)
-    scale = analysis.scale
-    beta = analysis.beta
+    scale, belief, departure = analysis.scale, analysis.belief, analysis.fitted.departure
     draws = analysis.posterior.term_draws
     some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
+    surfaces = []
+    if departure.process is not None:
+        rng = generator(spec.seed, analysis.fit.n_runs, "compromise")
+        surfaces = [departure.process.draw(rng)[0] for _ in range(round(departure.probability * len(some)))]
+        some = some[: len(some) - len(surfaces)]
+
+    def drawn(points: FloatArray) -> FloatArray:
+        of_process = [surface(points) for surface in surfaces]
+        return scale.to_score(np.vstack([some @ analysis.model.matrix(points).T, *of_process]))
+
     return Objective(
         table.name,
         table.goal,
         table.weight,
-        lambda points: scale.to_score(analysis.model.matrix(points) @ beta),
-        lambda points: scale.to_score(some @ analysis.model.matrix(points).T),
+        lambda points: scale.to_score(belief.mean(points)),
+        drawn,
         table.unacceptable,
         table.ideal,
     )

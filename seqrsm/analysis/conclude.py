@@ -2,42 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.departed import departed_optimum_of, departed_text, departures_of, of_both, with_departure
-from seqrsm.analysis.fitted import (
-    Fitted,
-    confirmation_reason,
-    fit_application,
-    natural_ranges,
-    range_text,
-    region_history,
-)
+from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
+from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
 from seqrsm.analysis.posterior import (
-    central,
     draw_coefficients,
     effects_left_out,
-    future_scores,
-    outer_bounds,
     summarise_posterior,
 )
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
-from seqrsm.analysis.runs import block_labels, shared_loadings
+from seqrsm.analysis.runs import block_labels, evidence, shared_loadings
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.decide.allowance import Departures
 from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
 from seqrsm.decide.rule import StopRule
-from seqrsm.decide.stopping import Adequacy, Before, Decision, Look, decide
+from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
 from seqrsm.design.evaluate import is_saturated
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.design.region import Region
 from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
@@ -45,6 +32,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
+from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
 
@@ -86,7 +74,7 @@ def analyse(
     runs : sequence of RunRecord
         All runs; those that do not count are left out here.
     looks : sequence of LookRecord
-        Earlier looks at this application, for the rule of two looks.
+        Earlier looks at this application, for the guard "spending".
     sampler : "exact" or "emcee"
         How the posterior is drawn; with errors = "student_t" "exact" is a Gibbs sampler of exact conditionals.
     n_draws : int
@@ -104,19 +92,18 @@ def analyse(
     goal: Goal = application.goal
     fitted = fit_application(spec, application, runs)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
-    best = optimum(model, region, beta, goal)
+    of_quadratic = optimum(model, region, beta, goal)
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
-    departures = departures_of(fitted)
-    of_quadratic = estimate = _estimate(spec, fitted, departures, best, draws)
-    departed = departed_optimum_of(spec, fitted, departures, best)
-    if departed is not None:
-        estimate = _estimate(spec, fitted, departures, departed, draws, chosen=True)
-    confirmation, agreement = _confirmation(spec, application, fitted, runs)
+    belief = Belief(fitted.surface, fitted.departure, region, goal)
+    best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
+    estimate = _estimate(spec, fitted, belief, best, draws)
+    confirmation, agreement = _confirmation(spec, application, fitted, belief, runs)
     decision = _decision(spec, application, fitted, estimate, looks, agreement)
-    posterior = summarise_posterior(spec, fitted, of_quadratic, draws, goal=goal)
-    if departed is not None:  # what the settings may lose is not the quadratic's to say
-        posterior = replace(posterior, expected_regret=math.nan, p_regret_above=math.nan)
-    stationary = _stationary(model, region, beta, best)
+    posterior = summarise_posterior(spec, fitted, belief, estimate, draws)
+    described = estimate
+    if thorough and best is not of_quadratic:  # what is studied is the quadratic
+        described = _estimate(spec, fitted, belief.of_quadratic, of_quadratic, draws)
+    stationary = _stationary(fitted, of_quadratic)
     return Analysis(
         application=application.name,
         goal=goal,
@@ -124,61 +111,53 @@ def analyse(
         fitted=fitted,
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
-        optimum=estimate if departed is None else of_both(estimate, best),
+        of_quadratic=of_quadratic,
+        optimum=_within_percent(estimate) if application.is_percent else estimate,
         posterior=posterior,
         decision=decision,
         confirmation=confirmation,
         warnings=tuple(
-            ([] if departed is None else [departed_text(spec, fitted, best)])
-            + _warnings(spec, application, fitted, best if departed is None else departed)
+            _warnings(spec, application, fitted, best)
+            + _other_sampler(sampler, draws)
             + effects_left_out(application, posterior)
         ),
-        region_history=region_history(spec, fitted.state),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, of_quadratic, stationary, draws) if thorough else None,
+        study=study_fit(spec, fitted, described, stationary, draws) if thorough else None,
     )
 
 
-def _estimate(
-    spec: CampaignSpec,
-    fitted: Fitted,
-    departures: Departures | None,
-    best: Optimum,
-    draws: Draws,
-    chosen: bool = False,
-) -> OptimumEstimate:
-    stop, scale, surface = spec.stop, fitted.scale, fitted.surface
-    row = surface.rows(best.point[None, :])
-    one = surface.predict(row, stop.level, weight := scale.weight_at(surface.predict(row).mean))
-    several = surface.predict(row, stop.level, weight, stop.replicates)
-    confidence, prediction, prediction_mean = (
-        scale.in_scores(float(found.low[0]), float(found.high[0]))
-        for found in (one.confidence, one.prediction, several.prediction)
-    )
-    if not surface.errors.exact:
-        # The t interval of least squares knows nothing of heavy tails or counts: these are quantiles of the posterior.
-        futures = [future_scores(spec, fitted, draws, row[0], m) for m in (1, stop.replicates)]
-        mean = scale.to_score(draws.terms @ row[0])
-        confidence, prediction, prediction_mean = (central(x, stop.level) for x in (mean, *futures))
-        # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
-        prediction_mean = prediction_mean.around(confidence)
-        prediction = prediction.around(prediction_mean)
-    hard = outer_bounds(spec.region, fitted.state.box, best.point)
-    plain = (confidence, prediction, prediction_mean)
+def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> OptimumEstimate:
+    stop, scale = spec.stop, fitted.scale
+    if fitted.surface.errors.exact:
+        mean, found = intervals(belief, scale, best.point, stop.level, stop.replicates)
+    else:
+        rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
+        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, stop.replicates, draws, rng)
+    confidence, prediction, prediction_mean = found
     return OptimumEstimate(
-        settings=spec.region.decode(hard.point)[0],
+        settings=fitted.region.decode(best.point)[0],
         point=best.point,
-        at_bound=hard.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
-        mean=float(scale.to_score(one.mean)[0]),
+        at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
+        mean=mean,
         confidence=confidence,
         prediction=prediction,
         prediction_mean=prediction_mean,
         replicates=stop.replicates,
         level=stop.level,
-        with_departure=with_departure(spec, fitted, departures, best, plain, chosen),
         ties=tuple(fitted.region.decode(best.ties)) if len(best.ties) else (),
         ridge=best.flat,
         exact=best.exact,
+    )
+
+
+def _within_percent(estimate: OptimumEstimate) -> OptimumEstimate:
+    """Nothing above 100 or below 0 is promised; what the rule watches is not shortened by that."""
+    return replace(
+        estimate,
+        mean=min(max(estimate.mean, 0.0), 100.0),
+        confidence=estimate.confidence.within(0.0, 100.0),
+        prediction=estimate.prediction.within(0.0, 100.0),
+        prediction_mean=estimate.prediction_mean.within(0.0, 100.0),
     )
 
 
@@ -197,10 +176,14 @@ def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -
     return sorted(rows, key=lambda row: -row.f if np.isfinite(row.f) else np.inf)
 
 
-def _stationary(model: QuadraticModel, region: Region, beta: FloatArray, best: Optimum) -> StationaryPoint | None:
+def _stationary(fitted: Fitted, best: Optimum) -> StationaryPoint | None:
+    model, region, surface = fitted.model, fitted.region, fitted.surface
     if model.order == 1 or not region.numeric:
         return None
-    return stationary_point(model, region, beta, tuple(int(best.point[j]) for j in region.categorical))
+    levels = tuple(int(best.point[j]) for j in region.categorical)
+    return stationary_point(
+        model, region, surface.estimate, levels, variance=lambda rows: surface.s**2 * surface.variance_unscaled(rows)
+    )
 
 
 def _decision(
@@ -218,10 +201,7 @@ def _decision(
         "prediction_mean": estimate.prediction_mean.half_width,
         "confidence": estimate.confidence.half_width,
     }
-    earlier = [look for look in looks if look.after_run < fitted.n_scored]
-    before = earlier[-1].summary if earlier else {}
-    # Two looks at different regions are not two looks at the same thing.
-    same = before.get("region", {}).get("ranges") in (None, _ranges(spec, fitted))
+    earlier = [look for look in looks if look.after_run < fit.n_runs]
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms + len(fitted.dropped),  # what was left out by selection has used up its runs
@@ -230,14 +210,13 @@ def _decision(
         df_pure_error=fit.df_pure_error,
         h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
         half_width=widths[rule.interval],
-        widening=1.0 if estimate.with_departure is None else estimate.with_departure.widening,
         model_p=_model_p(fitted),
-        n_spent=fitted.n_scored,
+        n_before=earlier[-1].after_run if earlier else 0,
     )
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
-    adequacy = Adequacy(p, reason, fitted.departure, is_saturated(fitted.model, fitted.region))
-    last = Before(bool(before.get("conditions_hold")) and same, earlier[-1].after_run if earlier else 0)
-    return decide(rule, look, adequacy, last, agreement, application.unit)
+    weighed = None if fitted.departure.process is None else fitted.departure.probability
+    adequacy = Adequacy(p, reason, weighed, is_saturated(fitted.model, fitted.region))
+    return decide(rule, look, adequacy, agreement, application.unit)
 
 
 def _model_p(fitted: Fitted) -> float | None:
@@ -252,16 +231,14 @@ def _all_equal(fitted: Fitted) -> bool:
     return float(np.ptp(fitted.data.scores)) == 0.0
 
 
-def _ranges(spec: CampaignSpec, fitted: Fitted) -> dict[str, list[float]]:
-    return {name: list(ends) for name, ends in natural_ranges(spec.region, fitted.state.box).items()}
-
-
 def _confirmation(
-    spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, runs: Sequence[RunRecord]
+    spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, belief: Belief, runs: Sequence[RunRecord]
 ) -> tuple[Confirmation | None, Agreement | None]:
-    """The latest set of confirmation runs, against the model's prediction at their settings."""
+    """The latest set of confirmation runs, against what is believed at their settings; none once it is in the fit."""
     why = confirmation_reason(application.name)
+    used = {run.run_id for run in evidence(runs)}
     fresh = [run for run in runs if run.purpose == CONFIRMATION and run.state == "scored" and run.why == why]
+    fresh = [run for run in fresh if run.run_id not in used]
     fresh = [run for run in fresh if run.batch == fresh[-1].batch and run.score_of(application.name) is not None]
     if len(fresh) < 2:
         return None, None
@@ -274,16 +251,14 @@ def _confirmation(
         interval = counted_confirmation(right, trials, spec.stop.level)
     else:
         interval = confirmation_interval(scores, spec.stop.level)
-    row = surface.rows(fitted.region.code([fresh[0].settings]))
-    weight = float(scale.weight_at(surface.predict(row).mean)[0])
-    predicted = surface.predict(row, spec.stop.level, weight, len(scores))
+    at = fitted.region.code([fresh[0].settings])
+    predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
     fresh_scale = ResponseScale.of(spec.model.response, scores)
     agreement = confirmation_agrees(
         confirmation_interval(fresh_scale.values, spec.stop.level),
         predicted=float(predicted.mean[0]),
-        s=surface.s / np.sqrt(weight),
+        half_width=float(predicted.prediction.half_width[0]),
         df=surface.df_residual,
-        h=float(surface.variance_unscaled(row)[0]) * weight,
         unit=application.unit,
     )
     low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
@@ -306,25 +281,29 @@ def _confirmation(
     return confirmation, agreement
 
 
+def _other_sampler(sampler: Sampler, draws: Draws) -> list[str]:
+    """A sentence where emcee was asked for and something else drew the posterior."""
+    made = draws.made
+    if sampler != "emcee" or made["method"] == "emcee":
+        return []
+    if made["method"] == "gibbs":
+        return ["The posterior was drawn by Gibbs sampling, not by emcee, which did not converge."]
+    reason = "the surface passes through every score"
+    if "blocks" in made:
+        reason = "with random blocks it is known"
+    elif "sources" in made:
+        reason = "with simulations and flights it is known"
+    return [f"Draws of the posterior are independent ones of its exact form, not by emcee: {reason}."]
+
+
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
-    fit, data, state, surface = fitted.fit, fitted.data, fitted.state, fitted.surface
+    fit, data, surface = fitted.fit, fitted.data, fitted.surface
     found = []
     if fit.reason:
         found.append(f"No error estimate: {fit.reason}.")
-    if not state.box.whole:
-        found.append(
-            f"The quadratic is fitted to a part of the region, {range_text(spec.region, state.box)}, with "
-            f"{fit.n_runs} of {fitted.n_scored} runs: it failed in the whole."
-        )
-    if state.target is not None:
-        found.append(
-            "The scores spoke, at this look or an earlier one, against one quadratic for the whole; "
-            f"{range_text(spec.region, state.target)} is being filled with runs and will take its place."
-        )
-    if state.box.whole:
-        outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
-        if outside:
-            found.append(f"{outside} runs were made outside the region; they are part of the fit.")
+    outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
+    if outside:
+        found.append(f"{outside} runs were made outside the region; they are part of the fit.")
     if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
     if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):

@@ -1,4 +1,4 @@
-"""The fit of one application's scores: which runs, over which part of the region, from which sources."""
+"""The fit of one application's scores: which runs, from which sources, with what errors."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.analysis.belief import Departure, weigh_departure
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
     ScoredRuns,
     block_labels,
-    in_box,
     occasions_shared,
     response_scale,
     scored_runs,
@@ -21,10 +21,7 @@ from seqrsm.analysis.runs import (
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.discrepancy import find_discrepancy
-from seqrsm.decide.moving import Box, Plan, RegionState, RegionStep, evidence_limit, sub_region, walk, whole_box
-from seqrsm.decide.stopping import Departure
-from seqrsm.design.factors import ContinuousFactor, setting_text, settings_text
+from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
@@ -48,19 +45,15 @@ class Fitted:
     ----------
     application : ApplicationSpec
     region, model : Region, QuadraticModel
-        The part of the campaign's region that is fitted, with its own coding.
+        The campaign's region, and the terms that are fitted over it.
     data : ScoredRuns
-        The runs in it.
     scale : ResponseScale
     fit : LeastSquaresFit
         With blocks and sources as constants: what tests and diagnostics are made of.
     surface : Surface
         What the optimum is sought on.
-    state : RegionState
-    n_scored : int
-        Scored runs in and outside the box.
     departure : Departure
-        Smooth departure from the quadratic in the box.
+        What the scores say of a surface that is no quadratic.
     dropped : tuple of str
         Terms of the whole model that were left out by selection.
     """
@@ -72,8 +65,6 @@ class Fitted:
     scale: ResponseScale
     fit: LeastSquaresFit
     surface: Surface
-    state: RegionState
-    n_scored: int
     departure: Departure
     dropped: tuple[str, ...] = ()
 
@@ -83,73 +74,26 @@ class Fitted:
         return occasions_shared(self.data)
 
 
-@dataclass(frozen=True, slots=True)
-class RegionChange:
-    """One thing that happened to the fitted region, in natural units.
-
-    Attributes
-    ----------
-    batch, n_runs : int
-        After which batch, and how many scored runs there were.
-    kind : str
-        "shrink" (a smaller box is called for), "move" (the box follows the optimum), "filled" (the box called for has
-        runs enough and is fitted from now on).
-    ranges : dict
-        Low and high end of every continuous factor in the box, natural units.
-    text : str
-        One sentence.
-    """
-
-    batch: int
-    n_runs: int
-    kind: str
-    ranges: dict[str, tuple[float, float]]
-    text: str
-
-
-def region_state(spec: CampaignSpec, application: ApplicationSpec, data: ScoredRuns) -> RegionState:
-    """The fitted part of the region, from the scored runs batch by batch."""
-    if not spec.region_moves or not len(data.scores):
-        return RegionState(whole_box(spec.region.k))
-    scale = response_scale(spec, data)
-    columns, _ = block_columns(block_labels(spec, data))
-    Z = np.hstack([QuadraticModel(spec.factors, spec.model.order).matrix(data.points), columns])
-    weights = spec.errors.weights(Z, scale.values, scale.weights)
-    plan = Plan(
-        spec.region,
-        order=spec.model.order,
-        goal=application.goal,
-        max_runs=max(spec.stop.max_runs, len(data.scores)),
-        seed=spec.seed % 2**32,
-        alpha=spec.stop.lack_of_fit_alpha,
-    )
-    return walk(plan, data.points, scale.values, data.batches, weights=weights, extra=columns)
-
-
 def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord]) -> Fitted:
-    """Fit one application's scores over the part of the region that they call for.
+    """Fit one application's scores.
 
     Raises
     ------
     FitError
         Fewer scores than terms, or terms that the runs cannot tell apart.
     """
-    everything = scored_runs(spec.region, runs, application.name)
-    state = region_state(spec, application, everything)
-    region = sub_region(spec.region, state.box)
+    region = spec.region
+    data = scored_runs(region, runs, application.name)
     whole = QuadraticModel(region.factors, spec.model.order)
-    data = in_box(everything, state.box)
     scale = response_scale(spec, data)
     model = select_terms(spec, whole, data, scale) if spec.model.terms == "hierarchical" else whole
     fit = fit_surface(spec, region, model, data, scale)
     surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
-    found = find_discrepancy(model, data.points, fit.Z, fit.y, fit.weights, application.goal)
-    ratio = float(np.exp(0.5 * found.noise_slope))
-    departure = Departure(found.evidence, evidence_limit(fit.df_residual), found.noise_evidence, ratio)
-    return Fitted(
-        application, region, model, data, scale, fit, surface, state, len(everything.scores), departure, dropped
+    departure = weigh_departure(
+        whole, data, scale, fit, surface, application.goal, spec.seed, spec.states_prior(application)
     )
+    return Fitted(application, region, model, data, scale, fit, surface, departure, dropped)
 
 
 def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale, data: ScoredRuns) -> FloatArray:
@@ -230,45 +174,3 @@ def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, sc
     for unit, present in zip(found.units, found.median_model.tolist(), strict=True):
         chosen.update(unit.columns if present else ())
     return QuadraticModel(model.factors, model.order, tuple(sorted(chosen)))
-
-
-def natural_ranges(region: Region, box: Box) -> dict[str, tuple[float, float]]:
-    """Ends of every continuous factor in ``box``, natural units."""
-    return {
-        factor.name: (factor.low, factor.high)
-        for factor in sub_region(region, box).factors
-        if isinstance(factor, ContinuousFactor)
-    }
-
-
-def region_history(spec: CampaignSpec, state: RegionState) -> tuple[RegionChange, ...]:
-    """What happened to the region, in natural units and words."""
-    return tuple(
-        RegionChange(
-            step.batch, step.n_runs, step.kind, natural_ranges(spec.region, step.box), _in_words(spec.region, step)
-        )
-        for step in state.steps
-    )
-
-
-def range_text(region: Region, box: Box) -> str:
-    """The ranges that a box cuts, in words; "the whole region" where it cuts none."""
-    parts = [
-        f"{cut.name} {setting_text(cut, cut.low)} to {setting_text(cut, cut.high)} {cut.unit}".rstrip()
-        for cut, whole in zip(sub_region(region, box).factors, region.factors, strict=True)
-        if isinstance(cut, ContinuousFactor) and cut != whole
-    ]
-    return ", ".join(parts) or "the whole region"
-
-
-def _in_words(region: Region, step: RegionStep) -> str:
-    where = range_text(region, step.box)
-    if step.kind == "filled":
-        return f"After {step.n_runs} runs the quadratic is fitted to {where}."
-    if step.kind == "move":
-        return f"After {step.n_runs} runs the optimum lay on an edge of the fitted region: it moves to {where}."
-    tested = f", lack of fit p = {step.lack_of_fit_p:.2g}" if np.isfinite(step.lack_of_fit_p) else ""
-    return (
-        f"After {step.n_runs} runs the quadratic did not describe the region (evidence of a smooth departure "
-        f"{step.evidence:.1f}{tested}): it shrinks to {where}, which is filled with runs first."
-    )

@@ -3,40 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from seqrsm.analysis.belief import Belief, intervals_by_draws, sign_of
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.moving import Box
-from seqrsm.design.factors import CategoricalFactor, span
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
 from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
 from seqrsm.fit.error_models import Draws, Sampler, enough
-from seqrsm.fit.optimum import Goal, at_bound, optimum_draws
+from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
 from seqrsm.spec.tables import ExpectedOptimum, KnowledgeSpec
 
 
-def stated_prior(
-    spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel, region: Region
-) -> NormalInverseGamma | None:
-    """The prior that ``campaign.toml`` states of the model's terms, on the scale of the fit; None where it states none.
-
-    Parameters
-    ----------
-    spec : CampaignSpec
-    application : ApplicationSpec
-    model, region : QuadraticModel, Region
-        Those that are fitted: a part of the campaign's region, maybe.
-    """
+def stated_prior(spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel) -> NormalInverseGamma | None:
+    """The prior that ``campaign.toml`` states of the terms, on the scale of the fit; None where it states none."""
     stated = spec.model.prior
     if stated is not None:
         free = np.array([term.kind == "intercept" for term in model.terms])
@@ -45,7 +35,7 @@ def stated_prior(
         return NormalInverseGamma(np.zeros(model.p), np.diag(precision), shape, shape * stated.noise_sd**2)
     if application.prior is None or application.prior.utility is None:
         return None
-    return _elicited(spec, application, application.prior, application.prior.utility, model, region)
+    return _elicited(spec, application, application.prior, application.prior.utility, model)
 
 
 def _elicited(
@@ -54,7 +44,6 @@ def _elicited(
     known: KnowledgeSpec,
     utility: Sequence[float],
     model: QuadraticModel,
-    region: Region,
 ) -> NormalInverseGamma:
     low, high = utility
     repeat_sd = 0.1 * (high - low) if known.repeat_sd is None else known.repeat_sd
@@ -62,17 +51,14 @@ def _elicited(
         middle = min(max(0.5 * (low + high), 1.0), 99.0)
         repeat_sd *= 100.0 / (middle * (100.0 - middle))
         low, high = (float(end) for end in logit_scores(np.array([low, high])).value)
-    numeric = {factor.name: factor for factor in region.factors if not isinstance(factor, CategoricalFactor)}
     optima = []
     for name, expected in known.optimum.items():
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
-        least, most = span(numeric[name])
-        # What was expected outside the part of the region that is fitted has been refuted by the scores.
-        if least <= stated.value <= most and name in model.term_names:
+        if name in model.term_names:
             optima.append(OptimumNear(name, stated.value, stated.doubt))
     return elicited_prior(
         model,
-        region,
+        spec.region,
         UtilityRange(low, high, known.probability),
         optima=optima,
         scatter=RepeatScatter(repeat_sd, known.repeat_runs),
@@ -80,23 +66,18 @@ def _elicited(
     )
 
 
-def stated_bounds(
-    spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel, region: Region
-) -> LinearBounds | None:
-    """Bounds of effects that ``campaign.toml`` states, on the scale of the fit; None where none is about this region.
+def stated_bounds(application: ApplicationSpec, model: QuadraticModel) -> LinearBounds | None:
+    """Bounds of effects that ``campaign.toml`` states, on the scale of the fit; None where no fitted term has one.
 
-    Of a factor's linear term: half of its effect, the squares of both ends being equal. A statement on a whole range
-    says nothing of the part of it that is left where the fitted region has shrunk, nor of a factor whose term was left
-    out.
+    Of a factor's linear term: half of its effect, the squares of both ends being equal.
     """
     known = application.prior
     if known is None or not known.effect:
         return None
-    whole = {factor.name: factor for factor in spec.factors}
     found = [
         (model.term_names.index(factor.name), *known.effect[factor.name])
-        for factor in region.factors
-        if factor.name in known.effect and factor == whole[factor.name] and factor.name in model.term_names
+        for factor in model.factors
+        if factor.name in known.effect and factor.name in model.term_names
     ]
     if not found:
         return None
@@ -114,29 +95,13 @@ def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) 
     if np.isfinite(share) and not posterior.effects:
         reason = f"the scores contradict it (probability {share:.1g})"
     else:
-        reason = "it is about the whole range and the full model, which are not fitted here"
+        reason = "its term was left out of the fit"
     what = f"What [application.prior] says of the effect of {', '.join(names)}"
     return [f"{what} is left out of the posterior: {reason}."]
 
 
 _AT_BOUND = 1.0 - 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class OuterPoint:
-    """A point of the fitted box, coded in the campaign's region, and the campaign's bounds that it lies on."""
-
-    point: FloatArray
-    at_bound: tuple[str, ...]
-
-
-def outer_bounds(region: Region, box: Box, point: FloatArray) -> OuterPoint:
-    """A point (k,) coded in ``box``, seen from the campaign's region: an edge of the box alone is no bound."""
-    outer = box.outwards(point)
-    snapped = np.where(np.abs(outer) >= 1.0 - 1e-9, np.sign(outer), outer)
-    free = list(region.continuous)
-    outer[free] = snapped[free]
-    return OuterPoint(outer, at_bound(region, outer))
+_MOST_OPTIMA = 8000  # draws whose optimum is sought
 
 
 def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n_draws: int) -> Draws:
@@ -144,11 +109,11 @@ def draw_coefficients(spec: CampaignSpec, fitted: Fitted, *, sampler: Sampler, n
 
     They hold the bounds that are stated of effects, but for those that the scores contradict and no sampler can hold.
     """
-    about = (spec, fitted.application, fitted.model, fitted.region)
-    stated, bounds = stated_prior(*about), stated_bounds(*about)
+    stated = stated_prior(spec, fitted.application, fitted.model)
+    bounds = stated_bounds(fitted.application, fitted.model)
 
     def draws(held: LinearBounds | None) -> Draws:
-        rng = generator(spec.seed, fitted.n_scored, "posterior")
+        rng = generator(spec.seed, fitted.fit.n_runs, "posterior")
         return fitted.surface.draws(stated, held, sampler, n_draws, rng)
 
     found = draws(bounds)
@@ -168,7 +133,7 @@ def central(draws: FloatArray, level: float) -> Interval:
 
 def future_scores(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArray, replicates: int) -> FloatArray:
     """Draws (m,) of the mean of future scores at a row of the surface (c,)."""
-    rng = generator(spec.seed, fitted.n_scored, "predictive")
+    rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
     here = draws.terms @ row
     found = fitted.surface.errors.future_scores(draws, fitted.scale, here, replicates, rng)
     return np.asarray(np.mean(found, axis=1))
@@ -176,15 +141,15 @@ def future_scores(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatAr
 
 def future_noise(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArray, replicates: int) -> FloatArray:
     """Draws (m,) of what the mean of future runs adds to the mean response, on the scale of the fit; not of counts."""
-    rng = generator(spec.seed, fitted.n_scored, "future noise")
+    rng = generator(spec.seed, fitted.fit.n_runs, "future noise")
     added = fitted.surface.errors.added(draws, fitted.scale, draws.terms @ row, replicates, rng)
     return np.asarray(np.mean(added, axis=1))
 
 
 def summarise_posterior(
-    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws, *, goal: Goal
+    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws
 ) -> PosteriorSummary:
-    """Posterior of the optimum: the exact optimum of the fitted region for every draw of the coefficients.
+    """Posterior of the optimum: the exact optimum for every draw of the coefficients, and optima of the process.
 
     Returns
     -------
@@ -193,24 +158,33 @@ def summarise_posterior(
         recommendation may lose.
     """
     scale, model = fitted.scale, fitted.model
-    points, values = optimum_draws(model, fitted.region, draws.terms, goal)
-    row = fitted.surface.rows(estimate.point[None, :])[0]
-    here = scale.to_score(draws.terms @ row)
-    best_scores = scale.to_score(values)
-    sign = 1.0 if goal == "maximize" else -1.0
-    regret = np.maximum(sign * (best_scores - here), 0.0)
+    n = min(len(draws.terms), _MOST_OPTIMA)
+    of_process = round(n * fitted.departure.probability)
+    terms = draws.terms[: n - of_process]
+    points, values = optimum_draws(model, fitted.region, terms, belief.goal)
+    here = terms @ fitted.surface.rows(estimate.point[None, :])[0]
+    if of_process:
+        rng = generator(spec.seed, fitted.fit.n_runs, "optima of the process")
+        found = belief.optima(estimate.point, fitted.data.points, of_process, rng)
+        points, values = np.vstack([points, found.points]), np.append(values, found.values)
+        here = np.append(here, found.here)
+    low, high = (0.0, 100.0) if fitted.application.is_percent else (-np.inf, np.inf)
+    best_scores, here_scores = (np.clip(scale.to_score(found), low, high) for found in (values, here))
+    regret = np.maximum(sign_of(belief.goal) * (best_scores - here_scores), 0.0)
     epsilon = 0.25 * spec.stop.half_width
     tail = 0.5 * (1.0 - spec.stop.level)
-    outer = fitted.state.box.outwards(points)
+    rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
+    stop = spec.stop
+    _, (_, predictive, _) = intervals_by_draws(belief, scale, estimate.point, stop.level, stop.replicates, draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,
         optimum_points=points,
         optimum_values=best_scores,
-        settings=tuple(_setting(spec.region, j, outer[:, j], tail) for j in range(spec.region.k)),
+        settings=tuple(_setting(spec.region, j, points[:, j], tail) for j in range(spec.region.k)),
         mean=float(np.mean(best_scores)),
         credible=central(best_scores, spec.stop.level),
-        predictive=central(future_scores(spec, fitted, draws, row, 1), spec.stop.level),
+        predictive=predictive,
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from seqrsm.analysis.fitted import Fitted, RegionChange
+from seqrsm.analysis.belief import Belief
+from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.moving import RegionState
 from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -21,7 +21,7 @@ from seqrsm.fit.anova import AnovaRow, LackOfFit
 from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.location import LocationRegion
-from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum import Goal, Optimum
 from seqrsm.fit.profile import PowerProfile
 from seqrsm.fit.residuals import InfluentialRun, NormalPlot
 
@@ -158,7 +158,7 @@ class Study:
     ----------
     searched : SearchedOptimum or str
     locations : tuple of LocationRegion
-        Where the optimum may lie, by method; points are coded in the fitted region, natural ranges in units.
+        Where the optimum may lie, by method; points are coded, natural ranges in units.
     no_location : str
         Why there is none; empty when there is.
     terms : TermChoice or str
@@ -207,27 +207,6 @@ class FactorImportance:
 
 
 @dataclass(frozen=True, slots=True)
-class DepartureIntervals:
-    """The intervals at the optimum with a departure from the quadratic allowed for, in score units.
-
-    Attributes
-    ----------
-    mean : float
-        Mean utility with the departure averaged over.
-    confidence, prediction, prediction_mean : Interval
-        As in `OptimumEstimate`.
-    widening : float
-        Half-width of the interval that the stop rule watches over that of the quadratic alone, >= 1.
-    """
-
-    mean: float
-    confidence: Interval
-    prediction: Interval
-    prediction_mean: Interval
-    widening: float
-
-
-@dataclass(frozen=True, slots=True)
 class OptimumEstimate:
     """The estimated optimum and the three intervals there, in score units.
 
@@ -251,18 +230,12 @@ class OptimumEstimate:
         m of ``prediction_mean``.
     level : float
         Two-sided probability of all three.
-    with_departure : DepartureIntervals or None
-        The same where the surface may depart from the quadratic by less than can be seen; None where nothing is left
-        over to judge that by, and with two sources.
     ties : tuple of dict
         Other settings that are as good, natural units.
     ridge : bool
         Those between two tied ones are as good as well: the optimum is no point.
     exact : bool
         Found by enumeration, hence certain; else the best of many climbs.
-    quadratic : ndarray (k,) or None
-        Optimum of the quadratic alone, coded, where a departure from it is seen: settings, mean and intervals are then
-        those of both together, as in ``with_departure``. None where they are the quadratic's.
     """
 
     settings: dict[str, float | str]
@@ -274,11 +247,9 @@ class OptimumEstimate:
     prediction_mean: Interval
     replicates: int
     level: float
-    with_departure: DepartureIntervals | None = None
     ties: tuple[dict[str, float | str], ...] = ()
     ridge: bool = False
     exact: bool = True
-    quadratic: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,11 +346,10 @@ class Analysis:
     """One application's response surface and what follows from it; see the attributes' own classes.
 
     ``fitted`` is what all was made from; ``study`` is there where a thorough analysis was asked for. ``fit`` is on
-    ``scale``; everything else is in score units. ``region``, ``model`` and ``data.points`` are those of the fitted
-    region, which may be a part of the campaign's; ``data`` holds the runs in it. ``n_scored`` counts the scored runs
-    inside and outside. ``beta`` are the coefficients that the optimum belongs to: those of ``fit``, of the flight's
-    surface where there are two sources, or of the average block where blocks are random. ``dropped`` names the terms
-    that were left out by selection.
+    ``scale``; everything else is in score units. ``beta`` are the coefficients that the optimum belongs to: those of
+    ``fit``, of the flight's surface where there are two sources, or of the average block where blocks are random.
+    ``dropped`` names the terms that were left out by selection. ``of_quadratic`` is the optimum of the fitted quadratic
+    alone, ``optimum`` that of all that is believed.
     """
 
     application: str
@@ -388,12 +358,12 @@ class Analysis:
     fitted: Fitted
     importance: tuple[FactorImportance, ...]
     stationary: StationaryPoint | None
+    of_quadratic: Optimum
     optimum: OptimumEstimate
     posterior: PosteriorSummary
     decision: Decision
     confirmation: Confirmation | None
     warnings: tuple[str, ...]
-    region_history: tuple[RegionChange, ...] = ()
     sources: SourceComparison | None = None
     study: Study | None = None
 
@@ -409,7 +379,7 @@ class Analysis:
 
     @property
     def region(self) -> Region:
-        """The fitted part of the region."""
+        """The campaign's region."""
         return self.fitted.region
 
     @property
@@ -428,19 +398,14 @@ class Analysis:
         return self.fitted.surface.estimate
 
     @property
-    def region_state(self) -> RegionState:
-        """Where the fitted region stands."""
-        return self.fitted.state
-
-    @property
-    def n_scored(self) -> int:
-        """Scored runs inside and outside the fitted region."""
-        return self.fitted.n_scored
-
-    @property
     def dropped(self) -> tuple[str, ...]:
         """Terms that were left out by selection."""
         return self.fitted.dropped
+
+    @property
+    def belief(self) -> Belief:
+        """Quadratic and process together, on ``scale``."""
+        return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal)
 
     @property
     def anova(self) -> tuple[AnovaRow, ...]:

@@ -11,14 +11,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.decide.moving import Box
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -47,8 +46,7 @@ class ScoredRuns:
 
     Attributes
     ----------
-    run_ids, batches : int arrays
-        Identity and batch of each run.
+    run_ids : int array
     points : ndarray (n, k)
         Executed settings, coded.
     scores, score_se : ndarray (n,)
@@ -66,7 +64,6 @@ class ScoredRuns:
     """
 
     run_ids: IntArray
-    batches: IntArray
     points: FloatArray
     scores: FloatArray
     score_se: FloatArray
@@ -80,17 +77,25 @@ class ScoredRuns:
     rungs: tuple[str, ...] = ()
 
 
+def evidence(runs: Sequence[RunRecord]) -> list[RunRecord]:
+    """Runs that a fit is made of, once they are scored: a set of confirmation runs is held back until others follow it.
+
+    It then tests what was recommended; from the next runs on it counts as they do.
+    """
+    last = max((run.batch for run in runs if run.state == "scored" and run.purpose != CONFIRMATION), default=0)
+    return [run for run in runs if run.purpose != CONFIRMATION or run.batch < last]
+
+
 def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> ScoredRuns:
-    """Runs that enter the fit of ``application``: scored, not void, no confirmation runs; in order of id."""
+    """Runs that enter the fit of ``application``: those of `evidence` that are scored and not void, in order of id."""
     used = [
         (run, score)
-        for run in runs
-        if run.state == "scored" and run.purpose != CONFIRMATION and (score := run.score_of(application)) is not None
+        for run in evidence(runs)
+        if run.state == "scored" and (score := run.score_of(application)) is not None
     ]
     errors = [_model_error(score.metadata) for _, score in used]
     return ScoredRuns(
         run_ids=np.array([run.run_id for run, _ in used], dtype=np.int64),
-        batches=np.array([run.batch for run, _ in used], dtype=np.int64),
         points=region.code([run.settings for run, _ in used]) if used else np.empty((0, region.k)),
         scores=np.array([score.score for _, score in used], dtype=np.float64),
         score_se=np.array([np.nan if score.se is None else score.se for _, score in used], dtype=np.float64),
@@ -120,21 +125,6 @@ def _model_error(metadata: Mapping[str, Any]) -> tuple[float, float, str]:
 
 def _counts(values: Sequence[int | None]) -> FloatArray:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-
-
-def in_box(data: ScoredRuns, box: Box) -> ScoredRuns:
-    """The runs in ``box``, coded in it."""
-    if box.whole:
-        return data
-    keep = box.contains(data.points)
-
-    def kept(column: Any) -> Any:
-        if isinstance(column, tuple):
-            return tuple(np.array(column, dtype=object)[keep]) if column else ()
-        return None if column is None else column[keep]
-
-    own = {one.name: kept(getattr(data, one.name)) for one in fields(data)}
-    return ScoredRuns(**own | {"points": box.local(own["points"])})
 
 
 def setting_ids(points: FloatArray) -> list[tuple[float, ...]]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import logit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
@@ -24,6 +23,10 @@ class Interval:
     def half_width(self) -> float:
         """Half of ``high - low``."""
         return 0.5 * (self.high - self.low)
+
+    def within(self, low: float, high: float) -> Interval:
+        """The part of it that lies between two bounds."""
+        return Interval(min(max(self.low, low), high), min(max(self.high, low), high))
 
     def around(self, other: Interval) -> Interval:
         """The smallest interval that holds both."""
@@ -103,10 +106,6 @@ class ResponseScale:
         """An interval of the scale of the fit, in score units."""
         ends = self.to_score(np.array([low, high]))
         return Interval(float(ends[0]), float(ends[1]))
-
-    def of_score(self, scores: FloatArray) -> FloatArray:
-        """Scores on the scale of the fit."""
-        return scores if self.kind == "identity" else logit(scores / 100.0)
 
     def weight_at(self, values: FloatArray) -> FloatArray:
         """Relative weight of a future run whose expected response is ``values``."""

@@ -23,16 +23,18 @@ from seqrsm.analysis.results import (
     TermChoice,
 )
 from seqrsm.analysis.runs import block_labels
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import FTest, Prediction
+from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal, optimum
-from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
+from seqrsm.fit.optimum_interval import SearchedInterval, searched_from_draws, searched_interval
 from seqrsm.fit.profile import PowerProfile, box_cox_profile, logit_profile
 from seqrsm.fit.residuals import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.ridge import steepest_path
@@ -103,12 +105,25 @@ def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
     except FitError as error:
         return error.problems[0].message
     ends = fitted.scale.to_score(np.array([one.mean, one.mean - one.optimism]))
+    of_one, of_several = _with_shared(fitted, one), _with_shared(fitted, several)
     return SearchedOptimum(
         optimism=float(ends[0] - ends[1]),
-        confidence=fitted.scale.in_scores(*one.confidence),
-        prediction=fitted.scale.in_scores(*one.prediction),
-        prediction_mean=fitted.scale.in_scores(*several.prediction),
+        confidence=_in_scores(fitted, of_one.confidence),
+        prediction=_in_scores(fitted, of_one.prediction),
+        prediction_mean=_in_scores(fitted, of_several.prediction),
     )
+
+
+def _with_shared(fitted: Fitted, found: SearchedInterval) -> Prediction:
+    """On the scale of the fit, with the error counted that the scores of a rung share."""
+    confidence, prediction = (ArrayInterval(*np.array(ends)[:, None]) for ends in (found.confidence, found.prediction))
+    mean, unknown = np.array([found.mean]), np.full(1, np.nan)
+    plain = Prediction(mean, confidence, prediction, unknown, unknown, found.level, "")
+    return fitted.surface.with_shared(plain, fitted.surface.rows(found.point[None, :]))
+
+
+def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
+    return fitted.scale.in_scores(float(found.low[0]), float(found.high[0]))
 
 
 def _searched_from_draws(
@@ -193,8 +208,8 @@ def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice 
         coefficient_sd=sd[: whole.p],
         terms=whole.term_names,
         mean=float(scale.to_score(here.mean)[0]),
-        confidence=scale.in_scores(float(here.confidence.low[0]), float(here.confidence.high[0])),
-        prediction=scale.in_scores(float(here.prediction.low[0]), float(here.prediction.high[0])),
+        confidence=_in_scores(fitted, here.confidence),
+        prediction=_in_scores(fitted, here.prediction),
     )
 
 
@@ -220,7 +235,7 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
     weight = float(scale.weight_at(surface.predict(row).mean)[0])
 
     def response(name: str, found: Prediction) -> BlockResponse:
-        ends = [scale.in_scores(float(x.low[0]), float(x.high[0])) for x in (found.confidence, found.prediction)]
+        ends = (_in_scores(fitted, found.confidence), _in_scores(fitted, found.prediction))
         return BlockResponse(name, float(scale.to_score(found.mean)[0]), *ends)
 
     sigma = sigma_block = low = high = float("nan")
@@ -232,7 +247,7 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
     else:
         if days is None:
             return None
-        new = response("new", days.predict(row, level, weight=weight))
+        new = response("new", surface.with_shared(days.predict(row, level, weight=weight), row))
         sigma, sigma_block, note = days.reml.sigma, days.reml.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
     known = [(name, surface.in_block(name, labels, row, level, weight)) for name in names]

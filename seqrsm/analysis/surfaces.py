@@ -32,6 +32,7 @@ from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, 
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.weights import SharedError, shared_error
 from seqrsm.spec.read import CampaignSpec
 
 
@@ -106,6 +107,9 @@ class Surface(Protocol):
     ) -> Prediction:
         """Mean, confidence interval, and prediction interval of the mean of ``replicates`` future runs of a weight."""
 
+    def with_shared(self, found: Prediction, rows: FloatArray) -> Prediction:
+        """A prediction at rows (m, c) that does not count the error that the scores of a rung share, with it."""
+
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """Variance (m,) of the mean, in units of ``s`` squared."""
 
@@ -118,16 +122,16 @@ class Surface(Protocol):
         """Why ``what``, a method for plain least squares, does not apply; empty where it does."""
 
     @property
+    def no_departure(self) -> str:
+        """Why no process is weighed against it; empty where one is."""
+
+    @property
     def fixed_blocks(self) -> bool:
         """Blocks, where there are some, differ by constants."""
 
     @property
-    def departs(self) -> bool:
-        """A smooth departure may be weighed beside it."""
-
-    @property
     def shared_error(self) -> str:
-        """Which intervals count an error that the scores of a rung share."""
+        """What counts an error that the scores of a rung share."""
 
     @property
     def note(self) -> str:
@@ -145,17 +149,13 @@ class Surface(Protocol):
         """Prediction at a row (1, c) in a block that was run; None where a block like it never comes again."""
 
 
-_DEPARTURE_COUNTS = "the intervals with a departure allowed for count"
-_PLAIN_DO_NOT = "the plain confidence and prediction intervals do not"
-
-
 @dataclass(frozen=True, slots=True)
 class Quadratic:
     """Least squares: one source, blocks as constants.
 
     Attributes
     ----------
-    errors, estimate, s, df_residual, n_terms, departs, shared_error, note
+    errors, estimate, s, df_residual, n_terms, shared_error, note
         See `Surface`.
     model : QuadraticModel
     data : ScoredRuns
@@ -173,11 +173,11 @@ class Quadratic:
     s: float
     df_residual: int
     n_terms: int
-    departs: bool
     shared_error: str
     note: str
 
     fixed_blocks: ClassVar[bool] = True
+    no_departure: ClassVar[str] = ""
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
@@ -192,7 +192,7 @@ class Quadratic:
         """The surface that these runs call for."""
         intervals = "the posterior counts that, and all intervals, which are made of it"
         if spec.errors.exact:
-            intervals = f"the posterior and {_DEPARTURE_COUNTS} that, {_PLAIN_DO_NOT}"
+            intervals = "the posterior and the intervals at the optimum count that"
         return Quadratic(
             errors=spec.errors,
             model=model,
@@ -203,7 +203,6 @@ class Quadratic:
             s=fit.s,
             df_residual=fit.df_residual,
             n_terms=fit.n_terms,
-            departs=fit.s > 0.0,
             shared_error=intervals,
             note="",
         )
@@ -216,11 +215,16 @@ class Quadratic:
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
     ) -> Prediction:
         """Of the average block."""
-        return self.fit.predict(rows, level, weight, replicates)
+        return self.with_shared(self.fit.predict(rows, level, weight, replicates), rows)
+
+    def with_shared(self, found: Prediction, rows: FloatArray) -> Prediction:
+        """See `Surface`."""
+        shared = self._shared(rows)
+        return found if shared is None else found.with_error(shared.shift, shared.variance, self.df_residual)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
-        return self.fit.variance_unscaled(rows)
+        return self.fit.variance_unscaled(rows) + self._shared_unscaled(rows)
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
@@ -233,8 +237,7 @@ class Quadratic:
         prior: Prior = Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
         if stated is not None:
             prior = with_further(stated, p, np.zeros(fit.n_terms - p))
-        # Without scatter there is no unit for the prior of shared errors.
-        loadings = shared_loadings(self.data, self.scale)[0][:, : None if fit.s > 0.0 else 0]
+        loadings = self._loadings()
         if shared := loadings.shape[1]:
             prior = with_further(prior, fit.n_terms, np.full(shared, fit.s**2))
         weights = self.errors.sampled_weights(fit.weights, self.scale.weights)
@@ -259,7 +262,23 @@ class Quadratic:
     ) -> Prediction | None:
         """By the block's constant."""
         contrast = self.fit.Z[labels.index(block), self.model.p :]
-        return self.fit.predict(np.hstack([row, contrast[None, :]]), level, weight)
+        here = np.hstack([row, contrast[None, :]])
+        return self.with_shared(self.fit.predict(here, level, weight), here)
+
+    def _shared(self, rows: FloatArray) -> SharedError | None:
+        """What the error that the scores of each rung share does to the mean; None where there is none."""
+        loadings, fit = self._loadings(), self.fit
+        if not loadings.shape[1]:
+            return None
+        return shared_error(fit.Z, fit.y, fit.weights, loadings, fit.rows_with_mean_block(rows))
+
+    def _shared_unscaled(self, rows: FloatArray) -> FloatArray:
+        shared = self._shared(rows)
+        return np.zeros(len(rows)) if shared is None else shared.variance / self.s**2
+
+    def _loadings(self) -> FloatArray:
+        """See `shared_loadings`; none without scatter, beside which they could be weighed."""
+        return shared_loadings(self.data, self.scale)[0][:, : None if self.fit.s > 0.0 else 0]
 
     def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
         fit, p = self.fit, self.model.p
@@ -287,6 +306,7 @@ class RandomBlocks(Quadratic):
     apart: bool
 
     fixed_blocks: ClassVar[bool] = False
+    no_departure: ClassVar[str] = "blocks are random"
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
@@ -312,8 +332,7 @@ class RandomBlocks(Quadratic):
             s=found.s_new_day,
             df_residual=int(found.df),
             n_terms=model.p,  # random blocks are no terms
-            departs=fit.s > 0.0,
-            shared_error=f"{_DEPARTURE_COUNTS} that, the posterior and {_PLAIN_DO_NOT}",
+            shared_error="the intervals at the optimum count that, the posterior does not",
             note=f"{found.reason[:1].upper()}{found.reason[1:]}." if found.reason else "",
             posterior=found,
             apart=occasions_shared(data) > 0,
@@ -324,11 +343,12 @@ class RandomBlocks(Quadratic):
     ) -> Prediction:
         """Of the average block, and of runs in a new one."""
         w = float(np.mean(weight))
-        return self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
+        found = self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
+        return self.with_shared(found, rows)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
-        return self.posterior.variance(rows) / self.s**2
+        return self.posterior.variance(rows) / self.s**2 + self._shared_unscaled(rows)
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
@@ -353,7 +373,9 @@ class RandomBlocks(Quadratic):
     ) -> Prediction | None:
         """By the block's effect; what an occasion was like tells of none to come."""
         del labels
-        return None if self.apart else self.posterior.predict(row, level, day=block, weight=weight)
+        if self.apart:
+            return None
+        return self.with_shared(self.posterior.predict(row, level, day=block, weight=weight), row)
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,6 +388,8 @@ class TwoSources(Quadratic):
     """
 
     both: SourceFit
+
+    no_departure: ClassVar[str] = "simulations and flights differ by a surface of their own"
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
@@ -401,7 +425,6 @@ class TwoSources(Quadratic):
             s=found.s,
             df_residual=int(found.df_residual),
             n_terms=fit.n_terms,
-            departs=False,
             shared_error=(
                 "that is part of the difference between flight and simulation, whose prior is [model] discrepancy_sd"
             ),
@@ -414,6 +437,11 @@ class TwoSources(Quadratic):
     ) -> Prediction:
         """Of flights."""
         return self.both.predict(rows, level, weight, replicates)
+
+    def with_shared(self, found: Prediction, rows: FloatArray) -> Prediction:
+        """It is part of the difference between flight and simulation."""
+        del rows
+        return found
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""

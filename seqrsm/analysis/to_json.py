@@ -18,8 +18,10 @@ from seqrsm.analysis.results import (
 )
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
+from seqrsm.arrays import FloatArray
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.canonical import natural_errors
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.profile import PowerProfile
@@ -50,6 +52,7 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         "r2_predicted": fit.r2_predicted,
         "press": fit.press,
         "terms": _terms(analysis),
+        "covariance": _covariance(analysis),
         "terms_dropped": list(analysis.dropped),
         "anova": [
             {"source": row.source, "df": row.df, "ss": row.ss, "ms": row.ms, "f": row.f, "p": row.p}
@@ -68,6 +71,7 @@ def _document(analysis: Analysis) -> dict[str, Any]:
             for row in analysis.importance
         ],
         "stationary_point": _stationary(analysis),
+        "departure": _departure(analysis),
         "optimum": optimum_to_json(analysis),
         "posterior": _posterior(analysis),
         "diagnostics": _diagnostics(analysis),
@@ -83,36 +87,8 @@ def _document(analysis: Analysis) -> dict[str, Any]:
             "attainable_half_width": analysis.decision.attainable_half_width,
             "runs_needed": analysis.decision.runs_needed,
         },
-        "region": region_to_json(analysis),
         "sources": _sources(analysis),
         "warnings": list(analysis.warnings),
-    }
-
-
-def region_to_json(analysis: Analysis) -> dict[str, Any]:
-    """The fitted part of the region, and how it came to be."""
-    state = analysis.region_state
-    box = {
-        factor.name: [factor.low, factor.high]
-        for factor in analysis.region.factors
-        if isinstance(factor, ContinuousFactor)
-    }
-    return {
-        "whole": state.box.whole,
-        "ranges": box,
-        "n_scored": analysis.n_scored,
-        "n_fitted": analysis.fit.n_runs,
-        "being_filled": state.target is not None,
-        "history": [
-            {
-                "batch": step.batch,
-                "n_runs": step.n_runs,
-                "kind": step.kind,
-                "ranges": {name: list(ends) for name, ends in step.ranges.items()},
-                "text": step.text,
-            }
-            for step in analysis.region_history
-        ],
     }
 
 
@@ -134,10 +110,27 @@ def _sources(analysis: Analysis) -> dict[str, Any] | None:
     }
 
 
+def _departure(analysis: Analysis) -> dict[str, Any]:
+    """What the scores say of a surface that is no quadratic; lengths coded, noise on the scale of the fit."""
+    found = analysis.fitted.departure
+    document: dict[str, Any] = {
+        "probability": found.probability,
+        "log_bayes_factor": found.log_bayes_factor,
+        "reason": found.reason,
+        "optimum_of_quadratic": analysis.region.decode(analysis.of_quadratic.point)[0],
+    }
+    if found.process is not None:
+        hyper, names = found.process.hyper, analysis.region.names
+        lengths = np.median(hyper.lengths, axis=0).tolist()
+        document["lengths"] = dict(zip([names[j] for j in analysis.model.numeric], lengths, strict=True))
+        document["noise_sd"] = float(np.median(hyper.noise)) * found.process.scatter
+        document["noise_growth"] = float(np.median(hyper.growth)) / found.process.scatter
+    return document
+
+
 def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
     """Settings of the optimum and the intervals there."""
     best = analysis.optimum
-    allowed = best.with_departure
     return {
         "settings": best.settings,
         "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
@@ -150,21 +143,11 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "ties": list(best.ties),
         "ridge": best.ridge,
         "exact": best.exact,
-        "of_quadratic": None if best.quadratic is None else analysis.region.decode(best.quadratic)[0],
-        "with_departure": None
-        if allowed is None
-        else {
-            "mean": allowed.mean,
-            "confidence": interval_to_json(allowed.confidence),
-            "prediction": interval_to_json(allowed.prediction),
-            "prediction_mean": interval_to_json(allowed.prediction_mean),
-            "widening": allowed.widening,
-        },
     }
 
 
 def look_summary(analysis: Analysis) -> dict[str, Any]:
-    """What the store keeps of a look: enough for the history of the interval and the rule of two looks."""
+    """What the store keeps of a look: enough for the history of the interval and of futility."""
     decision = analysis.decision
     return {
         "n_runs": analysis.fit.n_runs,
@@ -173,11 +156,9 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         "half_width": decision.half_width,
         "noise_floor": decision.noise_floor,
         "target": None,
-        "conditions_hold": decision.conditions_hold,
         "held": decision.held,
         "reasons": list(decision.reasons),
         "futility": list(decision.futility),
-        "region": region_to_json(analysis),
     }
 
 
@@ -202,6 +183,13 @@ def _terms(analysis: Analysis) -> list[dict[str, Any]]:
     ]
 
 
+def _covariance(analysis: Analysis) -> dict[str, Any]:
+    """Covariance s^2 (Z'WZ)^-1 of the coded coefficients, by the rows of its lower triangle."""
+    fit = analysis.fit
+    matrix = fit.s**2 * fit.covariance_unscaled
+    return {"terms": list(fit.names), "lower_triangle": [matrix[i, : i + 1] for i in range(fit.n_terms)]}
+
+
 def _natural(analysis: Analysis) -> list[dict[str, float]]:
     """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
     found = natural_coefficients(analysis.model, analysis.fit, analysis.optimum.level)
@@ -221,17 +209,38 @@ def _stationary(analysis: Analysis) -> dict[str, Any] | None:
     if point is None:
         return None
     numeric = [analysis.region.names[j] for j in analysis.region.numeric]
-    finite = bool(np.all(np.isfinite(point.point)))
     return {
-        "natural": analysis.region.decode(point.point)[0] if finite else None,
-        "coded": dict(zip(analysis.region.names, point.point.tolist(), strict=True)),
+        **_place(analysis, point.point, point.se),
         "value": point.value,
         "kind": point.kind,
         "factors": numeric,
         "eigenvalues": point.eigenvalues,
         "eigenvectors": point.eigenvectors,
         "inside_region": point.inside_region,
+        "flat": point.flat,
+        "exact": {
+            **_place(analysis, point.exact_point, point.exact_se),
+            "value": point.exact_value,
+            "inside_region": point.exact_inside_region,
+        },
         "warning": point.warning,
+    }
+
+
+def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> dict[str, Any]:
+    """Settings at a coded point (k,), and standard errors of the numeric ones."""
+    region = analysis.region
+    natural = None
+    if np.all(np.isfinite(point)):
+        with np.errstate(over="ignore"):  # a stationary point may lie anywhere
+            natural = region.decode(point)[0]
+    return {
+        "natural": natural,
+        "coded": dict(zip(region.names, point.tolist(), strict=True)),
+        "se": {
+            "natural": natural_errors(region, point, se),
+            "coded": {region.names[j]: float(se[j]) for j in region.numeric},
+        },
     }
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Self
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import block_labels, occasion_of, occasions_shared, scored_runs, share_occasions
+from seqrsm.analysis.runs import block_labels, evidence, occasion_of, occasions_shared, scored_runs, share_occasions
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
@@ -24,7 +24,7 @@ from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
 from seqrsm.spec.read import CampaignSpec, load_spec
 from seqrsm.store.heartbeat import heartbeat
-from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
+from seqrsm.store.records import NewRun, RunRecord
 from seqrsm.store.store import Store
 
 if TYPE_CHECKING:
@@ -117,11 +117,8 @@ class Campaign:
     def _record_looks(self, analyses: Sequence[Analysis]) -> None:
         for analysis in analyses:
             last = self.store.looks(analysis.application)
-            if not last or last[-1].after_run != analysis.n_scored:
-                known = last[-1].summary.get("region", {}).get("history", []) if last else []
-                for change in analysis.region_history[len(known) :]:
-                    self.store.add_event("region", {"application": analysis.application, "text": change.text})
-                self.store.record_look(analysis.n_scored, analysis.application, look_summary(analysis))
+            if not last or last[-1].after_run != analysis.fit.n_runs:
+                self.store.record_look(analysis.fit.n_runs, analysis.application, look_summary(analysis))
 
     # -- proposing ------------------------------------------------------------------------------------------------
 
@@ -175,7 +172,7 @@ class Campaign:
     def _proposals(
         self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
     ) -> list[NewRun]:
-        active = [run for run in runs if run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION]
+        active = [run for run in evidence(runs) if run.state in (*WAITING, "scored")]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
         fitted = n_fitted(self.spec, runs)
         failed = [run for run in runs if run.state == "failed"]

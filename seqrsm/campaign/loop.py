@@ -153,14 +153,18 @@ class _ClosedLoop:
             for analysis in analyses:
                 self.on_look(analysis)
             if all(analysis.decision.held for analysis in analyses):
-                return self._finish("stop", analyses)
+                analyses = self._confirmed(analyses)
+                # Fresh runs that contradict the model are evidence against it: they enter the fit with the next ones.
+                if left <= 0 or not any(analysis.contradicted for analysis in analyses):
+                    return self._finish("stop")
+                self.say("the fresh runs contradict the model; going on")
             if any(analysis.decision.wants_confirmation for analysis in analyses):
                 self._add_confirmation(analyses)
                 continue
             if left <= 0:
-                return self._finish("budget spent", analyses)
+                return self._finish("budget spent")
             if spec.stop.futility == "stop" and self._futile(analyses):
-                return self._finish("futility", analyses)
+                return self._finish("futility")
             with self._timed("propose"):
                 campaign.propose(min(batch, left), analyses=analyses)
 
@@ -228,13 +232,18 @@ class _ClosedLoop:
                 return False
         return True
 
-    def _finish(self, kind: Ending, analyses: Sequence[Analysis]) -> Outcome:
-        """Confirm what the last look's ``analyses`` recommend, where nothing has yet, and sample the posterior."""
+    def _confirmed(self, analyses: tuple[Analysis, ...]) -> tuple[Analysis, ...]:
+        """The analyses, with fresh runs at what they recommend where there are none yet."""
+        if self.campaign.spec.simulator is None or all(a.confirmation is not None for a in analyses):
+            return analyses
+        self._add_confirmation(analyses)
+        with self._timed("simulate"):
+            self.simulate()
+        return self.campaign.analyse_all(n_draws=1000)
+
+    def _finish(self, kind: Ending) -> Outcome:
+        """Sample the posterior of the last look."""
         campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
-        if held and campaign.spec.simulator is not None and any(a.confirmation is None for a in analyses):
-            self._add_confirmation(analyses)
-            with self._timed("simulate"):
-                self.simulate()
         self.say("sampling the posterior")
         with self._timed("sample"):
             analyses = campaign.analyse_all(sampler="emcee")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.analysis.fitted import range_text
+from seqrsm.analysis.belief import sign_of
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.moving import Box, needed_runs, sub_region
 from seqrsm.decide.sources import source_prior, stacked_rows
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, plain_setting
 from seqrsm.design.quadratic import QuadraticModel
@@ -21,7 +20,8 @@ from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.propose.batch import plan_of, propose_batch
 from seqrsm.propose.candidates import Source
-from seqrsm.propose.criteria import Proposal
+from seqrsm.propose.cloud import propose_from_process
+from seqrsm.propose.criteria import Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought
 from seqrsm.rng import generator
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
@@ -33,7 +33,7 @@ EXTRA_RUNS = 6
 """Runs of the start design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
 
 _DAY_PRECISION, _DAY_KNOWN = 0.01, 1e6  # of a new day's effect: within 10 standard deviations of a run, or none
-_WEAK = 0.05  # prior precision while a box is being filled: it cannot be estimated yet
+_WEAK = 0.05  # prior precision of a start design that is completed: the runs cannot determine the model yet
 _TARGETS = 256
 
 
@@ -91,7 +91,7 @@ def start_batch(
             ),
             Sought(centre, centre[None, :]),
             max(n - len(made), 1),
-            plan_of("D", spread_share=0.0),
+            [(Spread, 1.0)],
             seed=(spec.seed + 7919 * len(made)) % 2**32,
         )
         points = np.array([proposal.point for proposal in proposals])
@@ -123,30 +123,46 @@ class _Chooser:
 
     def __init__(self, spec: CampaignSpec, analysis: Analysis) -> None:
         self.spec, self.analysis = spec, analysis
-        state = analysis.region_state
-        self.filling = state.target is not None
-        self.box: Box = state.box if state.target is None else state.target
-        self.region = sub_region(spec.region, self.box)
-        self.model = QuadraticModel(self.region.factors, spec.model.order)
+        self.model = QuadraticModel(spec.factors, spec.model.order)
         self.scale = analysis.scale
 
     def batch(
-        self, done: Sequence[_Made], n: int, source: str, df_pure_error: int, barred: FloatArray, ties: int | None = 0
+        self,
+        done: Sequence[_Made],
+        n: int,
+        source: str,
+        df_pure_error: int,
+        barred: FloatArray,
+        ties: int | None = 0,
+        *,
+        of_quadratic: bool = False,
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 
-        With ``ties`` None a new day counts as tied already.
+        With ``ties`` None a new day counts as tied already. ``of_quadratic``: even where a process was weighed.
         """
         points = self.spec.region.code([run.settings for run in done])
-        inside = self.box.contains(points)
-        local = self.box.local(points[inside])
-        used = [run for run, kept in zip(done, inside, strict=True) if kept]
-        flights = np.array([run.source == "flight" for run in used], dtype=np.bool_)
-        two = not self.filling and len({run.source for run in done} | {source}) > 1
-        Z = stacked_rows(self.model, local, flights) if two else self.model.matrix(local)
+        process = self.analysis.fitted.departure.process
+        of_scores = self.spec.criterion == "optimum" and self.spec.model.block is None
+        if process is not None and of_scores and not of_quadratic and {run.source for run in done} == {source}:
+            return propose_from_process(
+                process,
+                self.spec.region,
+                self.target(),
+                points,
+                np.array([run.pending for run in done], dtype=np.bool_),
+                n,
+                weight=float(self.weights(self.target()[None, :])[0]),
+                barred=barred,
+                sign=sign_of(self.analysis.goal),
+                seed=(self.spec.seed + 7919 * len(done)) % 2**32,
+            )
+        flights = np.array([run.source == "flight" for run in done], dtype=np.bool_)
+        two = len({run.source for run in done} | {source}) > 1
+        Z = stacked_rows(self.model, points, flights) if two else self.model.matrix(points)
         blocked = self.spec.model.block is not None
         new_day = blocked and source == "flight"
-        columns = _day_columns(used) if new_day else block_columns([run.block if blocked else "" for run in used])[0]
+        columns = _day_columns(done) if new_day else block_columns([run.block if blocked else "" for run in done])[0]
         rows = (lambda at: stacked_rows(self.model, at, np.full(len(at), source == "flight"))) if two else None
         of_model, precision = rows or self.model.matrix, self.precision(two)
         if new_day:
@@ -154,35 +170,32 @@ class _Chooser:
             rows = lambda at: np.hstack([of_model(at), np.tile(effects, (len(at), 1))])  # noqa: E731
             doubt = _DAY_PRECISION if ties is not None else _DAY_KNOWN
             precision = _with_day(precision, Z.shape[1] + columns.shape[1], doubt)
-        weights, weight = self.weights(local), float(self.weights(self.target()[None, :])[0])
+        weights, weight = self.weights(points), float(self.weights(self.target()[None, :])[0])
         if two:
             weights = np.where(flights, self.flight_weight() * weights, weights)
             weight *= self.flight_weight() if source == "flight" else 1.0
         cost = _cost(self.spec, source)
         return propose_batch(
             self.model,
-            self.region,
+            self.spec.region,
             Evidence(
                 rows=np.hstack([Z, columns]),
-                points=local,
+                points=points,
                 weights=weights,
                 prior_precision=precision,
-                df_pure_error=10**6 if self.filling else df_pure_error,
-                barred=self.box.local(barred) if len(barred) else None,
+                df_pure_error=df_pure_error,
+                barred=barred if len(barred) else None,
             ),
             self.sought(two),
             n,
-            plan_of("D" if self.filling else self.spec.criterion),
+            plan_of(self.spec.criterion),
             source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
             seed=(self.spec.seed + 7919 * len(done)) % 2**32,
             ties=(ties or 0) if new_day else 0,
         )
 
     def sought(self, two: bool) -> Sought:
-        """Where the optimum is; what is filled is filled about its centre."""
-        if self.filling:
-            centre = self.region.centre()
-            return Sought(centre, centre[None, :])
+        """Where the optimum is."""
         found = self.analysis.posterior.optimum_points[:_TARGETS]
         rows = (lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None
         return Sought(self.target(), found, rows, self.beta(), self.analysis.goal)
@@ -202,23 +215,16 @@ class _Chooser:
         return whole
 
     def target(self) -> FloatArray:
-        best = self.analysis.optimum
-        if self.filling:
-            return self.region.centre()
-        return best.point if best.quadratic is None else best.quadratic
+        return self.analysis.optimum.point
 
-    def weights(self, local: FloatArray) -> FloatArray:
+    def weights(self, points: FloatArray) -> FloatArray:
         """Relative weights of runs, by the response expected there."""
-        if self.filling or not len(local):
-            return np.ones(len(local))
-        return self.scale.weight_at(self.model.matrix(local) @ self.beta())
+        return self.scale.weight_at(self.model.matrix(points) @ self.beta())
 
     def precision(self, two: bool) -> FloatArray | None:
         """Prior precision of the model terms, and of the discrepancy where there are two sources."""
-        if self.filling:
-            return _WEAK * np.eye(self.model.p)
         application = self.spec.application(self.analysis.application)
-        prior = stated_prior(self.spec, application, self.model, self.region)
+        prior = stated_prior(self.spec, application, self.model)
         if two:
             found, s = self.analysis.sources, self.analysis.fit.s
             spread = float(np.std(self.scale.values)) / 5.0
@@ -226,14 +232,6 @@ class _Chooser:
             sigma = s if found is None else found.s_simulation
             return source_prior(self.model, 0, max(sd, 1e-9), sigma, prior).Lambda0
         return None if prior is None else prior.Lambda0
-
-    def why(self, text: str) -> str:
-        if not self.filling:
-            return text
-        return (
-            f"fills {range_text(self.spec.region, self.box)}, where the quadratic shall be fitted next "
-            f"({needed_runs(self.model.p)} runs needed)"
-        )
 
 
 def _day_columns(used: Sequence[_Made]) -> FloatArray:
@@ -290,28 +288,28 @@ def next_batch(
     for index, share in _shares(spec, n):
         chooser = _Chooser(spec, analyses[index])
         pure = _pure_error_df(analyses[index], active)
-        proposals: list[tuple[Proposal, str]] = []
+        batch: Iterable[tuple[Proposal, str]]
         if source == "best":
-            for _ in range(share):
-                proposal, chosen = _best_source(chooser, done, pure, barred, ties)
-                pure += proposal.repeats
-                ties -= proposal.purpose == "tie"
-                proposals.append((proposal, chosen))
-                point = chooser.box.outwards(proposal.point)[None, :]
-                done.append(_Made(rounded_settings(region, point)[0], chosen, ""))
+            batch = (_best_source(chooser, done, pure, barred, ties) for _ in range(share))
         else:
-            batch = chooser.batch(done, share, source, pure, barred, ties)
-            proposals = [(proposal, source) for proposal in batch]
-            ties -= sum(proposal.purpose == "tie" for proposal in batch)
-        for proposal, chosen in proposals:
-            (setting,) = rounded_settings(region, chooser.box.outwards(proposal.point)[None, :])
-            why = proposal.why if proposal.purpose == "tie" else chooser.why(proposal.why)
-            why = why if len(analyses) == 1 else f"{chooser.analysis.application}: {why}"
-            purpose = "fill" if chooser.filling and proposal.purpose != "tie" else proposal.purpose
-            made.append(NewRun(setting, purpose, why, chosen, _cost(spec, chosen)))
-            if source != "best":
-                done.append(_Made(setting, chosen, ""))
+            batch = [(proposal, source) for proposal in chooser.batch(done, share, source, pure, barred, ties)]
+        for proposal, chosen in batch:
+            pure += proposal.repeats
+            ties -= proposal.purpose == "tie"
+            setting = _settings_of(region, proposal, done)
+            why = proposal.why if len(analyses) == 1 else f"{chooser.analysis.application}: {proposal.why}"
+            made.append(NewRun(setting, proposal.purpose, why, chosen, _cost(spec, chosen)))
+            done.append(_Made(setting, chosen, ""))
     return made
+
+
+def _settings_of(region: Region, proposal: Proposal, done: Sequence[_Made]) -> dict[str, float | str]:
+    """Settings of a proposal in round numbers; those of the run that it repeats to their last digit."""
+    if not proposal.repeats:
+        return rounded_settings(region, proposal.point[None, :])[0]
+    distance = np.sum(np.square(region.code([run.settings for run in done]) - proposal.point), axis=1)
+    repeated = done[int(np.argmin(distance))].settings
+    return {name: repeated[name] for name in region.names}
 
 
 def in_random_order(runs: Sequence[NewRun], seed: int, n_made: int) -> list[NewRun]:
@@ -342,18 +340,21 @@ def _best_source(
 ) -> tuple[Proposal, str]:
     """The next run and its source: the larger gain for the cost; runs kept for repeats or spread go to the cheaper.
 
-    A flight is judged by what it tells once its day is tied; the first one that is worth its cost ties it.
+    Both are judged by the quadratic, as a process knows of one source. A flight is judged by what it tells once its day
+    is tied; the first one that is worth its cost ties it.
     """
     known = None if ties else 0
     sources = ("simulation", "flight")
-    found = {source: chooser.batch(done, 1, source, df_pure_error, barred, known)[0] for source in sources}
+    found = {
+        source: chooser.batch(done, 1, source, df_pure_error, barred, known, of_quadratic=True)[0] for source in sources
+    }
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):
         source = min(found, key=lambda name: _cost(chooser.spec, name))
     else:
         source = max(found, key=lambda name: found[name].gain)
     if source == "flight" and ties > 0:
-        return chooser.batch(done, 1, source, df_pure_error, barred, ties)[0], source
+        return chooser.batch(done, 1, source, df_pure_error, barred, ties, of_quadratic=True)[0], source
     return found[source], source
 
 

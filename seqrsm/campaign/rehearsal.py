@@ -1,24 +1,60 @@
-"""``seqrsm rehearse``: what the stop rule would do, on truths drawn from what is known now."""
+"""``seqrsm rehearse``: what the stop rule would do, on truths drawn from what is believed now.
+
+Each rehearsed campaign is one as `run` makes it, from its own start design: the same analysis, proposals and rule, with
+scores that are the truth's and noise of the size found.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.conclude import stop_rule
-from seqrsm.analysis.fitted import range_text
+from seqrsm.analysis.conclude import analyse, stop_rule
 from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
+from seqrsm.analysis.to_json import look_summary
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.next_runs import CENTRE_REPEATS, start_size
-from seqrsm.decide.campaigns import Stage
-from seqrsm.decide.rehearsal import Rehearsal, rehearse, share_se
-from seqrsm.design.optimal import start_design
+from seqrsm.campaign.next_runs import next_batch, start_batch
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.error_models import Draws
+from seqrsm.fit.optimum import optimum
+from seqrsm.propose.cloud import climb
+from seqrsm.rng import generator
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import LookRecord, NewRun, RunRecord, ScoreRecord
+
+_PLACES = 2000
+_DRAWS = 500
+
+
+@dataclass(frozen=True, slots=True)
+class _Truth:
+    """A surface on the scale of the fit, the standard deviation of its runs, and its best value."""
+
+    mean: Callable[[FloatArray], FloatArray]
+    sd: Callable[[FloatArray], FloatArray]
+    best: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Ended:
+    """How one rehearsed campaign ended."""
+
+    stopped: bool
+    runs: int
+    covers_rule: float
+    covers_new_run: float
+    covers_mean: float
+    regret: float
 
 
 def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[int, int], None]) -> dict[str, Any]:
-    """Rehearse the first application's campaign from the current posterior.
+    """Rehearse the first application's campaign from what is believed now.
 
     Returns
     -------
@@ -30,75 +66,161 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
     FitError
         Too few scores to know anything yet.
     """
-    spec = campaign.spec
-    analysis = campaign.analyse_all(spec.applications[0].name)[0]
-    rule = stop_rule(spec)
-    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=2000)
-    start = start_design(analysis.model, analysis.region, start_size(analysis.model, spec), CENTRE_REPEATS, spec.seed)
-    stage = Stage(analysis.model, analysis.region, start, rule, spec.batch, analysis.goal)
-    # Where blocks are random, each run of the rehearsal falls into one of its own.
-    sigma = draws.sigma if draws.sigma_block is None else np.hypot(draws.sigma, draws.sigma_block)
-    result = rehearse(stage, draws.terms, sigma_draws=sigma, n_campaigns=n_campaigns, seed=spec.seed, progress=progress)
-    box = analysis.region_state.box
-    found = _summary(
-        result,
-        spec.cost.simulation if spec.simulator is not None else spec.cost.flight,
-        analysis.score_unit,
-        rule.interval_name,
-        spec.model.response,
-        adaptive=spec.region_moves,
-        within="" if box.whole else range_text(spec.region, box),
+    analysis = campaign.analyse_all(campaign.spec.applications[0].name)[0]
+    spec = _plain(campaign.spec)
+    draws = draw_coefficients(campaign.spec, analysis.fitted, sampler="exact", n_draws=2000)
+    ended = []
+    for i in range(n_campaigns):
+        progress(i, n_campaigns)
+        rng = generator(spec.seed, i, "rehearsal")
+        truth = _truth(analysis, draws, rng)
+        ended.append(_rehearsed(replace(spec, seed=spec.seed + 1 + i), analysis, truth, rng))
+    progress(n_campaigns, n_campaigns)
+    return _summary(campaign.spec, analysis, draws, ended)
+
+
+def _plain(spec: CampaignSpec) -> CampaignSpec:
+    """The first application alone, its scores normal and of equal weight, in no blocks."""
+    model = spec.model.model_copy(
+        update={"errors": "normal", "weights": "equal", "block": None, "block_effect": "fixed", "terms": "full"}
     )
-    if draws.sigma_block is not None:
-        found["notes"].append("Each run of the rehearsal falls into a block of its own, with its block's scatter.")
-    if spec.model.weights != "equal":
-        found["notes"].append("All runs scatter alike in the rehearsal, as one of average weight does.")
-    return found
+    return replace(spec, applications=spec.applications[:1], considerations=(), model=model, simulator=None)
 
 
-def _summary(
-    result: Rehearsal, run_cost: float, unit: str, interval_name: str, response: str, *, adaptive: bool, within: str
-) -> dict[str, Any]:
-    low, middle, high = (int(x) for x in np.quantile(result.runs, [0.1, 0.5, 0.9]))
+def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth:
+    """A draw of the process, or of the quadratic, by their probabilities."""
+    fitted, goal, region = analysis.fitted, analysis.goal, analysis.region
+    sign = 1.0 if goal == "maximize" else -1.0
+    departure = fitted.departure
+    if departure.process is not None and rng.random() < departure.probability:
+        mean, sd = departure.process.draw(rng)
+        (point, *_) = climb(lambda at: sign * mean(at), region, region.sample(_PLACES, rng), rng)
+        return _Truth(mean, sd, float(mean(point[None, :])[0]))
+    i = int(rng.integers(len(draws.sigma)))
+    sigma = draws.sigma[i] if draws.sigma_block is None else np.hypot(draws.sigma[i], draws.sigma_block[i])
+    beta = draws.terms[i]
+    return _Truth(
+        lambda at: analysis.model.matrix(at) @ beta,
+        lambda at: np.full(len(at), sigma) / np.sqrt(fitted.scale.weight_at(analysis.model.matrix(at) @ beta)),
+        optimum(analysis.model, region, beta, goal).value,
+    )
+
+
+def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> _Ended:
+    """One campaign on one truth, until the rule holds or the budget is spent."""
+    (application,) = spec.applications
+    source = "simulation" if known.data.sources[0] == "simulation" else "flight"
+    runs: list[RunRecord] = []
+    looks: list[LookRecord] = []
+    new = start_batch(spec, QuadraticModel(spec.factors, spec.model.order), source)
+    while True:
+        points = spec.region.code([run.settings for run in new])
+        values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
+        scores = known.scale.to_score(values)
+        runs += [
+            _record(len(runs) + 1 + i, len(looks) + 1, run, application.name, float(score))
+            for i, (run, score) in enumerate(zip(new, scores, strict=True))
+        ]
+        analysis = analyse(spec, application, runs, looks, n_draws=_DRAWS)
+        if analysis.decision.held or len(runs) >= spec.stop.max_runs:
+            return _end(spec, analysis, truth, len(runs), rng)
+        looks.append(LookRecord(len(looks) + 1, len(runs), application.name, look_summary(analysis), ""))
+        new = next_batch(spec, [analysis], runs, min(spec.batch, spec.stop.max_runs - len(runs)), source)
+
+
+def _record(number: int, batch: int, run: NewRun, application: str, score: float) -> RunRecord:
+    scored = ScoreRecord(number, application, score, None, None, None, {}, "", None, "")
+    return RunRecord(
+        run_id=number,
+        batch=batch,
+        purpose=run.purpose,
+        why=run.why,
+        source=run.source,
+        state="scored",
+        proposed=dict(run.settings),
+        executed=None,
+        block="",
+        cost=run.cost,
+        reason="",
+        attempts=1,
+        owner="",
+        replaces=None,
+        proposed_at="",
+        issued_at=None,
+        started_at=None,
+        ended_at=None,
+        scores=(scored,),
+    )
+
+
+def _end(spec: CampaignSpec, analysis: Analysis, truth: _Truth, n_runs: int, rng: np.random.Generator) -> _Ended:
+    best, to_score = analysis.optimum, analysis.scale.to_score
+    at = best.point[None, :]
+    mean, sd = truth.mean(at), truth.sd(at)
+    future = to_score(mean + sd * rng.standard_normal((400, 1)))
+    several = np.mean(to_score(mean + sd * rng.standard_normal((400, best.replicates))), axis=1)
+    true = to_score(mean)
+    covered = {
+        "confidence": _share(true, best.confidence),
+        "prediction": _share(future, best.prediction),
+        "prediction_mean": _share(several, best.prediction_mean),
+    }
+    loss = abs(float(to_score(np.array([truth.best]))[0]) - float(true[0]))
+    return _Ended(
+        analysis.decision.held,
+        n_runs,
+        covered[spec.stop.interval],
+        covered["prediction"],
+        covered["confidence"],
+        loss,
+    )
+
+
+def _share(values: FloatArray, interval: Interval) -> float:
+    return float(np.mean((values >= interval.low) & (values <= interval.high)))
+
+
+def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequence[_Ended]) -> dict[str, Any]:
+    runs = np.array([one.runs for one in ended])
+    cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
+    low, middle, high = (int(x) for x in np.quantile(runs, [0.1, 0.5, 0.9]))
+    regret = np.array([one.regret for one in ended])
     numbers = {
-        "stopped": float(np.mean(result.stopped)),
+        "stopped": float(np.mean([one.stopped for one in ended])),
         "runs_p10": low,
         "runs_median": middle,
         "runs_p90": high,
-        "cost_median": float(np.median(result.runs * run_cost)),
-        "coverage_rule": float(np.mean(result.covers_rule)),
-        "coverage_new_run": float(np.mean(result.covers_new_run)),
-        "coverage_mean": float(np.mean(result.covers_mean)),
-        "coverage_confirmation": float(np.mean(result.covers_confirmation)),
-        "regret_median": float(np.median(result.regret)),
-        "regret_p95": float(np.quantile(result.regret, 0.95)),
+        "cost_median": float(np.median(runs * cost)),
+        "coverage_rule": float(np.mean([one.covers_rule for one in ended])),
+        "coverage_new_run": float(np.mean([one.covers_new_run for one in ended])),
+        "coverage_mean": float(np.mean([one.covers_mean for one in ended])),
+        "regret_median": float(np.median(regret)),
+        "regret_p95": float(np.quantile(regret, 0.95)),
     }
 
     def share(name: str) -> str:
-        p = numbers[name]
-        return f"{100 * p:.1f} % ± {100 * share_se(p, len(result.runs)):.1f}"
+        """With its standard error, half a campaign added to either side: never 0 for none or all."""
+        n = len(ended)
+        p = (numbers[name] * n + 0.5) / (n + 1.0)
+        return f"{100 * numbers[name]:.1f} % ± {100 * np.sqrt(p * (1.0 - p) / n):.1f}"
 
+    lost = f"{numbers['regret_median']:.3g} ({numbers['regret_p95']:.3g}) {analysis.score_unit}".rstrip()
     rows = [
         ("campaigns that stop before the budget", share("stopped")),
         ("runs needed, median (10 % to 90 %)", f"{middle} ({low} to {high})"),
         ("cost, median", f"{numbers['cost_median']:g}"),
-        (f"coverage of the {interval_name}", share("coverage_rule")),
+        (f"coverage of the {stop_rule(spec).interval_name}", share("coverage_rule")),
         ("coverage of one new run at the optimum", share("coverage_new_run")),
         ("coverage of the mean at the optimum", share("coverage_mean")),
-        ("coverage of the confirmation interval", share("coverage_confirmation")),
-        (
-            "utility lost, median (95 %)",
-            f"{numbers['regret_median']:.3g} ({numbers['regret_p95']:.3g}) {unit}".rstrip(),
-        ),
+        ("utility lost, median (95 %)", lost),
     ]
+    quadratics = 100 * (1.0 - analysis.fitted.departure.probability)
     notes = [
-        "Truths are quadratics drawn from the current posterior, errors are normal; ± is a Monte Carlo standard error.",
-        "On a surface that departs from the quadratic `run` widens its interval by an allowance for that"
-        + (", and shrinks or moves the region, which takes up to two new runs for each term every time" * adaptive)
-        + "; the rehearsal does neither, and such a campaign takes more runs than are said here.",
+        f"Truths are drawn from what is believed now: {quadratics:.0f} % of them are quadratics. Errors are normal; "
+        "± is a Monte Carlo standard error."
     ]
-    if within:
-        notes.append(f"Rehearsed from its start in the part of the region that is fitted now: {within}.")
-    if response != "identity":
-        notes.append(f"Figures are on the scale of the fit ({response}).")
-    return {"campaigns": len(result.runs), "rows": rows, "notes": notes, "numbers": numbers}
+    if draws.sigma_block is not None:
+        notes.append("Each run of the rehearsal falls into a block of its own, with its block's scatter.")
+    if spec.model.weights != "equal":
+        notes.append("All runs scatter alike in the rehearsal, as one of average weight does.")
+    return {"campaigns": len(ended), "rows": rows, "notes": notes, "numbers": numbers}

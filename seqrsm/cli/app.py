@@ -341,7 +341,7 @@ def status(
 @guarded
 def rehearse(
     folder: Folder,
-    campaigns: Annotated[int, typer.Option(min=10, help="Campaigns to simulate.")] = 200,
+    campaigns: Annotated[int, typer.Option(min=10, help="Campaigns to simulate.")] = 40,
     as_json: AsJson = False,
 ) -> None:
     """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""

@@ -40,7 +40,7 @@ class Forecast:
 def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -> Forecast:
     """Forecast from one fit, with ``h = z0' (Z'WZ)^-1 z0`` falling as 1/n.
 
-    Campaigns that focus on the optimum do better than 1/n; :func:`seqrsm.decide.rehearsal.rehearse` tells by how much.
+    Campaigns that focus on the optimum do better than 1/n; ``seqrsm rehearse`` tells by how much.
 
     Parameters
     ----------

@@ -16,6 +16,7 @@ from scipy.special import stdtr, stdtrit
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
+from seqrsm.fit.intervals import student_quantile
 from seqrsm.plain import known
 
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
@@ -310,7 +311,7 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
 
 
 def confirmation_agrees(
-    confirmation: ConfirmationInterval, *, predicted: float, s: float, df: float, h: float, unit: str = ""
+    confirmation: ConfirmationInterval, *, predicted: float, half_width: float, df: float, unit: str = ""
 ) -> Agreement:
     """Test fresh runs against the model's prediction for their mean.
 
@@ -320,8 +321,10 @@ def confirmation_agrees(
         The fresh runs.
     predicted : float
         Estimated mean at the settings, before the fresh runs.
-    s, df, h : float
-        Of that fit.
+    half_width : float
+        Of the prediction interval for that mean, at the level of the fresh runs' own interval.
+    df : float
+        Degrees of freedom that it was made with.
     unit : str
         Unit of the score, for the sentence.
 
@@ -329,8 +332,8 @@ def confirmation_agrees(
     -------
     Agreement
     """
-    se = s * np.sqrt(1.0 / confirmation.n + h)
-    half = float(half_width("prediction_mean", s, df, h, confirmation.level, confirmation.n))
+    half = half_width
+    se = half / float(student_quantile(df, confirmation.level))
     difference = confirmation.mean - predicted
     t = float(difference / se) if se > 0.0 else float(np.sign(difference) * np.inf if difference else 0.0)
     p = float(2.0 * stdtr(df, -abs(t)))

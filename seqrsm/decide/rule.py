@@ -49,8 +49,6 @@ class StopRule:
         Degrees of freedom of pure error asked for.
     alpha_lack_of_fit : float
         Lack of fit with a smaller p stops the stopping.
-    looks : int
-        1 or 2: consecutive looks at which all must hold.
 
     Raises
     ------
@@ -67,7 +65,6 @@ class StopRule:
     runs_per_term: float = 3.0
     min_df_pure_error: int = 4
     alpha_lack_of_fit: float = 0.05
-    looks: int = 2
 
     def __post_init__(self) -> None:
         limits = {
@@ -83,7 +80,6 @@ class StopRule:
             "runs_per_term": (self.runs_per_term >= 0.0, "0 or more"),
             "min_df_pure_error": (self.min_df_pure_error >= 0, "0 or more"),
             "alpha_lack_of_fit": (0.0 <= self.alpha_lack_of_fit < 1.0, "a probability below 1, such as 0.05"),
-            "looks": (self.looks in (1, 2), "1 or 2"),
         }
         wrong = [
             Problem("impossible stop rule", f"Give {limits[f.name][1]}.", field=f.name, value=getattr(self, f.name))

@@ -97,7 +97,7 @@ def _decode(coded: ArrayLike, low: float, high: float, scale: Scale) -> FloatArr
         # Two equal factors: their product may span more decades than a number holds.
         root = np.exp(log_ratio(high, low) * ((1.0 + t) / 4.0))
         natural = low * root * root
-    # exp(log(x)) and coded values of a part of the region differ in the last digit: the ends are what the user wrote.
+    # exp(log(x)) differs from x in the last digit: the ends are what the user wrote.
     natural = np.where(np.abs(t + 1.0) <= _SAME_END, low, np.where(np.abs(t - 1.0) <= _SAME_END, high, natural))
     inside = np.abs(t) <= 1.0
     return np.where(inside, np.clip(natural, low, high), natural)

@@ -2,7 +2,11 @@
 
 Notation: the quadratic in the q numeric factors (coded) is ``c + x'b + x'Bx`` with symmetric B. Eigenvalues smaller
 than a share ``threshold`` (0.1, as in R's rsm) of the largest are taken as flat: the surface then is a ridge, and the
-stationary point reported is the one nearest to the centre along it.
+stationary point reported is the one nearest to the centre along it; the exact one is given beside it.
+
+Standard errors of a stationary point are those of its derivatives by the coefficients (the delta method). The point
+with flat axes left out is ``-f(B) b / 2`` with f(l) = 1/l, or 0 where flat; of such a function of a matrix the
+derivative is ``V [F o (V' dB V)] V'`` with F the divided differences of f at the eigenvalues (Daleckii & Krein 1965).
 
 With the factors varied independently and uniformly over their coded ranges and levels, the fitted surface has a
 variance, and it splits into what each factor explains alone and with others (Sobol indices). For a polynomial every
@@ -16,13 +20,14 @@ Saltelli et al. (2008), Global sensitivity analysis: the primer, chapter 4.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
@@ -80,8 +85,11 @@ class StationaryPoint:
     inside_region : bool
         Inside the bounds and the constraints. Whether a discrete factor's value is one of its levels is not asked:
         canonical analysis treats it as continuous.
-    exact_point : ndarray (k,)
-        The same with no eigenvalue taken as flat.
+    se : ndarray (k,)
+        Standard errors of ``point``, coded, to first order and with the same axes flat; nan for categorical factors,
+        and where nothing is known of errors.
+    exact_point, exact_value, exact_inside_region, exact_se
+        The same with no eigenvalue taken as flat; nan where the quadratic is singular.
     flat : ndarray (q,) of bool
         Directions along which the surface is a ridge.
     threshold : float
@@ -96,7 +104,11 @@ class StationaryPoint:
     eigenvalues: FloatArray
     eigenvectors: FloatArray
     inside_region: bool
+    se: FloatArray
     exact_point: FloatArray
+    exact_value: float
+    exact_inside_region: bool
+    exact_se: FloatArray
     flat: BoolArray
     threshold: float
     warning: str
@@ -145,7 +157,12 @@ def canonical_form(constant: float, linear: FloatArray, quadratic: FloatArray, t
 
 
 def stationary_point(
-    model: QuadraticModel, region: Region, beta: FloatArray, levels: tuple[int, ...] = (), threshold: float = 0.1
+    model: QuadraticModel,
+    region: Region,
+    beta: FloatArray,
+    levels: tuple[int, ...] = (),
+    threshold: float = 0.1,
+    variance: Callable[[FloatArray], FloatArray] | None = None,
 ) -> StationaryPoint:
     """Stationary point and canonical analysis of a fitted model.
 
@@ -159,6 +176,8 @@ def stationary_point(
         Level index of each categorical factor, in factor order.
     threshold : float
         See :func:`canonical_form`.
+    variance : callable, optional
+        Variances (m,) of linear functions (m, p) of the coefficients, for standard errors.
 
     Returns
     -------
@@ -167,7 +186,16 @@ def stationary_point(
     constant, linear, quadratic = model.forms(beta, levels)
     form = canonical_form(float(constant), linear, quadratic, threshold)
     point = _full_point(region, form.point, levels)
-    inside = bool(np.all(np.isfinite(form.point)) and _inside(region, point))
+    exact = _full_point(region, form.exact_point, levels)
+    inside, exact_inside = (bool(np.all(np.isfinite(at)) and _inside(region, at)) for at in (point, exact))
+
+    def errors(at: FloatArray, flat: BoolArray) -> FloatArray:
+        nothing = np.full(len(levels), np.nan)
+        if variance is None or not np.all(np.isfinite(at)):
+            return _full_point(region, np.full(len(region.numeric), np.nan), nothing)
+        slopes = _slopes(model, form, linear, levels, flat)
+        return _full_point(region, np.sqrt(np.maximum(variance(slopes), 0.0)), nothing)
+
     names = [region.names[i] for i in region.numeric]
     return StationaryPoint(
         point=point,
@@ -176,14 +204,48 @@ def stationary_point(
         eigenvalues=form.eigenvalues,
         eigenvectors=form.eigenvectors,
         inside_region=inside,
-        exact_point=_full_point(region, form.exact_point, levels),
+        se=errors(form.point, form.flat),
+        exact_point=exact,
+        exact_value=float(constant + form.exact_point @ linear + form.exact_point @ quadratic @ form.exact_point),
+        exact_inside_region=exact_inside,
+        exact_se=errors(form.exact_point, np.zeros_like(form.flat)),
         flat=form.flat,
         threshold=threshold,
         warning=_ridge_warning(form, names, threshold, level=not np.any(linear)),
     )
 
 
-def _full_point(region: Region, numeric: FloatArray, levels: tuple[int, ...]) -> FloatArray:
+def natural_errors(region: Region, point: FloatArray, se: FloatArray) -> dict[str, float]:
+    """Standard errors of the numeric factors' natural values by name, from those of a coded point (k,)."""
+    found = {}
+    for factor, at, error in zip(region.factors, point.tolist(), se.tolist(), strict=True):
+        if isinstance(factor, CategoricalFactor):
+            continue
+        low, high = span(factor)
+        slope = 0.5 * (high - low)
+        if factor.scale == "log":
+            with np.errstate(over="ignore"):
+                slope = 0.5 * float(log_ratio(high, low)) * float(factor.decode(at))
+        found[factor.name] = slope * error
+    return found
+
+
+def _slopes(
+    model: QuadraticModel, form: CanonicalForm, linear: FloatArray, levels: tuple[int, ...], flat: BoolArray
+) -> FloatArray:
+    """Derivatives (q, p) of the stationary point with axes left out that are flat, by the coefficients."""
+    _, db, dB = model.forms(np.eye(model.p), levels)
+    values, V = form.eigenvalues, form.eigenvectors
+    f = np.where(flat, 0.0, 1.0 / np.where(flat, 1.0, values))
+    gap = values[:, None] - values
+    near = np.abs(gap) <= 1e-9 * np.abs(values).max()
+    # f' = -1/l^2 where an axis is kept, and so to rounding for two that are hardly apart: -1 / (l m).
+    F = np.where(near, -np.outer(f, f), (f[:, None] - f) / np.where(near, 1.0, gap))
+    turned = F * (V.T @ dB @ V)  # (p, q, q)
+    return np.asarray(-0.5 * V @ (turned @ (V.T @ linear) + db @ V * f).T)
+
+
+def _full_point(region: Region, numeric: FloatArray, levels: tuple[int, ...] | FloatArray) -> FloatArray:
     point = np.empty(region.k)
     point[list(region.numeric)] = numeric
     point[list(region.categorical)] = levels

@@ -76,7 +76,7 @@ class LinearBounds:
 
 
 def bounded_draws(
-    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds, n: int
+    draw: Callable[[int], tuple[FloatArray, ...]], bounds: LinearBounds, n: int, most: int = _MOST
 ) -> tuple[tuple[FloatArray, ...], float]:
     """Draws that hold the bounds, and the share of all draws that do: the probability without bounds.
 
@@ -87,10 +87,12 @@ def bounded_draws(
     bounds : LinearBounds
     n : int
         Draws wanted; fewer are given where hardly any hold.
+    most : int
+        Times ``n`` that are drawn at most.
     """
     kept: list[tuple[FloatArray, ...]] = []
     made = found = 0
-    while found < n and made < _MOST * n:
+    while found < n and made < most * n:
         new = draw(n)
         inside = bounds.hold(new[0])
         made, found = made + len(inside), found + int(np.count_nonzero(inside))

@@ -34,6 +34,11 @@ def r_hat(chains: FloatArray) -> float:
     return max(_r_hat(_rank_normalise(halves)), _r_hat(_rank_normalise(folded)))
 
 
+def ess(chains: FloatArray) -> float:
+    """Effective sample size of the mean; chains (m, n), n >= 4."""
+    return _ess(_split(chains))
+
+
 def ess_tail(chains: FloatArray, ends_at: tuple[float, float] = (0.05, 0.95)) -> float:
     """Smaller of the effective sample sizes of two quantiles, by default 5 % and 95 %; chains (m, n), n >= 4."""
     chains = np.asarray(chains, dtype=np.float64)

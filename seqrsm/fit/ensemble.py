@@ -13,6 +13,7 @@ Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125, 306-312.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -35,7 +36,7 @@ from seqrsm.fit.target import (
 )
 from seqrsm.progress import tell
 
-__all__ = ["EnsemblePosterior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior"]
+__all__ = ["EnsemblePosterior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior", "short_chain"]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
@@ -361,3 +362,19 @@ def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:
         # Straight to the length that the present estimate of tau asks for, with a margin, but no leaps of faith.
         wanted = int(1.1 * (_TAUS + _BURN_TAUS) * tau) - chain.steps if np.isfinite(tau) else block
         block = int(np.clip(wanted, _FIRST_BLOCK // 2, 2 * chain.steps))
+
+
+def short_chain(
+    log_posterior: Callable[[FloatArray], FloatArray], start: FloatArray, steps: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Second half of a chain (m, h) of fixed length, and its last state (walkers, h), from ``start`` (walkers, h).
+
+    For hyperparameters, whose posterior is averaged over and not told: differential evolution and stretch moves, no
+    test of convergence.
+    """
+    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
+    sampler = emcee.EnsembleSampler(*start.shape, log_posterior, vectorize=True, moves=moves)
+    random = np.random.RandomState(int(rng.integers(2**31))).get_state()
+    with np.errstate(invalid="ignore"):  # of walkers that start outside the prior's reach
+        last = sampler.run_mcmc(emcee.State(start, random_state=random), steps, skip_initial_state_check=True)
+    return sampler.get_chain(discard=steps // 2, flat=True), last.coords

@@ -30,6 +30,8 @@ Sampler: TypeAlias = Literal["exact", "emcee"]
 Made: TypeAlias = dict[str, float | str | int]
 
 _LEAST_SHARE = 0.25  # of the draws wanted that must hold the bounds, else the ensemble sampler works inside them
+_ROWS_PER_DRAW = 6  # of Gibbs sampling, for each independent draw that they are to be worth
+_MOST_ROUNDS = 12  # of Gibbs sampling, in search of draws that hold the bounds
 _LOGIT_SD, _LOGIT_INTERCEPT_SD = 2.5, 10.0  # prior of the coefficients of a logit of which nothing is stated
 
 
@@ -318,24 +320,29 @@ class StudentT(_Additive):
     def independent(
         self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator
     ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
-        """Draws by Gibbs sampling."""
-        found = student_draws(runs.Z, runs.y, runs.weights, runs.prior, n, rng)
+        """Draws by Gibbs sampling, so many that they are worth ``n`` independent ones."""
+        rows = _ROWS_PER_DRAW * n
+        found = student_draws(runs.Z, runs.y, runs.weights, runs.prior, rows, rng)
         made: Made = {
             "method": "gibbs",
             "errors": self.name,
             "draws": len(found.sigma),
             "steps": found.sweeps,
             "ess": found.ess,
+            "ess_ends": found.ess_ends,
             "r_hat": found.r_hat,
         }
         if bounds is None:
             return (found.beta, found.sigma), made, None
+        first = [(found.beta, found.sigma)]
 
         def more(m: int) -> tuple[FloatArray, ...]:
+            if first:
+                return first.pop()
             again = student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)
             return again.beta, again.sigma
 
-        held, share = bounded_draws(more, bounds, n)
+        held, share = bounded_draws(more, bounds, rows, most=_MOST_ROUNDS)
         return held, made | {"draws": len(held[1])}, share
 
     def noise(self, size: tuple[int, int], rng: np.random.Generator) -> FloatArray:

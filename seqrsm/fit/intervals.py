@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.special import fdtrc, stdtrit
 
 from seqrsm.arrays import FloatArray
@@ -20,6 +21,13 @@ class Interval:
     def half_width(self) -> FloatArray:
         """Half of ``high - low``."""
         return 0.5 * (self.high - self.low)
+
+    def with_error(self, mean: FloatArray, shift: FloatArray, variance: FloatArray, quantile: float) -> Interval:
+        """A t interval about ``mean`` that counts a further error: its expectation, its variance, the t factor."""
+        error = quantile * np.sqrt(variance)
+        return Interval(
+            mean + shift - np.hypot(mean - self.low, error), mean + shift + np.hypot(self.high - mean, error)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +57,18 @@ class Prediction:
     se_prediction: FloatArray
     level: float
     reason: str
+
+    def with_error(self, shift: FloatArray, variance: FloatArray, df: float) -> Prediction:
+        """The same with an error of the mean counted that is not in yet: its expectation and variance (m,)."""
+        quantile = student_quantile(df, self.level)
+        return replace(
+            self,
+            mean=self.mean + shift,
+            confidence=self.confidence.with_error(self.mean, shift, variance, quantile),
+            prediction=self.prediction.with_error(self.mean, shift, variance, quantile),
+            se_mean=np.sqrt(self.se_mean**2 + variance),
+            se_prediction=np.sqrt(self.se_prediction**2 + variance),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
+from seqrsm.fit.convergence import ess, ess_tail
 
 STUDENT_DF = 4.0
 """Degrees of freedom of Student-t errors, where they are not estimated."""
@@ -41,7 +42,9 @@ def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float
     return found
 
 
-_CHAINS, _WARM_UP = 40, 30
+_CHAINS, _WARM_UP = 200, 20
+_LEAST_SWEEPS = 12
+_ENDS = (0.025, 0.975)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +54,12 @@ class StudentDraws:
     Attributes
     ----------
     beta, sigma : ndarray (m, p), (m,)
-        Coefficients and scale of the errors, chain by chain within a sweep.
+        Coefficients and scale of the errors, in random order: any part of them is a sample.
     r_hat : float
-        Largest potential scale reduction of a coefficient over the chains (Gelman & Rubin 1992).
-    ess : float
-        Smallest effective number of draws, from the scatter of the chains' means.
+        Largest potential scale reduction of a coefficient or log sigma over the chains (Gelman & Rubin 1992).
+    ess, ess_ends : float
+        Smallest effective number of draws of a coefficient or log sigma: of the mean, and of the ends of 95 %
+        intervals.
     sweeps : int
         After the warm-up.
     """
@@ -64,6 +68,7 @@ class StudentDraws:
     sigma: FloatArray
     r_hat: float
     ess: float
+    ess_ends: float
     sweeps: int
 
 
@@ -87,7 +92,7 @@ def student_draws(
     Z, y, weights : ndarray (n, p), (n,), (n,)
     prior : Flat or NormalInverseGamma
     n_draws : int
-        At least so many.
+        At least so many; they are worth from a fifth to all of as many independent ones.
     rng : numpy.random.Generator
     nu : float
         Degrees of freedom of the errors.
@@ -98,28 +103,49 @@ def student_draws(
     X, y = Z @ start.factor, y - Z @ start.mean
     given = NormalInverseGamma(np.zeros(p), np.zeros((p, p)), 0.0, 0.0) if isinstance(prior, Flat) else prior
     rank = int(np.linalg.matrix_rank(given.Lambda0, hermitian=True))
-    off, Lambda0 = given.m0 - start.mean, start.factor.T @ given.Lambda0 @ start.factor
-    pull, apart = start.factor.T @ (given.Lambda0 @ off), float(off @ given.Lambda0 @ off)
     shape = given.a0 + 0.5 * (n + rank - p)
-    outer = (X[:, :, None] * X[:, None, :]).reshape(n, p * p)
-    first = student_weights(X, y, weights, nu) / weights
-    share = np.repeat(first[None, :], _CHAINS, axis=0)
-    sweeps = max(-(-n_draws // _CHAINS), 25)
-    betas, sigmas = np.empty((sweeps, _CHAINS, p)), np.empty((sweeps, _CHAINS))
+    # The scores as a last column: one Cholesky factor of the sums of products holds the fit and its residual too.
+    XY = np.column_stack([X, y])
+    outer = (XY[:, :, None] * XY[:, None, :]).reshape(n, (p + 1) ** 2)
+    root = np.column_stack([start.factor, given.m0 - start.mean])
+    own = root.T @ given.Lambda0 @ root
+    share = np.repeat((student_weights(X, y, weights, nu) / weights)[None, :], _CHAINS, axis=0)
+    sweeps = max(-(-n_draws // _CHAINS), _LEAST_SWEEPS)
+    u, sigmas = np.empty((sweeps, _CHAINS, p)), np.empty((sweeps, _CHAINS))
     for sweep in range(-_WARM_UP, sweeps):
-        w = share * weights
-        L = np.linalg.cholesky((w @ outer).reshape(_CHAINS, p, p) + Lambda0)
-        half = np.linalg.solve(L, ((w * y) @ X + pull)[:, :, None])
-        rss = w @ y**2 + apart - np.sum(half[..., 0] ** 2, axis=1)
+        A = ((share * weights) @ outer).reshape(_CHAINS, p + 1, p + 1) + own
+        total = A[:, p, p].copy()
+        A[:, p, p] += total + 1.0  # what is left of the scores may be nothing, which a Cholesky factor cannot hold
+        L = np.linalg.cholesky(A)
+        half = L[:, p, :p]
+        rss = total - np.sum(half**2, axis=1)
         sigma = np.sqrt((given.b0 + 0.5 * np.maximum(rss, 1e-300)) / rng.gamma(shape, size=_CHAINS))
-        noise = sigma[:, None, None] * rng.standard_normal((_CHAINS, p, 1))
-        u = np.linalg.solve(np.swapaxes(L, 1, 2), half + noise)[..., 0]
-        square = weights * (y - u @ X.T) ** 2 / sigma[:, None] ** 2
-        share = rng.gamma(0.5 * (nu + 1.0), 2.0 / (nu + square))
+        at = _solved_upwards(L, half + sigma[:, None] * rng.standard_normal((_CHAINS, p)))
+        square = weights * (y - at @ X.T) ** 2 / sigma[:, None] ** 2
+        share = rng.standard_gamma(0.5 * (nu + 1.0), square.shape) * (2.0 / (nu + square))
         if sweep >= 0:
-            betas[sweep], sigmas[sweep] = start.mean + u @ start.factor.T, sigma
-    within = np.mean(np.var(betas, axis=0, ddof=1), axis=0)
-    between = np.var(np.mean(betas, axis=0), axis=0, ddof=1)
+            u[sweep], sigmas[sweep] = at, sigma
+    beta = start.mean + u @ start.factor.T
+    # Column by column of what is known: coefficients that hardly differ from their mean have lost their digits.
+    known = np.concatenate([u @ start.factor.T, np.log(sigmas)[..., None]], axis=2)
+    within = np.mean(np.var(known, axis=0, ddof=1), axis=0)
+    between = np.var(np.mean(known, axis=0), axis=0, ddof=1)
     r_hat = float(np.sqrt(np.max((sweeps - 1.0) / sweeps + between / np.maximum(within, 1e-300))))
-    ess = float(np.min(np.minimum(within / np.maximum(sweeps * between, 1e-300), 1.0))) * sweeps * _CHAINS
-    return StudentDraws(betas.reshape(-1, p), sigmas.ravel(), r_hat, ess, sweeps)
+    order = rng.permutation(sweeps * _CHAINS)
+    return StudentDraws(
+        beta=beta.reshape(-1, p)[order],
+        sigma=sigmas.ravel()[order],
+        r_hat=r_hat,
+        ess=min(ess(known[:, :, j].T) for j in range(p + 1)),
+        ess_ends=min(ess_tail(known[:, :, j].T, _ENDS) for j in range(p + 1)),
+        sweeps=sweeps,
+    )
+
+
+def _solved_upwards(L: FloatArray, right: FloatArray) -> FloatArray:
+    """Solutions (m, p) of ``L' x = right``, of the first p rows and columns of lower triangles (m, > p, > p)."""
+    x = right.copy()
+    for i in range(right.shape[1] - 1, -1, -1):
+        x[:, i] -= np.einsum("cj,cj->c", L[:, i + 1 : right.shape[1], i], x[:, i + 1 :])
+        x[:, i] /= L[:, i, i]
+    return x

@@ -103,25 +103,22 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class SharedError:
-    """What shared errors do to the fitted mean at one point, given the scores.
+    """What shared errors do to the fitted mean at m points, given the scores.
 
     Attributes
     ----------
-    shift : float
+    shift : ndarray (m,)
         Expected true mean less fitted mean, in the unit of the scores.
-    variance : float
+    variance : ndarray (m,)
         Variance of the fitted mean's error that the scores leave open, the same unit squared; >= 0.
-    errors : ndarray (r,)
-        Expected shared errors, in units of their prior standard deviations.
     """
 
-    shift: float
-    variance: float
-    errors: FloatArray
+    shift: FloatArray
+    variance: FloatArray
 
 
 def shared_error(
-    Z: FloatArray, y: FloatArray, weights: FloatArray, loadings: FloatArray, row: FloatArray
+    Z: FloatArray, y: FloatArray, weights: FloatArray, loadings: FloatArray, rows: FloatArray
 ) -> SharedError:
     """Shared errors in y = Z beta + C delta + e, delta ~ N(0, 1), e_i ~ N(0, sigma^2 / w_i), beta flat.
 
@@ -138,8 +135,8 @@ def shared_error(
         Scores, and inverse relative variances.
     loadings : float64 array (n, r)
         C: prior standard deviation of each shared error in each score, 0 for scores that it does not touch.
-    row : float64 array (p,)
-        Model row of the point.
+    rows : float64 array (m, p)
+        Model rows of the points.
 
     Returns
     -------
@@ -149,8 +146,8 @@ def shared_error(
     n, p = Z.shape
     root = np.sqrt(weights)
     Q, R = np.linalg.qr(Z * root[:, None])
-    use = root * (Q @ np.linalg.solve(R.T, row))
-    carried = use @ loadings
+    use = root[:, None] * (Q @ np.linalg.solve(R.T, rows.T))
+    carried = use.T @ loadings
     contrasts, seen = root * y, loadings * root[:, None]
     contrasts, seen = contrasts - Q @ (Q.T @ contrasts), seen - Q @ (Q.T @ seen)
     basis, size, _ = np.linalg.svd(seen, full_matrices=False)
@@ -158,10 +155,9 @@ def shared_error(
     df = n - p - basis.shape[1]
     left = contrasts - basis @ (basis.T @ contrasts)
     sigma2 = float(left @ left) / df if df > 0 else 0.0
-    r = loadings.shape[1]
     if not sigma2 > 0.0:
-        return SharedError(0.0, float(carried @ carried), np.zeros(r))
-    precision = np.eye(r) + seen.T @ seen / sigma2
-    errors = np.asarray(np.linalg.solve(precision, seen.T @ contrasts / sigma2), dtype=np.float64)
-    variance = float(carried @ np.linalg.solve(precision, carried))
-    return SharedError(-float(carried @ errors), max(variance, 0.0), errors)
+        return SharedError(np.zeros(len(rows)), np.sum(carried**2, axis=1))
+    precision = np.eye(loadings.shape[1]) + seen.T @ seen / sigma2
+    errors = np.linalg.solve(precision, seen.T @ contrasts / sigma2)
+    variance = np.sum(carried * np.linalg.solve(precision, carried.T).T, axis=1)
+    return SharedError(-(carried @ errors), np.maximum(variance, 0.0))

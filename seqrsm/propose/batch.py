@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -23,17 +22,8 @@ SPREAD_SHARE = 0.25
 """Share of a campaign's runs kept for repeats and spread."""
 
 
-def plan_of(criterion: str, spread_share: float = SPREAD_SHARE, min_df_pure_error: int = 4) -> Plan:
-    """A criterion by its name, with a share of the runs kept to test the model.
-
-    Parameters
-    ----------
-    criterion : str
-        One of `seqrsm.propose.criteria.CRITERIA`.
-    spread_share : float
-        Share of runs kept for repeats and spread, in [0, 1].
-    min_df_pure_error : int
-        Below it the kept runs are repeats.
+def plan_of(criterion: str) -> Plan:
+    """A criterion by its name, one of `seqrsm.propose.criteria.CRITERIA`, with a share kept to test the model.
 
     Raises
     ------
@@ -44,8 +34,7 @@ def plan_of(criterion: str, spread_share: float = SPREAD_SHARE, min_df_pure_erro
         raise DesignError(
             Problem("unknown criterion", f"Use one of {', '.join(CRITERIA)}.", "", None, "criterion", criterion)
         )
-    testing = partial(Testing, min_df_pure_error=min_df_pure_error)
-    return [(testing, spread_share), (CRITERIA[criterion], 1.0 - spread_share)]
+    return [(Testing, SPREAD_SHARE), (CRITERIA[criterion], 1.0 - SPREAD_SHARE)]
 
 
 def propose_batch(

@@ -76,14 +76,14 @@ class Search:
     def __init__(self, known: Known, source: Source, rng: np.random.Generator, barred: FloatArray | None) -> None:
         self.known, self.source, self.rng = known, source, rng
         self._region = known.region
-        self._barred = np.empty((0, self._region.k)) if barred is None else np.atleast_2d(np.asarray(barred, float))
+        self._barred = barred
 
     def begin(self, done: FloatArray | None, n_candidates: int) -> None:
         """Draw the candidates: ``n_candidates`` that cover the region, a cloud, and what is ``done`` (r, k)."""
         made = np.empty((0, self._region.k)) if done is None else np.atleast_2d(np.asarray(done, dtype=np.float64))
         known = self.known
         points, executed = candidate_points(self._region, known.x_hat, known.targets, made, self.rng, n_candidates)
-        allowed = self._clear(points)
+        allowed = clear_of(points, self._barred, self._region)
         if allowed.any():
             points, executed = points[allowed], executed[allowed]
         self.candidates = self._evaluate(points, executed)
@@ -99,7 +99,7 @@ class Search:
         for radius in _REFINE_RADII:
             near = jitter(self._region, np.repeat(found.point[None, :], _REFINE_POINTS, axis=0), radius, self.rng)
             # Settings with three decimals of the coded range are all that a sensor can be told apart by.
-            near = near[self._region.feasible(near, tol=0.0) & self._clear(near)]
+            near = near[self._region.feasible(near, tol=0.0) & clear_of(near, self._barred, self._region)]
             if not len(near):
                 continue
             moved = self._evaluate(near, np.zeros(len(near), dtype=bool))
@@ -136,16 +136,18 @@ class Search:
         cost = np.ones(len(points)) if of is None else np.asarray(of(points), dtype=np.float64)
         return Candidates(points, self.known.padded(rows(points)), executed, cost)
 
-    def _clear(self, points: FloatArray) -> BoolArray:
-        """Points that are not beside settings that could not be carried out."""
-        if not len(self._barred):
-            return np.ones(len(points), dtype=np.bool_)
-        free = list(self._region.continuous)
-        held = [j for j in range(self._region.k) if j not in free]
-        near = np.all(np.abs(points[:, None, free] - self._barred[None, :, free]) <= _BARRED_RADIUS, axis=-1)
-        same = np.all(np.abs(points[:, None, held] - self._barred[None, :, held]) < 1e-9, axis=-1)
-        clear: BoolArray = ~np.any(near & same, axis=1)
-        return clear
+
+def clear_of(points: FloatArray, barred: FloatArray | None, region: Region) -> BoolArray:
+    """Points (n, k) that are not beside settings that could not be carried out, ``barred`` (b, k)."""
+    if barred is None or not len(barred):
+        return np.ones(len(points), dtype=np.bool_)
+    barred = np.atleast_2d(np.asarray(barred, dtype=np.float64))
+    free = list(region.continuous)
+    held = [j for j in range(region.k) if j not in free]
+    near = np.all(np.abs(points[:, None, free] - barred[None, :, free]) <= _BARRED_RADIUS, axis=-1)
+    same = np.all(np.abs(points[:, None, held] - barred[None, :, held]) < 1e-9, axis=-1)
+    clear: BoolArray = ~np.any(near & same, axis=1)
+    return clear
 
 
 @lru_cache(maxsize=8)

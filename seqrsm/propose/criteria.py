@@ -16,7 +16,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import DesignError, Problem
 from seqrsm.fit.rank_one import information_gain, linear_gain
 from seqrsm.propose.candidates import Choice, Search
-from seqrsm.propose.known import Known, average_matrix, percent
+from seqrsm.propose.known import Known, percent
 from seqrsm.propose.steepest import steepest_points
 
 
@@ -30,7 +30,7 @@ class Proposal:
         Coded settings, feasible.
     purpose : str
         "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
-        "average" (I criterion), "thompson", "steepest", or "tie" (settings of earlier blocks in the new one).
+        "thompson", "steepest", or "tie" (settings of earlier blocks in the new one).
     gain : float
         Drop of the criterion per unit of cost; only comparable within a purpose.
     why : str
@@ -139,21 +139,10 @@ class Optimum(_Variance):
         return (regret if regret.gain(row)[0] > value.gain(row)[0] else value)._says(choice)
 
 
-class Average(_Variance):
-    """I criterion: mean prediction variance over the region."""
+class Spread(Greedy):
+    """Information on all coefficients (D criterion): the least known of the settings that were not run yet."""
 
-    @property
-    def _W(self) -> FloatArray:
-        known, W = self.known, np.zeros_like(self.known.C)
-        W[: known.model.p, : known.model.p] = average_matrix(known.model, known.region)
-        return W
-
-    def _says(self, choice: Choice) -> tuple[str, str]:
-        return "average", f"lowers the mean prediction variance over the region by {self._share(choice)}"
-
-
-class Information(Greedy):
-    """D criterion: information on all coefficients, most where the mean is least known."""
+    among = "new"
 
     def gain(self, rows: FloatArray) -> FloatArray:
         """Information on all coefficients together [nats]."""
@@ -163,12 +152,6 @@ class Information(Greedy):
         se = self.known.standard_error(choice.row)
         why = f"the mean is least known here (standard error {se:.2g} s): keeps lack of fit testable over the region"
         return "spread", f"{why}{choice.again}"
-
-
-class Spread(Information):
-    """The least known of the settings that were not run yet."""
-
-    among = "new"
 
 
 class Repeat(Optimum):
@@ -255,8 +238,6 @@ class Steepest:
 
 CRITERIA: dict[str, MakeCriterion] = {
     "optimum": Optimum,
-    "D": Information,
-    "I": Average,
     "thompson": Thompson,
     "steepest": Steepest,
 }

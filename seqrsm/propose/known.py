@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.rank_one import downdate, optimum_targets
@@ -141,24 +139,6 @@ class Known:
 def percent(share: float) -> str:
     """A share in percent, two digits."""
     return f"{100.0 * share:.2g} %"
-
-
-@lru_cache(maxsize=8)
-def average_matrix(model: QuadraticModel, region: Region) -> FloatArray:
-    """Mean of ``zz'`` over the region: W of the I criterion, kept for the next call.
-
-    Parameters
-    ----------
-    model, region : QuadraticModel, Region
-
-    Returns
-    -------
-    ndarray (p, p)
-        Read-only.
-    """
-    W = region_moments(model, region)
-    W.setflags(write=False)
-    return W
 
 
 def unscaled_covariance(Z: FloatArray, weights: FloatArray | None, prior: FloatArray | None) -> FloatArray:

@@ -278,11 +278,6 @@ def mean_text(analysis: Analysis) -> str:
     return with_unit(format_plus_minus(analysis.optimum.mean, half, score_decimals(analysis)), analysis.score_unit)
 
 
-def of_quadratic(analysis: Analysis) -> str:
-    """What to add to a heading of the quadratic's optimum where other settings are recommended; else ""."""
-    return "" if analysis.optimum.quadratic is None else ", by the quadratic alone"
-
-
 def setting_spread(posterior: SettingPosterior | None) -> float:
     """Half the width of the credible interval of an optimal setting; nan where there is none."""
     return math.nan if posterior is None else 0.5 * (posterior.high - posterior.low)

@@ -54,7 +54,8 @@ def run_on_cluster(
 
     A run whose worker died is tried again there as often as the scheduler allows (``allowed-failures``, 3 by default),
     and then once more in the same way after all others, alone: what kills its workers is told from what ran beside it.
-    Runs may take as long as they like, but a cluster that stands still is given up.
+    Runs may take as long as they like, but a cluster that stands still is given up. What a run itself raises reaches
+    the caller as it is: only an error of the connection to the scheduler says that the cluster was lost.
     """
     try:
         from distributed import Client
@@ -63,14 +64,15 @@ def run_on_cluster(
         raise UserError(
             Problem("running on a cluster needs the package distributed", remedy, field="cluster")
         ) from error
+    contents = _contents(files)
     try:
         client: Any = Client(address, timeout=f"{CONNECT_S}s", set_as_default=False)
     except (OSError, ValueError) as error:
         remedy = "Start a scheduler there (dask scheduler), or correct the address"
         raise UserError(Problem(f"no cluster answers: {error}", remedy, field="cluster", value=address)) from error
     try:
-        if files:
-            _send_files(client, files)
+        if contents:
+            _send_files(client, contents)
         killers = yield from _run_all(client, function, dict(enumerate(arguments)))
         for index, reason in sorted(killers.items()):
             killed: Collection[int] = (index,)
@@ -78,6 +80,8 @@ def run_on_cluster(
                 killed = yield from _run_all(client, function, {index: arguments[index]})
             if killed:
                 yield index, Lost(reason)
+    except _RunError as found:
+        raise found.error from found.error.__cause__
     except (OSError, CancelledError) as error:
         text = "the cluster was lost while runs were under way"
         raise UserError(
@@ -87,13 +91,21 @@ def run_on_cluster(
         client.close()
 
 
+class _RunError(Exception):
+    """Carries what a run raised past what is made of errors of the connection, which may be of the same class."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(error)
+        self.error = error
+
+
 def _run_all(
     client: Any, function: Callable[[A], R], arguments: dict[int, A]
 ) -> Generator[tuple[int, R], None, dict[int, str]]:
     """Yield results as they complete; return the indices whose workers died again and again, each with the reason.
 
     A connection that is lost cancels every future: `CancelledError`. A cluster that stands still is given up after
-    `MAX_STANDSTILLS`: `UserError`.
+    `MAX_STANDSTILLS`: `UserError`. What a run raises comes as `_RunError`.
     """
     missing = dict(arguments)
     killed: dict[int, str] = {}
@@ -134,8 +146,10 @@ def _run_until_still(
                 except KilledWorker as error:
                     killed[index] = f"the workers that ran it died: {error}"
                     del futures[index], missing[index]
-                except TimeoutError:
-                    if futures[index].status == "error":  # the run's own; else its worker died before it was fetched
+                except Exception as error:
+                    if futures[index].status == "error":
+                        raise _RunError(error) from error
+                    if not isinstance(error, TimeoutError):  # else its worker died before it was fetched
                         raise
                 else:
                     del futures[index], missing[index]  # let go of: the scheduler need not make it again
@@ -169,11 +183,22 @@ def _has_worker(client: Any) -> bool:
     return True
 
 
-def _send_files(client: Any, files: Collection[str]) -> None:
+def _contents(files: Collection[str]) -> dict[str, bytes]:
+    """What the files hold, by their paths."""
+    found = {}
+    for path in sorted(files):
+        try:
+            found[path] = Path(path).read_bytes()
+        except OSError as error:
+            problem = Problem(f"a file that runs need cannot be read: {error.strerror}", file=path)
+            raise UserError(problem) from error
+    return found
+
+
+def _send_files(client: Any, contents: dict[str, bytes]) -> None:
     """Give the files to every worker that is there or will come; what the scheduler has already is not sent again."""
     from distributed import WorkerPlugin
 
-    contents = {path: Path(path).read_bytes() for path in sorted(files)}
     digest = hashlib.sha256()
     for path, content in contents.items():
         digest.update(path.encode() + b"\0" + hashlib.sha256(content).digest())

@@ -14,7 +14,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
-from seqrsm.spec.tables import ApplicationSpec
+from seqrsm.spec.tables import ApplicationSpec, Table
 from seqrsm.spec.toml_lines import Path, line_of
 
 #: Parameters of each engine's sensor.
@@ -58,12 +58,12 @@ class Reporter:
             tail += f" no. {part + 1}" if isinstance(part, int) else (f".{part}" if tail else f"{part}")
         return f"{head} {tail}".strip()
 
-    def unknown_key(self, path: Path, known: Iterable[str]) -> None:
-        """Note a key that is not one of ``known``, with the nearest of them."""
+    def unknown_key(self, path: Path, known: Iterable[str], remedy: str = "") -> None:
+        """Note a key that is not one of ``known``, with the nearest of them where there is no ``remedy``."""
         names = list(known)
         near = difflib.get_close_matches(str(path[-1]), names, n=1)
         others = f"Known here: {', '.join(names)}." if names else "Remove it."
-        remedy = f"Did you mean '{near[0]}'?" if near else others
+        remedy = remedy or (f"Did you mean '{near[0]}'?" if near else others)
         self.add(path, f"'{path[-1]}' is not a known key", remedy)
 
     def missing_table(self, key: str, *, repeated: bool) -> None:
@@ -71,8 +71,8 @@ class Reporter:
         header = f"[[{key}]]" if repeated else f"[{key}]"
         self.problems.append(Problem(f"the file has no {header}", f"Add a table {header}.", self.file, 1, f"[{key}]"))
 
-    def invalid(self, path: Path, detail: Mapping[str, Any], fields: Mapping[str, Any]) -> None:
-        """Note one error of pydantic's list."""
+    def invalid(self, path: Path, detail: Mapping[str, Any], table: type[Table]) -> None:
+        """Note one error of pydantic's list, of a table of this class."""
         # pydantic adds the branch of a union ("str", "float") to the place; it is no key of the file.
         location = path
         for part in detail["loc"]:
@@ -82,7 +82,9 @@ class Reporter:
         if any(p.line == line_of(self.lines, location) and p.field == self.words(location) for p in self.problems):
             return
         if kind == "extra_forbidden":
-            self.unknown_key(location, [] if len(detail["loc"]) > 1 else fields)
+            inner = len(detail["loc"]) > 1
+            remedy = "" if inner else table.GONE.get(str(detail["loc"][0]), (None, ""))[1]
+            self.unknown_key(location, [] if inner else table.model_fields, remedy)
         elif kind == "missing":
             self.add(location, "the key is missing", f"Add: {detail['loc'][-1]} = ...")
         elif kind in ("model_type", "dict_type"):
@@ -277,7 +279,6 @@ class _Model(Protocol):
     weights: Literal["equal", "se", "counts"]
     block: str | None
     block_effect: str
-    region: Literal["adaptive", "fixed"] | None
 
 
 def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
@@ -311,14 +312,11 @@ def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simu
 
 
 def shared_occasions(table: _Model, size: int, report: Reporter) -> None:
-    """Common random numbers make random blocks, over one region."""
+    """Common random numbers make random blocks."""
     place: Path = ("simulator", "common_random_numbers")
     if not ERROR_MODELS[table.errors].random_blocks:
         remedy = 'Write [model] errors = "normal", or leave common_random_numbers out.'
         report.add(place, f"runs with common random numbers need normal errors, not {table.errors}", remedy, size)
-    if table.region == "adaptive":
-        remedy = 'Write [model] region = "fixed", or leave common_random_numbers out.'
-        report.add(place, "the region cannot move where runs share random numbers", remedy, size)
 
 
 class _Catalogued(Protocol):

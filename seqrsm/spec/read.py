@@ -4,10 +4,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
 
 ``[campaign]``
     ``name``; ``description`` (""); ``seed`` (0): an integer >= 0 from which all randomness follows; ``batch`` (4): runs
-    proposed at a time; ``criterion`` ("optimum": half value at the optimum, half expected regret; "D": all
-    coefficients; "I": mean prediction variance over the region; "thompson": optima of posterior draws; "steepest":
-    along the path of steepest ascent); ``attempts`` (3): batches in a row without a single score after which the
-    campaign gives up.
+    proposed at a time; ``criterion`` ("optimum": half value at the optimum, half expected regret;
+    "thompson": optima of posterior draws; "steepest": along the path of steepest ascent); ``attempts`` (3): batches in
+    a row without a single score after which the campaign gives up.
 ``[[factor]]``, one or more
     ``name``: with a simulator, that of a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; of a sensor
     parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
@@ -42,12 +41,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``block``: the column of measured scores that tells the block, no blocks by default; one run in four of a batch of
     flights then ties the new block to the earlier ones; ``block_effect`` ("fixed": a constant for each block; "random":
     blocks are a sample, and predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``,
-    flat by default, see `PriorSpec`; ``region`` ("adaptive": under lack of fit the fitted region shrinks towards the
-    optimum and moves, inside the factors' bounds; "fixed"), by default adaptive with one application and fixed with
-    several, whose surfaces must be known over one region to be weighed, and with common random numbers;
-    ``discrepancy_sd``: prior standard deviation of the difference between flight and simulation in every coded
-    coefficient of first order, in score units (half of it for products and squares), by default the standard deviation
-    of the scores over 5.
+    flat by default, see `PriorSpec`; ``discrepancy_sd``: prior standard deviation of the difference between flight and
+    simulation in every coded coefficient of first order, in score units (half of it for products and squares), by
+    default the standard deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
     sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted
@@ -62,7 +58,7 @@ The tables and keys of the file; keys without a default must be given, and keys 
 ``[stop]``
     ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
-    ``guard`` ("runs": n >= 3 p and two looks; "confirmation": fresh runs decide; "anytime": an interval that holds at
+    ``guard`` ("runs": n >= 3 p; "confirmation": fresh runs decide; "anytime": an interval that holds at
     every look; "spending": the error probability is spent over the looks as O'Brien and Fleming do);
     ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05);
     ``futility`` ("tell", the default, or "stop": `run` ends when two looks in a row say that no parameter matters or
@@ -193,14 +189,6 @@ class CampaignSpec:
         return ERROR_MODELS[self.model.errors]
 
     @property
-    def region_moves(self) -> bool:
-        """Whether the fitted region may shrink and move."""
-        chosen = self.model.region
-        if chosen is None:
-            return len(self.applications) == 1 and self.runs_an_occasion is None
-        return chosen == "adaptive"
-
-    @property
     def runs_an_occasion(self) -> int | None:
         """How many simulated runs share an occasion; None where each has its own."""
         return None if self.simulator is None else self.simulator.common_random_numbers
@@ -219,6 +207,11 @@ class CampaignSpec:
     def scene_path(self) -> FilePath | None:
         """The scene file, or None without a simulator."""
         return None if self.simulator is None else self.folder / self.simulator.scene
+
+    def states_prior(self, application: ApplicationSpec) -> bool:
+        """Whether something is stated of the coefficients of an application's surface."""
+        known = application.prior
+        return self.model.prior is not None or (known is not None and (known.utility is not None or bool(known.effect)))
 
     def application(self, name: str) -> ApplicationSpec:
         """The application of this name; SpecError when there is none."""
@@ -292,7 +285,7 @@ def _validated(model: type[_T], raw: object, path: tuple[str | int, ...], report
         return model.model_validate(raw)
     except ValidationError as error:
         for detail in error.errors(include_url=False):
-            report.invalid(path, detail, model.model_fields)
+            report.invalid(path, detail, model)
         return None
 
 

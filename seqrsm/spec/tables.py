@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import (
@@ -66,12 +67,16 @@ class Table(BaseModel):
     LATER: ClassVar[tuple[str, ...]] = ()
     """Keys that earlier versions did not know."""
 
+    GONE: ClassVar[Mapping[str, tuple[object, str]]] = {}
+    """Keys that earlier versions knew: the default, and what to do about the key."""
+
     @model_serializer(mode="wrap")
     def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
-        """Without later keys that hold their default, so that a specification keeps the hash it has always had."""
+        """Without later keys that hold their default, with the defaults of those gone: the hash stays what it was."""
         fields = type(self).model_fields
         unused = {key for key in self.LATER if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
-        return {key: value for key, value in serialise(self).items() if key not in unused}
+        found = {key: value for key, value in serialise(self).items() if key not in unused}
+        return found | {key: default for key, (default, _) in self.GONE.items()}
 
 
 if TYPE_CHECKING:
@@ -254,8 +259,9 @@ class ModelSpec(Table):
     block: str | None = None
     block_effect: Literal["fixed", "random"] = "fixed"
     prior: PriorSpec | None = None
-    region: Literal["adaptive", "fixed"] | None = None
     discrepancy_sd: PositiveNumber | None = None
+
+    GONE = {"region": (None, "Remove it, it is no longer needed: departures from the quadratic are part of the model.")}
 
 
 class SimulatorSpec(Table):

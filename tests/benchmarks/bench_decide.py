@@ -11,15 +11,14 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
-from seqrsm.decide.campaigns import Stage
-from seqrsm.decide.rehearsal import rehearse
-from seqrsm.decide.rule import StopRule
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum, optimum_draws
+from seqrsm.fit.process import Process
 from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.cloud import propose_from_process
 from seqrsm.propose.known import Evidence, Sought
 
 
@@ -48,6 +47,18 @@ def main() -> None:
     points = start_design(model, region, 40, 3, 0)
     targets, _ = optimum_draws(model, region, betas[:64])
     evidence, sought = Evidence(model.matrix(points), points), Sought(targets[0], targets)
+    four = factors[:4]
+    at = rng.uniform(-1.0, 1.0, (60, 4))
+    scores, none = 80.0 - 9.0 * np.sum(at**2, axis=1) + 2.0 * rng.standard_normal(60), np.empty((60, 0))
+
+    def look() -> Process:
+        return Process(QuadraticModel(four), at, scores, np.ones(60), none, none, 1.0, np.random.default_rng(0))
+
+    process = look()
+
+    def next_four() -> object:
+        return propose_from_process(process, Region(four), np.zeros(4), at, np.zeros(60, dtype=bool), 4)
+
     rows = [
         ("1000 optima, ten L-BFGS-B starts each (baseline)", baseline),
         ("1000 exact optima of posterior draws", median_seconds(lambda: optimum_draws(model, region, betas))),
@@ -56,15 +67,8 @@ def main() -> None:
             "a batch of 4 proposals",
             median_seconds(lambda: propose_batch(model, region, evidence, sought, 4, plan_of("optimum"))),
         ),
-        (
-            "200 rehearsed campaigns",
-            median_seconds(
-                lambda: rehearse(
-                    Stage(model, region, points, StopRule(half_width=2.5, max_runs=80)), betas, np.ones(1000)
-                ),
-                1,
-            ),
-        ),
+        ("a process of 60 runs, four factors", median_seconds(look)),
+        ("a batch of 4 proposals of it", median_seconds(next_four)),
     ]
     for label, seconds in rows:
         print(f"{label:52} {1e3 * seconds:10.2f} ms   {baseline / seconds:10.1f} x baseline")

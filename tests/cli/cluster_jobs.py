@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,22 @@ def doze(seconds: float) -> float:
 
 def time_out(x: int) -> None:
     raise TimeoutError(x)
+
+
+def want_a_file(x: int) -> int:
+    """Run 1 finds its file missing."""
+    if x == 1:
+        raise FileNotFoundError(2, "gone for this run", "tables.npz")
+    return 10 * x
+
+
+def lose_a_connection(x: int) -> int:
+    """As a run that asks another service does: nothing to do with the scheduler."""
+    raise ConnectionResetError(f"the licence server hung up on {x}")
+
+
+def be_cancelled(x: int) -> int:
+    raise CancelledError(x)
 
 
 def tasks(dask_scheduler: Any) -> list[str]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import cluster_jobs
 import pytest
-from tiny_campaign import make_tiny
+from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
@@ -145,9 +145,40 @@ def test_a_result_that_is_not_there_when_it_is_fetched_is_waited_for(address, mo
 
 def test_a_run_that_fails_for_want_of_time_is_not_taken_for_one_whose_result_is_late(address, monkeypatch):
     monkeypatch.setattr(cluster_module, "PATIENCE_S", 1)
-    with pytest.raises(UserError) as caught:
+    with pytest.raises(TimeoutError, match=r"^[01]$"):
         list(run_many(cluster_jobs.time_out, range(2), cluster=address))
-    assert isinstance(caught.value.__cause__, TimeoutError)
+
+
+@pytest.mark.parametrize("job", [cluster_jobs.want_a_file, cluster_jobs.lose_a_connection, cluster_jobs.be_cancelled])
+def test_an_error_of_a_run_itself_is_told_as_without_a_cluster(address, job):
+    """Python counts a missing file and a broken connection alike, and only the scheduler's is a lost cluster."""
+    with pytest.raises((OSError, CancelledError)) as alone:
+        list(run_many(job, [1]))
+    with pytest.raises(type(alone.value)) as caught:
+        list(run_many(job, [1], cluster=address))
+    assert type(caught.value) is type(alone.value)
+    assert str(caught.value) == str(alone.value)
+
+
+def test_a_run_that_finds_no_room_fails_as_without_a_cluster(address, tiny_scene, tmp_path):
+    """An error of the disk in a user's own utility: runs fail with its words, and the cluster is not blamed."""
+    told = []
+    for name, where in (("alone", ()), ("cluster", ("--cluster", address))):
+        folder = make_tiny(tmp_path / name, tiny_scene, TINY.replace('"percent_correct"', '"mine:score"'))
+        body = "def score(image, scene, *, seed, run_id):\n    raise OSError(28, 'No space left on device')\n"
+        (folder / "mine.py").write_text(body, encoding="utf-8")
+        call("propose", folder)
+        call("simulate", folder, *where)
+        with Store.open(folder) as store:
+            told.append([(run.state, run.reason.partition(" (got")[0], run.attempts) for run in store.runs()])
+    assert told[0] == told[1]
+    assert all(state == "failed" and "No space left" in reason for state, reason, _ in told[0])
+
+
+def test_a_file_that_cannot_be_sent_is_named(address, tmp_path):
+    with pytest.raises(UserError, match="nowhere") as caught:
+        list(run_many(cluster_jobs.draw, range(2), cluster=address, files=[str(tmp_path / "nowhere")]))
+    assert "lost" not in str(caught.value)
 
 
 def test_what_was_fetched_is_not_kept_on_the_cluster_and_made_again_when_a_worker_dies(address, tmp_path):

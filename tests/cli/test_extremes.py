@@ -72,9 +72,6 @@ def test_one_factor(tmp_path) -> None:
     fly(folder, bowl, 4)
     found = fitted(folder)
     assert found["optimum"]["settings"]["x0"] == pytest.approx(0.2, abs=0.25)
-    allowed = found["optimum"]["with_departure"]
-    assert allowed["widening"] >= 1.0
-    assert allowed["prediction"]["half_width"] >= found["optimum"]["prediction"]["half_width"] * (1.0 - 1e-9)
 
 
 def test_eight_factors(tmp_path) -> None:

@@ -12,6 +12,7 @@ from measured_campaign import FREQUENCY, HEAD, MEASURED, PERCENT, POL, STOP, X, 
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
+from seqrsm.analysis.belief import intervals
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
@@ -52,14 +53,15 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
         want = theirs.f_test(np.eye(6)[places])
         assert (test["df"], test["f"]) == (len(places), pytest.approx(float(want.fvalue), rel=1e-9))
         assert test["p"] == pytest.approx(float(want.pvalue), rel=1e-7)
-    best = found["optimum"]
-    for name in ("confidence", "prediction", "prediction_mean"):  # never shorter than without the search
-        assert found["searched"][name]["low"] <= best[name]["low"] + 1e-9
-        assert found["searched"][name]["high"] >= best[name]["high"] - 1e-9
+    at = theirs.get_prediction(matrix([found["departure"]["optimum_of_quadratic"]]))
+    for name, single in (("confidence", False), ("prediction", True)):  # never shorter than without the search
+        low, high = at.conf_int(obs=single)[0]
+        assert found["searched"][name]["low"] <= low + 1e-9
+        assert found["searched"][name]["high"] >= high - 1e-9
     methods = {region["method"]: region for region in found["location"]}
     assert set(methods) == {"scheffe", "box_hunter", "simulation set"}
     for region in methods.values():
-        for name, value in best["settings"].items():
+        for name, value in found["departure"]["optimum_of_quadratic"].items():
             assert region["factors"][name]["low"] <= value <= region["factors"][name]["high"]
         assert all(0 <= point["x"] <= 10 and 1 <= point["frequency"] <= 16 for point in region["points"])
     units = {unit["name"]: unit["inclusion"] for unit in found["models"]["units"]}
@@ -79,10 +81,11 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
     assert found["posterior"]["sampler"]["ess_ends"] > 1000
     means = [point["mean"] for point in found["ridge"]]
     assert means[0] == pytest.approx(theirs.params[0])
-    assert max(means) <= best["mean"] + 1e-9
+    top = float(at.predicted_mean[0])
+    assert max(means) <= top + 1e-9
     steepest = [point["mean"] for point in found["steepest"]]
     assert steepest == sorted(steepest)
-    assert steepest[-1] == pytest.approx(best["mean"], abs=0.1)
+    assert steepest[-1] == pytest.approx(top, abs=0.1)
     code, out, _ = command("fit", folder, "--test", "interactions")
     assert code == 0
     for words in ("after search", "Where the optimum may lie", "over hierarchical models", "Partial F tests"):
@@ -100,17 +103,21 @@ def test_unknown_test_is_refused_with_the_names(tmp_path: Path) -> None:
 def test_weights_from_standard_errors(tmp_path: Path) -> None:
     se = np.round(np.random.default_rng(5).uniform(0.5, 3.0, 24), 3)
     rows = quadratic(se=se)
-    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+    folder = make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\n')
+    found = fit(folder)
     theirs = sm.WLS([row["score"] for row in rows], matrix(rows), weights=1 / se**2).fit()
     np.testing.assert_allclose(of(found), theirs.params, rtol=1e-9)
     np.testing.assert_allclose(of(found, "se"), theirs.bse, rtol=1e-9)
     # A future run has the median standard error.
-    row = np.asarray(matrix([{**found["optimum"]["settings"]}]))
+    (analysis,) = Campaign.open(folder).analyse_all()
+    row = np.asarray(matrix([found["departure"]["optimum_of_quadratic"]]))
     half = float(theirs.get_prediction(row, weights=1 / np.median(se) ** 2).conf_int(obs=True)[0] @ [-0.5, 0.5])
-    assert found["optimum"]["prediction"]["half_width"] == pytest.approx(half, rel=1e-7)
+    point = analysis.of_quadratic.point
+    _, (_, prediction, _) = intervals(analysis.belief.of_quadratic, analysis.scale, point, 0.95, 5)
+    assert prediction.half_width == pytest.approx(half, rel=1e-7)
     rows[4]["se"] = ""
     with pytest.raises(FitError, match="runs 5 have no standard error"):
-        fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+        fit(make(tmp_path / "d", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
 
 
 def test_hierarchical_terms(tmp_path: Path) -> None:
@@ -375,7 +382,7 @@ def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Pa
         "student": ({}, '[model]\nerrors = "student_t"\n'),
         "logit": ({}, '[model]\nerrors = "student_t"\nresponse = "logit"\n'),
         "days": ({"block": [f"d{i % 5}" for i in range(30)]}, '[model]\nblock = "block"\nblock_effect = "random"\n'),
-        "flights": ({"source": ["simulation", "flight", "simulation"] * 10}, '[model]\nregion = "fixed"\n'),
+        "flights": ({"source": ["simulation", "flight", "simulation"] * 10}, ""),
     }
     for name, (more, model) in cases.items():
         rows = [{**row, **{key: values[i] for key, values in more.items()}} for i, row in enumerate(flat)]
@@ -545,7 +552,7 @@ def test_level_that_was_never_run(tmp_path: Path) -> None:
 def test_weights_over_twelve_decades(tmp_path: Path) -> None:
     se = 10.0 ** np.linspace(-3, 3, 24)
     rows = quadratic(se=se)
-    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\nregion = "fixed"\n'))
+    found = fit(make(tmp_path / "c", X + FREQUENCY, rows, '[model]\nweights = "se"\n'))
     from fractions import Fraction
 
     Z, y = matrix(rows), [row["score"] for row in rows]

@@ -77,7 +77,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> dict:
 
 def keys(document: dict) -> dict[str, set[str]]:
     """Keys of a document and of the tables in it that are there for every kind of fit."""
-    tables = ("optimum", "posterior", "stop", "region", "diagnostics")
+    tables = ("optimum", "posterior", "stop", "diagnostics")
     lists = ("terms", "anova", "factors_importance")
     return (
         {"": set(document), "in the posterior": set(document["posterior"]["optimum"])}
@@ -111,7 +111,7 @@ def test_the_mean_is_known_best_then_that_of_runs_then_one_run(kind: str, docume
         assert best[name]["half_width"] == pytest.approx(0.5 * (high - low))
         inner = (low, high)
     assert stop["noise_floor"] <= stop["attainable_half_width"] <= stop["half_width"]
-    assert stop["half_width"] >= best["prediction"]["half_width"]
+    assert stop["half_width"] == pytest.approx(best["prediction"]["half_width"], rel=1e-12)
     assert drawn["credible"]["low"] < drawn["mean"] < drawn["credible"]["high"]
 
 
@@ -147,7 +147,8 @@ def test_the_least_of_scores_turned_over_and_doubled_in_another_order_is_the_sam
     one, other = document["optimum"], found["optimum"]
     assert other["coded"] == pytest.approx(one["coded"], abs=1e-6)
     assert other["mean"] == pytest.approx(-2.0 * one["mean"], rel=1e-7)
-    drawn = 0.2 if "student_t" in model else 1e-6  # by a sampler, whose draws depend on the order
+    # By a sampler, whose draws depend on the order; that of a process on its rounding only.
+    drawn = 0.2 if "student_t" in model else 1e-6 if document["departure"]["reason"] else 1e-2
     for name in ("confidence", "prediction", "prediction_mean"):
         expected = np.array([one[name]["low"], one[name]["high"]])
         turned_back = np.array([other[name]["high"], other[name]["low"]]) / -2.0

@@ -37,7 +37,7 @@ def analysed(folder: Path, text: str, factors: dict[str, tuple[float, float]], g
         f'[[factor]]\nname = "{name}"\nlow = {low}\nhigh = {high}\n' for name, (low, high) in factors.items()
     )
     toml += f'[[application]]\nname = "a"\nutility = "measured"\ngoal = "{goal}"\n'
-    toml += '[model]\nregion = "fixed"\n[stop]\nhalf_width = 5.0\n'
+    toml += "[stop]\nhalf_width = 5.0\n"
     (folder / "campaign.toml").write_text(toml, encoding="utf-8")
     rows = [",".join(["score", *factors]), *(",".join(repr(float(v)) for v in row) for row in table)]
     (folder / "scores.csv").write_text("\n".join(rows), encoding="utf-8")
@@ -142,9 +142,10 @@ def test_yield_of_a_chemical_process(tmp_path: Path) -> None:
     assert rows["lack of fit"]["p"] == pytest.approx(0.2897, abs=4e-3)
     assert rows["pure error"]["ss"] == pytest.approx(0.212, abs=5e-4)
     assert rows["interactions"]["f"] == pytest.approx(3.53, abs=5e-3)
-    best = found["optimum"]
-    assert best["mean"] == pytest.approx(80.21, abs=5e-3)
-    assert (best["settings"]["time"], best["settings"]["temperature"]) == (
+    best = found["departure"]["optimum_of_quadratic"]
+    assert found["stationary_point"]["value"] == pytest.approx(80.21, abs=5e-3)
+    assert found["optimum"]["mean"] == pytest.approx(80.21, abs=0.1)
+    assert (best["time"], best["temperature"]) == (
         pytest.approx(87.0, abs=0.1),
         pytest.approx(176.5, abs=0.1),
     )

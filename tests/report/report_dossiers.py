@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from seqrsm.analysis.belief import Departure
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import (
     Analysis,
@@ -22,8 +23,7 @@ from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Quadratic
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel, TruthPanel
-from seqrsm.decide.moving import RegionState, whole_box
-from seqrsm.decide.stopping import Adequacy, Departure, Look, StopRule, decide
+from seqrsm.decide.stopping import Adequacy, Look, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.anova import LackOfFit
@@ -198,7 +198,6 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
     scale = ResponseScale.of("identity", y)
     data = ScoredRuns(
         run_ids=np.array([run.run_id for run in runs]),
-        batches=np.array([run.batch for run in runs]),
         points=points,
         scores=y,
         score_se=np.array([np.nan if run.scores[0].se is None else run.scores[0].se for run in runs]),
@@ -218,12 +217,11 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
             scale=scale,
             fit=fit,
             surface=Quadratic.of(spec, model, data, scale, fit),
-            state=RegionState(whole_box(region.k)),
-            n_scored=len(runs),
-            departure=Departure(0.0, 0.0, 0.0, 1.0),
+            departure=Departure(None, float("nan"), 0.0, "the scores were drawn about a quadratic"),
         ),
         importance=tuple(importance),
         stationary=stationary_point(model, region, beta, levels) if region.numeric else None,
+        of_quadratic=best,
         optimum=estimate,
         posterior=make_posterior(spec, region, model, fit, estimate, application.goal, draws),
         decision=decision,

@@ -18,6 +18,7 @@ from test_speed_section import KEPT, MEASURED, PLAN, with_fidelity
 from typer.testing import CliRunner
 
 import seqrsm.report.sections
+from seqrsm.analysis.belief import Departure
 from seqrsm.analysis.study import term_tests
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import CheckResult
@@ -49,6 +50,7 @@ from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.check import check_sections, rehearsal_section
+from seqrsm.report.sections.optimum import optimum_section
 from seqrsm.report.sections.speed import plan_blocks, speed_section, tradeoff_blocks
 from seqrsm.report.sections.study import term_test_table
 
@@ -205,6 +207,30 @@ def test_tied_optima_are_in_all_faces(studied, capsys) -> None:
     found = [text for text in of_sections(sections) if text.startswith("As good: ")]
     assert len(found) == 1
     assert re.search(r"look angle 33.3?\d?.deg, polarization HH; look angle .*, polarization VV", found[0])
+
+
+def with_departure(studied, departure):
+    """The first application's settings and intervals, with another word on surfaces that are no quadratic."""
+    analysis = studied.analyses[0]
+    fitted = dataclasses.replace(analysis.fitted, departure=departure)
+    changed = dataclasses.replace(analysis, fitted=fitted)
+    return without_pictures((optimum_section(changed, "crops", studied.spec.stop),))
+
+
+def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied, capsys) -> None:
+    departure = studied.analyses[0].fitted.departure
+    assert departure.process is not None
+    factor = "natural log of the Bayes factor 4.2"
+    alone = studied.analyses[0].region.decode(studied.analyses[0].of_quadratic.point)[0]
+    for found, told in (
+        (Departure(departure.process, 4.2, 0.37), f"has a probability of 37 % ({factor})"),
+        (Departure(departure.process, 4.2, 0.37), f"polarization {alone['polarization']}."),
+        (Departure(departure.process, 4.2, 0.0), f"The scores speak for a quadratic ({factor})"),
+        (Departure(None, float("nan"), 0.0, "blocks are random"), "no other surface was weighed: blocks are random."),
+    ):
+        sections = with_departure(studied, found)
+        assert squeezed(told) in squeezed(" ".join(of_sections(sections, terminal=True)))
+        in_all_faces(sections, capsys)
 
 
 def test_why_there_is_no_average_over_models_is_in_all_faces(studied) -> None:

@@ -106,7 +106,7 @@ def test_key_figures_are_those_of_the_document(summary, document):
     agree(by_label["3. Prediction interval there"].value, best["prediction"]["low"], best["prediction"]["high"])
     agree(by_label["3. Prediction interval there"].detail, 90, best["prediction"]["half_width"])
     agree(by_label["Half-width that decides"].value, document["stop"]["half_width"])
-    assert document["stop"]["half_width"] >= best["prediction_mean"]["half_width"]  # departures from the model count
+    assert document["stop"]["half_width"] == pytest.approx(best["prediction_mean"]["half_width"])
     agree(by_label["Half-width that decides"].detail, 0.7, 5)
     agree(by_label["Scored runs in the fit"].value, document["n_runs"])
     agree(by_label["Scored runs in the fit"].detail, document["n_terms"], 70, 40 * 12.5)
@@ -173,8 +173,12 @@ def unknown_numbers(summary, document) -> list[str]:
 def test_every_number_of_the_summary_is_in_the_document(summary, document):
     # the cost of the runs is the campaign's, not the fit's
     assert [text for text in unknown_numbers(summary, document) if "cost so far" not in text] == []
-    moved = json.loads(json.dumps(document), parse_float=lambda text: 1.01 * float(text) + 0.003)
-    assert len(unknown_numbers(summary, moved)) > 5  # the check can fail
+    # The check can fail: of so many numbers some are near any other one, but not by every shift.
+    missed = set()
+    for shift in (1.01, 1.02, 1.05):
+        moved = json.loads(json.dumps(document), parse_float=lambda text, by=shift: by * float(text) + 0.003)
+        missed |= set(unknown_numbers(summary, moved))
+    assert len(missed) > 5
 
 
 def test_the_terminal_shows_the_numbers_of_the_summary(summary, terminal):

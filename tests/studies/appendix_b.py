@@ -23,7 +23,8 @@ from appendix_b_radiometer import write_radiometer  # noqa: E402
 from matplotlib import pyplot as plt  # noqa: E402
 
 from seqrsm.scattering.sigma0 import load_sigma0_table  # noqa: E402
-from seqrsm.scene.scene import Scene, load_scene  # noqa: E402
+from seqrsm.scene.file import load_scene  # noqa: E402
+from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402
 from seqrsm.simulate.radar.receiver import film_density, greytone, to_levels  # noqa: E402

@@ -26,7 +26,8 @@ sys.path.insert(0, str(ROOT))
 
 from seqrsm.scattering.readers import DATA, read_rows  # noqa: E402
 from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table, load_sigma0_table  # noqa: E402
-from seqrsm.scene.scene import Scene, load_scene  # noqa: E402
+from seqrsm.scene.file import load_scene  # noqa: E402
+from seqrsm.scene.scene import Scene  # noqa: E402
 from seqrsm.score.classification import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import from_settings  # noqa: E402
 from seqrsm.simulate.radar.psm import simulate_radar  # noqa: E402

@@ -23,7 +23,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "cli
 from kill_episodes import COMMANDS, call, course, episode, undisturbed  # noqa: E402
 from reliability_report import FOLDER, machine, write_section  # noqa: E402
 
-from seqrsm.scene.scene import save_scene  # noqa: E402
+from seqrsm.scene.file import save_scene  # noqa: E402
 from seqrsm.scene.synthetic import Terrain, synthetic_scene  # noqa: E402
 
 TABLE = FOLDER / "kills.csv"

@@ -64,7 +64,7 @@ def spec_of(ranges: list[tuple[float, float]], scale: str = "linear") -> Campaig
         for i, (low, high) in enumerate(ranges)
     )
     text = (
-        '[campaign]\nname = "stability"\n[model]\nregion = "fixed"\n'
+        '[campaign]\nname = "stability"\n'
         f'{factors}[[application]]\nname = "a"\nutility = "measured"\n[stop]\nhalf_width = 1.0\n'
         "max_runs = 400\n"
     )

@@ -82,7 +82,7 @@ NOTES = {
 }
 
 
-def page(results: dict, rows: dict[str, list[Row]], lack: str, sbc: str) -> str:
+def page(results: dict, rows: dict[str, list[Row]], sbc: str) -> str:
     """The whole page."""
     every = [row for found in rows.values() for row in found]
     missed = [row for row in every if not row.holds]
@@ -125,8 +125,6 @@ def page(results: dict, rows: dict[str, list[Row]], lack: str, sbc: str) -> str:
         text += ["", _cost(results[name]), ""]
     if sbc in results:
         text += _calibration(results[sbc])
-    if lack in results:
-        text += _decision(results[lack])
     return "\n".join(text).rstrip() + "\n"
 
 
@@ -159,36 +157,3 @@ def _calibration(result: dict) -> list[str]:
         f"seen in {100.0 * chance:.0f} % of such studies.",
     ]
     return [*text, "", _cost(result), ""]
-
-
-def _decision(result: dict) -> list[str]:
-    text = [
-        "## The decision on lack of fit",
-        "",
-        "Whether the stop rule blocks, on data as a campaign has them: start design with three repeats at the centre,",
-        "runs about the optimum and spread, four repeats at the optimum (k = 2: 24 runs; k = 3: 30 runs). Departures",
-        "are in standard deviations over the region, beside the best quadratic. *pure error*: what the F test against",
-        "pure error alone (5 %) would block; *excused*: it rejects and the rule does not block. Coverage of 95 %",
-        "prediction intervals at the fitted optimum, in all data sets and in those that pass.",
-        "",
-        "| k | case | blocked | pure error | excused | one run | mean of 5 | one run, passed | mean of 5, passed |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-
-    def share(value: float) -> str:
-        return "" if value != value else f"{value:.3f}"
-
-    for one in result["rows"]:
-        values = ("blocked", "pure_error", "excused", "one_run", "mean_of_five", "one_run_passed", "mean_passed")
-        text.append(f"| {one['k']} | {one['case']} | {' | '.join(share(one[value]) for value in values)} |")
-    sets = result["rows"][0]["sets"]
-    text += [
-        "",
-        f"{sets} data sets a row: a standard error of {0.5 / np.sqrt(sets):.3f} or less. A departure that passes",
-        "unseen costs the interval of a mean of five much of its coverage: no test of this size sees all of them,",
-        "which is why a campaign ends with fresh runs at the recommended settings.",
-        "",
-        _cost(result),
-        "",
-    ]
-    return text

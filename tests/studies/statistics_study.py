@@ -1,4 +1,4 @@
-"""Coverage of every interval, size of every F test, calibration of every posterior, rates of the lack-of-fit decision.
+"""Coverage of every interval, size of every F test, calibration of every posterior.
 
     python tests/studies/statistics_study.py [--sets 10000] [--sbc 400] [--out reports/statistics] [--only STUDY ...]
 
@@ -27,12 +27,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 import sbc_samplers
 import statistics_cases as cases
 import statistics_models
-from lack_of_fit_cases import DEPARTURES, rates
 from statistics_cases import Row, Study
 
 from seqrsm.errors import ConvergenceError
 
-LACK = "decision on lack of fit"
 SBC = "calibration of posteriors"
 COVERAGE: dict[str, dict[str, Study]] = {
     "settings fixed beforehand": {"all": cases.fixed_settings},
@@ -46,20 +44,8 @@ COVERAGE: dict[str, dict[str, Study]] = {
     "F tests": {"all": cases.f_tests},
 }
 """Studies and their parts; an interrupted study goes on with the part it was in."""
-STUDIES = (*COVERAGE, LACK, SBC)
+STUDIES = (*COVERAGE, SBC)
 BINS = 20
-
-
-def lack_of_fit(sets: int, k: int) -> list[dict]:
-    """Rates of blocking and coverage."""
-    cases: list[tuple[str, dict]] = [("equal noise", {})]
-    cases += [(f"noise at the optimum {ratio} of that elsewhere", {"ratio": ratio}) for ratio in (0.4, 0.55, 0.7)]
-    cases += [
-        (f"{name}, {size:g} sigma", {"departure": name, "size": size})
-        for name in DEPARTURES
-        for size in (0.5, 1.0, 2.0)
-    ]
-    return [{"k": k, "case": name, **dataclasses.asdict(rates(k, sets, **settings))} for name, settings in cases]
 
 
 def calibration(sets: int, name: str) -> list[dict]:
@@ -88,9 +74,6 @@ def calibration(sets: int, name: str) -> list[dict]:
 
 def parts(study: str, sets: int, sbc: int) -> dict[str, tuple[int, Callable[[], list[dict]]]]:
     """Parts of a study by name: data sets asked for, and what makes the rows."""
-    if study == LACK:
-        few = min(sets, 600)
-        return {f"k = {k}": (few, partial(lack_of_fit, few, k)) for k in (2, 3)}
     if study == SBC:
         return {name: (sbc, partial(calibration, sbc, name)) for name in sbc_samplers.STUDIES}
     return {
@@ -146,7 +129,7 @@ def write(out: Path, results: dict) -> None:
         coverage_picture(out / "coverage.png", rows)
     if SBC in results:
         rank_picture(out / "ranks.png", results[SBC]["rows"])
-    (out / "README.md").write_text(page(results, rows, LACK, SBC), encoding="utf-8")
+    (out / "README.md").write_text(page(results, rows, SBC), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Small rules of a campaign, each with an example worked by hand: which runs to repeat, two looks, intervals, ranks."""
+"""Small rules of a campaign, each with an example worked by hand: which runs to repeat, looks, intervals, ranks."""
 
 from __future__ import annotations
 
+import dataclasses
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
@@ -12,18 +13,13 @@ import pytest
 from scipy import stats
 
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.to_json import optimum_to_json
 from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_files
 from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
 from seqrsm.campaign.tradeoff import _rank_correlation
-from seqrsm.decide.intervals import t_quantile
-from seqrsm.fit.optimum import optimum
-from seqrsm.report.sections.study import searched_text
-from seqrsm.report.wording import mean_text, of_quadratic
 from seqrsm.spec.read import load_spec
 from seqrsm.store.database import _cut_off
-from seqrsm.store.records import LookRecord, NewRun
+from seqrsm.store.records import NewRun
 from seqrsm.store.store import Store
 
 
@@ -112,17 +108,8 @@ interval = "{interval}"
 """
 
 
-def saturating(x: float, y: float) -> float:
-    return 60.0 + 25.0 * float(np.tanh(2.5 * (x + y)))
-
-
 def bowl(x: float, y: float) -> float:
     return 70.0 - 10.0 * ((x - 0.3) ** 2 + (y - 0.4) ** 2)
-
-
-def levelling(x: float, y: float) -> float:
-    """Rises steeply from x = -1 and levels off; its top is at x = log(280 / 10) / 4 - 1 = -0.167."""
-    return 20.0 + 70.0 * (1.0 - float(np.exp(-4.0 * (x + 1.0)))) - 10.0 * (x + 1.0) - 5.0 * (y - 0.4) ** 2
 
 
 def measured(folder: Path, interval: str, surface: Callable[[float, float], float], more: str = ""):
@@ -141,91 +128,21 @@ def measured(folder: Path, interval: str, surface: Callable[[float, float], floa
         return spec, store.runs()
 
 
-@pytest.mark.parametrize("interval", ["confidence", "prediction", "prediction_mean"])
-def test_the_rule_watches_the_widening_of_its_own_interval(tmp_path: Path, interval: str) -> None:
-    spec, runs = measured(tmp_path, interval, saturating)
-    found = analyse(spec, spec.applications[0], runs, [])
-    allowed = found.optimum.with_departure
-    assert allowed is not None
-    widening = {
-        name: getattr(allowed, name).half_width / getattr(found.optimum, name).half_width
-        for name in ("confidence", "prediction", "prediction_mean")
-    }
-    assert widening["confidence"] > 1.1 * widening["prediction"]  # or the test could not tell them apart
-    assert allowed.widening == pytest.approx(widening[interval])
-    assert found.decision.half_width == pytest.approx(getattr(allowed, interval).half_width)
-
-
-@pytest.mark.parametrize("goal", ["maximize", "minimize"])
-def test_where_a_departure_is_seen_the_settings_are_the_best_of_both_together(tmp_path: Path, goal: str) -> None:
-    sign = 1.0 if goal == "maximize" else -1.0
-
-    def surface(x: float, y: float) -> float:
-        return levelling(x, y) if goal == "maximize" else 110.0 - levelling(x, y)
-
-    spec, runs = measured(tmp_path, "prediction", surface)
-    application = spec.applications[0].model_copy(update={"goal": goal})
-    found = analyse(spec, application, runs, [])
-    best, model = found.optimum, found.model
-    assert found.region_state.box.whole
-    assert best.quadratic is not None
-    np.testing.assert_allclose(best.quadratic, optimum(model, found.region, found.beta, goal).point)
-    loss = [levelling(-0.167, 0.4) - levelling(*point) for point in (best.point, best.quadratic)]
-    assert loss[0] < 0.5 * loss[1]
-    allowed = best.with_departure
-    assert allowed is not None
-    assert (best.mean, best.confidence, best.prediction) == (allowed.mean, allowed.confidence, allowed.prediction)
-    row = model.matrix(best.point[None, :])[0]
-    shift = best.mean - float(row @ found.beta)  # against eq. 2-23 at these settings
-    assert sign * shift > 0.0
-    assert best.confidence.low < surface(*best.point) < best.confidence.high
-    plain = found.fit.predict(row[None, :], best.level).confidence
-    half = 0.5 * float(plain.high[0] - plain.low[0])
-    least = np.hypot(half, t_quantile(found.fit.df_residual, best.level) * abs(shift))
-    assert best.confidence.half_width >= least  # chosen for it: the departure counts as an error of its size
-    assert not found.decision.held
-    assert {check.name: check.holds for check in found.decision.checks}["lack_of_fit"] is False
-    assert found.decision.half_width == pytest.approx(allowed.prediction.half_width)
-    assert "against a quadratic here" in found.warnings[0]
-    told = optimum_to_json(found)
-    assert told["of_quadratic"] == spec.region.decode(best.quadratic)[0]
-    assert mean_text(found).startswith(f"{allowed.mean:.1f}")
-    # What draws of the quadratic say is of its own optimum, and said to be so; of these settings they know no loss.
-    (tmp_path / "fixed").mkdir()
-    fixed, _ = measured(tmp_path / "fixed", "prediction", surface, '[model]\nregion = "fixed"\n')
-    alone = analyse(fixed, application, runs, [])
-    assert found.posterior.predictive == alone.posterior.predictive
-    assert np.isnan([found.posterior.expected_regret, found.posterior.p_regret_above]).all()
-    assert of_quadratic(found) == ", by the quadratic alone"
-    study = analyse(spec, application, runs, [], thorough=True).study
-    assert study is not None
-    assert searched_text(found, study).startswith("At the optimum of the quadratic alone. ")
-
-
-def test_the_quadratic_has_the_word_where_none_is_seen_or_the_region_is_fixed(tmp_path: Path) -> None:
-    for surface, more in ((bowl, ""), (levelling, '[model]\nregion = "fixed"\n')):
-        folder = tmp_path / surface.__name__
-        folder.mkdir()
-        spec, runs = measured(folder, "prediction", surface, more)
-        found = analyse(spec, spec.applications[0], runs, [])
-        assert found.optimum.quadratic is None
-        assert optimum_to_json(found)["of_quadratic"] is None
-        assert of_quadratic(found) == ""
-        assert np.isfinite(found.posterior.expected_regret)
-        np.testing.assert_allclose(found.optimum.point, optimum(found.model, found.region, found.beta).point)
-
-
-def test_two_looks_count_for_the_same_region_alone(tmp_path: Path) -> None:
+def test_the_rule_holds_at_the_first_look_at_which_all_holds(tmp_path: Path) -> None:
     spec, runs = measured(tmp_path, "prediction", bowl)
-    here = {"x": [-1.0, 1.0], "y": [-1.0, 1.0]}
+    assert analyse(spec, spec.applications[0], runs, []).decision.held
 
-    def stops(**summary: object) -> bool:
-        look = LookRecord(1, len(runs) - 4, "crops", summary, "")
-        return analyse(spec, spec.applications[0], runs, [look]).decision.held
 
-    assert stops(conditions_hold=True, region={"ranges": here})
-    assert not stops(conditions_hold=False, region={"ranges": here})
-    assert not stops(conditions_hold=True, region={"ranges": here | {"x": [0.0, 1.0]}})
+def test_looks_of_earlier_versions_are_read_and_count(tmp_path: Path) -> None:
+    """They tell of a region; what is asked of them is how many runs they were made after."""
+    spec, runs = measured(tmp_path, "prediction", bowl)
+    spec = dataclasses.replace(spec, stop=spec.stop.model_copy(update={"guard": "spending"}))
+    summary = {"conditions_hold": True, "region": {"whole": False, "ranges": {"x": [0.0, 1.0]}, "history": []}}
+    with Store.open(tmp_path) as store:
+        store.record_look(26, "crops", summary)
+        looks = store.looks("crops")
+    with_a_look, alone = (analyse(spec, spec.applications[0], runs, each).decision for each in (looks, []))
+    assert with_a_look.half_width > alone.half_width
 
 
 def test_flights_of_a_batch_come_in_random_order() -> None:

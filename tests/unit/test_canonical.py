@@ -10,7 +10,8 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.canonical import canonical_form, stationary_point
+from seqrsm.fit.canonical import canonical_form, natural_errors, stationary_point
+from seqrsm.fit.least_squares import fit_least_squares
 from seqrsm.fit.ridge import ridge_path, steepest_path
 
 
@@ -145,3 +146,93 @@ def test_steepest_ascent_of_a_plane_is_straight() -> None:
     np.testing.assert_allclose(up.values, [1.0, 11.0])
     down = steepest_path(1.0, b, np.zeros((2, 2)), np.array([2.0]), "minimize")
     np.testing.assert_allclose(down.values, [-9.0])
+
+
+LOG_AND_LEVELS = (
+    ContinuousFactor("x", 0.0, 10.0),
+    ContinuousFactor("f", 1.0, 16.0, scale="log"),
+    DiscreteFactor("d", (1.0, 2.0, 5.0)),
+    CategoricalFactor("e", ("u", "v")),
+)
+
+
+def fitted_surface(n: int = 60, noise: float = 0.02, flat: float = -0.9) -> tuple[QuadraticModel, Region, np.ndarray]:
+    model = QuadraticModel(LOG_AND_LEVELS)
+    region = Region(LOG_AND_LEVELS)
+    beta = np.zeros(model.p)
+    stated = {"intercept": 5.0, "x": 0.4, "f": -0.3, "d": 0.2, "x^2": -1.0, "f^2": -1.4, "d^2": flat, "x:f": 0.3}
+    for name, value in stated.items():
+        beta[model.term_names.index(name)] = value
+    rng = np.random.default_rng(5)
+    Z = model.matrix(region.sample(n, rng))
+    fit = fit_least_squares(Z, Z @ beta + noise * rng.normal(size=n), model.terms)
+    return model, region, fit
+
+
+def test_standard_errors_of_the_stationary_point_against_draws() -> None:
+    """Small errors: the scatter of the stationary points of draws of the coefficients, solved one by one."""
+    model, region, fit = fitted_surface()
+    found = stationary_point(model, region, fit.estimate, (1,), variance=lambda J: fit.s**2 * fit.variance_unscaled(J))
+    covariance = fit.s**2 * np.linalg.inv(fit.Z.T @ fit.Z)
+    draws = np.random.default_rng(1).multivariate_normal(fit.estimate, covariance, size=20_000)
+    _, b, B = model.forms(draws, (1,))
+    coded = np.linalg.solve(-2.0 * B, b[..., None])[..., 0]
+    assert found.exact_se[:3] == pytest.approx(coded.std(axis=0), rel=0.03)
+    np.testing.assert_array_equal(found.se, found.exact_se)
+    assert np.isnan(found.se[3])
+    natural = np.column_stack([factor.decode(coded[:, j]) for j, factor in enumerate(LOG_AND_LEVELS[:3])])
+    errors = natural_errors(region, found.exact_point, found.exact_se)
+    assert list(errors) == ["x", "f", "d"]
+    assert list(errors.values()) == pytest.approx(natural.std(axis=0), rel=0.03)
+
+
+def test_standard_errors_where_a_flat_axis_is_dropped() -> None:
+    """The same for the point with the flat axis left out, which turns with the draws; the exact one is less sure."""
+    model, region, fit = fitted_surface(noise=0.002, flat=-0.08)
+    found = stationary_point(model, region, fit.estimate, (0,), variance=lambda J: fit.s**2 * fit.variance_unscaled(J))
+    assert found.flat.sum() == 1
+    covariance = fit.s**2 * np.linalg.inv(fit.Z.T @ fit.Z)
+    draws = np.random.default_rng(2).multivariate_normal(fit.estimate, covariance, size=20_000)
+    _, b, B = model.forms(draws, (0,))
+    values, vectors = np.linalg.eigh(B)
+    kept = np.where(np.abs(values) >= 0.1 * np.abs(values).max(axis=1, keepdims=True), 1.0 / values, 0.0)
+    reduced = -0.5 * np.einsum("mij,mj,mkj,mk->mi", vectors, kept, vectors, b)
+    exact = np.linalg.solve(-2.0 * B, b[..., None])[..., 0]
+    assert found.se[:3] == pytest.approx(reduced.std(axis=0), rel=0.03)
+    assert found.exact_se[:3] == pytest.approx(exact.std(axis=0), rel=0.05)
+    assert found.exact_se[2] > 5.0 * found.se[2]
+    np.testing.assert_allclose(found.exact_point[:3], np.linalg.solve(-2.0 * B0(model, fit), b0(model, fit)), rtol=1e-9)
+    at_exact = model.matrix(found.exact_point[None, :]) @ fit.estimate
+    assert found.exact_value == pytest.approx(float(at_exact[0]), rel=1e-9)
+    assert found.exact_inside_region == bool(np.all(np.abs(found.exact_point[:3]) <= 1.0))
+
+
+def b0(model: QuadraticModel, fit) -> np.ndarray:
+    return model.forms(fit.estimate, (0,))[1]
+
+
+def B0(model: QuadraticModel, fit) -> np.ndarray:
+    return model.forms(fit.estimate, (0,))[2]
+
+
+def test_one_factor_against_the_ratio_of_two_coefficients() -> None:
+    """x = -b / 2c: its variance by the delta method is (Vb + 4 x Vbc + 4 x^2 Vc) / 4c^2."""
+    model = QuadraticModel((ContinuousFactor("x", -1.0, 1.0),))
+    x = np.linspace(-1.0, 1.0, 9)
+    fit = fit_least_squares(model.matrix(x[:, None]), np.sin(7 * x) / 9 + 0.5 * x - x**2, model.terms)
+    found = stationary_point(
+        model, Region(model.factors), fit.estimate, variance=lambda J: fit.s**2 * fit.variance_unscaled(J)
+    )
+    V = fit.s**2 * np.linalg.inv(fit.Z.T @ fit.Z)
+    _, b, c = fit.estimate
+    at = -b / (2 * c)
+    want = np.sqrt((V[1, 1] + 4 * at * V[1, 2] + 4 * at**2 * V[2, 2]) / (4 * c**2))
+    assert found.exact_point[0] == pytest.approx(at)
+    assert found.exact_se[0] == pytest.approx(want, rel=1e-10)
+
+
+def test_without_errors_there_are_no_standard_errors() -> None:
+    model, region, fit = fitted_surface()
+    found = stationary_point(model, region, fit.estimate, (0,))
+    assert np.all(np.isnan(found.se))
+    assert np.all(np.isnan(found.exact_se))

@@ -10,6 +10,8 @@ from scipy import stats
 
 from seqrsm.decide.forecast import target_problem
 from seqrsm.decide.intervals import (
+    Agreement,
+    ConfirmationInterval,
     anytime_half_width,
     anytime_radius,
     confirmation_agrees,
@@ -19,7 +21,7 @@ from seqrsm.decide.intervals import (
     t_quantile,
 )
 from seqrsm.decide.rule import StopRule, rule_half_width, spending_level
-from seqrsm.decide.stopping import Adequacy, Before, Decision, Departure, Look, decide
+from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
 from seqrsm.errors import FitError, SpecError
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
@@ -31,7 +33,6 @@ GOOD: dict[str, Any] = {
     "df_pure_error": 6,
     "lack_of_fit_p": 0.4,
     "h": 0.2,
-    "held_at_previous_look": True,
 }
 
 
@@ -46,9 +47,14 @@ ADEQUACY = {
 def look(rule: StopRule = RULE, **changes: Any) -> Decision:
     facts = {**GOOD, **changes}
     adequacy = {of: facts.pop(key) for key, of in ADEQUACY.items() if key in facts}
-    before = Before(facts.pop("held_at_previous_look", False), facts.pop("n_before", 0))
     confirmation, unit = facts.pop("confirmation", None), facts.pop("unit", "")
-    return decide(rule, Look(**facts), Adequacy(**adequacy), before, confirmation, unit)
+    return decide(rule, Look(**facts), Adequacy(**adequacy), confirmation, unit)
+
+
+def agreement(fresh: ConfirmationInterval, predicted: float, *, s: float, df: int, h: float) -> Agreement:
+    """Against Student's prediction interval of the mean of as many runs."""
+    half = float(stats.t.ppf(0.5 * (1.0 + fresh.level), df)) * s * np.sqrt(1.0 / fresh.n + h)
+    return confirmation_agrees(fresh, predicted=predicted, half_width=half, df=df)
 
 
 def holds(decision: Decision) -> dict[str, bool | None]:
@@ -58,8 +64,7 @@ def holds(decision: Decision) -> dict[str, bool | None]:
 def test_all_parts_hold_and_it_stops() -> None:
     decision = look()
     assert decision.held
-    assert decision.conditions_hold
-    assert list(holds(decision)) == ["interval", "runs", "pure_error", "lack_of_fit", "two_looks"]
+    assert list(holds(decision)) == ["interval", "runs", "pure_error", "lack_of_fit"]
     assert all(holds(decision).values())
     assert decision.half_width == pytest.approx(stats.t.ppf(0.975, 35) * 2.0 * np.sqrt(1.2))
     assert decision.reasons[0] == "The stop rule holds after 50 runs."
@@ -73,15 +78,13 @@ def test_all_parts_hold_and_it_stops() -> None:
         ("runs", {"n_runs": 44}, "45 are asked for"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees"),
         ("lack_of_fit", {"lack_of_fit_p": 0.04}, "p = 0.04"),
-        ("two_looks", {"held_at_previous_look": False}, "first time"),
     ],
 )
 def test_each_part_can_fail_alone(part: str, changes: dict[str, Any], number: str) -> None:
     decision = look(**changes)
     assert not decision.held
     failing = [name for name, value in holds(decision).items() if value is not True]
-    assert failing == ([part] if part == "two_looks" else [part, "two_looks"])
-    assert decision.conditions_hold == (part == "two_looks")
+    assert failing == [part]
     text = next(check.text for check in decision.checks if check.name == part)
     assert number in text
     assert text in decision.reasons
@@ -102,11 +105,12 @@ def test_saturated_fit_has_no_interval() -> None:
     assert np.isnan(decision.attainable_half_width)
 
 
-def test_one_look_is_enough_when_the_rule_says_so() -> None:
-    rule = StopRule(half_width=5.0, looks=1)
-    decision = look(rule, held_at_previous_look=False)
-    assert decision.held
-    assert "two_looks" not in holds(decision)
+def test_guard_spending_spends_from_the_look_before() -> None:
+    rule = StopRule(half_width=5.0, guard="spending")
+    since_the_start, since_46 = look(rule).half_width, look(rule, n_before=46).half_width
+    wanted = [float(rule_half_width(rule, 2.0, 35, 0.2, 15, n_runs=50, n_before=n)) for n in (0, 46)]
+    assert [since_the_start, since_46] == pytest.approx(wanted)
+    assert since_the_start < since_46
 
 
 def test_interval_kinds() -> None:
@@ -180,9 +184,9 @@ def test_confirmation_guard_waits_for_fresh_runs() -> None:
     assert waiting.wants_confirmation
     assert holds(waiting)["confirmation"] is None
     fresh = confirmation_interval([80.1, 81.0, 79.5, 80.4, 80.2])
-    good = confirmation_agrees(fresh, predicted=80.0, s=1.5, df=10, h=0.2)
+    good = agreement(fresh, 80.0, s=1.5, df=10, h=0.2)
     assert look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=good).held
-    bad = confirmation_agrees(fresh, predicted=90.0, s=1.5, df=10, h=0.2)
+    bad = agreement(fresh, 90.0, s=1.5, df=10, h=0.2)
     refused = look(rule, n_runs=25, df_residual=10, s=1.5, confirmation=bad)
     assert not refused.held
     assert not refused.wants_confirmation
@@ -191,7 +195,7 @@ def test_confirmation_guard_waits_for_fresh_runs() -> None:
 
 def test_disagreeing_confirmation_is_told_under_the_other_guards() -> None:
     fresh = confirmation_interval([80.1, 81.0, 79.5])
-    bad = confirmation_agrees(fresh, predicted=90.0, s=1.5, df=10, h=0.2)
+    bad = agreement(fresh, 90.0, s=1.5, df=10, h=0.2)
     assert bad.text in look(confirmation=bad).reasons
 
 
@@ -263,8 +267,8 @@ def test_confirmation_interval_is_the_t_interval() -> None:
 def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
     fresh = confirmation_interval([71.0, 73.5, 70.2, 74.1, 72.0])
     limit = stats.t.ppf(0.975, 12) * 1.8 * np.sqrt(1 / 5 + 0.3)
-    inside = confirmation_agrees(fresh, predicted=fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
-    outside = confirmation_agrees(fresh, predicted=fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
+    inside = agreement(fresh, fresh.mean - 0.999 * limit, s=1.8, df=12, h=0.3)
+    outside = agreement(fresh, fresh.mean - 1.001 * limit, s=1.8, df=12, h=0.3)
     assert inside.agrees
     assert not outside.agrees
     assert inside.half_width == pytest.approx(limit)
@@ -311,32 +315,21 @@ def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
     assert student > 0.15
 
 
-def test_smooth_departure_has_the_last_word_on_lack_of_fit() -> None:
-    rule = StopRule(interval="confidence", half_width=2.0, max_runs=60, looks=1)
-    numbers = {"n_runs": 40, "n_terms": 6, "s": 1.0, "df_residual": 34, "df_pure_error": 6, "h": 0.1}
+def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:
+    bare = {"df_pure_error": 0, "lack_of_fit_p": 1e-9}
+    assert not look(**bare).held
+    for probability in (0.0, 0.3, 1.0):
+        decision = look(**bare, departure=probability)
+        assert list(holds(decision)) == ["interval", "runs"]
+        assert decision.held
+        assert not look(**bare, departure=probability, s=2.5).held  # the interval
+        assert not look(**bare, departure=probability, n_runs=44).held
 
-    def check(p: float | None, evidence: float, noise: float = 0.0):
-        decision = decide(rule, Look(**numbers), Adequacy(p, departure=Departure(evidence, 3.5, noise, 2.0)))
-        (found,) = (c for c in decision.checks if c.name == "lack_of_fit")
-        return found, decision.held
 
-    assert check(0.4, 0.2)[1]
-    seen, held = check(0.4, 9.0)  # pure error alone would not have seen it
-    assert seen.holds is False
-    assert not held
-    assert "smooth departure" in seen.text
-    chance, held = check(0.03, 0.2)
-    assert held
-    assert "chance" in chance.text
-    assert not check(0.03, 2.0)[1]  # some sign of a departure: the test against pure error stands
-    rough, held = check(0.005, 0.2)  # chance does not explain it, and nothing else does
-    assert rough.holds is False
-    assert not held
-    unequal, held = check(0.005, 0.2, 4.0)
-    assert held
-    assert "noise grows" in unequal.text
-    assert check(None, 0.2)[0].holds is None
-    assert check(None, 9.0)[0].holds is False
+def test_a_saturated_region_has_no_lack_of_fit_to_test() -> None:
+    decision = look(lack_of_fit_p=None, saturated=True)
+    assert holds(decision)["lack_of_fit"] is True
+    assert decision.held
 
 
 def test_spending_sums_to_the_error_probability() -> None:

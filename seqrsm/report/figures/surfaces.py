@@ -111,18 +111,17 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
         y_index,
         numeric_factor(analysis, x_index).decode(coded),
         numeric_factor(analysis, y_index).decode(coded),
-        to_score(analysis, predict(analysis, points).mean).reshape(shape),
+        to_score(analysis, analysis.belief.mean(points)).reshape(shape),
         analysis.region.slack(points).reshape(shape),
     )
 
 
 def predict(analysis: Analysis, points: FloatArray) -> Prediction:
     """Predict at coded points (m, k), on the scale of the fit, at the level of the campaign's intervals."""
-    rows = analysis.model.matrix(points)
-    mean = analysis.fit.predict(rows).mean
+    belief = analysis.belief
     # Where the runs do not determine the mean, neither is there a weight: any will do, the interval is nan anyway.
-    weight = np.nan_to_num(analysis.scale.weight_at(mean), nan=1.0)
-    return analysis.fit.predict(rows, level=analysis.optimum.level, weight=weight)
+    weight = np.nan_to_num(analysis.scale.weight_at(belief.mean(points)), nan=1.0)
+    return belief.bands(points, analysis.optimum.level, weight)
 
 
 def line(analysis: Analysis, index: int) -> Line:

@@ -9,7 +9,7 @@ from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
 from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, table
 from seqrsm.report.literature import Literature, literature, system_of
-from seqrsm.report.wording import counted, listing, of_quadratic, readable
+from seqrsm.report.wording import counted, listing, readable
 
 MAX_NAMED = 2
 
@@ -73,10 +73,7 @@ def _comparison_table(found: Literature, analysis: Analysis) -> Table:
         for row in found.comparisons
     )
     columns = ("Parameter", "Printed", "Most agree on", "This campaign", "Agreement", "Tables")
-    alone = ", by the quadratic alone," if of_quadratic(analysis) else ""
-    caption = (
-        f"{analysis.application}: recommended settings (with credible interval{alone} or all levels) and the literature"
-    )
+    caption = f"{analysis.application}: recommended settings (with credible interval or all levels) and the literature"
     return table(caption, columns, rows)
 
 

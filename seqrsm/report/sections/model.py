@@ -86,8 +86,10 @@ MAX_NAMED = 5
 
 def model_section(analysis: Analysis, key: str) -> Section:
     """Return model, fit statistics, analysis of variance and coefficients."""
-    blocks: list[Block] = [
-        *_region_blocks(analysis),
+    blocks: list[Block] = []
+    if analysis.sources is not None:
+        blocks.append(Paragraph(readable_text(analysis.sources.text, analysis.region.names)))
+    blocks += [
         Paragraph("", method=_model_text(analysis)),
         MODEL_EQUATION if analysis.model.order == 2 else FIRST_ORDER_EQUATION,
         _statistics_table(analysis),
@@ -101,36 +103,6 @@ def model_section(analysis: Analysis, key: str) -> Section:
         blocks.append(_coefficient_figure(analysis))
     blocks += term_blocks(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
-
-
-def _region_blocks(analysis: Analysis) -> list[Block]:
-    """How the fitted region came to be, and how simulation and flight compare, where there is something to say."""
-    blocks: list[Block] = []
-    names = analysis.region.names
-    if analysis.region_history:
-        rows = (
-            (
-                whole_cell(change.batch),
-                whole_cell(change.n_runs),
-                _REGION_KINDS.get(change.kind, change.kind),
-                readable_text(change.text, names),
-            )
-            for change in analysis.region_history
-        )
-        columns = (right("Batch"), right("Runs"), "Change", "What it is")
-        where = "in a part of the campaign's region" if _is_part(analysis) else "over the whole region still"
-        text = f"The surface is fitted {where}: {analysis.fit.n_runs} of {analysis.n_scored} scored runs enter."
-        blocks += [Paragraph(text), table("How the fitted region moved", columns, rows)]
-    if analysis.sources is not None:
-        blocks.append(Paragraph(readable_text(analysis.sources.text, names)))
-    return blocks
-
-
-_REGION_KINDS = {"shrink": "smaller region called for", "move": "region follows the optimum", "filled": "now fitted"}
-
-
-def _is_part(analysis: Analysis) -> bool:
-    return not analysis.region_state.box.whole
 
 
 def _sentence(text: str) -> str:
@@ -217,10 +189,15 @@ def _lack_of_fit_text(analysis: Analysis) -> str:
         text = f"Test of lack of fit: {numbers}. {readable_text(verdict.text, analysis.region.names)}"
         return text if verdict.holds else f"{text} {_NOT_COVERED}"
     if test.p < 0.05:
-        return f"Lack of fit is significant: {numbers}. {_NOT_COVERED}"
+        weighed = analysis.fitted.departure.process is not None
+        return f"Lack of fit is significant: {numbers}. {_COVERED if weighed else _NOT_COVERED}"
     return f"No significant lack of fit: {numbers}."
 
 
+_COVERED = (
+    "The surface departs from the polynomial by more than repeated runs scatter; the intervals below count a surface "
+    "that is no quadratic."
+)
 _NOT_COVERED = (
     "The surface departs from the polynomial by more than repeated runs scatter; the intervals below then do not cover "
     "what they claim."

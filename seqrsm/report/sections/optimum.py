@@ -8,8 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS
 from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor
+from seqrsm.fit.canonical import natural_errors
 from seqrsm.report.blocks import (
     Block,
     Definitions,
@@ -32,7 +35,7 @@ from seqrsm.report.figures.optimum import (
     slice_panel,
 )
 from seqrsm.report.figures.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
-from seqrsm.report.rounding import format_number, format_share, format_significant
+from seqrsm.report.rounding import format_number, format_plus_minus, format_share, format_significant
 from seqrsm.report.sections.study import searched_blocks
 from seqrsm.report.wording import (
     at_bound_text,
@@ -40,13 +43,13 @@ from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
     format_setting,
+    format_settings,
     half_width_text,
     interval_text,
     level_phrase,
     listing,
     no_error_estimate,
     number_cell,
-    of_quadratic,
     optimum_setting_text,
     readable,
     readable_text,
@@ -75,13 +78,6 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         ("Prediction: score of one future run", optimum.prediction),
         (f"Prediction: mean of {m} future runs", optimum.prediction_mean),
     ]
-    allowed = optimum.with_departure if optimum.quadratic is None else None
-    if allowed is not None:
-        intervals += [
-            ("Confidence, departure allowed for", allowed.confidence),
-            ("Prediction of one run, departure allowed for", allowed.prediction),
-            (f"Prediction of {m} runs, departure allowed for", allowed.prediction_mean),
-        ]
     rows = (
         (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
         for name, interval in intervals
@@ -89,36 +85,43 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     columns = ("Interval", "From, to", right("Half-width"))
     found = table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows)
     mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
-    blocks: list[Block]
-    if optimum.quadratic is None:
-        how = (
-            "The prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
-            "print; z\u2080 is the full model row) is"
-        )
-        blocks = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
-    else:
-        text = (
-            "A departure from the quadratic is seen. Settings, mean and intervals are those of the quadratic and a "
-            "smooth departure together, all sizes of which that the scores do not exclude are averaged over, with the "
-            "weight that the scores give to each. The settings were chosen because the departure is good there, so it "
-            "counts as an error of its own size. The stop rule watches these intervals."
-        )
-        blocks = [Paragraph(mean + text), found]
-    if allowed is not None:
-        blocks.append(
-            Paragraph(
-                "No surface is quite a quadratic. Where a departure is allowed for, all sizes of it that the scores do "
-                "not exclude are averaged over, with the weight that the scores give to each: the estimated mean is "
-                f"then {score_text(analysis, allowed.mean)}. The stop rule watches these intervals."
-            )
-        )
+    whose = "For a quadratic alone the" if analysis.fitted.departure.probability > 0.0 else "The"
+    how = (
+        f"{whose} prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
+        "print; z\u2080 is the full model row) is"
+    )
+    blocks: list[Block] = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
     floor = analysis.decision.noise_floor
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks += _departure(analysis)
     blocks += searched_blocks(analysis)
     blocks += _shape(analysis)
     return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+
+
+def _departure(analysis: Analysis) -> list[Block]:
+    """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
+    found = analysis.fitted.departure
+    if found.process is None:
+        text = f"Settings and intervals are those of the quadratic; no other surface was weighed: {found.reason}."
+        return [Paragraph(text)]
+    how = (
+        "The other surface is a Gaussian process about the quadratic, with a length of its own for each parameter and "
+        "noise that may grow where scores are poorer, averaged over what is not known of it; before the scores its "
+        f"probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
+    )
+    factor = f"natural log of the Bayes factor {found.log_bayes_factor:.1f}"
+    if found.probability == 0.0:
+        return [Paragraph(f"The scores speak for a quadratic ({factor}). ", method=how)]
+    alone = analysis.region.decode(analysis.of_quadratic.point)[0]
+    text = (
+        f"A surface that is no quadratic has a probability of {format_share(found.probability)} ({factor}); settings "
+        "and intervals count both. The quadratic alone has its optimum at "
+        f"{format_settings(analysis.region.factors, alone)}. "
+    )
+    return [Paragraph(text, method=how)]
 
 
 def _shape(analysis: Analysis) -> list[Block]:
@@ -131,20 +134,21 @@ def _shape(analysis: Analysis) -> list[Block]:
         warning = readable_text(stationary.warning, analysis.region.names)
         return [Paragraph(warning or "The fitted surface has no stationary point.")]
     where = "inside" if stationary.inside_region else "outside"
-    settings = []
-    for index in numeric:
-        factor = numeric_factor(analysis, index)
-        value = float(factor.decode(stationary.point[index]))
-        settings.append(f"{readable(factor.name)} {with_unit(format_significant(value, 3), factor.unit)}")
     text = (
         "At the optimal levels of the categorical factors the fitted surface "
         if analysis.region.categorical
         else "The fitted surface "
     )
-    text += f"has a {stationary.kind} {where} the region, at {listing(settings)}."
-    blocks: list[Block] = [Paragraph(text)]
+    text += f"has a {stationary.kind} {where} the region, at {_place(analysis, stationary.point, stationary.se)}."
+    method = " After \u00b1 stand standard errors, by the delta method from those of the coefficients."
+    blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
+    if stationary.flat.any() and np.all(np.isfinite(stationary.exact_point[list(numeric)])):
+        place = _place(analysis, stationary.exact_point, stationary.exact_se)
+        where = "inside" if stationary.exact_inside_region else "outside"
+        text = f"With no curvature taken as flat the stationary point lies {where} the region, at {place}."
+        blocks.append(Paragraph(text))
     rows = (
         (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
         for value, direction in zip(stationary.eigenvalues.tolist(), stationary.eigenvectors.T.tolist(), strict=True)
@@ -153,6 +157,20 @@ def _shape(analysis: Analysis) -> list[Block]:
     columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
     caption = "Principal curvatures of the fitted surface and their directions, in coded units"
     return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
+
+
+def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
+    """Settings of the numeric factors at a coded point (k,), with their standard errors."""
+    errors, settings = natural_errors(analysis.region, point, se), []
+    for index in analysis.region.numeric:
+        factor = numeric_factor(analysis, index)
+        with np.errstate(over="ignore"):  # a stationary point may lie anywhere
+            value = float(factor.decode(point[index]))
+        error = errors[factor.name]
+        known = math.isfinite(error) and error > 0.0
+        text = format_plus_minus(value, error) if known else format_significant(value, 3)
+        settings.append(f"{readable(factor.name)} {with_unit(text, factor.unit)}")
+    return listing(settings)
 
 
 def surface_section(analysis: Analysis, key: str) -> Section:
@@ -283,15 +301,14 @@ def posterior_section(analysis: Analysis, key: str) -> Section:
         mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
         text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
         rows.append((axis_label(factor), text, setting_range_text(analysis, factor), at_bound_text(analysis, factor)))
-    level, there = level_phrase(analysis), "there" if of_quadratic(analysis) else "at the recommended settings"
-    spread = f"{level} interval, or probability of each level{of_quadratic(analysis)}"
+    level = level_phrase(analysis)
+    spread = f"{level} interval, or probability of each level"
     columns = ("Factor", right("Mean"), spread, right("Probability at a bound"))
     blocks: list[Block] = [
         Paragraph(
-            f"Posterior mean of the score at the optimum{of_quadratic(analysis)}: "
-            f"{score_text(analysis, posterior.mean)}; credible interval ({level}): "
-            f"{interval_text(analysis, posterior.credible)}; one future score {there} ({level}): "
-            f"{interval_text(analysis, posterior.predictive)}."
+            f"Posterior mean of the score at the optimum: {score_text(analysis, posterior.mean)}; credible interval "
+            f"({level}): {interval_text(analysis, posterior.credible)}; one future score at the recommended settings "
+            f"({level}): {interval_text(analysis, posterior.predictive)}."
         ),
         *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
         table("Posterior of the optimal settings", columns, rows),
@@ -340,9 +357,7 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
     alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
     draw, data = partial(optimum_value_panel, analysis), partial(optimum_values_data, analysis)
     panels.append(Panel("score at the optimum", alt, draw, name="posterior-of-score-at-optimum", data=data))
-    caption = "Posterior of the optimal setting of every factor and of the mean score there" + (
-        f"{of_quadratic(analysis)}. Dashed: what is recommended, by quadratic and departure together."
-        if of_quadratic(analysis)
-        else ". Dashed: least-squares estimate."
+    caption = (
+        "Posterior of the optimal setting of every factor and of the mean score there. Dashed: least-squares estimate."
     )
     return FigureBlock(tuple(panels), caption)

@@ -62,9 +62,10 @@ def searched_text(analysis: Analysis, study: Study) -> str:
     if isinstance(found, str):
         return f"Not computed: {found}."
     size = half_width_text(analysis, abs(found.optimism))
-    where = "" if analysis.optimum.quadratic is None else "At the optimum of the quadratic alone. "
+    alone = analysis.fitted.departure.probability > 0.0
+    settings = "The quadratic's own best settings" if alone else "The settings"
     return (
-        f"{where}The settings were chosen by the same scores, which makes their mean look about {size} too good "
+        f"{settings} were chosen by the same scores, which makes their mean look about {size} too good "
         "(bootstrap with the search repeated). Intervals that allow for it:"
     )
 
@@ -84,6 +85,11 @@ def location_section(analysis: Analysis, key: str) -> Section | None:
     columns = ("Factor", *(capital(LOCATION_METHODS[region.method]) for region in study.locations))
     caption = f"Where the optimum may lie, {level_phrase(analysis)}. {_location_caption(analysis, study.locations)}"
     found: list[Block] = [table(caption, columns, rows)]
+    if analysis.fitted.departure.probability > 0.0:
+        text = (
+            "These are regions of the quadratic's optimum; the credible intervals of the settings count both surfaces."
+        )
+        found.insert(0, Paragraph(text))
     found += _location_figure(analysis, study.locations)
     found += _paths(analysis, study)
     return Section(f"{key}-location", "Place of the optimum", tuple(found))

@@ -22,7 +22,6 @@ from seqrsm.report.wording import (
     loss_text,
     mean_text,
     no_error_estimate,
-    of_quadratic,
     optimum_setting_text,
     readable,
     readable_text,
@@ -175,7 +174,7 @@ def _settings_table(analysis: Analysis) -> Table:
         )
         for factor in analysis.region.factors
     )
-    credible = f"Credible interval {level_phrase(analysis)} of the optimal setting{of_quadratic(analysis)}"
+    credible = f"Credible interval {level_phrase(analysis)} of the optimal setting"
     columns = ("Factor", right("Setting"), credible, right("Probability at a bound"))
     return table(f"Recommended settings for {analysis.application}", columns, rows)
 

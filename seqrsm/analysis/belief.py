@@ -1,0 +1,287 @@
+"""What is believed of the surface: the quadratic, or a process that need not be one, each by its probability.
+
+The probability is that given the scores. Settings, intervals, the place of the
+optimum and what the settings may lose come from both; the quadratic's own analysis stays a description.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from seqrsm.analysis.runs import ScoredRuns, shared_loadings
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.surfaces import Surface
+from seqrsm.arrays import FloatArray
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.error_models import Draws
+from seqrsm.fit.intervals import Interval as Ends
+from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound
+from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
+from seqrsm.propose.cloud import Cloud, climb
+from seqrsm.rng import generator
+
+PRIOR_LOG_ODDS = 1.0
+"""Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
+
+_CERTAIN = 0.01  # a process less probable is left out
+_STRATA, _STRATA_OF_EACH = 4000, 400
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """What the scores say of a surface that is no quadratic.
+
+    Attributes
+    ----------
+    process : Process or None
+        None where it was not weighed, for ``reason``.
+    log_bayes_factor : float
+        Natural logarithm of the evidence for it over that for the quadratic; nan where it was not weighed.
+    probability : float
+        Of the process given the scores; 0 where it is below 0.01, or was not weighed.
+    reason : str
+        Why it was not weighed.
+    """
+
+    process: Process | None
+    log_bayes_factor: float
+    probability: float
+    reason: str = ""
+
+
+def weigh_departure(
+    model: QuadraticModel,
+    data: ScoredRuns,
+    scale: ResponseScale,
+    fit: LeastSquaresFit,
+    surface: Surface,
+    goal: Goal,
+    seed: int,
+    stated: bool,
+) -> Departure:
+    """Fit a process to the scores that the quadratic was fitted to, and weigh the two; see `Departure`.
+
+    ``model`` has all terms, those too that were left out by selection. ``stated``: campaign.toml states a prior of its
+    coefficients, which a process knows nothing of.
+    """
+    n = len(fit.y)
+    reason = surface.no_departure
+    if not reason and stated:
+        reason = "a prior is stated of the quadratic"
+    if not reason and model.order == 1:
+        reason = "the model is of first order"
+    if not reason and not (fit.df_residual > 0 and fit.s > 0.0):
+        reason = "nothing is left to tell scatter from surface"
+    if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
+        reason = f"it is weighed with {LEAST_RUNS} to {MOST_RUNS} runs, here are {n}"
+    if reason:
+        return Departure(None, float("nan"), 0.0, reason)
+    rng = generator(seed, n, "process")
+    nuisance, (shared, _) = fit.Z[:, surface.estimate.size :], shared_loadings(data, scale)
+    process = Process(model, data.points, fit.y, fit.weights, nuisance, shared, sign_of(goal), rng)
+    probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
+    probability = 0.0 if probability < _CERTAIN else float(probability)
+    return Departure(process, process.log_bayes_factor, probability)
+
+
+def sign_of(goal: Goal) -> float:
+    """1 where the score is maximized, -1 where minimized."""
+    return 1.0 if goal == "maximize" else -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """The two surfaces on the scale of the fit, by their probabilities.
+
+    Attributes
+    ----------
+    surface : Surface
+        The quadratic's.
+    departure : Departure
+    region : Region
+    goal : "maximize" or "minimize"
+    """
+
+    surface: Surface
+    departure: Departure
+    region: Region
+    goal: Goal
+
+    @property
+    def of_quadratic(self) -> Belief:
+        """The same with the quadratic taken to be true."""
+        return replace(self, departure=Departure(None, float("nan"), 0.0))
+
+    def mean(self, points: FloatArray) -> FloatArray:
+        """Expected surface (m,) at coded points (m, k)."""
+        found = self.surface.rows(points) @ self.surface.estimate
+        process, share = self.departure.process, self.departure.probability
+        if process is None or share == 0.0:
+            return found
+        return (1.0 - share) * found + share * process.mean(points)
+
+    def best(self, of_quadratic: Optimum, made: FloatArray, rng: np.random.Generator) -> Optimum:
+        """Where the expected surface is best; the quadratic's optimum where that is taken to be true."""
+        process, share = self.departure.process, self.departure.probability
+        if process is None or share == 0.0:
+            return of_quadratic
+        sign = sign_of(self.goal)
+        of_process = climb(lambda at: sign * process.mean(at), self.region, self._starts(made), rng)[:8]
+        starts = np.vstack([of_quadratic.point[None, :], of_process])
+        (point, *_) = climb(lambda at: sign * self.mean(at), self.region, starts, rng)
+        return replace(
+            of_quadratic,
+            point=point,
+            value=float(self.mean(point[None, :])[0]),
+            at_bound=at_bound(self.region, point),
+            active_constraints=active_constraints(self.region, point),
+            ties=np.empty((0, self.region.k)),
+            flat=False,
+            exact=False,
+        )
+
+    def _starts(self, made: FloatArray) -> FloatArray:
+        cover = self.region.candidates(limit=1000)
+        return np.vstack([cover, made[self.region.feasible(made)]])
+
+    def bands(
+        self, points: FloatArray, level: float, weight: FloatArray | float = 1.0, replicates: int = 1
+    ) -> Prediction:
+        """Mean, confidence interval, and prediction interval of the mean of ``replicates`` runs at points (m, k).
+
+        Exact quantiles of Student's distribution and normal ones together; on the scale of the fit.
+        """
+        of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
+        process, share = self.departure.process, self.departure.probability
+        if process is None or share == 0.0:
+            return of_quadratic
+        means, variances = process.marginals(points)
+        noise = process.noise_variance(means) / (weight * replicates)
+        t, z = stdtrit(self.surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA_OF_EACH))
+
+        def mixed(se: FloatArray, added: FloatArray | float) -> Ends:
+            sd = np.sqrt(variances + added)
+            ends = [
+                mixed_quantiles(
+                    [
+                        (of_quadratic.mean[i] + se[i] * t, 1.0 - share),
+                        ((means[:, i, None] + sd[:, i, None] * z).ravel(), share),
+                    ],
+                    level,
+                )
+                for i in range(len(points))
+            ]
+            return Ends(np.array([one.low for one in ends]), np.array([one.high for one in ends]))
+
+        return replace(
+            of_quadratic,
+            mean=(1.0 - share) * of_quadratic.mean + share * means.mean(axis=0),
+            confidence=mixed(of_quadratic.se_mean, 0.0),
+            prediction=mixed(of_quadratic.se_prediction, noise),
+        )
+
+    def optima(self, point: FloatArray, made: FloatArray, n: int, rng: np.random.Generator) -> Optima:
+        """About ``n`` draws of the process's optimum, and of its value at coded settings (k,)."""
+        process = self.departure.process
+        assert process is not None
+        sign = sign_of(self.goal)
+        cloud = Cloud(process, self.region, point, made, sign, rng)
+        draws = cloud.draws(-(-n // len(cloud.means)), rng)
+        draws = draws[rng.permutation(len(draws))[:n]]
+        best = np.argmax(draws, axis=1)
+        return Optima(cloud.points[best], sign * np.max(draws, axis=1), sign * draws[:, cloud.hat])
+
+
+@dataclass(frozen=True, slots=True)
+class Optima:
+    """Draws of a surface's optimum.
+
+    Attributes
+    ----------
+    points : ndarray (n, k)
+        Coded.
+    values, here : ndarray (n,)
+        Of the surface at the optimum, and at the recommended settings, on the scale of the fit.
+    """
+
+    points: FloatArray
+    values: FloatArray
+    here: FloatArray
+
+
+def mixed_quantiles(parts: Sequence[tuple[FloatArray, float]], level: float) -> Interval:
+    """Equal-tailed interval of samples that are mixed by their shares, 1 in all."""
+    values = np.concatenate([sample for sample, _ in parts])
+    weights = np.concatenate([np.full(len(sample), share / len(sample)) for sample, share in parts])
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weights[order]) - 0.5 * weights[order]
+    tail = 0.5 * (1.0 - level)
+    low, high = np.interp([tail, 1.0 - tail], reached, values[order])
+    return Interval(float(low), float(high))
+
+
+def intervals(
+    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, replicates: int
+) -> tuple[float, tuple[Interval, Interval, Interval]]:
+    """Mean, and intervals of it, of one future run and of the mean of several, at coded settings (k,), score units.
+
+    Where errors are not normal, see `intervals_by_draws`.
+    """
+    at = point[None, :]
+    weight = float(scale.weight_at(belief.surface.predict(belief.surface.rows(at)).mean)[0])
+    one, several = (belief.bands(at, level, weight, m) for m in (1, replicates))
+    plain = (one.confidence, one.prediction, several.prediction)
+    a, b, c = (scale.in_scores(float(found.low[0]), float(found.high[0])) for found in plain)
+    return float(scale.to_score(one.mean)[0]), (a, b, c)
+
+
+def _strata(n: int) -> FloatArray:
+    """Middles (n,) of n equal parts of 0 to 1."""
+    return (np.arange(n) + 0.5) / n
+
+
+def intervals_by_draws(
+    belief: Belief,
+    scale: ResponseScale,
+    point: FloatArray,
+    level: float,
+    replicates: int,
+    draws: Draws,
+    rng: np.random.Generator,
+) -> tuple[float, tuple[Interval, Interval, Interval]]:
+    """The same where errors are not normal: Student's interval of least squares knows nothing of heavy tails or counts.
+
+    These are quantiles of posterior draws.
+    """
+    errors, share = belief.surface.errors, belief.departure.probability
+    row = belief.surface.rows(point[None, :])
+    mean = (1.0 - share) * float(belief.surface.predict(row).mean[0])
+    parts = [(draws.terms @ row[0], draws, 1.0 - share)]
+    if share > 0.0:
+        assert belief.departure.process is not None
+        found, spread = belief.departure.process.marginals(point[None, :])
+        means, variances = found[:, 0], spread[:, 0]
+        mean += share * float(np.mean(means))
+        noise = belief.departure.process.noise_variance(found)[:, 0]
+        own = draws.first(_STRATA)
+        of = rng.integers(len(means), size=len(own.sigma))
+        here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))
+        parts.append((here, replace(own, sigma=np.sqrt(noise[of])), share))
+    parts = [part for part in parts if part[2] > 0.0]
+    confidence = mixed_quantiles([(scale.to_score(here), of) for here, _, of in parts], level)
+    prediction, prediction_mean = (
+        mixed_quantiles(
+            [(np.mean(errors.future_scores(own, scale, here, m, rng), axis=1), of) for here, own, of in parts], level
+        )
+        for m in (1, replicates)
+    )
+    # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
+    prediction_mean = prediction_mean.around(confidence)
+    return float(scale.to_score(np.array([mean]))[0]), (confidence, prediction.around(prediction_mean), prediction_mean)

@@ -1,0 +1,206 @@
+"""Places where the optimum of a process may be, the surface's joint draws there, and the runs that tell most of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.design.region import Region
+from seqrsm.fit.process import Process
+from seqrsm.progress import tell
+from seqrsm.propose.candidates import clear_of, jitter
+from seqrsm.propose.criteria import Proposal
+from seqrsm.propose.known import percent
+
+_COVER = 1000
+_RADII = (0.15, 0.06, 0.025, 0.01)
+_TOPS_OF_DRAW, _TOPS, _NEAR, _PEAK = 3, 12, 2, 20
+_ANYWHERE, _AGAIN = 40, 40
+_DRAWS_OF_EACH = 12
+_NUGGET = 1e-7
+
+
+def climb(
+    mean: Callable[[FloatArray], FloatArray], region: Region, starts: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Places (m, k), the best of ``mean`` first, found from ``starts`` by ever smaller steps."""
+    pool = starts
+    for radius in _RADII if region.continuous else ():
+        best = pool[np.argsort(-mean(pool), kind="stable")[:8]]
+        near = jitter(region, np.repeat(best, 24, axis=0), radius, rng)
+        pool = np.vstack([best, near[region.feasible(near, tol=0.0)]])
+    return pool[np.argsort(-mean(pool), kind="stable")]
+
+
+class Cloud:
+    """Places round the optima of draws of a process, with the surface's joint distribution there.
+
+    Attributes
+    ----------
+    points : ndarray (m, k)
+        Coded and feasible; of the executed and pending ones the forty best.
+    executed : ndarray (m,) of bool
+        Run already, or pending.
+    means, covariances : ndarray (d, m), (d, m, m)
+        For each draw of the process's hyperparameters; ``means`` rise towards the goal.
+    mean, covariance : ndarray (m,), (m, m)
+        Over all draws.
+    noise : ndarray (m,)
+        Variance of a run of weight 1.
+    """
+
+    def __init__(
+        self,
+        process: Process,
+        region: Region,
+        x_hat: FloatArray,
+        made: FloatArray,
+        sign: float,
+        rng: np.random.Generator,
+        pending: FloatArray | None = None,
+    ) -> None:
+        """Place the cloud.
+
+        Parameters
+        ----------
+        process : Process
+        region : Region
+        x_hat : ndarray (k,)
+            Recommended settings.
+        made : ndarray (r, k)
+            Executed settings.
+        sign : float
+            1 where the score is maximized, -1 where minimized.
+        rng : numpy.random.Generator
+        pending : ndarray (w, k), optional
+            Settings of runs that have no score yet.
+        """
+        cover = np.vstack([x_hat[None, :], region.sample(_COVER, rng), made[region.feasible(made, tol=1e-9)]])
+        of_draws = sign * process.means(cover)
+        tops = np.concatenate([np.argsort(-row, kind="stable")[:_TOPS_OF_DRAW] for row in of_draws])
+        tops = np.unique(np.append(tops, np.argsort(-of_draws.mean(axis=0), kind="stable")[:_TOPS]))
+        near = jitter(region, np.repeat(cover[tops], _NEAR, axis=0), 0.12, rng)
+        peak = climb(lambda at: sign * process.mean(at), region, cover, rng)[:_PEAK]
+        anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
+        fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
+        fresh = fresh[region.feasible(fresh, tol=1e-9)]
+        still = made[region.feasible(made, tol=1e-9)]
+        still = still[np.argsort(-sign * process.mean(still), kind="stable")[:_AGAIN]] if len(still) else still
+        still = still if pending is None else np.vstack([still, pending])
+        both = np.vstack([still, fresh])
+        _, first = np.unique(np.round(both, 9) + 0.0, axis=0, return_index=True)
+        points = both[first]
+        self.points, self.executed = points, first < len(still)
+        self.hat = int(np.argmin(np.sum(np.square(points - x_hat), axis=1)))
+        means, self.covariances = process.joint(points)
+        self.means = sign * means
+        apart = self.means - self.means.mean(axis=0)
+        self.mean = self.means.mean(axis=0)
+        self.covariance = self.covariances.mean(axis=0) + apart.T @ apart / len(means)
+        self.noise = process.noise_variance(means).mean(axis=0)
+
+    def draws(self, of_each: int, rng: np.random.Generator) -> FloatArray:
+        """Joint draws (d * of_each, m) of the surface, rising towards the goal."""
+        found = []
+        for mean, covariance in zip(self.means, self.covariances, strict=True):
+            found.append(mean + rng.standard_normal((of_each, len(mean))) @ _root(covariance).T)
+        return np.vstack(found)
+
+
+def propose_from_process(
+    process: Process,
+    region: Region,
+    x_hat: FloatArray,
+    made: FloatArray,
+    pending: BoolArray,
+    n: int,
+    *,
+    weight: float = 1.0,
+    barred: FloatArray | None = None,
+    sign: float = 1.0,
+    seed: int = 0,
+) -> tuple[Proposal, ...]:
+    """Choose the next ``n`` runs, each given all before it.
+
+    A run is judged by what it takes, on average over the process's hyperparameters, off the variance of the value at
+    the recommended settings, and off the variance of what these lose against the optimum.
+
+    Parameters
+    ----------
+    process : Process
+        Of the scored runs.
+    region : Region
+    x_hat : ndarray (k,)
+        Recommended settings, coded.
+    made, pending : ndarray (r, k), (r,) of bool
+        Settings of scored and pending runs, and which of them have no score yet.
+    n : int
+        Runs to propose, >= 0.
+    weight : float
+        Relative weight of a new run.
+    barred : ndarray (b, k), optional
+        Settings that could not be carried out: nothing within 0.1 (coded) of one of them is proposed, unless that
+        leaves nothing.
+    sign : float
+        1 where the score is maximized, -1 where minimized.
+    seed : int
+        Equal inputs and seed give equal proposals.
+    """
+    rng = np.random.default_rng(seed)
+    cloud = Cloud(process, region, x_hat, made[~pending], sign, rng, made[pending])
+    covariance, noise = cloud.covariance.copy(), cloud.noise / weight
+    for point in made[pending]:
+        _count(covariance, noise, int(np.argmin(np.sum(np.square(cloud.points - point), axis=1))))
+    draws = cloud.draws(_DRAWS_OF_EACH, rng)
+    best = np.argmax(draws, axis=1)
+    inside = region.feasible(cloud.points, tol=1e-9)  # a pending run need not be
+    allowed = clear_of(cloud.points, barred, region) & inside
+    allowed = allowed if allowed.any() else inside
+    executed = cloud.executed.copy()
+    found = []
+    for i in range(n):
+        tell("choosing the next runs", i, n)
+        total = np.maximum(np.diag(covariance), 0.0) + noise
+        at_hat = covariance[cloud.hat]
+        value = np.square(at_hat) / total
+        loss = np.mean(np.square(covariance[best] - at_hat), axis=0) / total
+        chosen = int(np.argmax(np.where(allowed, value + loss, -np.inf)))
+        of_loss = np.mean(np.diag(covariance)[best] - 2.0 * at_hat[best] + at_hat[cloud.hat])
+        narrower = 1.0 - np.sqrt(max(1.0 - value[chosen] / max(at_hat[cloud.hat], 1e-300), 0.0))
+        share = loss[chosen] / of_loss if of_loss > 0.0 else 0.0
+        why = (
+            f"narrows the confidence interval of the mean at the optimum by {percent(float(narrower))}, and takes "
+            f"{percent(float(share))} off the doubt about what these settings lose"
+        )
+        again = bool(executed[chosen])
+        purpose = "regret" if loss[chosen] > value[chosen] else "optimum"
+        found.append(
+            Proposal(
+                cloud.points[chosen].copy(),
+                purpose,
+                float(value[chosen] + loss[chosen]),
+                why + "; repeats settings already run" * again,
+                again,
+            )
+        )
+        executed[chosen] = True
+        _count(covariance, noise, chosen)
+    return tuple(found)
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """A matrix (m, m) whose product with its transpose is this; of the part above zero where rounding leaves more."""
+    nugget = _NUGGET * max(float(np.trace(covariance)) / len(covariance), 1e-300)
+    try:
+        return np.asarray(np.linalg.cholesky(covariance + nugget * np.eye(len(covariance))))
+    except np.linalg.LinAlgError:  # scores without noise: the variance left is less than the rounding of the prior's
+        own, vectors = np.linalg.eigh(covariance)
+        return np.asarray(vectors * np.sqrt(np.maximum(own, 0.0)))
+
+
+def _count(covariance: FloatArray, noise: FloatArray, index: int) -> None:
+    """Count a run at a place as made: the covariance falls, in place."""
+    row = covariance[index].copy()
+    covariance -= np.outer(row, row) / (max(row[index], 0.0) + noise[index])

@@ -1,0 +1,370 @@
+"""Quadratic and process by their probabilities: the ends 0 and 1, mixtures against root finding, and the extremes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from process_cases import bowl, hill, spread
+from scipy import optimize, stats
+from scored_campaigns import analysed, campaign, numeric, specification
+
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.process import MOST_RUNS
+
+TWO = specification(numeric(2))
+NOISE = np.random.default_rng(9).normal(size=400)
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory) -> Analysis:
+    """A narrow top, 30 runs."""
+    points = np.round(spread(30, 2), 3)
+    return analysed(tmp_path_factory.mktemp("narrow") / "c", TWO, points, hill(points) + NOISE[:30])
+
+
+def believed(analysis: Analysis, probability: float) -> Belief:
+    belief = analysis.belief
+    return replace(belief, departure=replace(belief.departure, probability=probability))
+
+
+def ends(found: Prediction) -> np.ndarray:
+    return np.array([found.confidence.low, found.confidence.high, found.prediction.low, found.prediction.high])
+
+
+AT = spread(5, 2, seed=12)
+
+
+def test_probability_is_that_of_bayes(narrow: Analysis) -> None:
+    departure = narrow.fitted.departure
+    odds = np.exp(departure.log_bayes_factor + PRIOR_LOG_ODDS)
+    share = odds / (1.0 + odds)
+    assert departure.probability == (0.0 if share < 0.01 else pytest.approx(share))
+    assert departure.probability > 0.9
+    assert departure.reason == ""
+
+
+def test_with_probability_0_all_is_the_quadratics(narrow: Analysis) -> None:
+    belief, surface = believed(narrow, 0.0), narrow.fitted.surface
+    np.testing.assert_array_equal(belief.mean(AT), surface.rows(AT) @ surface.estimate)
+    for weight, m in ((1.0, 1), (1.0, 5), (2.5, 3)):
+        wanted = surface.predict(surface.rows(AT), 0.9, weight, m)
+        np.testing.assert_array_equal(ends(belief.bands(AT, 0.9, weight, m)), ends(wanted))
+    rng = np.random.default_rng(1)
+    assert belief.best(narrow.of_quadratic, narrow.data.points, rng) is narrow.of_quadratic
+    alone = belief.of_quadratic
+    assert alone.departure.process is None
+    np.testing.assert_array_equal(ends(alone.bands(AT, 0.9)), ends(belief.bands(AT, 0.9)))
+
+
+def distribution(belief: Belief, at: int, points: np.ndarray, kind: str, m: int = 1):
+    """Distribution function of the surface, or of the mean of m runs, at one point, and its rough reach."""
+    surface, process, share = belief.surface, belief.departure.process, belief.departure.probability
+    assert process is not None
+    plain = surface.predict(surface.rows(points), 0.95, 1.0, m)
+    se = (plain.se_mean if kind == "confidence" else plain.se_prediction)[at]
+    means, variances = process.marginals(points)
+    added = process.noise_variance(means) / m if kind == "prediction" else np.zeros_like(means)
+    sd = np.sqrt(variances + added)[:, at]
+
+    def of(x: float) -> float:
+        student = stats.t.cdf((x - plain.mean[at]) / se, surface.df_residual)
+        return float((1.0 - share) * student + share * np.mean(stats.norm.cdf((x - means[:, at]) / sd)))
+
+    return of
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 1.0])
+@pytest.mark.parametrize("level", [0.8, 0.95, 0.99])
+def test_ends_are_where_the_mixtures_distribution_function_says(narrow: Analysis, share: float, level: float) -> None:
+    belief, tail = believed(narrow, share), 0.5 * (1.0 - level)
+    for kind, m in (("confidence", 1), ("prediction", 1), ("prediction", 5)):
+        found = getattr(belief.bands(AT, level, 1.0, m), kind)
+        for i in range(len(AT)):
+            of = distribution(belief, i, AT, kind, m)
+            low, high = (optimize.brentq(lambda x, p=p, of=of: of(x) - p, -1e4, 1e4) for p in (tail, 1.0 - tail))
+            np.testing.assert_allclose([found.low[i], found.high[i]], [low, high], atol=0.01 * (high - low))
+
+
+def test_with_probability_1_all_is_the_processes(narrow: Analysis) -> None:
+    belief, process = believed(narrow, 1.0), narrow.fitted.departure.process
+    assert process is not None
+    np.testing.assert_allclose(belief.mean(AT), process.mean(AT), rtol=1e-12)
+    np.testing.assert_allclose(belief.bands(AT, 0.95).mean, process.mean(AT), rtol=1e-12)
+    best = belief.best(narrow.of_quadratic, narrow.data.points, np.random.default_rng(1))
+    side = np.linspace(-1.0, 1.0, 81)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    assert best.value >= process.mean(grid).max() - 1e-6
+    assert np.linalg.norm(best.point - 0.3) < 0.15
+    assert best.value == pytest.approx(float(process.mean(best.point[None, :])[0]))
+
+
+def test_mean_and_optimum_of_the_two_together(narrow: Analysis) -> None:
+    belief, process, surface = believed(narrow, 0.4), narrow.fitted.departure.process, narrow.fitted.surface
+    assert process is not None
+    side = np.linspace(-1.0, 1.0, 81)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    both = 0.6 * surface.rows(grid) @ surface.estimate + 0.4 * process.mean(grid)
+    np.testing.assert_allclose(belief.mean(grid), both, rtol=1e-12)
+    best = belief.best(narrow.of_quadratic, narrow.data.points, np.random.default_rng(1))
+    assert best.value >= both.max() - 1e-6
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 1.0])
+def test_interval_of_the_mean_lies_inside_that_of_five_runs_inside_that_of_one(narrow: Analysis, share: float) -> None:
+    belief, at = believed(narrow, share), spread(12, 2, seed=4)
+    one, five = belief.bands(at, 0.95), belief.bands(at, 0.95, 1.0, 5)
+    np.testing.assert_array_equal(ends(one)[:2], ends(five)[:2])
+    assert np.all(one.prediction.low < five.prediction.low)
+    assert np.all(five.prediction.low < five.confidence.low)
+    assert np.all(five.confidence.high < five.prediction.high)
+    assert np.all(five.prediction.high < one.prediction.high)
+
+
+def test_quantiles_of_one_sample_are_hazens() -> None:
+    values = np.random.default_rng(2).normal(size=501)
+    found = mixed_quantiles([(values, 1.0)], 0.9)
+    assert [found.low, found.high] == pytest.approx(np.quantile(values, [0.05, 0.95], method="hazen"))
+    split = mixed_quantiles([(values[:200], 200 / 501), (values[200:], 301 / 501)], 0.9)
+    assert [split.low, split.high] == pytest.approx([found.low, found.high])
+
+
+def test_draws_of_the_optimum_are_those_of_the_process(narrow: Analysis) -> None:
+    belief, process = believed(narrow, 1.0), narrow.fitted.departure.process
+    assert process is not None
+    point = narrow.optimum.point
+    found = belief.optima(point, narrow.data.points, 1000, np.random.default_rng(3))
+    assert found.points.shape == (1000, 2)
+    assert np.all(found.values >= found.here)
+    assert np.all(narrow.region.feasible(found.points))
+    means, variances = process.marginals(point[None, :])
+    sd = np.sqrt(np.mean(variances) + np.var(means))
+    assert np.mean(found.here) == pytest.approx(float(np.mean(means)), abs=5.0 * sd / np.sqrt(1000))
+    assert np.median(np.linalg.norm(found.points - 0.3, axis=1)) < 0.3
+
+
+def test_analysis_is_made_of_the_belief(narrow: Analysis) -> None:
+    best, belief = narrow.optimum, narrow.belief
+    one, five = (belief.bands(best.point[None, :], best.level, 1.0, m) for m in (1, best.replicates))
+    assert best.mean == pytest.approx(float(one.mean[0]))
+    for got, wanted in (
+        (best.confidence, one.confidence),
+        (best.prediction, one.prediction),
+        (best.prediction_mean, five.prediction),
+    ):
+        assert [got.low, got.high] == pytest.approx([float(wanted.low[0]), float(wanted.high[0])])
+    assert [check.name for check in narrow.decision.checks] == ["interval", "runs"]
+    assert narrow.posterior.expected_regret >= 0.0
+
+
+def test_document_tells_of_the_departure(narrow: Analysis) -> None:
+    document = json.loads(json.dumps(analysis_to_json(narrow), default=np.ndarray.tolist))["departure"]
+    process = narrow.fitted.departure.process
+    assert process is not None
+    assert document["probability"] == narrow.fitted.departure.probability
+    assert document["log_bayes_factor"] == process.log_bayes_factor
+    assert document["reason"] == ""
+    assert document["optimum_of_quadratic"] == narrow.region.decode(narrow.of_quadratic.point)[0]
+    assert document["lengths"] == {
+        name: pytest.approx(np.median(process.hyper.lengths[:, j])) for j, name in enumerate(("x0", "x1"))
+    }
+    assert 0.2 < document["noise_sd"] < 4.0  # 1 in truth
+    assert document["noise_growth"] > 0.0
+
+
+def test_minimizing_mirrors_maximizing(tmp_path: Path) -> None:
+    points = np.round(spread(20, 2), 3)
+    y = hill(points) + NOISE[:20]
+    up = analysed(tmp_path / "up", TWO, points, y)
+    down = analysed(tmp_path / "down", specification(numeric(2), application='goal = "minimize"\n'), points, -y)
+    assert up.fitted.departure.probability == down.fitted.departure.probability > 0.0
+    np.testing.assert_array_equal(up.optimum.point, down.optimum.point)
+    assert up.optimum.mean == pytest.approx(-down.optimum.mean, rel=1e-9)
+    assert up.optimum.prediction.low == pytest.approx(-down.optimum.prediction.high, rel=1e-6)
+    # 400 draws, those of the quadratic's coefficients not mirrored
+    assert up.posterior.expected_regret == pytest.approx(down.posterior.expected_regret, rel=0.2)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("errors", ["normal", "student_t"])
+def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors: str, share: float) -> None:
+    """Draws of normal errors have the quantiles of `bands`; with wild errors the process is the same."""
+    points = np.round(spread(30, 2), 3)
+    y = hill(points) + NOISE[:30]
+    text = specification(numeric(2), rest=f'[model]\nerrors = "{errors}"\n')
+    made = campaign(tmp_path / "c", text, points, y)
+    (analysis,) = made.analyse_all(n_draws=400)
+    belief, at = believed(analysis, share), np.array([0.3, 0.3])
+    draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=8000)
+    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, 5, draws, np.random.default_rng(5))
+    one, five = (belief.bands(at[None, :], 0.95, 1.0, m) for m in (1, 5))
+    assert mean == pytest.approx(float(one.mean[0]), rel=1e-12)
+    if errors == "student_t" and share < 1.0:
+        return
+    for got, wanted in zip(found, (one.confidence, one.prediction, five.prediction), strict=True):
+        low, high = float(wanted.low[0]), float(wanted.high[0])
+        slack = {"normal": 0.06, "student_t": 0.5}[errors] * (high - low)
+        assert [got.low, got.high] == pytest.approx([low, high], abs=slack)
+
+
+@pytest.mark.parametrize("rest", ['errors = "student_t"', 'block = "day"', 'terms = "hierarchical"'])
+def test_a_narrow_top_is_found_whatever_the_model(tmp_path: Path, rest: str) -> None:
+    points = np.round(spread(40, 2), 3)
+    text = specification(numeric(2), rest=f"[model]\n{rest}\n")
+    analysis = analysed(tmp_path / "c", text, points, hill(points) + NOISE[:40], block=["a", "b"] * 20)
+    assert analysis.fitted.departure.probability > 0.95
+    best = analysis.optimum
+    assert best.confidence.low < best.mean < best.confidence.high
+    assert best.mean == pytest.approx(80.0, abs=5.0)
+    np.testing.assert_allclose(best.point, 0.3, atol=0.2)
+
+
+# where no process is weighed ------------------------------------------------------------------------------------------
+
+
+def refused(analysis: Analysis, reason: str) -> None:
+    departure = analysis.fitted.departure
+    assert departure.process is None
+    assert departure.probability == 0.0
+    assert np.isnan(departure.log_bayes_factor)
+    assert reason in departure.reason
+    assert analysis.optimum.point == pytest.approx(analysis.of_quadratic.point)
+    document = analysis_to_json(analysis)["departure"]
+    assert document["reason"] == departure.reason
+    assert "lengths" not in document
+
+
+@pytest.mark.parametrize(
+    ("n", "more", "reason"),
+    [
+        (7, {}, f"with 8 to {MOST_RUNS} runs, here are 7"),
+        (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, here are {MOST_RUNS + 1}"),
+        (6, {}, "nothing is left"),
+        (20, {"scores": np.full(20, 70.0)}, "nothing is left"),
+        (20, {"rest": "[model]\norder = 1\n"}, "first order"),
+        (20, {"source": ["simulation", "flight"] * 10}, ""),
+        (
+            20,
+            {"rest": '[model]\nblock = "day"\nblock_effect = "random"\n', "block": ["a", "b", "c", "d"] * 5},
+            "random",
+        ),
+    ],
+    ids=["few", "many", "no df", "equal", "first order", "two sources", "random blocks"],
+)
+def test_where_no_process_is_weighed_the_reason_is_told(tmp_path: Path, n: int, more: dict, reason: str) -> None:
+    points = np.round(spread(n, 2), 3)
+    text = specification(numeric(2), rest=more.pop("rest", ""))
+    scores = more.pop("scores", bowl(points) + NOISE[:n])
+    analysis = analysed(tmp_path / "c", text, points, scores, **more)
+    assert analysis.fitted.departure.reason
+    refused(analysis, reason)
+    assert {"pure_error", "lack_of_fit"} <= {check.name for check in analysis.decision.checks}
+
+
+# extremes -------------------------------------------------------------------------------------------------------------
+
+
+def whole(made, n: int = 3) -> Analysis:
+    """Analysed and proposed from; nothing that is not finite."""
+    (analysis,) = made.analyse_all(n_draws=400)
+    best = analysis.optimum
+    found = [best.mean]
+    for interval in (best.prediction, best.prediction_mean, best.confidence):
+        found += [interval.low, interval.high]
+    assert np.all(np.isfinite(found))
+    assert best.prediction.low <= best.prediction_mean.low <= best.confidence.low <= best.confidence.high
+    assert analysis.fitted.departure.process is not None
+    assert "lack_of_fit" not in {check.name for check in analysis.decision.checks}
+    batch = made.propose(n, analyses=[analysis])
+    assert len(batch) == n
+    assert np.all(made.spec.region.feasible(made.spec.region.code([run.proposed for run in batch])))
+    assert all(run.purpose in ("optimum", "regret") for run in batch)
+    return analysis
+
+
+def case(name: str) -> tuple[str, np.ndarray, np.ndarray, dict]:
+    """Text, points, scores, and what else there is of the runs."""
+    k = {"eight factors": 8, "one degree of freedom": 3}.get(name, 2)
+    n = {"eight factors": 60, "one degree of freedom": 11, "eight runs": 8}.get(name, 24)
+    points, text, more = np.round(spread(n, k), 3), specification(numeric(k)), {}
+    y = bowl(points) + NOISE[:n]
+    if name == "repeats alone":
+        points = np.repeat(points[:8], 3, axis=0)
+        y = bowl(points) + NOISE[:n]
+    elif name == "nothing and everything":
+        y = np.where(points[:, 0] > 0.0, 100.0, 0.0)
+    elif name == "logits of nothing and everything":
+        text, y = specification(numeric(2), rest='[model]\nresponse = "logit"\n'), np.clip(y + 20.0, 0.0, 100.0)
+    elif name == "weights":
+        more["se"] = np.exp(np.linspace(np.log(1e-3), np.log(1.0), n))
+    elif name == "large":
+        y = 1e9 * y
+    elif name == "small":
+        y = 1e-9 * y
+    elif name == "far from zero":
+        y = 1e6 + y
+    elif name == "no noise":
+        y = bowl(points)
+    elif name == "one wild score":
+        y[3] += 1e5
+    elif name == "blocks":
+        text, more["block"] = specification(numeric(2), rest='[model]\nblock = "day"\n'), ["a", "b", "c"] * 8
+    elif name == "wild errors":
+        text = specification(numeric(2), rest='[model]\nerrors = "student_t"\n')
+    return text, points, y, more
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "eight runs",
+        "one degree of freedom",
+        "eight factors",
+        "repeats alone",
+        "nothing and everything",
+        "logits of nothing and everything",
+        "weights",
+        "large",
+        "small",
+        "far from zero",
+        "one wild score",
+        "wild errors",
+    ],
+)
+def test_extremes(tmp_path: Path, name: str) -> None:
+    text, points, y, more = case(name)
+    whole(campaign(tmp_path / "c", text, points, y, **more))
+
+
+def test_scores_without_noise(tmp_path: Path) -> None:
+    """Whether anything is left is a matter of rounding; either way there is an answer."""
+    text, points, y, more = case("no noise")
+    made = campaign(tmp_path / "c", text, points, y, **more)
+    (analysis,) = made.analyse_all(n_draws=400)
+    assert analysis.optimum.mean == pytest.approx(80.0, abs=0.1)
+    np.testing.assert_allclose(analysis.optimum.point, 0.2, atol=0.05)
+    assert len(made.propose(3, analyses=[analysis])) == 3
+
+
+def test_constant_blocks_are_no_part_of_the_surface(tmp_path: Path) -> None:
+    text, points, y, more = case("blocks")
+    day = np.array([{"a": 0.0, "b": 30.0, "c": -30.0}[one] for one in more["block"]])
+    (analysis,) = campaign(tmp_path / "c", text, points, y + day, **more).analyse_all(n_draws=400)
+    process = analysis.fitted.departure.process
+    assert process is not None
+    at = spread(6, 2, seed=3)
+    np.testing.assert_allclose(process.mean(at), bowl(at), atol=4.0)
+
+
+@pytest.mark.slow
+def test_most_runs_that_are_weighed(tmp_path: Path) -> None:
+    points = np.round(spread(MOST_RUNS, 1), 3)
+    made = campaign(tmp_path / "c", specification(numeric(1)), points, hill(points) + NOISE[:MOST_RUNS])
+    assert whole(made, 1).fitted.departure.probability > 0.99

@@ -1,0 +1,210 @@
+"""The next runs that a process asks for: where they may be, what counts as known, and against direct conditioning."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from process_cases import bowl, fitted, hill, spread
+
+from seqrsm.design.constraints import Constraint
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.process import Process
+from seqrsm.propose.cloud import Cloud, _count, climb, propose_from_process
+
+BOX = Region(tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(2)))
+TOP = np.array([0.3, 0.3])
+NONE = np.empty((0, 2))
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Process, np.ndarray]:
+    """A narrow top at (0.3, 0.3), seen through noise at twenty settings."""
+    points = np.round(spread(20, 2), 3)
+    return fitted(points, hill(points) + np.random.default_rng(1).normal(size=20)), points
+
+
+def proposed(process: Process, made: np.ndarray, n: int, pending: np.ndarray = NONE, **more) -> np.ndarray:
+    waits = np.arange(len(made) + len(pending)) >= len(made)
+    settings = np.vstack([made, pending])
+    chosen = propose_from_process(process, BOX, TOP, settings, waits, n, **{"seed": 3} | more)
+    return np.array([one.point for one in chosen])
+
+
+def test_runs_lie_where_the_optimum_may_be(found) -> None:
+    process, made = found
+    points = proposed(process, made, 6)
+    assert len(points) == 6
+    assert np.mean(np.linalg.norm(points - TOP, axis=1) < 0.8) > 0.5
+    assert len(proposed(process, made, 0)) == 0
+
+
+def test_seed_decides(found) -> None:
+    process, made = found
+    np.testing.assert_array_equal(proposed(process, made, 4), proposed(process, made, 4))
+    assert not np.array_equal(proposed(process, made, 4), proposed(process, made, 4, seed=4))
+
+
+def test_two_calls_with_the_first_runs_pending_are_one_call(found) -> None:
+    process, made = found
+    four = proposed(process, made, 4)
+    rest = proposed(process, made, 2, pending=four[:2])
+    np.testing.assert_array_equal(rest, four[2:])
+
+
+def test_runs_in_hand_are_not_asked_for_again(found) -> None:
+    """A run that is pending, made many times over, tells all there is to be told there."""
+    process, made = found
+    first = proposed(process, made, 1)
+    after = proposed(process, made, 1, pending=np.repeat(first, 500, axis=0))
+    assert np.linalg.norm(after[0] - first[0]) > 0.01
+
+
+def test_settings_that_failed_are_left_alone(found) -> None:
+    process, made = found
+    barred = proposed(process, made, 3)
+    points = proposed(process, made, 6, barred=barred)
+    assert np.all(np.max(np.abs(points[:, None] - barred[None]), axis=2) > 0.1)
+    everything = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 21)] * 2), axis=-1).reshape(-1, 2)
+    assert len(proposed(process, made, 2, barred=everything)) == 2  # nothing is left: as if none were barred
+    np.testing.assert_array_equal(proposed(process, made, 3, barred=NONE), barred)
+
+
+def test_minimizing_mirrors_maximizing(found) -> None:
+    _, made = found
+    y = hill(made) + np.random.default_rng(2).normal(size=len(made))
+    up, down = fitted(made, y), fitted(made, -y, sign=-1.0)
+    np.testing.assert_array_equal(proposed(up, made, 4), proposed(down, made, 4, sign=-1.0))
+
+
+def test_gain_is_what_conditioning_takes_off(found) -> None:
+    """First run: variance of the value, and of the loss over drawn optima, against matrices solved anew."""
+    process, made = found
+    rng = np.random.default_rng(3)
+    cloud = Cloud(process, BOX, TOP, made, 1.0, rng)
+    best = np.argmax(cloud.draws(12, rng), axis=1)
+    (one,) = propose_from_process(process, BOX, TOP, made, np.zeros(len(made), dtype=bool), 1, seed=3, weight=2.0)
+    index = int(np.argmin(np.sum((cloud.points - one.point) ** 2, axis=1)))
+
+    def doubt(covariance: np.ndarray) -> tuple[float, float]:
+        contrast = np.eye(len(covariance))[best] - np.eye(len(covariance))[cloud.hat]
+        loss = np.einsum("di,ij,dj->d", contrast, covariance, contrast)
+        return float(covariance[cloud.hat, cloud.hat]), float(loss.mean())
+
+    def after(at: int) -> np.ndarray:
+        row = cloud.covariance[at]
+        return cloud.covariance - np.outer(row, row) / (row[at] + cloud.noise[at] / 2.0)
+
+    gains = [sum(doubt(cloud.covariance)) - sum(doubt(after(at))) for at in range(len(cloud.points))]
+    assert one.gain == pytest.approx(gains[index], rel=1e-9)
+    assert gains[index] == pytest.approx(max(gains), rel=1e-9)
+    np.testing.assert_array_equal(cloud.points[cloud.hat], TOP)
+
+
+def test_counting_run_by_run_is_counting_them_together() -> None:
+    rng = np.random.default_rng(5)
+    half = rng.normal(size=(12, 12))
+    before, noise = half @ half.T, rng.uniform(0.5, 2.0, 12)
+    found, runs = before.copy(), [3, 7, 3, 0]
+    for index in runs:
+        _count(found, noise, index)
+    cross = before[:, runs]
+    wanted = before - cross @ np.linalg.solve(before[np.ix_(runs, runs)] + np.diag(noise[runs]), cross.T)
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-10)
+
+
+def test_draws_have_the_mean_and_covariance_of_the_process(found) -> None:
+    process, made = found
+    cloud = Cloud(process, BOX, TOP, made, 1.0, np.random.default_rng(3))
+    draws = cloud.draws(400, np.random.default_rng(4))
+    assert draws.shape == (400 * len(cloud.means), len(cloud.points))
+    np.testing.assert_allclose(cloud.mean, process.mean(cloud.points), rtol=1e-9)
+    sd = np.sqrt(np.diag(cloud.covariance))
+    np.testing.assert_allclose(draws.mean(axis=0), cloud.mean, atol=float(5.0 * sd.max() / np.sqrt(len(draws))))
+    np.testing.assert_allclose(draws.std(axis=0), sd, rtol=0.1)
+    at = cloud.points[cloud.executed]
+    assert len(at) == len(made)
+    assert {tuple(row) for row in at} == {tuple(row) for row in made}
+
+
+def test_climb_finds_the_top_of_a_known_surface() -> None:
+    starts = spread(30, 2, seed=4)
+    found = climb(hill, BOX, starts, np.random.default_rng(1))
+    np.testing.assert_allclose(found[0], TOP, atol=0.02)
+    assert np.all(np.diff(hill(found)) <= 0.0)
+
+
+# regions --------------------------------------------------------------------------------------------------------------
+
+HARD = Region(
+    (
+        ContinuousFactor("frequency", 1.0, 18.0, scale="log"),
+        DiscreteFactor("looks", (1.0, 2.0, 4.0, 16.0), scale="log"),
+        CategoricalFactor("polarization", ("HH", "HV", "VV")),
+    ),
+    (Constraint("looks <= frequency"), Constraint("frequency <= 12")),
+)
+
+
+def hard_scores(points: np.ndarray) -> np.ndarray:
+    return 60.0 - 8.0 * np.abs(points[:, 0] - 0.2) + 3.0 * points[:, 1] - 2.0 * points[:, 2]
+
+
+@pytest.mark.parametrize("region", [HARD, Region(HARD.factors[1:])], ids=["constraints", "a grid"])
+def test_runs_are_settings_of_the_region(region: Region) -> None:
+    rng = np.random.default_rng(6)
+    made = region.sample(30, rng)
+    y = hard_scores(made if region.k == 3 else np.column_stack([np.zeros(30), made])) + rng.normal(size=30)
+    process = Process(
+        QuadraticModel(region.factors), made, y, np.ones(30), np.empty((30, 0)), np.empty((30, 0)), 1.0, rng
+    )
+    best = made[int(np.argmax(y))]
+    found = propose_from_process(process, region, best, made, np.zeros(30, dtype=bool), 8, seed=2)
+    points = np.array([one.point for one in found])
+    assert np.all(region.feasible(points))
+    for settings in region.decode(points):
+        assert settings["looks"] in (1.0, 2.0, 4.0, 16.0)
+        assert settings["polarization"] in ("HH", "HV", "VV")
+    for one in found:
+        again = bool(np.any(np.all(np.isclose(made, one.point, atol=1e-9), axis=1)))
+        earlier = [other for other in found if np.array_equal(other.point, one.point)]
+        assert one.repeats == (again or one is not earlier[0])
+        assert one.repeats == ("repeats settings already run" in one.why)
+
+
+def test_runs_made_outside_the_region_are_not_repeated() -> None:
+    rng, made = np.random.default_rng(6), spread(24, 2)
+    region = Region(BOX.factors, (Constraint("x0 <= 0.1"),))
+    process = fitted(made, bowl(made) + rng.normal(size=24))
+    waits = np.arange(24) >= 20  # pending ones, too, from before the constraint
+    best = np.array([0.1, 0.2])
+    points = np.array([one.point for one in propose_from_process(process, region, best, made, waits, 6)])
+    assert np.all(region.feasible(points))
+
+
+def test_eight_factors() -> None:
+    points = spread(60, 8)
+    region = Region(tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(8)))
+    process = fitted(points, bowl(points) + np.random.default_rng(3).normal(size=60))
+    found = propose_from_process(process, region, np.full(8, 0.2), points, np.zeros(60, dtype=bool), 4)
+    assert np.all(region.feasible(np.array([one.point for one in found])))
+    assert all(np.isfinite(one.gain) and one.gain > 0.0 for one in found)
+
+
+@pytest.mark.parametrize("scale", [1e9, 1e-9])
+def test_unit_of_the_scores_does_not_matter(found, scale: float) -> None:
+    _, made = found
+    y = hill(made) + np.random.default_rng(1).normal(size=len(made))
+    points = proposed(fitted(made, scale * y), made, 4)
+    assert np.all(np.isfinite(points))
+    assert np.mean(np.linalg.norm(points - TOP, axis=1) < 0.8) >= 0.5
+
+
+def test_a_surface_known_without_error() -> None:
+    points = spread(20, 2)
+    process = fitted(points, bowl(points))
+    assert np.all(np.isfinite(proposed(process, points, 3)))
+    cloud = Cloud(process, BOX, TOP, points, 1.0, np.random.default_rng(3))
+    draws = cloud.draws(2, np.random.default_rng(4))
+    np.testing.assert_allclose(draws, np.tile(bowl(cloud.points), (len(draws), 1)), atol=1.0)

@@ -1,0 +1,303 @@
+"""The Gaussian process against direct formulas, scipy's distributions and integrals by brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from process_cases import VAGUE, bowl, factors, fitted, hill, noise_covariance, prior_covariance, spread, trend
+from scipy import integrate, stats
+from scipy.special import logsumexp
+
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.process import MOST_RUNS, Hyper, Process, trend_rows
+
+CASES = {
+    "two factors": (2, (), 25),
+    "one factor": (1, (), 9),
+    "a category": (2, (3,), 30),
+    "two categories": (1, (3, 2), 30),
+    "categories alone": (0, (3, 3), 20),
+}
+
+
+def made(k: int, levels: tuple[int, ...], n: int, seed: int = 2) -> tuple[Process, dict[str, np.ndarray]]:
+    """With weights, two blocks and an error that a third of the scores share."""
+    rng, points = np.random.default_rng(seed), spread(n, k, levels)
+    given = {
+        "weights": np.exp(rng.normal(size=n)),
+        "nuisance": np.where(np.arange(n) % 2, 1.0, -1.0)[:, None],
+        "shared": np.where(np.arange(n) % 3 == 0, 1.5, 0.0)[:, None],
+    }
+    y = hill(points[:, :k]) + (2.0 * points[:, -1] if levels else 0.0) + rng.normal(size=n)
+    return fitted(points, y, levels=levels, **given), given | {"points": points, "y": y}
+
+
+def thetas(process: Process, n: int, seed: int = 3) -> np.ndarray:
+    """Hyperparameters from the prior."""
+    mean, sd = process._prior
+    return mean + sd * np.random.default_rng(seed).normal(size=(n, len(mean)))
+
+
+def of_scores(process: Process, theta: np.ndarray, given: dict, k: int, levels: tuple[int, ...]) -> np.ndarray:
+    """Covariance of the scores, in units of their scatter."""
+    found = prior_covariance(theta, given["points"], given["points"], k, levels)
+    found += VAGUE * given["nuisance"] @ given["nuisance"].T
+    found += given["shared"] @ given["shared"].T / np.var(given["y"])
+    return found + noise_covariance(theta, process._gap, given["weights"])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_likelihood_is_that_of_the_normal_distribution(case: str) -> None:
+    k, levels, n = CASES[case]
+    process, given = made(k, levels, n)
+    y = (given["y"] - given["y"].mean()) / given["y"].std()
+    assert process._gap.max() > 0.5  # so that the noise's growth is part of it
+    found = process._log_likelihood(thetas(process, 6))
+    for theta, one in zip(thetas(process, 6), found, strict=True):
+        of_normal = stats.multivariate_normal(np.zeros(n), of_scores(process, theta, given, k, levels))
+        assert one - 0.5 * n * np.log(2.0 * np.pi) == pytest.approx(of_normal.logpdf(y), rel=1e-9)
+
+
+@pytest.mark.parametrize("levels", [(), (2,), (4,), (3, 2)])
+def test_rows_of_the_trend_have_the_scalar_products_of_those_written_down(levels: tuple[int, ...]) -> None:
+    points = spread(12, 2, levels)
+    rows, direct = trend_rows(QuadraticModel(factors(2, levels)), points), trend(points, 2, levels)
+    np.testing.assert_allclose(rows @ rows.T, direct @ direct.T, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_mean_and_covariance_are_those_of_the_textbook(case: str) -> None:
+    """Rasmussen & Williams (2006), eqs. 2.23 and 2.24."""
+    k, levels, n = CASES[case]
+    process, given = made(k, levels, n)
+    chosen = thetas(process, 4)
+    process._keep(chosen)
+    points, y = spread(7, k, levels, seed=8), given["y"]
+    points[0] = given["points"][0]
+    means, covariances = process.joint(points)
+    for d, theta in enumerate(chosen):
+        V = of_scores(process, theta, given, k, levels)
+        cross = prior_covariance(theta, points, given["points"], k, levels)
+        own = prior_covariance(theta, points, points, k, levels)
+        mean = y.mean() + cross @ np.linalg.solve(V, y - y.mean())
+        covariance = np.var(y) * (own - cross @ np.linalg.solve(V, cross.T))
+        np.testing.assert_allclose(means[d], mean, rtol=1e-8)
+        np.testing.assert_allclose(covariances[d], covariance, rtol=1e-6, atol=1e-8 * VAGUE * np.var(y))
+    np.testing.assert_allclose(process.means(points), means, rtol=1e-12)
+    np.testing.assert_allclose(process.mean(points), means.mean(axis=0), rtol=1e-12)
+    same, variances = process.marginals(points)
+    np.testing.assert_allclose(same, means, rtol=1e-12)
+    np.testing.assert_allclose(
+        variances, np.diagonal(covariances, axis1=1, axis2=2), rtol=1e-6, atol=1e-9 * VAGUE * np.var(y)
+    )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_noise_grows_with_what_the_mean_falls_short_of_the_best(sign: float) -> None:
+    points = spread(20, 2)
+    process = fitted(points, sign * hill(points), sign=sign)
+    means = process.means(points)
+    best = np.max(sign * means.mean(axis=0))
+    short = np.maximum(best - sign * means, 0.0)
+    h = process.hyper
+    wanted = (h.noise[:, None] * process.scatter) ** 2 * (1.0 + (h.growth[:, None] * short / process.scatter) ** 2)
+    np.testing.assert_allclose(process.noise_variance(means), wanted, rtol=1e-9)
+    assert process._gap.min() == 0.0
+    assert np.corrcoef(process._gap, -hill(points))[0, 1] > 0.8
+
+
+@pytest.mark.parametrize("case", ["two factors", "a category"])
+def test_drawn_surfaces_have_the_mean_and_covariance_of_the_process(case: str) -> None:
+    """By random features: the process's part of the prior is right on average over the waves."""
+    k, levels, n = CASES[case]
+    process, _ = made(k, levels, n)
+    process._keep(process._prior[0][None, :])
+    points, rng = spread(5, k, levels, seed=8), np.random.default_rng(6)
+    drawn = [process.draw(rng) for _ in range(600)]
+    values = np.array([surface(points) for surface, _ in drawn])
+    (mean,), (covariance,) = process.joint(points)
+    se = np.sqrt(np.diag(covariance) / len(values))
+    np.testing.assert_array_less(np.abs(values.mean(axis=0) - mean), 5.0 * se)
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.cov(values.T) / np.outer(sd, sd), covariance / np.outer(sd, sd), atol=0.25)
+    surface, scatter = drawn[0]
+    at = surface(points)
+    np.testing.assert_allclose(scatter(points) ** 2, process.noise_variance(at[None, :])[0], rtol=1e-9)
+
+
+# evidence -------------------------------------------------------------------------------------------------------------
+
+
+def one_factor(surface: str) -> tuple[Process, np.ndarray, np.ndarray]:
+    rng, points = np.random.default_rng(11), np.linspace(-1.0, 1.0, 12)[:, None]
+    of = {"quadratic": bowl(points), "kink": 60.0 - 20.0 * np.abs(points[:, 0] - 0.1)}[surface]
+    weights = np.exp(0.5 * rng.normal(size=12))
+    y = of + rng.normal(size=12) / np.sqrt(weights)
+    return fitted(points, y, weights=weights), (y - y.mean()) / y.std(), weights
+
+
+def of_quadratic(points: np.ndarray, y: np.ndarray, weights: np.ndarray) -> float:
+    """Log evidence of the quadratic by scipy's quadrature over the two scales."""
+    rows = np.hstack([points, points**2])
+    fixed, own = VAGUE * np.ones((len(y), len(y))), np.diag(1.0 / weights)
+
+    def log_density(z: float, t: float) -> float:
+        trend_sd, noise_sd = 0.5 * np.exp(z), 0.2 * np.exp(1.2 * t)
+        factor = np.linalg.cholesky(fixed + trend_sd**2 * rows @ rows.T + noise_sd**2 * own)
+        left = np.linalg.solve(factor, y)
+        return -float(np.sum(np.log(np.diag(factor))) + 0.5 * (left @ left + z**2 + t**2)) - np.log(2.0 * np.pi)
+
+    grid = np.linspace(-4.0, 4.0, 17)
+    top = max(log_density(z, t) for z in grid for t in grid)
+    share, _ = integrate.dblquad(
+        lambda t, z: np.exp(log_density(z, t) - top), -5.0, 5.0, -5.0, 5.0, epsabs=1e-4, epsrel=1e-3
+    )
+    return float(np.log(share)) + top
+
+
+@pytest.mark.parametrize("surface", ["quadratic", "kink"])
+def test_bayes_factor_is_the_ratio_of_two_integrals(surface: str) -> None:
+    process, y, weights = one_factor(surface)
+    quadratic = process._log_evidence_of_quadratic()
+    assert quadratic == pytest.approx(of_quadratic(process._points, y, weights), abs=5e-3)
+    logs = process._log_likelihood(thetas(process, 200_000, seed=21))
+    drawn = float(logsumexp(logs)) - np.log(len(logs))
+    shares = np.exp(logs - logsumexp(logs))
+    effective = 1.0 / float(np.sum(shares**2))
+    assert effective > 500.0
+    error = np.sqrt(1.0 / effective + 1.0 / process.effective_draws)
+    assert process.log_bayes_factor == pytest.approx(drawn - quadratic, abs=4.0 * error)
+
+
+def test_bayes_factor_tells_a_narrow_top_from_a_quadratic() -> None:
+    points, rng = spread(40, 2), np.random.default_rng(4)
+    assert fitted(points, hill(points) + rng.normal(size=40)).log_bayes_factor > 5.0
+    assert fitted(points, bowl(points) + rng.normal(size=40)).log_bayes_factor < 1.0
+
+
+def test_importance_draws_are_many_enough() -> None:
+    """At 10 of 512 the log of the Bayes factor has a standard error of about 0.3."""
+    for k, levels in ((2, ()), (3, (3,))):
+        points = spread(45, k, levels)
+        y = hill(points[:, :k]) + np.random.default_rng(1).normal(size=45)
+        assert fitted(points, y, levels=levels).effective_draws > 10.0
+
+
+# invariance -----------------------------------------------------------------------------------------------------------
+
+
+def test_mirrored_scores_give_the_mirrored_process() -> None:
+    points = spread(20, 2)
+    y = hill(points) + np.random.default_rng(1).normal(size=20)
+    up, down = fitted(points, y), fitted(points, -y, sign=-1.0)
+    assert up.log_bayes_factor == down.log_bayes_factor
+    at = spread(9, 2, seed=3)
+    np.testing.assert_array_equal(up.means(at), -down.means(at))
+    np.testing.assert_array_equal(up.noise_variance(up.means(at)), down.noise_variance(down.means(at)))
+
+
+@pytest.mark.parametrize("scale", [2.0**30, 2.0**-30])
+def test_unit_of_the_scores_does_not_matter(scale: float) -> None:
+    points, at = spread(20, 2), spread(9, 2, seed=3)
+    y = hill(points) + np.random.default_rng(1).normal(size=20)
+    one, other = fitted(points, y), fitted(points, scale * y)
+    assert one.log_bayes_factor == other.log_bayes_factor  # a power of two: to the last bit
+    np.testing.assert_array_equal(scale * one.means(at), other.means(at))
+    np.testing.assert_array_equal(scale**2 * one.marginals(at)[1], other.marginals(at)[1])
+
+
+def test_seed_decides() -> None:
+    points = spread(15, 2)
+    one, same, other = (fitted(points, hill(points), seed=seed) for seed in (1, 1, 2))
+    assert one.log_bayes_factor == same.log_bayes_factor != other.log_bayes_factor
+    np.testing.assert_array_equal(one.hyper.lengths, same.hyper.lengths)
+
+
+# extremes -------------------------------------------------------------------------------------------------------------
+
+
+def sound(process: Process, points: np.ndarray) -> None:
+    """Finite, with variances that are none below zero, and a mean that is near what was scored."""
+    means, variances = process.marginals(points)
+    assert np.all(np.isfinite(means))
+    assert np.all(np.isfinite(variances))
+    assert np.all(variances >= 0.0)
+    assert np.isfinite(process.log_bayes_factor)
+    assert 1.0 <= process.effective_draws <= 512.0
+    assert np.all(np.isfinite(process.noise_variance(means)))
+    np.linalg.cholesky(process.joint(points)[1] + 1e-6 * process.scatter**2 * np.eye(len(points)))
+
+
+def test_eight_runs_and_one_degree_of_freedom() -> None:
+    rng, points = np.random.default_rng(2), spread(11, 3)  # 10 terms
+    sound(fitted(points, bowl(points) + rng.normal(size=11)), spread(6, 3, seed=9))
+    points = spread(8, 1)
+    sound(fitted(points, bowl(points) + rng.normal(size=8)), spread(6, 1, seed=9))
+
+
+def test_settings_that_are_all_repeated() -> None:
+    points = np.repeat(spread(8, 2), 3, axis=0)
+    y = bowl(points) + np.random.default_rng(3).normal(size=24)
+    process = fitted(points, y)
+    sound(process, points[::3])
+    np.testing.assert_allclose(process.mean(points[::3]), y.reshape(-1, 3).mean(axis=1), atol=3.0)
+
+
+def test_eight_factors() -> None:
+    points = spread(60, 8)
+    process = fitted(points, bowl(points) + np.random.default_rng(3).normal(size=60))
+    sound(process, spread(6, 8, seed=9))
+    assert process.hyper.lengths.shape == (20, 8)
+
+
+def test_scores_of_nothing_and_of_everything() -> None:
+    points = spread(24, 2)
+    sound(fitted(points, np.where(points[:, 0] > 0.0, 100.0, 0.0)), spread(6, 2, seed=9))
+
+
+def test_one_score_far_from_all_others() -> None:
+    points, y = spread(20, 2), np.zeros(20)
+    y[7] = 1e6
+    sound(fitted(points, y), spread(6, 2, seed=9))
+
+
+def test_weights_that_span_a_million() -> None:
+    rng, points = np.random.default_rng(6), spread(30, 2)
+    weights = np.exp(rng.uniform(np.log(1e-3), np.log(1e3), 30))
+    y = bowl(points) + rng.normal(size=30) / np.sqrt(weights)
+    process = fitted(points, y, weights=weights)
+    sound(process, points)
+    heavy = weights > 100.0
+    np.testing.assert_allclose(process.mean(points)[heavy], y[heavy], atol=0.5)
+
+
+@pytest.mark.parametrize("scale", [1e9, 1e-9])
+def test_large_and_small_scores(scale: float) -> None:
+    points = spread(20, 2)
+    y = hill(points) + np.random.default_rng(1).normal(size=20)
+    process = fitted(points, scale * y)
+    sound(process, spread(6, 2, seed=9))
+    assert process.log_bayes_factor == pytest.approx(fitted(points, y).log_bayes_factor, abs=1.0)
+    np.testing.assert_allclose(process.mean(points), scale * y, atol=8.0 * scale)
+
+
+def test_exact_quadratic_without_noise() -> None:
+    points, at = spread(20, 2), spread(6, 2, seed=9)
+    process = fitted(points, bowl(points))
+    sound(process, at)
+    np.testing.assert_allclose(process.mean(at), bowl(at), atol=0.5)
+
+
+@pytest.mark.slow
+def test_most_runs() -> None:
+    points = spread(MOST_RUNS, 2)
+    sound(fitted(points, hill(points) + np.random.default_rng(1).normal(size=MOST_RUNS)), spread(6, 2, seed=9))
+
+
+def test_hyperparameters_by_name() -> None:
+    theta = np.array([[0.1, 0.2, 0.3, 0.4, 0.0, 1.0, 2.0]])
+    h = Hyper.of(theta, categories=True)
+    assert (h.trend[0], h.process[0], h.noise[0], h.growth[0]) == tuple(np.exp([0.1, 0.2, 0.3, 0.4]))
+    assert h.between[0] == 0.5
+    np.testing.assert_array_equal(h.lengths, np.exp([[1.0, 2.0]]))
+    assert Hyper.of(theta[:, :6], categories=False).between[0] == 1.0
