@@ -22,7 +22,7 @@ from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound
+from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
 from seqrsm.propose.cloud import Cloud, climb
 from seqrsm.rng import generator
@@ -89,11 +89,6 @@ def weigh_departure(
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)
-
-
-def sign_of(goal: Goal) -> float:
-    """1 where the score is maximized, -1 where minimized."""
-    return 1.0 if goal == "maximize" else -1.0
 
 
 @dataclass(frozen=True, slots=True)

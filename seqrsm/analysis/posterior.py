@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief, intervals_by_draws, sign_of
+from seqrsm.analysis.belief import Belief, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.results import EffectBound, OptimumEstimate, PosteriorSummary, SettingPosterior
 from seqrsm.analysis.scale import Interval
@@ -18,7 +18,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
 from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
 from seqrsm.fit.error_models import Draws, Sampler, enough
-from seqrsm.fit.optimum import optimum_draws
+from seqrsm.fit.optimum import optimum_draws, sign_of
 from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec

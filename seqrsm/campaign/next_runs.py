@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.analysis.belief import sign_of
 from seqrsm.analysis.posterior import stated_prior
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
@@ -18,6 +17,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.least_squares import block_columns
+from seqrsm.fit.optimum import sign_of
 from seqrsm.propose.batch import plan_of, propose_batch
 from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import propose_from_process

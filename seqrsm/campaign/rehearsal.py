@@ -22,7 +22,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.error_models import Draws
-from seqrsm.fit.optimum import optimum
+from seqrsm.fit.optimum import optimum, sign_of
 from seqrsm.propose.cloud import climb
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
@@ -90,7 +90,7 @@ def _plain(spec: CampaignSpec) -> CampaignSpec:
 def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth:
     """A draw of the process, or of the quadratic, by their probabilities."""
     fitted, goal, region = analysis.fitted, analysis.goal, analysis.region
-    sign = 1.0 if goal == "maximize" else -1.0
+    sign = sign_of(goal)
     departure = fitted.departure
     if departure.process is not None and rng.random() < departure.probability:
         mean, sd = departure.process.draw(rng)

@@ -22,6 +22,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.simulation import plan_of, score_by, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
 from seqrsm.errors import FitError, UserError
+from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.plain import plain
 from seqrsm.simulate.fidelity import MEANINGS, RUNGS
 from seqrsm.spec.read import CampaignSpec
@@ -163,7 +164,7 @@ def _summary(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> dict[str,
         application.name: [
             found
             for rung in (*RUNGS, AUTO)
-            if (found := _against_top(good, rung, application.name, application.goal == "maximize")) is not None
+            if (found := _against_top(good, rung, application.name, application.goal)) is not None
         ]
         for application in spec.applications
     }
@@ -182,9 +183,7 @@ def _summary(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> dict[str,
     }
 
 
-def _against_top(
-    rows: Sequence[Mapping[str, Any]], rung: str, application: str, maximize: bool
-) -> dict[str, Any] | None:
+def _against_top(rows: Sequence[Mapping[str, Any]], rung: str, application: str, goal: Goal) -> dict[str, Any] | None:
     """One rung against the top one over the configurations that admit it; None where none does."""
     used = [row for row in rows if rung == AUTO or rung in row["rungs"]]
     if not used:
@@ -205,7 +204,7 @@ def _against_top(
     n, m = difference.shape
     means = difference.mean(axis=1)
     error = float(np.sqrt(difference.var(axis=1, ddof=1).sum() / m) / n) if m > 1 else float("nan")
-    sign = 1.0 if maximize else -1.0
+    sign = sign_of(goal)
     true, seen = sign * full.mean(axis=1), sign * cheap.mean(axis=1)
     best, picked = int(np.argmax(true)), int(np.argmax(seen))
     lost = full[best] - full[picked]

@@ -17,7 +17,7 @@ import numpy as np
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum import Goal, sign_of
 
 Surface = Callable[[FloatArray], FloatArray]
 """Values (n,) at coded points (n, k)."""
@@ -150,7 +150,7 @@ def pareto_front(values: FloatArray, goals: Sequence[Goal]) -> BoolArray:
     ndarray (n,) of bool
         Of equal rows all or none.
     """
-    better = values * np.array([1.0 if goal == "maximize" else -1.0 for goal in goals])
+    better = values * np.array([sign_of(goal) for goal in goals])
     order = np.lexsort(-better.T[::-1])
     front = np.zeros(len(values), dtype=np.bool_)
     kept = np.empty((0, better.shape[1]))
@@ -196,7 +196,7 @@ def compromise(
     means = np.column_stack([objective.mean(cover) for objective in objectives])
     own_points, limits = [], []
     for i, objective in enumerate(objectives):
-        sign = 1.0 if objective.goal == "maximize" else -1.0
+        sign = sign_of(objective.goal)
         own_points.append(_climb(region, cover, sign * means[:, i], _signed(objective, sign), rng))
         limits.append(_limits(objective, means[:, i], float(objective.mean(own_points[-1][None, :])[0])))
     weights = np.array([objective.weight for objective in objectives])
@@ -218,7 +218,7 @@ def compromise(
     here = at(point[None, :])[0]
     losses = []
     for i, objective in enumerate(objectives):
-        sign = 1.0 if objective.goal == "maximize" else -1.0
+        sign = sign_of(objective.goal)
         own = own_points[i]
         own_best = float(objective.mean(own[None, :])[0])
         low = high = float("nan")
@@ -302,6 +302,6 @@ def _draws(
     shortfall = float(np.mean(of[np.arange(m), best] - of[:, -1]))
     losses = {}
     for i in uncertain:
-        sign = 1.0 if objectives[i].goal == "maximize" else -1.0
+        sign = sign_of(objectives[i].goal)
         losses[i] = np.asarray(np.max(sign * values[:, :, i], axis=1) - sign * values[:, -1, i])
     return points[best], shortfall, losses

@@ -23,7 +23,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.conjugate import NormalInverseGamma
-from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum import Goal, sign_of
 
 _DEFAULT_NOISE = 0.1  # of the range of the utility, when nothing is said of repeats
 _SHARE_CURVATURE = 1.0  # fall from the optimum over half a factor's range, in standard deviations of the utility
@@ -102,7 +102,7 @@ def elicited_prior(
     centre = 0.5 * (utility.low + utility.high)
     spread = 0.5 * (utility.high - utility.low) / float(ndtri(0.5 + 0.5 * utility.probability))
     order_two = model.order == 2
-    curvature = (-1.0 if goal == "maximize" else 1.0) * _SHARE_CURVATURE * spread
+    curvature = -sign_of(goal) * _SHARE_CURVATURE * spread
     mean, precision = np.zeros(model.p), np.zeros((model.p, model.p))
     place = {name: i for i, name in enumerate(model.term_names)}
     mean[0] = centre

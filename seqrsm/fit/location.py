@@ -33,7 +33,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.optimum import Goal, optimum, optimum_draws
+from seqrsm.fit.optimum import Goal, optimum, optimum_draws, sign_of
 
 Method = Literal["scheffe", "simulated"]
 
@@ -188,7 +188,7 @@ class BestSettings:
 
     def _whitened(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         Z = self.model.matrix(points)
-        sign = 1.0 if self.goal == "maximize" else -1.0
+        sign = sign_of(self.goal)
         rows: FloatArray = Z @ self.fit.factor[: self.model.p]
         return rows, sign * (Z @ self.fit.estimate[: self.model.p])
 

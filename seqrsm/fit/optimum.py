@@ -69,10 +69,15 @@ class Optimum:
     goal: Goal
 
 
+def sign_of(goal: Goal) -> float:
+    """1 where the score is maximized, -1 where minimized: times it, more is better."""
+    return 1.0 if goal == "maximize" else -1.0
+
+
 def _signed(betas: FloatArray, goal: Goal) -> FloatArray:
     if goal not in ("maximize", "minimize"):
         raise ValueError(f"goal must be 'maximize' or 'minimize', not {goal!r}")
-    found: FloatArray = np.asarray(betas, dtype=np.float64) * (1.0 if goal == "maximize" else -1.0)
+    found: FloatArray = np.asarray(betas, dtype=np.float64) * sign_of(goal)
     if not np.all(np.isfinite(found)):
         raise ValueError("the coefficients must be finite")
     return found
@@ -108,7 +113,7 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
         point, value, ties, flat, exact = _constrained_optimum(model, region, signed)
     return Optimum(
         point=point,
-        value=value if goal == "maximize" else -value,
+        value=sign_of(goal) * value,
         at_bound=at_bound(region, point),
         active_constraints=active_constraints(region, point),
         ties=ties,
@@ -287,7 +292,7 @@ def optimum_draws(
     level = ~np.any(signed[:, 1:], axis=1)
     if np.any(level):
         points[level] = region.sample(int(np.count_nonzero(level)), np.random.default_rng(20_029))
-    return points, values if goal == "maximize" else -values
+    return points, sign_of(goal) * values
 
 
 def _constrained_draws(

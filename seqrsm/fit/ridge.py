@@ -6,14 +6,12 @@ Notation as in :mod:`seqrsm.fit.canonical`: ``c + x'b + x'Bx`` in the q numeric 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.optimize import brentq
 
 from seqrsm.arrays import FloatArray
-
-Goal = Literal["maximize", "minimize"]
+from seqrsm.fit.optimum import Goal, sign_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +83,7 @@ def ridge_path(
     -------
     Path
     """
-    sign = 1.0 if goal == "maximize" else -1.0
+    sign = sign_of(goal)
     values, vectors = np.linalg.eigh(sign * quadratic)
     values, vectors = values[::-1], vectors[:, ::-1]
     projected = vectors.T @ (sign * linear)
@@ -133,7 +131,7 @@ def steepest_path(
     if np.any(quadratic != 0.0):
         return ridge_path(constant, linear, quadratic, distances, goal)
     norm = float(np.linalg.norm(linear))
-    direction = np.zeros_like(linear) if norm == 0.0 else (1.0 if goal == "maximize" else -1.0) * linear / norm
+    direction = np.zeros_like(linear) if norm == 0.0 else sign_of(goal) * linear / norm
     distances = np.asarray(distances, dtype=np.float64)
     points = distances[:, None] * direction
     return Path(distances, points, _values(constant, linear, quadratic, points), np.full(len(distances), np.nan))

@@ -6,16 +6,12 @@ bound stops one of the factors; with a second-order one it bends, and ends at th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-
-if TYPE_CHECKING:
-    from seqrsm.fit.optimum import Goal
+from seqrsm.fit.optimum import Goal, sign_of
 
 _STEP = 0.02  # coded; far below the spacing of the runs
 _STEPS = 400
@@ -41,7 +37,7 @@ def ascent_path(
         Feasible points from ``start`` on, in steps of 0.02 of the coded half-range; the last is where the surface, a
         bound or a constraint ends the path.
     """
-    sign = 1.0 if goal == "maximize" else -1.0
+    sign = sign_of(goal)
     free = list(region.continuous)
     path = [np.asarray(start, dtype=np.float64)]
     if not free:

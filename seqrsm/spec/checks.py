@@ -13,6 +13,7 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
+from seqrsm.fit.optimum import Goal
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
 from seqrsm.spec.tables import ApplicationSpec, Table
 from seqrsm.spec.toml_lines import Path, line_of
@@ -256,7 +257,7 @@ def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Con
 
 
 class _Desired(Protocol):
-    goal: Literal["maximize", "minimize"]
+    goal: Goal
     unacceptable: float | None
     ideal: float | None
 

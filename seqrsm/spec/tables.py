@@ -19,6 +19,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from seqrsm.fit.error_models import ERROR_MODELS
+from seqrsm.fit.optimum import Goal
 from seqrsm.propose.criteria import CRITERIA
 from seqrsm.score.utilities import OF_THE_USER, UTILITIES, Utility
 
@@ -177,7 +178,7 @@ class ApplicationSpec(Table):
 
     name: Name
     utility: Annotated[str, AfterValidator(_is_utility)]
-    goal: Literal["maximize", "minimize"] = "maximize"
+    goal: Goal = "maximize"
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None
@@ -224,7 +225,7 @@ class ConsiderationSpec(Table):
 
     name: Name
     expr: str
-    goal: Literal["maximize", "minimize"] = "minimize"
+    goal: Goal = "minimize"
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None

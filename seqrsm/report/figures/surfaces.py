@@ -11,7 +11,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.ridge import Goal, ridge_path
+from seqrsm.fit.ridge import ridge_path
 
 GRID_POINTS = 41
 LINE_POINTS = 81
@@ -190,8 +190,7 @@ def ridge(analysis: Analysis) -> Ridge | None:
     if not (np.all(np.isfinite(linear)) and np.all(np.isfinite(quadratic))):
         return None
     distance = np.linspace(0.0, np.sqrt(len(numeric)), LINE_POINTS)
-    goal: Goal = "maximize" if analysis.goal == "maximize" else "minimize"
-    path = ridge_path(float(constant), linear, quadratic, distance, goal)
+    path = ridge_path(float(constant), linear, quadratic, distance, analysis.goal)
     points = np.repeat(analysis.optimum.point[None, :], LINE_POINTS, axis=0)
     points[:, numeric] = path.points
     inside = np.all(np.abs(path.points) <= 1.0 + 1e-9, axis=1)
