@@ -214,7 +214,7 @@ def _decision(
         n_before=earlier[-1].after_run if earlier else 0,
     )
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
-    weighed = None if fitted.departure.process is None else fitted.departure.probability
+    weighed = fitted.departure.process is not None
     adequacy = Adequacy(p, reason, weighed, is_saturated(fitted.model, fitted.region))
     return decide(rule, look, adequacy, agreement, application.unit)
 

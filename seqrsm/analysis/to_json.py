@@ -155,7 +155,6 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
         "optimum": optimum_to_json(analysis),
         "half_width": decision.half_width,
         "noise_floor": decision.noise_floor,
-        "target": None,
         "held": decision.held,
         "reasons": list(decision.reasons),
         "futility": list(decision.futility),

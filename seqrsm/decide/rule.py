@@ -1,8 +1,7 @@
-"""The stop rule as data, and the conditions one look can judge, for one campaign or many at once."""
+"""The stop rule as data, and the half-width that it looks at."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Literal
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import FloatArray
 from seqrsm.decide.intervals import IntervalKind, anytime_half_width, half_width
 from seqrsm.errors import Problem, SpecError
 
@@ -167,36 +166,3 @@ def rule_half_width(
         return half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates)
     planned = rule.planned_information(n_terms)
     return anytime_half_width(rule.interval, s, df_residual, h, rule.level, planned, rule.replicates)
-
-
-def conditions(
-    rule: StopRule,
-    *,
-    n_runs: ArrayLike,
-    n_terms: int,
-    df_pure_error: ArrayLike,
-    lack_of_fit_p: ArrayLike,
-    half_width: ArrayLike,
-) -> Mapping[str, BoolArray]:
-    """The parts of the rule that one look can judge; arrays are broadcast, nan never holds.
-
-    Parameters
-    ----------
-    rule : StopRule
-    n_runs, df_pure_error : array_like of int
-    n_terms : int
-    lack_of_fit_p : array_like
-        nan where not testable.
-    half_width : array_like
-        From :func:`rule_half_width`.
-
-    Returns
-    -------
-    mapping of name to bool array
-    """
-    found: dict[str, BoolArray] = {"interval": np.asarray(np.asarray(half_width) <= rule.half_width)}
-    if rule.guard == "runs":
-        found["runs"] = np.asarray(np.asarray(n_runs) >= rule.min_runs(n_terms))
-    found["pure_error"] = np.asarray(np.asarray(df_pure_error) >= rule.min_df_pure_error)
-    found["lack_of_fit"] = np.asarray(np.asarray(lack_of_fit_p, dtype=np.float64) >= rule.alpha_lack_of_fit)
-    return found

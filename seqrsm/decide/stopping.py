@@ -14,7 +14,7 @@ import numpy as np
 from seqrsm.decide.forecast import Forecast, amount, forecast, futility
 from seqrsm.decide.intervals import Agreement
 from seqrsm.decide.intervals import half_width as interval_half_width
-from seqrsm.decide.rule import StopRule, conditions, rule_half_width
+from seqrsm.decide.rule import StopRule, rule_half_width
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,16 +110,16 @@ class Adequacy:
     p : float or None
         p of the lack-of-fit test; None where it cannot be made, for ``reason``.
     reason : str
-    departure : float or None
-        Probability of a surface that is no quadratic, where that is part of the intervals: then neither lack of fit
-        nor pure error is asked about.
+    weighed : bool
+        A surface that is no quadratic is part of the intervals, by its probability: then neither lack of fit nor pure
+        error is asked about.
     saturated : bool
         The model has a term for every setting of the region: there is no lack of fit to test.
     """
 
     p: float | None
     reason: str = ""
-    departure: float | None = None
+    weighed: bool = False
     saturated: bool = False
 
 
@@ -155,20 +155,13 @@ def decide(
     if df_residual > 0:
         width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=n_runs, n_before=look.n_before))
         width *= scale
-    found = conditions(
-        rule,
-        n_runs=n_runs,
-        n_terms=n_terms,
-        df_pure_error=look.df_pure_error,
-        lack_of_fit_p=np.nan if adequacy.p is None else adequacy.p,
-        half_width=width,
-    )
-    checks = [_interval_check(rule, bool(found["interval"]), width, unit)]
+    checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
         asked = f"{rule.min_runs(n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
-        checks.append(Check("runs", bool(found["runs"]), f"{n_runs} runs for {n_terms} terms; {asked}."))
-    if adequacy.departure is None:
-        checks += [_pure_error_check(rule, bool(found["pure_error"]), look), _lack_of_fit_check(rule, adequacy)]
+        enough = n_runs >= rule.min_runs(n_terms)
+        checks.append(Check("runs", enough, f"{n_runs} runs for {n_terms} terms; {asked}."))
+    if not adequacy.weighed:
+        checks += [_pure_error_check(rule, look.df_pure_error), _lack_of_fit_check(rule, adequacy)]
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
@@ -197,7 +190,7 @@ def decide(
     )
 
 
-def _interval_check(rule: StopRule, holds: bool, width: float, unit: str) -> Check:
+def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
@@ -205,12 +198,13 @@ def _interval_check(rule: StopRule, holds: bool, width: float, unit: str) -> Che
     kind = kinds.get(rule.guard, "")
     now = f"± {amount(width, unit)} ({100 * rule.level:g} %{kind})"
     text = f"The {rule.interval_name} at the optimum is {now}; {target}."
-    return Check("interval", holds, text)
+    return Check("interval", width <= rule.half_width, text)
 
 
-def _pure_error_check(rule: StopRule, holds: bool, look: Look) -> Check:
-    df, asked = look.df_pure_error, rule.min_df_pure_error
-    return Check("pure_error", holds, f"Repeats give {df} degrees of freedom of pure error; {asked} are asked for.")
+def _pure_error_check(rule: StopRule, df: int) -> Check:
+    asked = rule.min_df_pure_error
+    text = f"Repeats give {df} degrees of freedom of pure error; {asked} are asked for."
+    return Check("pure_error", df >= asked, text)
 
 
 def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:

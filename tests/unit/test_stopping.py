@@ -39,7 +39,7 @@ GOOD: dict[str, Any] = {
 ADEQUACY = {
     "lack_of_fit_p": "p",
     "lack_of_fit_reason": "reason",
-    "departure": "departure",
+    "weighed": "weighed",
     "saturated": "saturated",
 }
 
@@ -318,12 +318,11 @@ def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
 def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:
     bare = {"df_pure_error": 0, "lack_of_fit_p": 1e-9}
     assert not look(**bare).held
-    for probability in (0.0, 0.3, 1.0):
-        decision = look(**bare, departure=probability)
-        assert list(holds(decision)) == ["interval", "runs"]
-        assert decision.held
-        assert not look(**bare, departure=probability, s=2.5).held  # the interval
-        assert not look(**bare, departure=probability, n_runs=44).held
+    decision = look(**bare, weighed=True)
+    assert list(holds(decision)) == ["interval", "runs"]
+    assert decision.held
+    assert not look(**bare, weighed=True, s=2.5).held  # the interval
+    assert not look(**bare, weighed=True, n_runs=44).held
 
 
 def test_a_saturated_region_has_no_lack_of_fit_to_test() -> None:
