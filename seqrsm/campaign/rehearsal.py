@@ -7,7 +7,7 @@ scores that are the truth's and noise of the size found.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from seqrsm.analysis.conclude import analyse, stop_rule
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
-from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import next_batch, start_batch
@@ -26,7 +25,7 @@ from seqrsm.fit.optimum import optimum, sign_of
 from seqrsm.propose.cloud import climb
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import LookRecord, NewRun, RunRecord, ScoreRecord
+from seqrsm.store.records import LookRecord, NewRun, NewScore, RunRecord, ScoreRecord
 
 _PLACES = 2000
 _DRAWS = 500
@@ -106,30 +105,54 @@ def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth
     )
 
 
-def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> _Ended:
-    """One campaign on one truth, until the rule holds or the budget is spent."""
+def make_campaign(
+    spec: CampaignSpec,
+    source: str,
+    score: Callable[[FloatArray], Sequence[NewScore]],
+    *,
+    n_draws: int,
+    stops: bool = True,
+) -> tuple[Analysis, list[RunRecord]]:
+    """A campaign of one application as `run` makes it, in memory, its scores from a function.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    source : "simulation" or "flight"
+        Of every run.
+    score : callable
+        Scores of new runs at coded points (n, k), in their order; the same settings may score otherwise next time.
+    n_draws : int
+        Posterior draws at each look.
+    stops : bool
+        When the rule holds; otherwise the whole budget is spent.
+
+    Returns
+    -------
+    Analysis
+        The last look.
+    list of RunRecord
+        All runs.
+    """
     (application,) = spec.applications
-    source = "simulation" if known.data.sources[0] == "simulation" else "flight"
     runs: list[RunRecord] = []
     looks: list[LookRecord] = []
     new = start_batch(spec, QuadraticModel(spec.factors, spec.model.order), source)
     while True:
-        points = spec.region.code([run.settings for run in new])
-        values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
-        scores = known.scale.to_score(values)
+        scores = score(spec.region.code([run.settings for run in new]))
         runs += [
-            _record(len(runs) + 1 + i, len(looks) + 1, run, application.name, float(score))
-            for i, (run, score) in enumerate(zip(new, scores, strict=True))
+            scored_run(len(runs) + 1 + i, len(looks) + 1, run, scored)
+            for i, (run, scored) in enumerate(zip(new, scores, strict=True))
         ]
-        analysis = analyse(spec, application, runs, looks, n_draws=_DRAWS)
-        if analysis.decision.held or len(runs) >= spec.stop.max_runs:
-            return _end(spec, analysis, truth, len(runs), rng)
-        looks.append(LookRecord(len(looks) + 1, len(runs), application.name, look_summary(analysis), ""))
+        analysis = analyse(spec, application, runs, looks, n_draws=n_draws)
+        if (stops and analysis.decision.held) or len(runs) >= spec.stop.max_runs:
+            return analysis, runs
+        looks.append(LookRecord(len(looks) + 1, len(runs), application.name, {}, ""))
         new = next_batch(spec, [analysis], runs, min(spec.batch, spec.stop.max_runs - len(runs)), source)
 
 
-def _record(number: int, batch: int, run: NewRun, application: str, score: float) -> RunRecord:
-    scored = ScoreRecord(number, application, score, None, None, None, {}, "", None, "")
+def scored_run(number: int, batch: int, run: NewRun, score: NewScore) -> RunRecord:
+    """The record of a run as it stands in the store once it is scored."""
     return RunRecord(
         run_id=number,
         batch=batch,
@@ -139,7 +162,7 @@ def _record(number: int, batch: int, run: NewRun, application: str, score: float
         state="scored",
         proposed=dict(run.settings),
         executed=None,
-        block="",
+        block=run.block,
         cost=run.cost,
         reason="",
         attempts=1,
@@ -149,8 +172,20 @@ def _record(number: int, batch: int, run: NewRun, application: str, score: float
         issued_at=None,
         started_at=None,
         ended_at=None,
-        scores=(scored,),
+        scores=(ScoreRecord(number, **asdict(score), scored_at=""),),
     )
+
+
+def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> _Ended:
+    """How one campaign on one truth ends."""
+    name = spec.applications[0].name
+
+    def score(points: FloatArray) -> list[NewScore]:
+        values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
+        return [NewScore(name, float(one)) for one in known.scale.to_score(values)]
+
+    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS)
+    return _end(spec, analysis, truth, len(runs), rng)
 
 
 def _end(spec: CampaignSpec, analysis: Analysis, truth: _Truth, n_runs: int, rng: np.random.Generator) -> _Ended:

@@ -17,7 +17,7 @@ from seqrsm.campaign.next_runs import start_batch
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.process import Process
 from seqrsm.spec.read import CampaignSpec, load_spec
-from seqrsm.store.records import RunRecord
+from seqrsm.store.records import NewRun, NewScore, RunRecord
 
 SIGMA = 2.0
 Mean = Callable[[np.ndarray], np.ndarray]
@@ -47,7 +47,7 @@ def known(folder: Path, mean: Mean, sign: float = 1.0) -> tuple[CampaignSpec, An
     points = np.vstack([start, rng.uniform(-1.0, 1.0, (14, 2))])
     scores = sign * (mean(points) + SIGMA * rng.standard_normal(len(points)))
     runs: list[RunRecord] = [
-        rehearsal._record(i + 1, 1, new[0].__class__(settings, "start", "", "flight", 1.0), "score", float(score))
+        rehearsal.scored_run(i + 1, 1, NewRun(settings, "start", "", "flight"), NewScore("score", float(score)))
         for i, (settings, score) in enumerate(zip(spec.region.decode(points), scores, strict=True))
     ]
     return spec, analyse(spec, spec.applications[0], runs, [], n_draws=500)

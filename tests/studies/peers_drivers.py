@@ -89,44 +89,22 @@ def campaign_toml(kind: Kind, seed: int, max_runs: int) -> str:
 
 def seqrsm(drawn: Drawn, seed: int, max_runs: int, *, stops: bool = False) -> Answer:
     """As `seqrsm run` goes on; with ``stops`` until the stop rule holds."""
-    from seqrsm.analysis.conclude import analyse
-    from seqrsm.analysis.to_json import look_summary
-    from seqrsm.campaign.next_runs import next_batch, start_batch
-    from seqrsm.design.quadratic import QuadraticModel
-    from seqrsm.plain import plain
+    from seqrsm.campaign.rehearsal import make_campaign
     from seqrsm.spec.read import load_spec
-    from seqrsm.store.records import LookRecord, NewRun, RunRecord, ScoreRecord
+    from seqrsm.store.records import NewScore
 
-    at, rng = "2026-01-01T00:00:00+00:00", np.random.default_rng([seed, 7])
+    rng = np.random.default_rng([seed, 7])
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "campaign.toml").write_text(campaign_toml(drawn.kind, seed, max_runs), "utf-8")
         spec = load_spec(Path(folder))
 
-    def record(number: int, batch: int, run: NewRun, score: float) -> RunRecord:
-        counted = drawn.kind.errors == "counts"
-        trials, correct = (TRIALS, round(score * TRIALS / 100.0)) if counted else (None, None)
-        scored = ScoreRecord(number, "score", score, None, trials, correct, {}, "", None, at)
-        return RunRecord(
-            number, batch, run.purpose, run.why, run.source, "scored", dict(run.settings), None, run.block, run.cost,
-            "", 1, "", None, at, at, at, at, None, (scored,),
-        )  # fmt: skip
+    def score(points: Array) -> list[NewScore]:
+        scores = [float(one) for one in drawn.score(points, rng)]
+        if drawn.kind.errors != "counts":
+            return [NewScore("score", one) for one in scores]
+        return [NewScore("score", one, n=TRIALS, correct=round(one * TRIALS / 100.0)) for one in scores]
 
-    runs: list[RunRecord] = []
-    looks: list[LookRecord] = []
-    new = start_batch(spec, QuadraticModel(spec.factors, spec.model.order), "flight")
-    while True:
-        scores = drawn.score(spec.region.code([run.settings for run in new]), rng)
-        runs += [
-            record(len(runs) + 1 + i, len(looks) + 1, run, float(score))
-            for i, (run, score) in enumerate(zip(new, scores, strict=True))
-        ]
-        analysis = analyse(spec, spec.applications[0], runs, looks, n_draws=1000)
-        summary = json.loads(json.dumps(plain(look_summary(analysis))))
-        looks.append(LookRecord(len(looks) + 1, len(runs), "score", summary, at))
-        if len(runs) >= max_runs or (stops and analysis.decision.held):
-            break
-        new = next_batch(spec, [analysis], runs, min(BATCH, max_runs - len(runs)), "flight")
-
+    analysis, runs = make_campaign(spec, "flight", score, n_draws=1000, stops=stops)
     best, posterior = analysis.optimum, analysis.posterior
     shown = getattr(best, "with_departure", None) or best
     names = list(spec.region.names)
