@@ -133,30 +133,40 @@ class _Chooser:
         source: str,
         df_pure_error: int,
         barred: FloatArray,
-        ties: int | None = 0,
-        *,
-        of_quadratic: bool = False,
+        ties: int,
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 
-        With ``ties`` None a new day counts as tied already. ``of_quadratic``: even where a process was weighed.
+        By the process where one was weighed, it knows of all runs, and the criterion is about the optimum.
         """
-        points = self.spec.region.code([run.settings for run in done])
         process = self.analysis.fitted.departure.process
         of_scores = self.spec.criterion == "optimum" and self.spec.model.block is None
-        if process is not None and of_scores and not of_quadratic and {run.source for run in done} == {source}:
-            return propose_from_process(
-                process,
-                self.spec.region,
-                self.target(),
-                points,
-                np.array([run.pending for run in done], dtype=np.bool_),
-                n,
-                weight=float(self.weights(self.target()[None, :])[0]),
-                barred=barred,
-                sign=sign_of(self.analysis.goal),
-                seed=(self.spec.seed + 7919 * len(done)) % 2**32,
-            )
+        if process is None or not of_scores or {run.source for run in done} != {source}:
+            return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
+        return propose_from_process(
+            process,
+            self.spec.region,
+            self.target(),
+            self.spec.region.code([run.settings for run in done]),
+            np.array([run.pending for run in done], dtype=np.bool_),
+            n,
+            weight=float(self.weights(self.target()[None, :])[0]),
+            barred=barred,
+            sign=sign_of(self.analysis.goal),
+            seed=(self.spec.seed + 7919 * len(done)) % 2**32,
+        )
+
+    def batch_by_quadratic(
+        self,
+        done: Sequence[_Made],
+        n: int,
+        source: str,
+        df_pure_error: int,
+        barred: FloatArray,
+        ties: int | None,
+    ) -> tuple[Proposal, ...]:
+        """The same by the quadratic alone; with ``ties`` None a new day counts as tied already."""
+        points = self.spec.region.code([run.settings for run in done])
         flights = np.array([run.source == "flight" for run in done], dtype=np.bool_)
         two = len({run.source for run in done} | {source}) > 1
         Z = stacked_rows(self.model, points, flights) if two else self.model.matrix(points)
@@ -345,16 +355,14 @@ def _best_source(
     """
     known = None if ties else 0
     sources = ("simulation", "flight")
-    found = {
-        source: chooser.batch(done, 1, source, df_pure_error, barred, known, of_quadratic=True)[0] for source in sources
-    }
+    found = {source: chooser.batch_by_quadratic(done, 1, source, df_pure_error, barred, known)[0] for source in sources}
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):
         source = min(found, key=lambda name: _cost(chooser.spec, name))
     else:
         source = max(found, key=lambda name: found[name].gain)
     if source == "flight" and ties > 0:
-        return chooser.batch(done, 1, source, df_pure_error, barred, ties, of_quadratic=True)[0], source
+        return chooser.batch_by_quadratic(done, 1, source, df_pure_error, barred, ties)[0], source
     return found[source], source
 
 
