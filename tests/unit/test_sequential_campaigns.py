@@ -372,6 +372,43 @@ def test_each_application_without_a_confirmation_gets_one_of_its_own(campaign) -
     assert len(confirmed("high")) == 3
 
 
+def test_fresh_runs_that_contradict_enter_the_fit_and_the_campaign_goes_on(campaign) -> None:
+    """The first set lies 40 below the surface: it is no end, and evidence from the next runs on; the second agrees."""
+
+    def score(settings: dict, run_id: int) -> float:
+        run = made.store.run(run_id)
+        first = min((one.batch for one in made.store.runs() if one.purpose == CONFIRMATION), default=0)
+        return bowl(settings, run_id) - 40.0 * (run.purpose == CONFIRMATION and run.batch == first)
+
+    made = campaign(spec_text(numeric(1), "half_width = 60.0\nmax_runs = 26\nconfirmation_runs = 3"), score)
+    made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
+    said: list[str] = []
+    outcome = run_campaign(made, say=said.append)
+    assert outcome.held
+    assert "the fresh runs contradict the model; going on" in said
+    runs = made.store.runs("scored")
+    first, second = sorted({run.batch for run in runs if run.purpose == CONFIRMATION})
+    (analysis,) = outcome.analyses
+    fitted = set(analysis.data.run_ids.tolist())
+    assert {run.run_id for run in runs if run.batch == first} <= fitted
+    assert fitted == {run.run_id for run in runs if run.batch != second}
+    assert analysis.confirmation is not None
+    assert analysis.confirmation.agrees
+    assert set(analysis.confirmation.run_ids) == {run.run_id for run in runs if run.batch == second}
+    assert any(first < run.batch < second for run in runs)
+
+
+def test_a_contradiction_ends_with_the_budget(campaign) -> None:
+    def score(settings: dict, run_id: int) -> float:
+        return bowl(settings, run_id) - 40.0 * (made.store.run(run_id).purpose == CONFIRMATION)
+
+    made = campaign(spec_text(numeric(1), "half_width = 60.0\nmax_runs = 9\nconfirmation_runs = 3"), score)
+    made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
+    outcome = run_campaign(made)
+    assert len([run for run in made.store.runs("scored") if run.purpose != CONFIRMATION]) == 9
+    assert outcome.analyses[0].contradicted
+
+
 def test_simulation_and_flight_share_a_surface(campaign) -> None:
     text = spec_text(numeric(2), "half_width = 3.0\nmax_runs = 80", rest="[cost]\nflight = 20.0\n")
     made = campaign(text, bowl)
