@@ -1,0 +1,102 @@
+"""What a look promises of percentages, and what it weighs against another application."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from process_cases import hill, spread
+from scored_campaigns import analysed, campaign, numeric, specification
+
+from seqrsm.analysis import compromise
+from seqrsm.analysis.conclude import _within_percent
+from seqrsm.analysis.results import Analysis, OptimumEstimate
+from seqrsm.analysis.scale import Interval
+from seqrsm.campaign.campaign import Campaign
+
+POINTS = np.round(spread(24, 2), 3)
+NOISE = np.random.default_rng(9).normal(size=24)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Campaign:
+    """A narrow top: what is believed is nearly the process alone."""
+    folder = tmp_path_factory.mktemp("narrow") / "c"
+    return campaign(folder, specification(numeric(2)), POINTS, hill(POINTS) + NOISE)
+
+
+@pytest.fixture(scope="module")
+def narrow(made: Campaign) -> Analysis:
+    return made.analyse_all(n_draws=400)[0]
+
+
+def promised(estimate: OptimumEstimate) -> list[float]:
+    of = (estimate.confidence, estimate.prediction, estimate.prediction_mean)
+    return [estimate.mean, *(end for interval in of for end in (interval.low, interval.high))]
+
+
+@pytest.mark.parametrize(
+    ("ends", "kept"),
+    [
+        ((90.0, 100.0), (90.0, 100.0)),  # the bound itself is a percentage like others
+        ((90.0, np.nextafter(100.0, 200.0)), (90.0, 100.0)),
+        ((0.0, 10.0), (0.0, 10.0)),
+        ((-1e-300, 10.0), (0.0, 10.0)),
+        ((101.0, 120.0), (100.0, 100.0)),
+        ((-20.0, -1.0), (0.0, 0.0)),
+        ((-5.0, 105.0), (0.0, 100.0)),
+    ],
+)
+def test_nothing_above_100_or_below_0_is_promised(narrow: Analysis, ends: tuple, kept: tuple) -> None:
+    wide = Interval(*ends)
+    for mean, shown in zip(ends, kept, strict=True):
+        estimate = replace(narrow.optimum, mean=mean, confidence=wide, prediction=wide, prediction_mean=wide)
+        assert promised(_within_percent(estimate)) == [shown, *kept * 3]
+
+
+@pytest.mark.parametrize(("goal", "bound"), [("maximize", 100.0), ("minimize", 0.0)])
+def test_a_surface_that_passes_its_bound_promises_the_bound(tmp_path: Path, goal: str, bound: float) -> None:
+    """The rule watches the whole interval all the same; a utility that is no percentage is told as it is."""
+    sign = 1.0 if goal == "maximize" else -1.0
+    scores = bound + sign * (6.0 - 9.0 * np.sum(np.square(POINTS), axis=1) + NOISE)
+    text = specification(numeric(2), application=f'goal = "{goal}"\n')
+    scores = np.clip(scores, 0.0, 100.0)
+    percent = analysed(tmp_path / "percent", text.replace("measured", "percent_correct"), POINTS, scores)
+    bare = analysed(tmp_path / "measured", text, POINTS, scores)
+    assert percent.decision.half_width == bare.decision.half_width
+    worse = "low" if goal == "maximize" else "high"
+    better = "high" if goal == "maximize" else "low"
+    for name in ("confidence", "prediction", "prediction_mean"):
+        shown, uncut = getattr(percent.optimum, name), getattr(bare.optimum, name)
+        assert sign * getattr(uncut, better) > sign * bound
+        assert getattr(shown, better) == bound
+        assert getattr(shown, worse) == getattr(uncut, worse)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_the_compromise_counts_draws_of_the_process_by_its_probability(
+    made: Campaign, narrow: Analysis, share: float
+) -> None:
+    departure = replace(narrow.fitted.departure, probability=share)
+    analysis = replace(narrow, fitted=replace(narrow.fitted, departure=departure))
+    objective = compromise._application(made.spec, analysis)
+    assert objective.draws is not None
+    at = np.array([[0.3, 0.3], [-0.8, 0.6]])
+    np.testing.assert_allclose(objective.mean(at), analysis.belief.mean(at))
+    found = objective.draws(at)
+    of_quadratic = narrow.posterior.term_draws[:: len(narrow.posterior.term_draws) // compromise.DRAWS]
+    quadratics = of_quadratic @ narrow.model.matrix(at).T
+    n = round((1.0 - share) * compromise.DRAWS)
+    assert len(found) == compromise.DRAWS
+    np.testing.assert_allclose(found[:n], quadratics[:n])
+    process = departure.process
+    assert process is not None
+    means, variances = process.marginals(at)
+    sd = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
+    rest = found[n:]
+    assert np.all(np.abs(rest - process.mean(at)) < 5.0 * sd)
+    if share:
+        assert np.all(np.abs(rest.mean(axis=0) - process.mean(at)) < 4.0 * sd / np.sqrt(len(rest)))
+        assert abs(rest[:, 0].mean() - quadratics[:, 0].mean()) > 2.0  # the two are told apart
