@@ -22,7 +22,7 @@ from seqrsm.scene.scene import NO_COVER, Scene
 
 SEED = 1979
 CROP_SHARES = {"Wheat": 0.30, "Corn": 0.25, "Oats": 0.10, "Vegetables": 0.20, "Forage": 0.10, "Bareground": 0.05}
-OTHER_COVER = {2: "Asphalt", 3: "Trees", 4: "Grass", 5: "Water"}
+OTHER_COVER = {2: "Settlement", 3: "Trees", 4: "Grass", 5: "Water"}
 ARABLE, NO_PARCEL_ID = 1, 10
 FIELD_SPACING_M = 160.0  # mean drawn field 2.6 ha
 PATCH_SPACING_M = 140.0  # forest, grass, infrastructure and water in pieces of 2 ha on average
@@ -76,7 +76,7 @@ def build(source: Mapping[str, AnyArray]) -> Scene:
         provenance=PROVENANCE,
         category_notes={
             **dict.fromkeys(CROP_SHARES, drawn_note),
-            "Asphalt": "the source's infrastructure: roads, yards and buildings together",
+            "Settlement": "the source's infrastructure: roads, yards and buildings together",
         },
     )
 

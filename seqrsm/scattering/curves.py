@@ -7,15 +7,15 @@ What the published formulas do not say near nadir and near grazing is settled by
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import wavenumber_rad_m
-from seqrsm.scattering.dielectrics import permittivity_soil_dobson85
+from seqrsm.scattering.dielectrics import permittivity_soil
 from seqrsm.scattering.models import (
     Backscatter,
     backscatter_layer_ulaby14,
@@ -37,6 +37,12 @@ _GRAZING_DEG: Final = 75
 _LAND_CAP_DB, _WATER_CAP_DB, _CROSS_CAP_DB = 12.0, 20.0, -3.0
 _CROSS_BELOW_CO_DB: Final = 3.0
 _MODEL_NODES_GHZ: Final = (1.25, 3.0, 5.4, 9.6, 13.6)
+_HIGH_BANDS_GHZ: Final = (9.6, 13.6)
+
+Statuses: TypeAlias = tuple[tuple[str, ...], ...]
+"""Status by node frequency and channel."""
+
+_COMPUTED: Final[Statuses] = (("computed",) * 3,) * len(_MODEL_NODES_GHZ)
 _OH04_MOISTURE, _OH04_KS, _OH04_THETA_DEG = (0.04, 0.291), (0.13, 6.98), (10.0, 70.0)
 _THETA: Final[FloatArray] = deg_to_rad(np.minimum(THETA_DEG, 89.0))  # beyond 75 degrees constant gamma takes over
 
@@ -63,8 +69,8 @@ class Curve:
         Roughness with which soil moisture is taken into account [m]; None if it does not matter.
     reference_moisture : float
         Soil moisture the curve holds for [m^3/m^3].
-    status : tuple of str
-        What the values at each node frequency rest on: the weakest status of the rows used there.
+    status : tuple of tuples of str
+        What the values at each node frequency rest on at HH, HV, VV: the weakest status of the rows used there.
     sources : tuple of str
         Keys of the sources used.
     notes : tuple of str
@@ -84,7 +90,7 @@ class Curve:
     water: bool
     soil_rms_height_m: float | None
     reference_moisture: float
-    status: tuple[str, ...]
+    status: Statuses
     sources: tuple[str, ...]
     notes: tuple[str, ...]
     rows: tuple[str, ...]
@@ -175,34 +181,50 @@ def shipped_curves() -> dict[tuple[str, str], Curve]:
         DATA / "ulaby_dobson.csv",
         ("class", "band", "frequency_ghz", "polarization", "p1", "p2", "p3", "p4", "p5", "p6", "status", "source"),
     )
-    offsets = read_rows(
-        DATA / "category_offsets.csv",
-        ("category", "frequency_ghz", "polarization", "offset_db", "status", "source"),
+    levels = read_rows(
+        DATA / "levels.csv",
+        ("category", "cover", "frequency_ghz", "polarization", "theta_deg", "sigma0_db", "status", "source"),
     )
-    curves = {}
+    curves: dict[tuple[str, str], Curve] = {}
     for row in read_rows(DATA / "categories.csv", ("category", "season", "model", "base", "status", "source", "note")):
         category = row.text("category")
         own = _Parameters(tuple(p for p in parameters if p.text("category") == category))
         match row.text("model"):
             case "ulaby_dobson":
                 classes = [r for r in regressions if r.text("class") == row.text("base")]
-                curve = _regression_curve(row, classes, [r for r in offsets if r.text("category") == category], own)
+                curve = _regression_curve(row, classes, [r for r in levels if r.text("category") == category])
+            case "oh04":
+                curve = _soil_curve(row, own)
             case "oh92":
                 curve = _ground_curve(row, own)
             case "layer":
                 curve = _forest_curve(row, own)
             case "water":
                 curve = _water_curve(row, own)
+            case "mix":
+                curve = _mixed_curve(row, curves)
             case _:
                 curve = _gamma_curve(row, own)
         curves[category, curve.season] = curve
     return curves
 
 
-def node_status(rows: Sequence[Row], frequency_ghz: float) -> str:
-    """Weakest status among the rows that hold at a node frequency; a row without a frequency holds at all."""
-    here = [r.text("status") for r in rows if r.text("frequency_ghz") in ("", f"{frequency_ghz:g}", str(frequency_ghz))]
-    return max(here, key=STATUSES.index)
+def weakest(statuses: Iterable[str]) -> str:
+    """The status of what rests on several rows."""
+    return max(statuses, key=STATUSES.index)
+
+
+def _statuses(rows: Sequence[Row], frequency_ghz: Sequence[float] | FloatArray) -> Statuses:
+    """Weakest status of the rows of each node and channel; an empty frequency or polarization holds for all."""
+
+    def fits(row: Row, frequency: float, channel: str) -> bool:
+        at = row.text("frequency_ghz")
+        return (not at or float(at) == frequency) and row.text("polarization") in ("", channel)
+
+    return tuple(
+        tuple(weakest(r.text("status") for r in rows if fits(r, float(f), p)) for p in POLARIZATIONS)
+        for f in frequency_ghz
+    )
 
 
 def read_parameters() -> list[Row]:
@@ -221,6 +243,7 @@ def _curve(
     soil: _Parameters | None = None,
     notes: Sequence[str] = (),
     rows: Sequence[Row] = (),
+    status: Statuses | None = None,
 ) -> Curve:
     """Curve of a row of categories.csv with its limits applied."""
     water = row.text("model") == "water"
@@ -235,42 +258,101 @@ def _curve(
         water=water,
         soil_rms_height_m=soil.get("rms_height_m") if soil else None,
         reference_moisture=soil.get("reference_moisture") if soil else 0.2,
-        status=tuple(node_status([row, *rows], float(frequency)) for frequency in frequency_ghz),
+        status=status or _statuses([row, *rows], frequency_ghz),
         sources=tuple(dict.fromkeys(r.text("source") for r in (row, *rows))),
         notes=(f"{row.text('note')} ({row.text('status')}: {row.text('source')})", *notes),
         rows=tuple(f"{r.file.rsplit('/', 1)[-1]}:{r.line} ({r.text('status')})" for r in (row, *rows)),
     )
 
 
-def _regression_curve(row: Row, classes: list[Row], offsets: list[Row], own: _Parameters) -> Curve:
-    """Ulaby and Dobson's class mean plus the category's offset."""
+def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
+    """Ulaby and Dobson's class regression, moved at each node to the category's own levels.
+
+    A node between two with levels is moved by what lies between, HH without levels of its own as VV. X and Ku bands
+    have the level of the last node.
+    """
     nodes = sorted({float(r.text("frequency_ghz")) for r in classes})
     value = np.full((len(nodes), 3, THETA_DEG.size), np.nan)
+    move = np.full((len(nodes), 3), np.nan)
+    status = [[""] * 3 for _ in nodes]
     for r in classes:
-        at = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
-        value[at] = backscatter_ulaby89_db([float(r.text(f"p{i}")) for i in range(1, 7)], _THETA)
-    for r in offsets:
-        at = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
-        value[at] += float(r.text("offset_db"))
-    notes = []
-    if offsets:
-        kinds = sorted({f"{r.text('status')}: {r.text('source')}" for r in offsets})
-        notes.append(f"offset from the class mean, the same at all angles ({'; '.join(kinds)})")
-    soil = own if row.text("base") == "soil" else None
-    if soil:
-        notes.append("HV held 3 dB below HH and VV")
-    return _curve(row, nodes, value, surface=soil is not None, soil=soil, notes=notes, rows=[*classes, *offsets])
+        n, p = nodes.index(float(r.text("frequency_ghz"))), POLARIZATIONS.index(r.text("polarization"))
+        parameters = [float(r.text(f"p{i}")) for i in range(1, 7)]
+        value[n, p] = backscatter_ulaby89_db(parameters, _THETA)
+        own = [
+            x
+            for x in levels
+            if (float(x.text("frequency_ghz")), x.text("polarization")) == (nodes[n], POLARIZATIONS[p])
+        ]
+        by_source: dict[str, list[float]] = {}
+        for x in own:
+            there = float(backscatter_ulaby89_db(parameters, math.radians(float(x.text("theta_deg")))))
+            by_source.setdefault(x.text("source"), []).append(float(x.text("sigma0_db")) - there)
+        if own:
+            move[n, p] = np.mean([np.mean(moves) for moves in by_source.values()])
+        status[n][p] = weakest([row.text("status"), r.text("status"), *(x.text("status") for x in own)])
+    for like, of in zip(status, move, strict=True):
+        if np.isnan(of[0]) and not np.isnan(of[2]):
+            of[0], like[0] = of[2], weakest(["computed", like[2]])
+    told = ~np.isnan(move)
+    at = np.log(nodes)
+    for n, p in zip(*np.nonzero(~told), strict=True):
+        move[n, p] = 0.0
+        if told[:n, p].any() and told[n + 1 :, p].any():
+            move[n, p] = np.interp(at[n], at[told[:, p]], move[told[:, p], p])
+            status[n][p] = weakest(["computed", *(status[k][p] for k in np.flatnonzero(told[:, p]))])
+    moved = value + move[:, :, None]
+    moved = np.concatenate([moved, *[moved[-1:]] * len(_HIGH_BANDS_GHZ)])
+    kinds = sorted({f"{r.text('status')}: {r.text('source')}" for r in levels})
+    notes = [f"level, with the regression's course over angle ({'; '.join(kinds)})"] if kinds else []
+    notes.append("X and Ku bands at the level of C band (assumed: assumed_high_bands)")
+    assumed = (("assumed",) * 3,) * len(_HIGH_BANDS_GHZ)
+    return _curve(
+        row,
+        [*nodes, *_HIGH_BANDS_GHZ],
+        moved,
+        notes=notes,
+        rows=[*classes, *levels],
+        status=(*(tuple(s) for s in status), *assumed),
+    )
+
+
+def _soil_curve(row: Row, own: _Parameters) -> Curve:
+    """Bare soil by Oh 2004, held beyond the last angle of its range."""
+    theta = deg_to_rad(np.minimum(THETA_DEG, _OH04_THETA_DEG[1]))
+    mv = own.get("reference_moisture")
+    value = [_db(backscatter_oh04(mv, _ks(frequency, own), theta)) for frequency in _MODEL_NODES_GHZ]
+    return _curve(row, _MODEL_NODES_GHZ, np.stack(value), surface=True, soil=own, notes=(own.note(),), status=_COMPUTED)
 
 
 def _ground_curve(row: Row, own: _Parameters) -> Curve:
-    """Rough ground by Oh 1992 with a floor."""
+    """Rough ground by Oh 1992."""
     permittivity = complex(own.get("permittivity_real"), own.get("permittivity_imaginary"))
-    floor = np.array([[own.get("floor_db", None, channel)] for channel in POLARIZATIONS])
+    least = own.get("least_ks")
     value = [
-        np.maximum(_db(backscatter_oh92(permittivity, _ks(frequency, own), _THETA)), floor)
-        for frequency in _MODEL_NODES_GHZ
+        _db(backscatter_oh92(permittivity, max(_ks(frequency, own), least), _THETA)) for frequency in _MODEL_NODES_GHZ
     ]
     return _curve(row, _MODEL_NODES_GHZ, np.stack(value), surface=True, notes=(own.note(),), rows=own.rows)
+
+
+def _mixed_curve(row: Row, curves: Mapping[tuple[str, str], Curve]) -> Curve:
+    """Several covers in one cell: "name share name share ...", in power."""
+    words = row.text("base").split()
+    parts = [
+        (curves[name, row.text("season")], float(share)) for name, share in zip(words[::2], words[1::2], strict=True)
+    ]
+    nodes = parts[0][0].frequency_ghz
+    value = linear_to_db(sum(share * db_to_linear(at_nodes(curve, nodes)) for curve, share in parts))
+    return _curve(row, nodes, np.asarray(value))
+
+
+def at_nodes(curve: Curve, frequency_ghz: FloatArray) -> FloatArray:
+    """Values (n, 3, 91) of a curve without wind at some frequencies, linear in dB over log frequency, held beyond."""
+    position = np.log(frequency_ghz)
+    nodes = np.log(curve.frequency_ghz)
+    upper = np.clip(np.searchsorted(nodes, position), 1, len(nodes) - 1)
+    share = np.clip((position - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0.0, 1.0)[:, None, None]
+    return np.asarray((1.0 - share) * curve.value_db[0][upper - 1] + share * curve.value_db[0][upper])
 
 
 def _forest_curve(row: Row, own: _Parameters) -> Curve:
@@ -278,7 +360,7 @@ def _forest_curve(row: Row, own: _Parameters) -> Curve:
     moisture = own.get("soil_moisture")
     value = []
     for frequency in _MODEL_NODES_GHZ:
-        permittivity = complex(permittivity_soil_dobson85(frequency, moisture))
+        permittivity = complex(permittivity_soil(frequency, moisture))
         reflectivity = reflectivity_fresnel(permittivity, _THETA)
         ground = backscatter_oh04(moisture, _ks(frequency, own), _THETA)
         layer = own.get("albedo", frequency), own.get("optical_depth", frequency)
@@ -334,9 +416,8 @@ def _water_cross_db(wind_m_s: float) -> FloatArray:
 
 def _gamma_curve(row: Row, own: _Parameters) -> Curve:
     """Constant gamma: sigma0 = gamma cos theta."""
-    gamma = np.array([[own.get("gamma_db", None, channel)] for channel in POLARIZATIONS])
-    value = gamma + linear_to_db(np.cos(_THETA))
-    return _curve(row, _MODEL_NODES_GHZ, np.stack([value] * len(_MODEL_NODES_GHZ)), notes=(own.note(),), rows=own.rows)
+    gamma = np.array([[[own.get("gamma_db", f, channel)] for channel in POLARIZATIONS] for f in _MODEL_NODES_GHZ])
+    return _curve(row, _MODEL_NODES_GHZ, gamma + linear_to_db(np.cos(_THETA)), notes=(own.note(),), rows=own.rows)
 
 
 def _ks(frequency_ghz: float, own: _Parameters) -> float:

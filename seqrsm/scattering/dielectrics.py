@@ -13,6 +13,7 @@ _VACUUM_F_M: Final = 8.854e-12  # as in the soil model's own constants
 _ALPHA: Final = 0.65
 _QUARTZ_DENSITY: Final = 2.65
 _BRANCH_GHZ: Final = 1.3
+_SMOOTH_GHZ: Final = (1.3, 5.0)
 
 
 def permittivity_water_ulaby14(frequency_ghz: ArrayLike, temperature_c: ArrayLike) -> NDArray[np.complex128]:
@@ -69,16 +70,42 @@ def permittivity_soil_dobson85(
     and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long 2014 section 4-8.
     Free water: Debye with the relaxation time of Stogryn 1971.
     """
-    f, mv = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(moisture, dtype=np.float64)
-    low = 0.0467 + 0.22 * bulk_density_g_cm3 - 0.411 * sand + 0.661 * clay
-    high = -1.645 + 1.939 * bulk_density_g_cm3 - 2.256 * sand + 1.594 * clay
-    conductivity = np.where(f < _BRANCH_GHZ, low, high)
-    water_real, water_imag = _free_water_stogryn71(f, temperature_c)
-    pore = (_QUARTZ_DENSITY - bulk_density_g_cm3) / (_QUARTZ_DENSITY * mv)
+    f = np.asarray(frequency_ghz, dtype=np.float64)
+    share = np.where(f < _BRANCH_GHZ, 0.0, 1.0)
+    return _dobson(f, moisture, share, sand, clay, bulk_density_g_cm3, temperature_c)
+
+
+def permittivity_soil(frequency_ghz: ArrayLike, moisture: ArrayLike) -> NDArray[np.complex128]:
+    """Permittivity of moist loam without the published model's step at 1.3 GHz, which is 2.4 in the imaginary part.
+
+    From 1.3 to 5 GHz the effective conductivity goes over from that of Peplinski 1995 to that of Dobson 1985 along the
+    logarithm of frequency (assumed). Elsewhere it is `permittivity_soil_dobson85`. Real soil has no such step: the
+    model of Mironov, Kosolapova and Fomin 2009, IEEE TGRS 47(7), which holds at all these frequencies, has none.
+
+    Parameters
+    ----------
+    frequency_ghz, moisture : float arrays
+        As there.
+    """
+    f = np.asarray(frequency_ghz, dtype=np.float64)
+    share = np.asarray(np.interp(np.log(f), np.log(_SMOOTH_GHZ), (0.0, 1.0)))
+    return _dobson(f, moisture, share, sand=0.3, clay=0.3, density=1.7, celsius=23.0)
+
+
+def _dobson(
+    f: FloatArray, moisture: ArrayLike, share: FloatArray, sand: float, clay: float, density: float, celsius: float
+) -> NDArray[np.complex128]:
+    """The model with a share of the conductivity of above 1.3 GHz, the rest of that of below."""
+    mv = np.asarray(moisture, dtype=np.float64)
+    low = 0.0467 + 0.22 * density - 0.411 * sand + 0.661 * clay
+    high = -1.645 + 1.939 * density - 2.256 * sand + 1.594 * clay
+    conductivity = (1.0 - share) * low + share * high
+    water_real, water_imag = _free_water_stogryn71(f, celsius)
+    pore = (_QUARTZ_DENSITY - density) / (_QUARTZ_DENSITY * mv)
     water_imag = water_imag + pore * conductivity / (2.0 * np.pi * _VACUUM_F_M * f * 1e9)
     b_real = 1.27 - 0.519 * sand - 0.152 * clay
     b_imag = 2.06 - 0.928 * sand - 0.255 * clay
-    real = (1.0 + 0.66 * bulk_density_g_cm3 + mv**b_real * water_real**_ALPHA - mv) ** (1.0 / _ALPHA)
+    real = (1.0 + 0.66 * density + mv**b_real * water_real**_ALPHA - mv) ** (1.0 / _ALPHA)
     return np.asarray(real + 1j * mv**b_imag * water_imag, dtype=np.complex128)
 
 

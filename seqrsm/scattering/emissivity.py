@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.curves import THETA_DEG
-from seqrsm.scattering.dielectrics import permittivity_soil_dobson85, permittivity_water_ulaby14
+from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity_curves import (
     FREQUENCY_RANGE_GHZ,
     POLARIZATIONS,
@@ -80,7 +80,7 @@ class GroundModel:
     def reflectivity(self, frequency_ghz: float, polarization: str, moisture: FloatArray) -> FloatArray:
         """1 - emissivity for each of n moistures on `THETA_DEG`, (n, 91)."""
         if self.ground == "soil":
-            permittivity = permittivity_soil_dobson85(frequency_ghz, moisture[:, None])
+            permittivity = permittivity_soil(frequency_ghz, moisture[:, None])
         else:
             only = complex(self.permittivity, 0.15 * self.permittivity)
             if self.ground == "water":

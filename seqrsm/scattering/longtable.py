@@ -18,7 +18,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.curves import THETA_DEG, Curve, continued_db
+from seqrsm.scattering.curves import THETA_DEG, Curve, continued_db, weakest
 from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, read_rows
 
 REQUIRED: Final = (
@@ -129,7 +129,7 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
         soil_rms_height_m=None,
         reference_moisture=0.2,
         status=tuple(
-            max((n.row.text("status") for n in nodes if n.frequency_ghz == frequency), key=STATUSES.index)
+            (weakest(n.row.text("status") for n in nodes if n.frequency_ghz == frequency),) * 3
             for frequency in frequencies
         ),
         sources=tuple(dict.fromkeys(n.row.text("source") for n in nodes)),

@@ -13,10 +13,10 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.constants import wavenumber_rad_m
-from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, limit_db
-from seqrsm.scattering.dielectrics import permittivity_soil_dobson85, permittivity_wet_snow_hallikainen86
+from seqrsm.scattering.curves import FLOOR_DB, THETA_DEG, Curve, at_nodes, limit_db, weakest
+from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_wet_snow_hallikainen86
 from seqrsm.scattering.models import backscatter_oh92, backscatter_ulaby89_db, reflectivity_fresnel
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, Row, read_rows
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, Row, read_rows
 from seqrsm.units import db_to_linear, deg_to_rad, ghz_to_hz, linear_to_db
 
 Snow = Literal["none", "dry", "wet"]
@@ -45,7 +45,7 @@ def seasonal_curves(curves: Mapping[tuple[str, str], Curve]) -> dict[tuple[str, 
 def frozen_change_db(frequency_ghz: float) -> FloatArray:
     """Change of bare soil by freezing, float64 (3, 91) [dB]: Oh 1992 at both permittivities and the same roughness."""
     ks = wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * _SOIL_RMS_M
-    moist = complex(permittivity_soil_dobson85(frequency_ghz, _MOISTURE))
+    moist = complex(permittivity_soil(frequency_ghz, _MOISTURE))
     theta = deg_to_rad(np.clip(THETA_DEG, 10.0, 70.0))
     frozen, thawed = (np.stack(backscatter_oh92(p, ks, theta)) for p in (_FROZEN, moist))
     return linear_to_db(frozen / thawed)
@@ -63,7 +63,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
     elif model == "ice":
         frequencies, wind = own.frequency_ghz, np.zeros(1)
         value = np.stack([_ice_db(float(f)) for f in frequencies])[np.newaxis]
-        status = ("assumed",) * len(frequencies)
+        status = (("assumed",) * 3,) * len(frequencies)
         sources = (row.text("source"), "assumed_frozen")
     else:
         frequencies, wind = own.frequency_ghz, own.wind_m_s
@@ -76,7 +76,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         share = float(row.text("soil_share"))
         mixed = share * db_to_linear(ground) + (1.0 - share) * db_to_linear(own.value_db[0] + offset)
         value = linear_to_db(mixed)[np.newaxis]
-        status = tuple(max(s, row.text("status"), key=STATUSES.index) for s in own.status)
+        status = tuple(tuple(weakest((s, row.text("status"))) for s in node) for node in own.status)
     # Frozen ground does not feel the moisture of the occasion.
     moist = own.soil_rms_height_m if model == "unchanged" else None
     surface = own.surface or model == "ice"
@@ -100,15 +100,6 @@ def _ice_db(frequency_ghz: float) -> FloatArray:
     """Lake ice (3, 91) [dB]."""
     ks = wavenumber_rad_m(ghz_to_hz(frequency_ghz)) * _ICE_RMS_M
     return np.maximum(linear_to_db(np.stack(backscatter_oh92(_ICE, ks, _THETA))), FLOOR_DB)
-
-
-def at_nodes(curve: Curve, frequency_ghz: FloatArray) -> FloatArray:
-    """Values (n, 3, 91) of a curve without wind at some frequencies, linear in dB over log frequency, held beyond."""
-    position = np.log(frequency_ghz)
-    nodes = np.log(curve.frequency_ghz)
-    upper = np.clip(np.searchsorted(nodes, position), 1, len(nodes) - 1)
-    share = np.clip((position - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0.0, 1.0)[:, None, None]
-    return np.asarray((1.0 - share) * curve.value_db[0][upper - 1] + share * curve.value_db[0][upper])
 
 
 def snow_volume(frequency_ghz: float, depth_m: float, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -191,23 +182,3 @@ def _wet_snow_db(frequency_ghz: float) -> FloatArray:
     upper = int(np.clip(np.searchsorted(np.log(nodes), position), 1, len(nodes) - 1))
     share = (position - np.log(nodes[upper - 1])) / np.log(nodes[upper] / nodes[upper - 1])
     return limit_db((1.0 - share) * value[upper - 1] + share * value[upper], surface=False, water=False)
-
-
-def high_bands(curve: Curve, nodes_ghz: tuple[float, ...]) -> Curve:
-    """Curve continued to higher bands where its source ends (assumed; see sources.csv, assumed_high_bands)."""
-    new = tuple(f for f in nodes_ghz if f > 1.01 * float(curve.frequency_ghz[-1]))
-    if not new:
-        return curve
-    position = np.log2(curve.frequency_ghz)
-    deviation = position - position.mean()
-    slope = 0.5 * np.tensordot(deviation, curve.value_db, axes=(0, 1)) / np.sum(deviation**2)
-    last = curve.value_db[:, -1]
-    more = np.stack([last + (np.log2(f) - position[-1]) * slope for f in new], axis=1)
-    return replace(
-        curve,
-        frequency_ghz=np.concatenate([curve.frequency_ghz, new]),
-        value_db=limit_db(np.concatenate([curve.value_db, more], axis=1), surface=curve.surface, water=curve.water),
-        status=(*curve.status, *("assumed" for _ in new)),
-        sources=tuple(dict.fromkeys((*curve.sources, "assumed_high_bands"))),
-        notes=(*curve.notes, "X and Ku bands continued from L, S and C (assumed: assumed_high_bands)"),
-    )

@@ -18,10 +18,18 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.curves import THETA_DEG, Curve, limit_db, moisture_change_db, read_parameters, shipped_curves
+from seqrsm.scattering.curves import (
+    THETA_DEG,
+    Curve,
+    limit_db,
+    moisture_change_db,
+    read_parameters,
+    shipped_curves,
+    weakest,
+)
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, STATUSES, read_citations, read_rows
-from seqrsm.scattering.seasons import Snow, high_bands, seasonal_curves, under_snow
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_citations, read_rows
+from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -37,7 +45,6 @@ _AT_NODE_OCTAVES: Final = 0.01
 _MOISTURE_RANGE: Final = (0.0, 0.6)
 _OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
 _UNKNOWN_SD_DB: Final = 2.0
-_BANDS_GHZ: Final = (9.6, 13.6)
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
 
 
@@ -256,7 +263,8 @@ class _Found:
 def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
     """One curve at one state."""
     notes = list(curve.notes)
-    value, sd, status = _at_frequency(curve, _at_wind(curve, state.wind_m_s), state.frequency_ghz, notes)
+    values = _at_wind(curve, state.wind_m_s)
+    value, sd, status = _at_frequency(curve, values, state.frequency_ghz, POLARIZATIONS.index(channel), notes)
     if curve.soil_rms_height_m is not None and state.soil_moisture != curve.reference_moisture:
         value = value + _moisture(curve, state, notes)
         status = "assumed"  # the roughness is
@@ -265,7 +273,7 @@ def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
     if state.snow != "none" and curve.category not in _ABOVE_SNOW:
         value, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
         notes.append(note)
-        status = max(status, "computed", key=STATUSES.index)
+        status = weakest((status, "computed"))
     limited = value if curve.as_given else limit_db(value, surface=curve.surface, water=curve.water)
     at_channel = limited[POLARIZATIONS.index(channel)]
     if np.isnan(at_channel).any():
@@ -291,7 +299,7 @@ def _at_wind(curve: Curve, wind_m_s: float) -> FloatArray:
 
 
 def _at_frequency(
-    curve: Curve, value_db: FloatArray, frequency_ghz: float, notes: list[str]
+    curve: Curve, value_db: FloatArray, frequency_ghz: float, channel: int, notes: list[str]
 ) -> tuple[FloatArray, float, str]:
     """Values (3, 91) at a frequency from those at the nodes (n_frequency, 3, 91), error [dB] and status."""
     nodes = curve.frequency_ghz
@@ -303,7 +311,7 @@ def _at_frequency(
     position = np.log2(nodes / frequency_ghz)
     near = int(np.argmin(np.abs(position)))
     if abs(position[near]) < _AT_NODE_OCTAVES:
-        return value_db[near], 0.0, curve.status[near]
+        return value_db[near], 0.0, curve.status[near][channel]
     if nodes[0] < frequency_ghz < nodes[-1]:
         upper = int(np.searchsorted(nodes, frequency_ghz))
         share = -position[upper - 1] / (position[upper] - position[upper - 1])
@@ -312,7 +320,7 @@ def _at_frequency(
             f"{frequency_ghz:g} GHz interpolated between {nodes[upper - 1]:g} and {nodes[upper]:g} GHz "
             f"(rms error {INTERPOLATION_SD_DB:g} dB)"
         )
-        status = max(curve.status[upper - 1 : upper + 1], key=STATUSES.index)
+        status = weakest(node[channel] for node in curve.status[upper - 1 : upper + 1])
         return value, INTERPOLATION_SD_DB, status
     notes.append(f"{frequency_ghz:g} GHz extrapolated beyond the node at {nodes[near]:g} GHz (assumed)")
     return value_db[near] - position[near] * _end_slope(position, value_db, near), _EXTRAPOLATION_SD_DB, "assumed"
@@ -356,7 +364,7 @@ def _shipped_table() -> Sigma0Table:
         )
         for row in read_rows(DATA / "variability.csv", columns)
     }
-    curves = {key: high_bands(curve, _BANDS_GHZ) for key, curve in shipped_curves().items()}
+    curves = shipped_curves()
     curves |= seasonal_curves(curves)
     return Sigma0Table(curves, variability, float(correlation.text("value")), read_citations())
 

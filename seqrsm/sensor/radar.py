@@ -202,7 +202,7 @@ class RadarConfiguration:
     soil_moisture_high: float = 0.30
     wind_low_m_s: float = 2.0
     wind_high_m_s: float = 8.0
-    texture_db: float = 0.0
+    texture_db: float = 1.0
     texture_m: float = 50.0
     targets_file: str = ""
 

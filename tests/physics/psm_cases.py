@@ -105,6 +105,7 @@ def radar(**changes) -> RadarConfiguration:
         "peak_power_w": 100.0,
         "depression_angle_deg": 45.0,
         "altitude_m": 6000.0,
+        "texture_db": 0.0,
     }
     return RadarConfiguration(**{**given, **changes})
 

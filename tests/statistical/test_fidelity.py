@@ -30,7 +30,13 @@ def ground(kind: str, cover: tuple[str, ...] = COVERS, cell_m: float = 5.0) -> S
 
 
 def radar(resolution: float = 15.0, **changes: float | str) -> object:
-    fixed = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "depression_angle": 50.0, **changes}
+    fixed: dict[str, float | str] = {
+        "bandwidth": 50.0,
+        "peak_power": 30.0,
+        "altitude_m": 6000.0,
+        "depression_angle": 50.0,
+    }
+    fixed |= {"texture_db": 0.0, **changes}
     return ENGINES["psm"].configure({"frequency": 5.4, "polarization": "HH+HV", "resolution": resolution}, fixed)
 
 
@@ -189,7 +195,12 @@ def test_a_utility_of_its_own_gets_the_whole_image() -> None:
 
 
 def radiometer() -> object:
-    fixed = {"bandwidth": 100.0, "noise_temperature": 500.0, "scan_period": 2.5, "altitude_m": 6000.0}
+    fixed: dict[str, float | str] = {
+        "bandwidth": 100.0,
+        "noise_temperature": 500.0,
+        "scan_period": 2.5,
+        "altitude_m": 6000.0,
+    }
     fixed |= {"speed_m_s": 80.0, "integration_time": 8.0}
     return ENGINES["prm"].configure({"frequency": 18.0, "polarization": "H+V", "resolution": 150.0}, fixed)
 
@@ -250,7 +261,12 @@ def test_relief_counts_by_the_mean_over_the_swath() -> None:
 def test_a_retrieval_taught_by_few_footprints_keeps_to_its_bound(rung: str) -> None:
     """Few footprints teach a worse polynomial: without its part in score and bound the bias was half a tolerance."""
     scene = ground("flat", ("Bareground", "Grass"), 30.0)
-    fixed = {"bandwidth": 100.0, "noise_temperature": 500.0, "scan_period": 2.5, "altitude_m": 6000.0}
+    fixed: dict[str, float | str] = {
+        "bandwidth": 100.0,
+        "noise_temperature": 500.0,
+        "scan_period": 2.5,
+        "altitude_m": 6000.0,
+    }
     fixed |= {"speed_m_s": 80.0, "integration_time": 8.0}
     own = ENGINES["prm"]
     sensor = own.configure({"frequency": 4.0, "polarization": "H+V", "resolution": 400.0}, fixed)

@@ -70,27 +70,28 @@ def test_notes_tell_every_assumption() -> None:
     text = "\n".join(found.notes)
     for words in (
         "Wheat: 2.2 GHz interpolated between 1.25 and 3 GHz (rms error 1.2 dB)",
-        "assumed_offset_frequency",
-        "Trees: albedo 0.28 at 1.25 GHz (assumed)",
+        "Wheat: level, with the regression's course over angle (measured: flevoland; measured: s1_central_europe",
+        "Trees: albedo 0.20 at 1.25 GHz (assumed)",
         "Water: wind 4 m/s",
         "Bareground: soil moisture 0.35 m3/m3 against 0.2 by Oh 2004, held at 0.291",
-        "Wheat HH: field sd 1.37 dB (computed: flevoland), date sd 1.00 dB (assumed",
+        "Wheat HH: field sd 1.37 dB (computed: flevoland), date sd 1.44 dB (assumed",
         "correlation of the field-to-field draws of two channels: 0.6 (assumed)",
     ):
         assert words in text
     assert found.table_sd_db == pytest.approx([1.2] * 4)
     assert any(line.startswith("flevoland: AIRSAR") for line in found.citations)
-    assert "ulaby_dobson.csv:4 (public_code_refit)" in found.rows
+    assert "ulaby_dobson.csv:22 (public_code)" in found.rows
 
 
 def test_status_is_the_weakest() -> None:
     assert TABLE.lookup(["Bareground", "Wheat", "Corn"], 1.25, "HH").status == (
-        "public_code_refit",
         "computed",
-        "assumed",
+        "measured",
+        "measured",
     )
     assert TABLE.lookup(["Bareground"], 1.25, "HH", soil_moisture=0.1).status == ("assumed",)
-    assert TABLE.lookup(["Wheat", "Scrub"], 5.4, "HH").status == ("assumed", "public_code")
+    assert TABLE.lookup(["Wheat", "Scrub"], 5.4, "HH").status == ("computed", "public_code")
+    assert TABLE.lookup(["Wheat", "Trees"], 5.4, "VV").status == ("measured", "assumed")
     assert TABLE.lookup(["Scrub"], 9.0, "HH").status == ("assumed",)
 
 
