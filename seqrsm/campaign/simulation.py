@@ -51,6 +51,8 @@ class SimulationTask:
         How faithful the simulation must be.
     occasion : int or None
         Number of the occasion that runs share; None: one of its own.
+    world : int or None
+        Number of the world (`seqrsm.scattering.worlds`); None: the table's own means.
     """
 
     engine: str
@@ -63,6 +65,13 @@ class SimulationTask:
     utilities: tuple[tuple[str, str], ...]
     demand: Demand = field(default_factory=Demand)
     occasion: int | None = None
+    world: int | None = None
+
+    @property
+    def scattering(self) -> Any:
+        """The table of sigma0 or emissivity in the task's world."""
+        table = ENGINES[self.engine].table(self.table)
+        return table if self.world is None else table.in_world(self.seed, self.world)
 
     @property
     def stream(self) -> int:
@@ -179,9 +188,10 @@ def simulate_image(task: SimulationTask, precision: Precision = "float32", threa
     """Image of a task, and the scene it shows."""
     scene = scene_at(task.scene)
     engine = ENGINES[task.engine]
-    table = engine.table(task.table)
     more = {"threads": threads} if engine.threads else {}
-    image: Image = engine.simulate(scene, configuration(task), table, task.seed, task.stream, precision, **more)
+    image: Image = engine.simulate(
+        scene, configuration(task), task.scattering, task.seed, task.stream, precision, **more
+    )
     return image, scene
 
 
@@ -189,8 +199,7 @@ def plan_of(task: SimulationTask) -> tuple[Plan, Callable[[RungPlan], Sample], S
     """The planner's decision on a task, what makes a rung's sample, and the scene and sensor it is about."""
     scene, sensor, engine = scene_at(task.scene), configuration(task), ENGINES[task.engine]
     names = [name for _, name in task.utilities]
-    table = engine.table(task.table)
-    plan, make = engine.plan(scene, sensor, table, task.seed, task.stream, names, task.demand)
+    plan, make = engine.plan(scene, sensor, task.scattering, task.seed, task.stream, names, task.demand)
     return plan, make, scene, sensor
 
 
@@ -263,7 +272,7 @@ def _scores(
     """Application, score and record of the run by one rung."""
     engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.stream}
     if rung.rung == "F4":
-        image = engine.simulate(scene, sensor, engine.table(task.table), task.seed, task.stream)
+        image = engine.simulate(scene, sensor, task.scattering, task.seed, task.stream)
         record = engine.record(image, scene)
         return [(name, engine.score(utility, image, scene, **key), record) for name, utility in task.utilities]
     sample = make(rung)

@@ -77,8 +77,12 @@ class Curve:
         Source and assumptions, without the category's name.
     rows : tuple of str
         File, line and status of every row used.
+    kin : str
+        Class of ground whose covers share part of what is not known of their means; "" for none.
     as_given : bool
         A user's own numbers, which `limit_db` leaves alone.
+    mean_sd_db : float64 array (n_frequency, 3) or None
+        Standard deviation of the mean that the user states [dB]; nan or None where it follows from the status.
     """
 
     category: str
@@ -94,7 +98,9 @@ class Curve:
     sources: tuple[str, ...]
     notes: tuple[str, ...]
     rows: tuple[str, ...]
+    kin: str = ""
     as_given: bool = False
+    mean_sd_db: FloatArray | None = None
 
 
 # Most at HH, HV, VV over land, and over water.
@@ -262,6 +268,7 @@ def _curve(
         sources=tuple(dict.fromkeys(r.text("source") for r in (row, *rows))),
         notes=(f"{row.text('note')} ({row.text('status')}: {row.text('source')})", *notes),
         rows=tuple(f"{r.file.rsplit('/', 1)[-1]}:{r.line} ({r.text('status')})" for r in (row, *rows)),
+        kin=row.text("base") if row.text("model") == "ulaby_dobson" else "",
     )
 
 

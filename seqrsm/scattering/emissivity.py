@@ -9,7 +9,7 @@ so that H and V meet at nadir and the table stays exact where it stands.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -30,6 +30,7 @@ from seqrsm.scattering.emissivity_curves import (
 )
 from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, read_rows
+from seqrsm.scattering.worlds import World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
 """Frequency at which Table 3 is taken to hold [GHz], inferred from its row of water."""
@@ -119,6 +120,8 @@ class EmissivityLookup:
         Standard deviation from field to field, and of the whole category from date to date [1].
     channel_correlation : float64 array (n_categories,)
         Correlation of the draws of H and V.
+    mean_sd : float64 array (n_categories,)
+        Standard deviation of the mean about that of a given ground [1].
     status, notes, citations : tuple of str
         What each category rests on; sources and assumptions; full citations.
     """
@@ -131,6 +134,7 @@ class EmissivityLookup:
     field_sd: FloatArray
     date_sd: FloatArray
     channel_correlation: FloatArray
+    mean_sd: FloatArray
     status: tuple[str, ...]
     notes: tuple[str, ...]
     citations: tuple[str, ...]
@@ -151,6 +155,10 @@ class EmissivityTable:
     citations : tuple of str
     file : str
         The user's file, or "".
+    mean_sd : Mapping
+        Standard deviation of the mean that a user states, by category.
+    world : World or None
+        The world whose means are looked up; None: the table's own.
     """
 
     curves: Mapping[str, EmissivityCurve]
@@ -158,6 +166,12 @@ class EmissivityTable:
     spread: Mapping[str, tuple[float, float, float]]
     citations: tuple[str, ...]
     file: str = ""
+    mean_sd: Mapping[str, float] = field(default_factory=dict)
+    world: World | None = None
+
+    def in_world(self, seed: int, number: int) -> EmissivityTable:
+        """The table with its means and field spreads as world ``number`` of a campaign has them."""
+        return replace(self, world=World(seed, number))
 
     @property
     def categories(self) -> tuple[str, ...]:
@@ -210,16 +224,26 @@ class EmissivityTable:
             raise ScatteringDataError(*problems)
         n_nodes = max((value.shape[0] for value, _ in found.values()), default=1)
         spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
+        status = {n: "assumed" if len(found[n][1]) > 1 else self.curves[n].status for n in found}
+        f = float(frequency_ghz)
+        mean_sd = {n: self.mean_sd.get(n, default_mean_sd("emissivity", n, status[n], f, polarization)) for n in found}
+        value = {n: np.broadcast_to(found[n][0], (n_nodes, THETA_DEG.size)) for n in found}
+        factor = dict.fromkeys(found, 1.0)
+        if self.world is not None:
+            away = {n: mean_sd[n] * self.world.departure(n, "", f, polarization) for n in found}
+            value = {n: np.clip(value[n] + away[n], 0.0, 1.0) for n in found}
+            factor = {n: self.world.field_factor(n) for n in found}
         return EmissivityLookup(
             categories=names,
             theta_deg=THETA_DEG,
-            emissivity=np.array([np.broadcast_to(found[n][0], (n_nodes, THETA_DEG.size)) for n in names]),
+            emissivity=np.array([value[n] for n in names]),
             moist=np.array([found[name][0].shape[0] > 1 for name in names]),
             heating=np.array([self.models[n].heating if n in self.models else 1.0 for n in names]),
-            field_sd=spread[:, 0],
+            field_sd=spread[:, 0] * np.array([factor[n] for n in names]),
             date_sd=spread[:, 1],
             channel_correlation=spread[:, 2],
-            status=tuple("assumed" if len(found[n][1]) > 1 else self.curves[n].status for n in names),
+            mean_sd=np.array([mean_sd[n] for n in names]),
+            status=tuple(status[n] for n in names),
             notes=tuple(dict.fromkeys(note for _, notes in found.values() for note in notes)),
             citations=self.citations,
         )
@@ -289,7 +313,7 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     ----------
     path : str or Path, optional
         Long CSV with the columns of a sigma0 table (`seqrsm.scattering.longtable`): quantity ``emissivity``, unit
-        ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field).
+        ``1``, polarization ``H`` or ``V``, optional ``sd`` (from field to field) and ``mean_sd`` (of the mean).
 
     Raises
     ------
@@ -299,17 +323,17 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     shipped = _shipped_table()
     if path is None:
         return shipped
-    curves, sd = read_curves(path, printed=False)
+    curves, sd, mean_sd = read_curves(path, printed=False)
     spread = dict(shipped.spread)
     for name, value in sd.items():
         own = shipped.spread.get(name, (0.0, 0.0, 0.0))
         spread[name] = (value, own[1], own[2])
-    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, shipped.citations, str(path))
+    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, shipped.citations, str(path), mean_sd)
 
 
 @lru_cache(maxsize=1)
 def _shipped_table() -> EmissivityTable:
-    curves, _ = read_curves(DATA / "emissivity_table3.csv", printed=True)
+    curves, *_ = read_curves(DATA / "emissivity_table3.csv", printed=True)
     columns = ("category", "ground", "permittivity", "roughness", "tau_20ghz", "omega", "tau_exponent", "rms_of_fit",
                "heating", "status", "source")  # fmt: skip
     models = {

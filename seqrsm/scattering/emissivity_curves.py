@@ -24,7 +24,7 @@ FREQUENCY_RANGE_GHZ: Final = (0.3, 40.0)
 _REQUIRED: Final = (
     "quantity", "category", "frequency_ghz", "polarization", "theta_deg", "value", "unit", "status", "source",
 )  # fmt: skip
-_OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd")
+_OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
 _THIRD_OCTAVE: Final = 2.0 ** (1.0 / 3.0)
 
 
@@ -91,8 +91,10 @@ def interpolated(theta_deg: Sequence[float], value: Sequence[float]) -> FloatArr
     return np.asarray(out)
 
 
-def read_curves(path: str | Path, *, printed: bool) -> tuple[dict[str, EmissivityCurve], dict[str, float]]:
-    """Curves and field-to-field standard deviations by category.
+def read_curves(
+    path: str | Path, *, printed: bool
+) -> tuple[dict[str, EmissivityCurve], dict[str, float], dict[str, float]]:
+    """Curves, field-to-field standard deviations and stated standard deviations of the mean, by category.
 
     Parameters
     ----------
@@ -109,6 +111,7 @@ def read_curves(path: str | Path, *, printed: bool) -> tuple[dict[str, Emissivit
     problems: list[Problem] = []
     nodes: dict[str, dict[tuple[float, str], list[tuple[float, float, Row]]]] = defaultdict(lambda: defaultdict(list))
     sd: dict[str, list[float]] = defaultdict(list)
+    mean_sd: dict[str, list[float]] = defaultdict(list)
     rows: dict[str, list[Row]] = defaultdict(list)
     for row in read_rows(path, _REQUIRED, _OPTIONAL):
         node = _node(row, problems)
@@ -118,6 +121,8 @@ def read_curves(path: str | Path, *, printed: bool) -> tuple[dict[str, Emissivit
             rows[name].append(row)
             if np.isfinite(node[4]):
                 sd[name].append(node[4])
+            if row.text("mean_sd"):
+                mean_sd[name].append(row.number("mean_sd", problems, 0.0, 1.0))
     if not nodes and not problems:
         problems.append(Problem("the table has no rows", f"Columns: {', '.join(_REQUIRED)}", str(path)))
     curves = {}
@@ -132,7 +137,8 @@ def read_curves(path: str | Path, *, printed: bool) -> tuple[dict[str, Emissivit
         curves[name] = EmissivityCurve(value, status, note, printed)
     if problems:
         raise ScatteringDataError(*problems)
-    return curves, {name: float(np.mean(values)) for name, values in sd.items()}
+    of_fields, of_means = ({name: float(np.mean(x)) for name, x in found.items()} for found in (sd, mean_sd))
+    return curves, of_fields, of_means
 
 
 def _node(row: Row, problems: list[Problem]) -> tuple[float, str, float, float, float] | None:

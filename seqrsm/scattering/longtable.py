@@ -1,8 +1,9 @@
 """A user's own backscatter table: one CSV row for each node.
 
 Columns ``quantity, category, frequency_ghz, polarization, theta_deg, value, unit, status, source`` are required;
-``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]) and ``wind_m_s`` are optional, and so
-are ``moisture`` and ``snow_cm``, which must be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
+``season`` (empty: spring_summer), ``sd`` (field-to-field standard deviation [dB]), ``mean_sd`` (standard deviation of
+the mean [dB]; empty: by the status) and ``wind_m_s`` are optional, and so are ``moisture`` and ``snow_cm``, which must
+be empty. ``quantity`` is ``sigma0``, ``unit`` is ``dB`` or ``1``.
 Between the angles given sigma0 is linear in dB; it is held before the first, and after the last up to 75 degrees, from
 where on gamma is.
 """
@@ -24,7 +25,7 @@ from seqrsm.scattering.readers import POLARIZATIONS, STATUSES, Row, read_rows
 REQUIRED: Final = (
     "quantity", "category", "frequency_ghz", "polarization", "theta_deg", "value", "unit", "status", "source",
 )  # fmt: skip
-OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd")
+OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
 
 _SEASONS: Final = ("spring_summer", "fall", "winter")
 _NO_WIND: Final = 0.0
@@ -43,6 +44,7 @@ class _Node:
     theta_deg: float
     value_db: float
     sd_db: float
+    mean_sd_db: float
 
 
 def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float]]:
@@ -94,12 +96,13 @@ def _node(row: Row, problems: list[Problem]) -> _Node | None:
     theta = row.number("theta_deg", problems, 0.0, 90.0)
     wind = row.number("wind_m_s", problems, 0.1, 50.0) if row.text("wind_m_s") else _NO_WIND
     sd = row.number("sd", problems, 0.0, 20.0) if row.text("sd") else np.nan
+    mean_sd = row.number("mean_sd", problems, 0.0, 20.0) if row.text("mean_sd") else np.nan
     value = row.number("value", problems, *((-100.0, 40.0) if unit == "dB" else (1e-10, 1e4)))
     if len(problems) > before:
         return None
     value_db = value if unit == "dB" else float(10.0 * np.log10(value))
     channel = "HV" if channel == "VH" else channel
-    return _Node(row, (row.text("category"), season), frequency, wind, channel, theta, value_db, sd)
+    return _Node(row, (row.text("category"), season), frequency, wind, channel, theta, value_db, sd, mean_sd)
 
 
 def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) -> Curve | None:
@@ -117,6 +120,12 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
                 value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, nodes[0].row.file, at, problems)
     if len(problems) > before:
         return None
+    stated = np.array(
+        [
+            [_mean([n.mean_sd_db for n in nodes if (n.frequency_ghz, n.channel) == (f, p)]) for p in POLARIZATIONS]
+            for f in frequencies
+        ]
+    )
     sources = sorted({f"{n.row.text('status')}: {n.row.text('source')}" for n in nodes})
     return Curve(
         category=key[0],
@@ -136,7 +145,14 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
         notes=(f"rows of {Path(nodes[0].row.file).name} ({'; '.join(sources)})",),
         rows=tuple(f"{Path(n.row.file).name}:{n.row.line} ({n.row.text('status')})" for n in nodes),
         as_given=True,
+        mean_sd_db=stated,
     )
+
+
+def _mean(values: list[float]) -> float:
+    """Mean of those that are there, nan if none is."""
+    there = [value for value in values if np.isfinite(value)]
+    return float(np.mean(there)) if there else np.nan
 
 
 def _resampled(block: list[_Node], file: str, at: str, problems: list[Problem]) -> FloatArray:

@@ -8,8 +8,9 @@ highest half the slope of the straight line through all nodes, since canopies an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -30,6 +31,7 @@ from seqrsm.scattering.curves import (
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_citations, read_rows
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
+from seqrsm.scattering.worlds import World, default_mean_sd
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -84,8 +86,8 @@ class Sigma0Lookup:
         Mean backscatter coefficient, linear [1].
     field_sd_db, date_sd_db : float64 arrays (n_categories,)
         Standard deviation from field to field, and from date to date common to all fields of the category [dB].
-    table_sd_db : float64 array (n_categories,)
-        Error of the mean that interpolation in frequency adds [dB]; 0 at a node.
+    mean_sd_db : float64 array (n_categories,)
+        Standard deviation of the mean about that of a given ground [dB], interpolation in frequency included.
     channel_correlation : float
         Correlation of the field-to-field draws of two channels.
     status : tuple of str
@@ -103,7 +105,7 @@ class Sigma0Lookup:
     sigma0: FloatArray
     field_sd_db: FloatArray
     date_sd_db: FloatArray
-    table_sd_db: FloatArray
+    mean_sd_db: FloatArray
     channel_correlation: float
     status: tuple[str, ...]
     notes: tuple[str, ...]
@@ -132,6 +134,8 @@ class Sigma0Table:
         Full citation by source key.
     file : str
         The user's file, or "" for the shipped table.
+    world : World or None
+        The world whose means are looked up; None: the table's own.
     """
 
     curves: Mapping[tuple[str, str], Curve]
@@ -139,6 +143,11 @@ class Sigma0Table:
     channel_correlation: float
     citations: Mapping[str, str]
     file: str = ""
+    world: World | None = None
+
+    def in_world(self, seed: int, number: int) -> Sigma0Table:
+        """The table with its means and field spreads as world ``number`` of a campaign has them."""
+        return replace(self, world=World(seed, number))
 
     @property
     def categories(self) -> tuple[str, ...]:
@@ -192,12 +201,13 @@ class Sigma0Table:
         found: dict[str, _Found] = {}
         for category in dict.fromkeys(categories):
             try:
-                found[category] = _evaluate(self._curve(category, season), channel, state)
+                found[category] = _evaluate(self._curve(category, season), channel, state, self.world)
             except ScatteringDataError as error:
                 problems.extend(error.problems)
         if problems:
             raise ScatteringDataError(*dict.fromkeys(problems))
         spread = {category: self._variability(category, channel) for category in found}
+        factor = {category: self.world.field_factor(category) if self.world else 1.0 for category in found}
         notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
         notes += [f"{category} {channel}: {v.note}" for category, v in spread.items()]
         notes.append(f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} (assumed)")
@@ -209,9 +219,9 @@ class Sigma0Table:
             categories=names,
             theta_deg=THETA_DEG,
             sigma0=db_to_linear(np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)),
-            field_sd_db=np.array([spread[name].field_sd_db for name in names]),
+            field_sd_db=np.array([spread[name].field_sd_db * factor[name] for name in names]),
             date_sd_db=np.array([spread[name].date_sd_db for name in names]),
-            table_sd_db=np.array([found[name].table_sd_db for name in names]),
+            mean_sd_db=np.array([found[name].mean_sd_db for name in names]),
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
             notes=tuple(notes),
@@ -252,15 +262,15 @@ class _State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What a look-up finds for one category: sigma0 [dB] (91,), error of interpolation [dB], status, notes."""
+    """What a look-up finds for one category: sigma0 [dB] (91,), sd of its mean [dB], status, notes."""
 
     value_db: FloatArray
-    table_sd_db: float
+    mean_sd_db: float
     status: str
     notes: tuple[str, ...]
 
 
-def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
+def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
     """One curve at one state."""
     notes = list(curve.notes)
     values = _at_wind(curve, state.wind_m_s)
@@ -280,7 +290,22 @@ def _evaluate(curve: Curve, channel: str, state: _State) -> _Found:
         raise ScatteringDataError(
             Problem(f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization")
         )
+    sd = math.hypot(_mean_sd_db(curve, channel, state.frequency_ghz), sd)
+    if world is not None and sd > 0.0:
+        at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
     return _Found(at_channel, sd, status, tuple(notes))
+
+
+def _mean_sd_db(curve: Curve, channel: str, frequency_ghz: float) -> float:
+    """Standard deviation of the mean [dB], linear over the logarithm of frequency, held beyond the nodes."""
+    c = POLARIZATIONS.index(channel)
+    by_status = [
+        default_mean_sd("sigma0", curve.category, status[c], float(f), channel)
+        for f, status in zip(curve.frequency_ghz, curve.status, strict=True)
+    ]
+    stated = np.full(len(by_status), np.nan) if curve.mean_sd_db is None else curve.mean_sd_db[:, c]
+    at_nodes = np.where(np.isfinite(stated), stated, by_status)
+    return float(np.interp(math.log(frequency_ghz), np.log(curve.frequency_ghz), at_nodes))
 
 
 def _at_wind(curve: Curve, wind_m_s: float) -> FloatArray:

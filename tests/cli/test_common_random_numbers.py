@@ -153,7 +153,7 @@ def test_an_occasion_is_met_alike_and_another_differently(tiny_scene: Path, tmp_
     ]  # fmt: skip
     together = np.array(pairs)
     shuffled = np.column_stack([together[:, 0], np.roll(together[:, 1], 1)])
-    assert np.corrcoef(together.T)[0, 1] > 0.4
+    assert np.corrcoef(together.T)[0, 1] > 0.2
     assert abs(np.corrcoef(shuffled.T)[0, 1]) < 0.4
 
 

@@ -53,7 +53,7 @@ def test_every_category_has_fields_enough_to_train_and_test() -> None:
 def test_only_parcels_may_be_large() -> None:
     """Forest, grass, infrastructure and water lie in pieces of at most 4 ha."""
     scene = load_scene(FOLDER / "scene.npz")
-    for name in ("Trees", "Grass", "Asphalt", "Water"):
+    for name in ("Trees", "Grass", "Settlement", "Water"):
         cells = scene.field_id[scene.cover == scene.categories.index(name)]
         assert np.bincount(cells).max() * 25.0 < 4e4
 

@@ -1,0 +1,122 @@
+"""What is not known of the ground: how far the tables' means may be off, and one draw of that, a world.
+
+The mean of a table's row departs from that of a given ground by a standard deviation ``mean_sd``, which rests on how
+much two sources of the same cover and band differ (`data/mean_sd.csv`). A world is one draw of all departures; flights
+over one ground meet the same world on different occasions. Departures are normal and of unit variance times the row's
+``mean_sd``, with these correlations:
+
+* covers: a quarter of the variance is common to all, a quarter to kin (covers of one class of ground), half is a
+  cover's own. Sites of C-band measurements share half of their variance over crops, the two L-band flights none.
+* channels: 0.85 between HH and VV, 0.75 between either and HV, as between the differences of the same sources; 1 at the
+  nadir to 0.7 at grazing between H and V of emissivity.
+* bands: exp(-octaves / 1.75), 0.3 between L and C band (assumed).
+* angles: cos(2 (a - b)), so that 30 degrees apart half of a departure is left (assumed).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.rng import generator
+from seqrsm.scattering.readers import DATA, Row, read_rows
+
+_ALL, _KIN = 0.25, 0.25
+_OCTAVES: Final = 1.75
+_LOWEST_GHZ: Final = 0.125
+_STEPS: Final = 6  # nodes of an octave
+_NODES: Final = 10 * _STEPS + 1
+_COMMON, _CO = 0.75, 0.10  # shares of a deviate that all channels, and that HH and VV have in common
+_EMISSIVITY_OWN: Final = 0.3
+_PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6}
+_ANGLE_RATE: Final = 2.0
+_FIELD_LOG_SD: Final = 0.3  # of the field-to-field standard deviations of the classes of the Flevoland flight
+_TURN: Final = _ANGLE_RATE * np.deg2rad(np.arange(91.0) - 40.0)
+_SLANT: Final = np.sin(np.deg2rad(np.arange(91.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """One draw of everything that the tables do not know; the same seed and number give the same world.
+
+    Attributes
+    ----------
+    seed, number : int
+        Of the campaign, and of the world in it.
+    """
+
+    seed: int
+    number: int
+
+    def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
+        """Standard normal departure (91,) of a cover's mean at incidence angles 0, 1, ..., 90 degrees.
+
+        Parameters
+        ----------
+        category, kin : str
+            The cover, and the class that it shares part of its departure with; "" for none.
+        frequency_ghz : float
+            0.125 to 128 [GHz], held beyond.
+        channel : str
+            HH, HV, VV of backscatter, H, V of emissivity.
+        """
+        own = 1.0 - _ALL - (_KIN if kin else 0.0)
+        parts = [("", _ALL), (f"kin {kin}", 1.0 - _ALL - own), (f"cover {category}", own)]
+        at = float(np.clip(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0, _NODES - 1.001))
+        return np.asarray(sum(math.sqrt(w) * self._part(name, at, channel) for name, w in parts if w > 0.0))
+
+    def _part(self, name: str, node: float, channel: str) -> FloatArray:
+        deviate = _deviates(self.seed, self.number, name)
+        lower, share = int(node), node % 1.0
+        near = math.exp(-1.0 / (_STEPS * _OCTAVES))
+        size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * near)
+        here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
+        turned = here[:, 0, None] * np.cos(_TURN) + here[:, 1, None] * np.sin(_TURN)
+        common, single = turned[0], turned[_PARTS[channel]]
+        if channel in ("H", "V"):
+            apart = _EMISSIVITY_OWN * _SLANT**2
+            return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * single)
+        if channel == "HV":
+            return np.asarray(math.sqrt(_COMMON) * common + math.sqrt(1.0 - _COMMON) * single)
+        co = math.sqrt(_CO) * turned[_PARTS["co"]]
+        return np.asarray(math.sqrt(_COMMON) * common + co + math.sqrt(1.0 - _COMMON - _CO) * single)
+
+    def field_factor(self, category: str) -> float:
+        """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
+        return float(np.exp(_FIELD_LOG_SD * generator(self.seed, self.number, f"world fields {category}").normal()))
+
+
+@lru_cache(maxsize=512)
+def _deviates(seed: int, number: int, name: str) -> FloatArray:
+    """Standard normal chain over frequencies, (nodes, parts, 2)."""
+    draws = generator(seed, number, f"world {name}").standard_normal((_NODES, len(_PARTS), 2))
+    near = math.exp(-1.0 / (_STEPS * _OCTAVES))
+    for k in range(1, _NODES):
+        draws[k] = near * draws[k - 1] + math.sqrt(1.0 - near**2) * draws[k]
+    return draws
+
+
+@lru_cache(maxsize=1)
+def _rows() -> list[Row]:
+    columns = ("quantity", "category", "status", "low_ghz", "high_ghz", "polarization", "mean_sd", "argument")
+    return read_rows(DATA / "mean_sd.csv", columns)
+
+
+@lru_cache(maxsize=4096)
+def default_mean_sd(quantity: str, category: str, status: str, frequency_ghz: float, channel: str) -> float:
+    """Standard deviation of a row's mean by what it rests on: [dB] of sigma0, [1] of emissivity.
+
+    The first row of `data/mean_sd.csv` that fits; an empty cell fits everything.
+    """
+    kind = "cross" if channel == "HV" else "co"
+    for row in _rows():
+        wanted = (("quantity", quantity), ("category", category), ("status", status), ("polarization", kind))
+        low, high = float(row.text("low_ghz") or 0.0), float(row.text("high_ghz") or math.inf)
+        if low <= frequency_ghz < high and all(row.text(name) in ("", value) for name, value in wanted):
+            return float(row.text("mean_sd"))
+    raise KeyError((quantity, status))  # a gap in the shipped file, not a user's error

@@ -1,0 +1,124 @@
+"""What is not known of the ground: its size, its correlations, and worlds in a look-up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.readers import DATA, read_rows
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World, default_mean_sd
+
+N = 1500
+WORLDS = [World(1979, k) for k in range(N)]
+TABLE, EMISSIVITY = load_sigma0_table(), load_emissivity_table()
+
+
+def drawn(category: str, kin: str, frequency: float, channel: str, theta: int = 40) -> np.ndarray:
+    return np.array([w.departure(category, kin, frequency, channel)[theta] for w in WORLDS])
+
+
+@pytest.mark.parametrize("frequency", [0.2, 1.25, 2.2, 5.4, 36.0])
+@pytest.mark.parametrize(("channel", "theta"), [("HH", 40), ("HV", 10), ("VV", 70), ("H", 0), ("V", 60)])
+def test_departures_are_standard_normal(frequency: float, channel: str, theta: int) -> None:
+    found = drawn("Wheat", "short_vegetation", frequency, channel, theta)
+    assert found.mean() == pytest.approx(0.0, abs=4.0 / np.sqrt(N))
+    assert found.std() == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * N))
+
+
+WHEAT = ("Wheat", "short_vegetation", 1.25, "HH", 40)
+
+
+@pytest.mark.parametrize(
+    ("other", "correlation"),
+    [
+        (("Wheat", "short_vegetation", 1.25, "VV", 40), 0.85),
+        (("Wheat", "short_vegetation", 1.25, "HV", 40), 0.75),
+        (("Corn", "short_vegetation", 1.25, "HH", 40), 0.5),
+        (("Grass", "grass", 1.25, "HH", 40), 0.25),
+        (("Water", "", 1.25, "HH", 40), 0.25),
+        (("Wheat", "short_vegetation", 5.0, "HH", 40), np.exp(-2.0 / 1.75)),
+        (("Wheat", "short_vegetation", 1.25, "HH", 10), 0.5),
+    ],
+)
+def test_correlations_are_those_stated(other: tuple, correlation: float) -> None:
+    found = np.corrcoef(drawn(*WHEAT), drawn(*other))[0, 1]
+    assert found == pytest.approx(correlation, abs=4.0 * (1.0 - correlation**2) / np.sqrt(N) + 0.03)
+
+
+def test_h_and_v_of_emissivity_meet_at_nadir() -> None:
+    one = EMISSIVITY.in_world(3, 7)
+    h, v = (one.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V"))
+    own = [EMISSIVITY.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V")]
+    away = [
+        (found.emissivity - plain.emissivity)[:, 0, 0] / plain.mean_sd for found, plain in zip((h, v), own, strict=True)
+    ]
+    np.testing.assert_allclose(*away, atol=1e-9)
+
+
+def levels() -> dict[tuple[str, float, str], dict[str, float]]:
+    """Measured level of a category by source."""
+    columns = ("category", "cover", "frequency_ghz", "polarization", "theta_deg", "sigma0_db", "status", "source")
+    found: dict = {}
+    for r in read_rows(DATA / "levels.csv", columns):
+        if r.text("status") == "measured":
+            key = r.text("category"), float(r.text("frequency_ghz")), r.text("polarization")
+            plain = TABLE.lookup([key[0]], key[1], key[2])
+            theta = float(r.text("theta_deg"))
+            away = float(r.text("sigma0_db")) - np.interp(theta, plain.theta_deg, 10.0 * np.log10(plain.sigma0[0]))
+            found.setdefault(key, {}).setdefault(r.text("source"), []).append(away)
+    return {key: {s: float(np.mean(v)) for s, v in of.items()} for key, of in found.items()}
+
+
+@pytest.mark.parametrize(
+    ("channels", "frequency", "kind"),
+    [(("HH", "VV"), 1.25, "HH"), (("HV",), 1.25, "HV"), (("VV",), 5.4, "VV"), (("HV",), 5.4, "HV")],
+)
+def test_a_measured_mean_is_as_uncertain_as_sources_differ(
+    channels: tuple[str, ...], frequency: float, kind: str
+) -> None:
+    """A third ground departs from the mean of n sources by their standard deviation times sqrt(1 + 1/n)."""
+    groups = [list(of.values()) for (_, f, p), of in levels().items() if f == frequency and p in channels]
+    groups = [g for g in groups if len(g) > 1]
+    variance = sum(np.var(g) * len(g) for g in groups) / sum(len(g) - 1 for g in groups)
+    n = np.mean([len(g) for g in groups])
+    stated = default_mean_sd("sigma0", "Wheat", "measured", frequency, kind)
+    assert stated == pytest.approx(np.sqrt(variance * (1.0 + 1.0 / n)), rel=0.12)
+
+
+def test_a_world_is_the_same_wherever_it_is_looked_up() -> None:
+    one = TABLE.in_world(1979, 4)
+    both, alone = one.lookup(["Wheat", "Trees"], 3.0, "HH"), one.lookup(["Trees"], 3.0, "HH")
+    np.testing.assert_array_equal(both.sigma0[1], alone.sigma0[0])
+    plain = TABLE.lookup(["Trees"], 3.0, "HH")
+    away = 10.0 * np.log10(alone.sigma0[0] / plain.sigma0[0])
+    np.testing.assert_allclose(away, plain.mean_sd_db[0] * World(1979, 4).departure("Trees", "", 3.0, "HH"), atol=1e-9)
+    assert alone.field_sd_db[0] / plain.field_sd_db[0] == pytest.approx(World(1979, 4).field_factor("Trees"))
+    assert np.abs(TABLE.in_world(1979, 5).lookup(["Trees"], 3.0, "HH").sigma0 / alone.sigma0 - 1.0).max() > 0.01
+
+
+def test_a_user_states_how_well_a_mean_is_known(tmp_path: Path) -> None:
+    head = "quantity,category,frequency_ghz,polarization,theta_deg,value,mean_sd,unit,status,source\n"
+    rows = "".join(
+        f"sigma0,Wheat,{f},HH,{t},-10,{s},dB,measured,me\n" for f, s in ((5.0, 0.4), (9.0, "")) for t in (20, 60)
+    )
+    path = tmp_path / "own.csv"
+    path.write_text(head + rows, encoding="utf-8")
+    table = load_sigma0_table(path)
+    assert table.lookup(["Wheat"], 5.0, "HH").mean_sd_db == pytest.approx([0.4])
+    assert table.lookup(["Wheat"], 9.0, "HH").mean_sd_db == pytest.approx([1.4])
+    known = rows.replace(",,dB", ",0,dB").replace(",0.4,", ",0,")
+    path.write_text(head + known, encoding="utf-8")
+    sure = load_sigma0_table(path)
+    np.testing.assert_array_equal(
+        sure.in_world(1, 1).lookup(["Wheat"], 5.0, "HH").sigma0, sure.lookup(["Wheat"], 5.0, "HH").sigma0
+    )
+    path.write_text(
+        "quantity,category,frequency_ghz,polarization,theta_deg,value,mean_sd,unit,status,source\n"
+        + "".join(f"emissivity,Lawn,20,H,{t},0.9,0.01,1,measured,me\n" for t in (0, 60)),
+        encoding="utf-8",
+    )
+    assert load_emissivity_table(path).lookup(["Lawn"], 20.0, "H").mean_sd == pytest.approx([0.01])
