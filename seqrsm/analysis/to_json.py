@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import (
-    Analysis,
-    BlockResponse,
-    BlockStudy,
-    PathPoint,
-    SearchedOptimum,
-    Study,
-    TermChoice,
-)
+from seqrsm.analysis.results import Analysis, BlockStudy, PathPoint, Study, TermChoice
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
@@ -24,7 +17,6 @@ from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.natural import natural_coefficients
-from seqrsm.fit.profile import PowerProfile
 
 
 def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
@@ -54,60 +46,49 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         "terms": _terms(analysis),
         "covariance": _covariance(analysis),
         "terms_dropped": list(analysis.dropped),
-        "anova": [
-            {"source": row.source, "df": row.df, "ss": row.ss, "ms": row.ms, "f": row.f, "p": row.p}
-            for row in analysis.anova
-        ],
+        "anova": [fields_to_json(row) for row in analysis.anova],
         "lack_of_fit": _lack_of_fit(analysis.lack_of_fit),
-        "factors_importance": [
-            {
-                "factor": row.factor,
-                "df": row.df,
-                "f": row.f,
-                "p": row.p,
-                "share": row.share,
-                "share_total": row.share_total,
-            }
-            for row in analysis.importance
-        ],
+        "factors_importance": [fields_to_json(row) for row in analysis.importance],
         "stationary_point": _stationary(analysis),
         "departure": _departure(analysis),
         "optimum": optimum_to_json(analysis),
         "posterior": _posterior(analysis),
         "diagnostics": _diagnostics(analysis),
-        "confirmation": _confirmation(analysis),
+        "confirmation": _or_none(analysis.confirmation),
         "stop": {
             "held": analysis.decision.held,
             "reasons": list(analysis.decision.reasons),
-            "checks": [
-                {"name": check.name, "holds": check.holds, "text": check.text} for check in analysis.decision.checks
-            ],
+            "checks": [fields_to_json(check) for check in analysis.decision.checks],
             "half_width": analysis.decision.half_width,
             "noise_floor": analysis.decision.noise_floor,
             "attainable_half_width": analysis.decision.attainable_half_width,
             "runs_needed": analysis.decision.runs_needed,
         },
-        "sources": _sources(analysis),
+        "sources": _or_none(analysis.sources),
         "warnings": list(analysis.warnings),
     }
 
 
-def _sources(analysis: Analysis) -> dict[str, Any] | None:
-    found = analysis.sources
-    if found is None:
-        return None
-    return {
-        "n_simulations": found.n_simulations,
-        "n_flights": found.n_flights,
-        "s_simulation": found.s_simulation,
-        "s_flight": found.s_flight,
-        "difference": found.difference,
-        "interval": interval_to_json(found.interval),
-        "prior_sd": found.prior_sd,
-        "prior_share": found.prior_share,
-        "prior_driven": found.prior_driven,
-        "text": found.text,
-    }
+def fields_to_json(found: Any, but: str = "") -> dict[str, Any]:
+    """The fields of a dataclass by their names, ``but`` one; those that are dataclasses as documents of their own."""
+    return {field.name: _value(getattr(found, field.name)) for field in fields(found) if field.name != but}
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, Interval):
+        return interval_to_json(value)
+    if is_dataclass(value):
+        return fields_to_json(value)
+    return [_value(one) for one in value] if isinstance(value, tuple) else value
+
+
+def _or_none(found: Any) -> dict[str, Any] | None:
+    return None if found is None else fields_to_json(found)
+
+
+def _or_reason(found: Any) -> dict[str, Any]:
+    """Of a dataclass, or of the sentence that stands in its place."""
+    return {"reason": found} if isinstance(found, str) else fields_to_json(found)
 
 
 def _departure(analysis: Analysis) -> dict[str, Any]:
@@ -273,7 +254,7 @@ def _posterior(analysis: Analysis) -> dict[str, Any]:
             "p_regret_above": posterior.p_regret_above,
             "regret_epsilon": posterior.regret_epsilon,
         },
-        "effects": [{"factor": one.factor, "low": one.low, "high": one.high} for one in posterior.effects],
+        "effects": [fields_to_json(one) for one in posterior.effects],
         "effects_probability": posterior.effects_probability,
     }
 
@@ -298,20 +279,6 @@ def _diagnostics(analysis: Analysis) -> dict[str, Any]:
     }
 
 
-def _confirmation(analysis: Analysis) -> dict[str, Any] | None:
-    fresh = analysis.confirmation
-    if fresh is None:
-        return None
-    return {
-        "run_ids": list(fresh.run_ids),
-        "scores": list(fresh.scores),
-        "mean": fresh.mean,
-        "interval": interval_to_json(fresh.interval),
-        "agrees": fresh.agrees,
-        "text": fresh.text,
-    }
-
-
 _POINTS = 200
 
 
@@ -323,12 +290,12 @@ def interval_to_json(interval: Interval) -> dict[str, float]:
 def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
     """Keys of the document, beside those of the fit; ``{"reason": ...}`` where something cannot be had."""
     return {
-        "searched": _searched(study.searched),
+        "searched": _or_reason(study.searched),
         "location": [_location(analysis, region) for region in study.locations]
         if study.locations
         else {"reason": study.no_location},
         "models": _models(study.terms),
-        "transform": _profile(study.profile),
+        "transform": _or_reason(study.profile),
         "blocks": None if study.blocks is None else _blocks(study.blocks),
         "ridge": _path(analysis, study.ridge),
         "steepest": _path(analysis, study.steepest),
@@ -340,51 +307,14 @@ def study_diagnostics(analysis: Analysis, study: Study) -> dict[str, Any]:
     ids = analysis.data.run_ids
     return {
         "extrapolated": study.extrapolated,
-        "influential": [
-            {
-                "run_id": int(ids[run.run]),
-                "leverage": run.leverage,
-                "cooks_distance": run.cooks_distance,
-                "studentised": run.studentised,
-                "reasons": list(run.reasons),
-            }
-            for run in study.influential
-        ],
-        "normal_plot": {
-            "run_ids": ids[study.normal.runs].tolist(),
-            "quantiles": study.normal.quantiles,
-            "residuals": study.normal.residuals,
-            "correlation": study.normal.correlation,
-        },
+        "influential": [{"run_id": int(ids[one.run]), **fields_to_json(one, but="run")} for one in study.influential],
+        "normal_plot": {"run_ids": ids[study.normal.runs].tolist(), **fields_to_json(study.normal, but="runs")},
     }
 
 
 def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
     """Partial F tests that were asked for."""
-    return [
-        {
-            "test": one.asked,
-            "terms": list(one.terms),
-            "df": one.test.df,
-            "ss": one.test.ss,
-            "ms": one.test.ms,
-            "f": one.test.f,
-            "p": one.test.p,
-            "reason": one.test.reason,
-        }
-        for one in tests
-    ]
-
-
-def _searched(found: SearchedOptimum | str) -> dict[str, Any]:
-    if isinstance(found, str):
-        return {"reason": found}
-    return {
-        "optimism": found.optimism,
-        "confidence": interval_to_json(found.confidence),
-        "prediction": interval_to_json(found.prediction),
-        "prediction_mean": interval_to_json(found.prediction_mean),
-    }
+    return [{"test": one.asked, "terms": list(one.terms), **fields_to_json(one.test)} for one in tests]
 
 
 def _location(analysis: Analysis, region: LocationRegion) -> dict[str, Any]:
@@ -428,35 +358,11 @@ def _models(found: TermChoice | str) -> dict[str, Any]:
     }
 
 
-def _profile(found: PowerProfile | str) -> dict[str, Any]:
-    if isinstance(found, str):
-        return {"reason": found}
-    return {
-        "family": found.family,
-        "best": found.best,
-        "low": found.low,
-        "high": found.high,
-        "level": found.level,
-        "identity_inside": found.identity_inside,
-        "zero_inside": found.zero_inside,
-        "powers": found.powers,
-        "log_likelihood": found.log_likelihood,
-    }
-
-
 def _blocks(found: BlockStudy) -> dict[str, Any]:
-    def response(one: BlockResponse) -> dict[str, Any]:
-        return {
-            "block": one.block,
-            "mean": one.mean,
-            "confidence": interval_to_json(one.confidence),
-            "prediction": interval_to_json(one.prediction),
-        }
-
     return {
         "effect": found.effect,
-        "same": [response(one) for one in found.same],
-        "new": {"reason": found.new} if isinstance(found.new, str) else response(found.new),
+        "same": [fields_to_json(one) for one in found.same],
+        "new": _or_reason(found.new),
         "s": found.sigma,
         "s_block": found.sigma_block,
         "ratio": {"low": found.ratio[0], "high": found.ratio[1]},
