@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
+from seqrsm.analysis.to_json import fields_to_json
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.compromise import Compromise, Objective, compromise
+from seqrsm.decide.compromise import Compromise, Loss, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
 from seqrsm.plain import known
@@ -23,77 +24,53 @@ DRAWS = 200
 
 
 @dataclass(frozen=True, slots=True)
-class GivenUp:
+class GivenUp(Loss):
     """What one application or consideration gives up at the compromise, in its own units.
 
     Attributes
     ----------
-    name, unit : str
-    is_application : bool
-        False for a consideration, whose values are exact.
-    value, own_best : float
-        At the compromise, and at its own optimum.
+    unit : str
+    application : bool
+        False for a consideration, whose values are exact: ``low`` and ``high`` are nan.
     own_settings : dict
-        That optimum, natural units.
-    given_up : float
-        Difference of the two, >= 0 when the compromise is worse.
-    interval : Interval
-        Credible interval of it; nan for a consideration.
-    desirability : float
-        At the compromise, in [0, 1].
+        Its own optimum, natural units.
     text : str
         One sentence.
     """
 
-    name: str
     unit: str
-    is_application: bool
-    value: float
-    own_best: float
+    application: bool
     own_settings: dict[str, float | str]
-    given_up: float
-    interval: Interval
-    desirability: float
     text: str
+
+    @property
+    def interval(self) -> Interval:
+        """Credible interval of ``given_up``."""
+        return Interval(self.low, self.high)
 
 
 @dataclass(frozen=True, slots=True)
-class CompromiseEstimate:
+class CompromiseEstimate(Compromise):
     """The compromise in natural units.
 
     Attributes
     ----------
-    settings : dict
-        Natural units, by factor name.
-    point : ndarray (k,)
-        Coded.
-    desirability : float
-        Weighted geometric mean of the desirabilities, in [0, 1].
     given_up : tuple of GivenUp
         Applications first.
+    settings : dict
+        Natural units, by factor name.
     credible : dict
         Credible interval of each numeric factor's setting, natural units.
-    draw_points : ndarray (m, k)
-        Compromise of each posterior draw, coded.
-    expected_shortfall : float
-        Mean desirability lost by acting on ``settings``.
     level : float
     front_settings : tuple of dict
         Settings that no other beats in everything.
-    front_values : ndarray (f, objectives)
-        Values there, in the order of ``given_up``.
     """
 
-    settings: dict[str, float | str]
-    point: FloatArray
-    desirability: float
     given_up: tuple[GivenUp, ...]
+    settings: dict[str, float | str]
     credible: dict[str, Interval]
-    draw_points: FloatArray
-    expected_shortfall: float
     level: float
     front_settings: tuple[dict[str, float | str], ...]
-    front_values: FloatArray
 
     def to_json(self) -> dict[str, Any]:
         """The compromise as a JSON document."""
@@ -103,22 +80,7 @@ class CompromiseEstimate:
             "expected_shortfall": self.expected_shortfall,
             "level": self.level,
             "settings_credible": {name: {"low": i.low, "high": i.high} for name, i in self.credible.items()},
-            "given_up": [
-                {
-                    "name": row.name,
-                    "unit": row.unit,
-                    "application": row.is_application,
-                    "value": row.value,
-                    "own_best": row.own_best,
-                    "own_settings": row.own_settings,
-                    "given_up": row.given_up,
-                    "low": row.interval.low,
-                    "high": row.interval.high,
-                    "desirability": row.desirability,
-                    "text": row.text,
-                }
-                for row in self.given_up
-            ],
+            "given_up": [fields_to_json(row, but="own_point") for row in self.given_up],
             "pareto_front": [
                 {"settings": settings, "values": values}
                 for settings, values in zip(self.front_settings, self.front_values.tolist(), strict=True)
@@ -182,7 +144,7 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
         low, high = region.factors[j].decode(np.quantile(found.draw_points[:, j], [tail, 1.0 - tail]))  # type: ignore[union-attr]
         credible[region.names[j]] = Interval(float(low), float(high))
     rows = []
-    for i, loss in enumerate(found.losses):
+    for i, loss in enumerate(found.given_up):
         unit = analyses[i].score_unit if i < len(analyses) else ""
         suffix = f" {unit}" if unit else ""
         between = f"{100 * spec.stop.level:g} % credible interval {loss.low:.3g} to {loss.high:.3g}"
@@ -190,29 +152,23 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
         spread = loss.high - loss.low if np.isfinite(loss.low) else loss.given_up
         rows.append(
             GivenUp(
-                name=loss.name,
+                **_fields(loss),
                 unit=unit,
-                is_application=i < len(analyses),
-                value=loss.value,
-                own_best=loss.own_best,
+                application=i < len(analyses),
                 own_settings=region.decode(loss.own_point)[0],
-                given_up=loss.given_up,
-                interval=Interval(loss.low, loss.high),
-                desirability=loss.desirability,
                 text=f"{loss.name}: {known(loss.value, spread)}{suffix} against "
                 f"{known(loss.own_best, spread)} at its own optimum, "
                 f"{loss.given_up:.3g}{suffix} given up{tail_text}.",
             )
         )
     return CompromiseEstimate(
+        **_fields(found) | {"given_up": tuple(rows)},
         settings=region.decode(found.point)[0],
-        point=found.point,
-        desirability=found.desirability,
-        given_up=tuple(rows),
         credible=credible,
-        draw_points=found.draw_points,
-        expected_shortfall=found.expected_shortfall,
         level=spec.stop.level,
         front_settings=tuple(region.decode(found.front_points)),
-        front_values=found.front_values,
     )
+
+
+def _fields(found: Loss | Compromise) -> dict[str, Any]:
+    return {field.name: getattr(found, field.name) for field in fields(found)}

@@ -98,7 +98,7 @@ class Compromise:
         Coded settings.
     desirability : float
         Weighted geometric mean there, in [0, 1].
-    losses : tuple of Loss
+    given_up : tuple of Loss
         One for each objective.
     draw_points : ndarray (m, k)
         Compromise of each posterior draw; empty without draws.
@@ -112,7 +112,7 @@ class Compromise:
 
     point: FloatArray
     desirability: float
-    losses: tuple[Loss, ...]
+    given_up: tuple[Loss, ...]
     draw_points: FloatArray
     expected_shortfall: float
     front_points: FloatArray
@@ -236,7 +236,7 @@ def compromise(
     return Compromise(
         point=point,
         desirability=float(np.exp(merit(here[None, :])[0])),
-        losses=tuple(losses),
+        given_up=tuple(losses),
         draw_points=draw_points,
         expected_shortfall=shortfall,
         front_points=cover[front],

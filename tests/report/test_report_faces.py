@@ -262,17 +262,21 @@ def test_two_applications_have_their_own_sections(flight):
 def test_a_compromise_opens_the_summary(flight):
     first = flight.analyses[0]
     settings = dict(first.optimum.settings)
-    interval = Interval(1.0, 3.0)
     found = CompromiseEstimate(
         settings=settings,
         point=first.optimum.point,
         desirability=0.75,
-        given_up=(GivenUp("first use", "percent", True, 61.0, 63.0, settings, 2.0, interval, 0.8, "text"),),
+        given_up=(
+            GivenUp(
+                "first use", 61.0, 63.0, first.optimum.point, 2.0, 1.0, 3.0, 0.8, "percent", True, settings, "text"
+            ),
+        ),
         credible={},
         draw_points=first.optimum.point[None, :],
         expected_shortfall=0.01,
         level=0.95,
         front_settings=(),
+        front_points=np.empty((0, len(settings))),
         front_values=np.empty((0, 1)),
     )
     both = dataclasses.replace(

@@ -53,7 +53,7 @@ def test_compromise_lies_between_and_matches_a_fine_grid() -> None:
     log += 2 * np.log(np.maximum(desirability(y, "maximize", 60, 100), 1e-6)) / 3
     np.testing.assert_allclose(found.point, grid[np.argmax(log)], atol=0.02)
     assert found.desirability == pytest.approx(np.exp(log.max()), abs=1e-3)
-    first, second = found.losses
+    first, second = found.given_up
     np.testing.assert_allclose(first.own_point, [-0.5, 0.0], atol=0.02)
     assert first.given_up > second.given_up > 0.0  # the heavier weight gives up less
     assert first.given_up == pytest.approx(first.own_best - first.value)
@@ -71,7 +71,7 @@ def test_posterior_of_the_compromise() -> None:
     assert found.draw_points.shape == (100, 2)
     assert np.abs(found.draw_points.mean(axis=0) - found.point).max() < 0.1
     assert 0.0 <= found.expected_shortfall < 0.05
-    application, cost = found.losses
+    application, cost = found.given_up
     assert application.low <= application.given_up <= application.high
     assert np.isnan(cost.low)
     assert cost.value < 2.0
@@ -82,7 +82,7 @@ def test_no_objective_and_single_objective() -> None:
         compromise(BOX, [])
     alone = compromise(BOX, [Objective("x", "minimize", 1.0, lambda x: -bowl((0.2, -0.3))(x))])
     np.testing.assert_allclose(alone.point, [0.2, -0.3], atol=0.02)
-    assert alone.losses[0].given_up == pytest.approx(0.0, abs=0.02)
+    assert alone.given_up[0].given_up == pytest.approx(0.0, abs=0.02)
 
 
 def test_discrete_and_constrained_regions() -> None:
@@ -92,7 +92,7 @@ def test_discrete_and_constrained_regions() -> None:
     cut = Region(BOX.factors, (Constraint("a + b <= 0"),))
     found = compromise(cut, [Objective("x", "maximize", 1.0, lambda x: x[:, 0] + x[:, 1])])
     assert cut.feasible(found.point[None, :])[0]
-    assert found.losses[0].value == pytest.approx(0.0, abs=0.01)
+    assert found.given_up[0].value == pytest.approx(0.0, abs=0.01)
 
 
 def test_equal_inputs_give_equal_results() -> None:
