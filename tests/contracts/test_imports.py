@@ -4,6 +4,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+from functools import lru_cache
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,13 @@ def test_the_probe_would_see_a_heavy_library() -> None:
     assert "numpy" in loaded_by("import seqrsm.design.factors")
 
 
+@lru_cache
+def imports_in(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    """At its top, inside functions, and for types only."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 @pytest.mark.parametrize("library", HOMES)
 def test_library_stays_at_home(library: str) -> None:
     strays = []
@@ -81,20 +89,19 @@ def test_library_stays_at_home(library: str) -> None:
         name = path.relative_to(PACKAGE).as_posix()
         if name.startswith(HOMES[library]):
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            modules = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        for node in imports_in(path):
+            modules = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""]
             strays += [f"{name}:{node.lineno}" for m in modules if m.split(".")[0] == library]
     assert not strays
 
 
 def imports_of(path: Path, modules: set[str]) -> set[str]:
-    """Modules of the package that a file imports: at its top, inside functions, and for types only."""
+    """Modules of the package that a file imports."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in imports_in(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif node.module:
             inner = {f"{node.module}.{alias.name}" for alias in node.names}
             found |= inner & modules or {node.module}
     return found & modules
