@@ -19,18 +19,14 @@ from seqrsm.analysis.runs import block_labels, evidence, shared_loadings
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.decide.forecast import MODEL_ALPHA
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
-from seqrsm.decide.rule import StopRule
-from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
-from seqrsm.design.evaluate import is_saturated
+from seqrsm.decide.stopping import MODEL_ALPHA, Adequacy, Decision, Look, StopRule, decide
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import StationaryPoint, stationary_point, variance_shares
 from seqrsm.fit.error_models import Draws, Sampler
-from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.intervals import LackOfFit
+from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_runs
 from seqrsm.fit.optimum import Goal, Optimum, optimum
-from seqrsm.fit.residuals import extrapolated, influential_runs
 from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
@@ -215,7 +211,7 @@ def _decision(
     )
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
     weighed = fitted.departure.process is not None
-    adequacy = Adequacy(p, reason, weighed, is_saturated(fitted.model, fitted.region))
+    adequacy = Adequacy(p, reason, weighed, fitted.region.has_at_most(fitted.model.p))
     return decide(rule, look, adequacy, agreement, application.unit)
 
 

@@ -17,13 +17,12 @@ from seqrsm.arrays import FloatArray
 from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.anova import AnovaRow, LackOfFit
 from seqrsm.fit.canonical import StationaryPoint
-from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.intervals import AnovaRow, LackOfFit
+from seqrsm.fit.least_squares import InfluentialRun, LeastSquaresFit, NormalPlot
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.optimum import Goal, Optimum
 from seqrsm.fit.profile import PowerProfile
-from seqrsm.fit.residuals import InfluentialRun, NormalPlot
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,12 +31,11 @@ from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import FTest, Prediction
 from seqrsm.fit.intervals import Interval as ArrayInterval
-from seqrsm.fit.least_squares import block_columns
+from seqrsm.fit.least_squares import block_columns, extrapolated, influential_runs, normal_plot
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal, optimum
 from seqrsm.fit.optimum_interval import SearchedInterval, searched_from_draws, searched_interval
 from seqrsm.fit.profile import PowerProfile, box_cox_profile, logit_profile
-from seqrsm.fit.residuals import extrapolated, influential_runs, normal_plot
 from seqrsm.fit.ridge import steepest_path
 from seqrsm.fit.selection import average_models
 from seqrsm.propose.steepest import ascent_path

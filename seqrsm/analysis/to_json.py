@@ -13,8 +13,8 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor
-from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import natural_errors
+from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.natural import natural_coefficients
 

@@ -16,7 +16,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_image, task_of
-from seqrsm.decide.forecast import target_problem
+from seqrsm.decide.stopping import target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec

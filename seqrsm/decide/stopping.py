@@ -1,4 +1,4 @@
-"""The decision: the chosen interval is narrow enough, and there is reason to believe it.
+"""The stop rule, what more runs would give, and the decision.
 
 Stopping as soon as an interval is narrow picks the moments when s happens to be too small. Therefore the rule also asks
 for a number of runs (or another guard). Where the interval is that of a quadratic alone it asks for pure error and for
@@ -7,14 +7,341 @@ no significant lack of fit, too; elsewhere the chance of a surface that is no qu
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtr, ndtri
 
-from seqrsm.decide.forecast import Forecast, amount, forecast, futility
-from seqrsm.decide.intervals import Agreement
-from seqrsm.decide.intervals import half_width as interval_half_width
-from seqrsm.decide.rule import StopRule, rule_half_width
+from seqrsm.arrays import FloatArray
+from seqrsm.decide.intervals import Agreement, IntervalKind, anytime_half_width, half_width, noise_floor
+from seqrsm.errors import Problem, SpecError
+
+Guard = Literal["runs", "confirmation", "anytime", "spending"]
+
+_INTERVAL_NAMES = {
+    "prediction": "prediction interval of one future run",
+    "prediction_mean": "prediction interval of the mean of {m} future runs",
+    "confidence": "confidence interval of the mean",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StopRule:
+    """When a campaign may stop.
+
+    Parameters
+    ----------
+    interval : "prediction", "prediction_mean" or "confidence"
+        The interval at the optimum that must be narrow.
+    half_width : float
+        Its target half-width, score units, > 0.
+    level : float
+        Two-sided probability of the interval, in (0, 1).
+    max_runs : int
+        The budget.
+    replicates : int
+        m of "prediction_mean" and of the confirmation set, >= 2.
+    guard : "runs", "confirmation", "anytime" or "spending"
+        What guards against stopping on a lucky s: at least ``runs_per_term`` runs for each term; a set of fresh runs
+        that agrees with the model; an interval that holds at every look; or an error probability that is spent over the
+        looks, little at first (O'Brien-Fleming type, Lan & DeMets 1983).
+    runs_per_term : float
+        For the guard "runs".
+    min_df_pure_error : int
+        Degrees of freedom of pure error asked for.
+    alpha_lack_of_fit : float
+        Lack of fit with a smaller p stops the stopping.
+
+    Raises
+    ------
+    SpecError
+        Naming every value that is impossible.
+    """
+
+    interval: IntervalKind = "prediction"
+    half_width: float = 1.0
+    level: float = 0.95
+    max_runs: int = 80
+    replicates: int = 5
+    guard: Guard = "runs"
+    runs_per_term: float = 3.0
+    min_df_pure_error: int = 4
+    alpha_lack_of_fit: float = 0.05
+
+    def __post_init__(self) -> None:
+        limits = {
+            "interval": (self.interval in _INTERVAL_NAMES, '"prediction", "prediction_mean" or "confidence"'),
+            "half_width": (self.half_width > 0.0 and np.isfinite(self.half_width), "a positive number of score units"),
+            "level": (0.0 < self.level < 1.0, "a probability between 0 and 1, such as 0.95"),
+            "max_runs": (self.max_runs >= 1, "at least 1"),
+            "replicates": (self.replicates >= 2, "at least 2"),
+            "guard": (
+                self.guard in ("runs", "confirmation", "anytime", "spending"),
+                '"runs", "confirmation", "anytime" or "spending"',
+            ),
+            "runs_per_term": (self.runs_per_term >= 0.0, "0 or more"),
+            "min_df_pure_error": (self.min_df_pure_error >= 0, "0 or more"),
+            "alpha_lack_of_fit": (0.0 <= self.alpha_lack_of_fit < 1.0, "a probability below 1, such as 0.05"),
+        }
+        wrong = [
+            Problem("impossible stop rule", f"Give {limits[f.name][1]}.", field=f.name, value=getattr(self, f.name))
+            for f in fields(self)
+            if not limits[f.name][0]
+        ]
+        if wrong:
+            raise SpecError(*wrong)
+
+    @property
+    def interval_name(self) -> str:
+        """The interval in words."""
+        return _INTERVAL_NAMES[self.interval].format(m=self.replicates)
+
+    def min_runs(self, n_terms: int) -> int:
+        """Fewest runs the guard allows for a model of ``n_terms`` terms."""
+        return int(np.ceil(self.runs_per_term * n_terms)) if self.guard == "runs" else n_terms + 1
+
+    def planned_information(self, n_terms: int) -> float:
+        """Information ``1/h`` the guard "anytime" is tuned to: that of average leverage when the budget is spent."""
+        return max(self.max_runs / n_terms, 1.0)
+
+
+def spending_level(rule: StopRule, n_runs: ArrayLike, n_before: ArrayLike = 0) -> FloatArray:
+    """Level of the interval at one look under the guard "spending".
+
+    The error probability spent after a share ``t`` of the budget is ``2 - 2 Phi(z / sqrt(t))``, z the quantile of
+    ``1 - alpha / 2`` (Lan & DeMets 1983, Biometrika 70, 659-663). Each look has what was not spent at the look before,
+    so that all intervals together miss with probability alpha at most (Bonferroni), for a fixed contrast.
+
+    Parameters
+    ----------
+    rule : StopRule
+    n_runs, n_before : array_like of int
+        Runs at this look, and at the one before (0: there was none).
+
+    Returns
+    -------
+    ndarray
+        In (0, 1).
+    """
+    z = float(ndtri(0.5 + 0.5 * rule.level))
+
+    def spent(n: ArrayLike) -> FloatArray:
+        share = np.clip(np.asarray(n, dtype=np.float64) / rule.max_runs, 1e-9, 1.0)
+        return np.asarray(2.0 * ndtr(-z / np.sqrt(share)))
+
+    return 1.0 - np.clip(spent(n_runs) - spent(n_before), 1e-12, 1.0)
+
+
+def rule_half_width(
+    rule: StopRule,
+    s: ArrayLike,
+    df_residual: ArrayLike,
+    h: ArrayLike,
+    n_terms: int,
+    *,
+    n_runs: ArrayLike | None = None,
+    n_before: ArrayLike = 0,
+) -> FloatArray:
+    """Half-width the rule looks at: Student's, or for the guards "anytime" and "spending" a wider one.
+
+    Parameters
+    ----------
+    rule : StopRule
+    s, df_residual, h : array_like
+        Residual standard deviation, its degrees of freedom, and ``z0' (Z'WZ)^-1 z0``.
+    n_terms : int
+        Terms of the model; ``max_runs / n_terms`` is the information planned for.
+    n_runs : array_like, optional
+        Runs made, for the guard "spending"; those of the fit by default.
+    n_before : array_like, optional
+        Runs at the look before, for the same.
+
+    Returns
+    -------
+    ndarray
+        Score units; nan without residual degrees of freedom.
+    """
+    if rule.guard == "spending":
+        made = np.asarray(df_residual) + n_terms if n_runs is None else n_runs
+        level = spending_level(rule, made, n_before)
+        return half_width(rule.interval, s, df_residual, h, level, rule.replicates)
+    if rule.guard != "anytime":
+        return half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates)
+    planned = rule.planned_information(n_terms)
+    return anytime_half_width(rule.interval, s, df_residual, h, rule.level, planned, rule.replicates)
+
+
+MODEL_ALPHA = 0.05
+"""Probability above which all terms together are not seen to matter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What the interval of a rule can still become.
+
+    Attributes
+    ----------
+    noise_floor : float
+        Half-width that no number of runs can go below, score units.
+    attainable_half_width : float
+        Half-width expected when the budget is spent, score units.
+    attainable_mean_half_width : float
+        The same for the mean of ``replicates`` runs, score units.
+    runs_needed : int or None
+        Estimated total number of runs until the rule holds; None: out of reach.
+    """
+
+    noise_floor: float
+    attainable_half_width: float
+    attainable_mean_half_width: float
+    runs_needed: int | None
+
+
+def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -> Forecast:
+    """Forecast from one fit, with ``h = z0' (Z'WZ)^-1 z0`` falling as 1/n.
+
+    Campaigns that focus on the optimum do better than 1/n; ``seqrsm rehearse`` tells by how much.
+
+    Parameters
+    ----------
+    rule : StopRule
+    n_runs, n_terms : int
+    s : float
+        Residual standard deviation, score units; nan gives nan and None.
+    h : float
+
+    Returns
+    -------
+    Forecast
+    """
+    if not np.isfinite(s) or not np.isfinite(h):
+        return Forecast(float("nan"), float("nan"), float("nan"), None)
+    last = max(rule.max_runs, n_runs, n_terms + 1)
+    first = max(n_runs, rule.min_runs(n_terms), n_terms + 1)
+    counts = np.unique(np.concatenate([np.arange(first, first + 2000), np.geomspace(first, 1e6, 400).astype(np.int64)]))
+    widths = _width_after(rule, rule.interval, s, counts, n_terms, h * n_runs / counts)
+    enough = counts[widths <= rule.half_width]
+    h_last = h * n_runs / last
+    return Forecast(
+        noise_floor=noise_floor(rule.interval, s, rule.level, rule.replicates),
+        attainable_half_width=float(_width_after(rule, rule.interval, s, last, n_terms, h_last)),
+        attainable_mean_half_width=float(_width_after(rule, "prediction_mean", s, last, n_terms, h_last)),
+        runs_needed=int(enough[0]) if len(enough) else None,
+    )
+
+
+def futility(
+    rule: StopRule, ahead: Forecast, *, n_terms: int, df_residual: int, model_p: float | None, width: float, unit: str
+) -> tuple[str, ...]:
+    """Why going on may be useless, in sentences.
+
+    Parameters
+    ----------
+    rule : StopRule
+    ahead : Forecast
+    n_terms, df_residual : int
+    model_p : float or None
+        p of the F test that no term but the intercept matters; 1 where all scores are equal.
+    width : float
+        Half-width now.
+    unit : str
+        Unit of the score.
+
+    Returns
+    -------
+    tuple of str
+    """
+    found = []
+    if rule.half_width < ahead.noise_floor:
+        found.append(
+            f"The target of ± {amount(rule.half_width, unit)} is below the noise floor of "
+            f"± {amount(ahead.noise_floor, unit)}: no number of runs narrows the {rule.interval_name} further. "
+            f"The mean of {rule.replicates} runs could be predicted to "
+            f"± {amount(ahead.attainable_mean_half_width, unit)}."
+        )
+    elif (
+        (ahead.runs_needed is None or ahead.runs_needed > rule.max_runs)
+        and np.isfinite(ahead.attainable_half_width)
+        and not width <= rule.half_width
+    ):
+        need = "more than a million" if ahead.runs_needed is None else f"about {ahead.runs_needed}"
+        found.append(
+            f"The budget of {rule.max_runs} runs is unlikely to reach the target: {need} runs are needed; "
+            f"± {amount(ahead.attainable_half_width, unit)} is attainable."
+        )
+    # With fewer residual degrees of freedom a test of all terms says little about any of them.
+    if width == 0.0 and model_p == 1.0:
+        found.append("All scores are equal: no parameter matters, and every setting is as good.")
+    elif model_p is not None and model_p > MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
+        found.append(f"No parameter matters as far as these runs can tell (F test of all terms: p = {model_p:.2g}).")
+    return tuple(found)
+
+
+def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -> str:
+    """Why a rule can never hold with noise ``sigma``; empty when it might.
+
+    Refused is only what is impossible: the variance of the mean at any settings is at least that of ``max_runs``
+    repeats there, ``h >= 1 / max_runs``. The attainable half-width quoted has the average leverage
+    ``h = p / max_runs``.
+
+    Parameters
+    ----------
+    rule : StopRule
+    sigma : float
+        Standard deviation of one run, score units.
+    n_terms : int
+        Terms of the model.
+    unit : str
+        Unit of the score, for the sentence.
+
+    Returns
+    -------
+    str
+        A sentence with the attainable half-width and what the mean of ``replicates`` runs would give.
+    """
+    needed = rule.min_runs(n_terms)
+    if rule.guard == "runs" and rule.max_runs < needed:
+        return (
+            f"The stop rule asks for at least {needed} runs ({rule.runs_per_term:g} for each of {n_terms} terms), more "
+            f"than max_runs = {rule.max_runs}."
+        )
+    runs = rule.max_runs
+    if runs <= n_terms:
+        return f"max_runs = {runs} leaves no degree of freedom for a model of {n_terms} terms."
+    if float(_width_after(rule, rule.interval, sigma, runs, n_terms, 1.0 / runs)) <= rule.half_width:
+        return ""
+    floor = noise_floor(rule.interval, sigma, rule.level, rule.replicates)
+    target = amount(rule.half_width, unit)
+    if rule.half_width < floor:
+        head = (
+            f"A half-width of {target} is below the noise floor: with a standard deviation of {amount(sigma, unit)} a "
+            f"run the {rule.interval_name} cannot fall below ± {amount(floor, unit)} with any number of runs"
+        )
+    else:
+        head = f"A half-width of {target} is out of reach of {runs} runs"
+    typical = float(_width_after(rule, rule.interval, sigma, runs, n_terms, n_terms / runs))
+    tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
+    if rule.interval == "prediction":
+        mean = float(_width_after(rule, "prediction_mean", sigma, runs, n_terms, n_terms / runs))
+        tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
+    return f"{head}{tail}."
+
+
+def amount(value: float, unit: str) -> str:
+    """Three digits and the unit."""
+    return f"{value:.3g} {unit}".rstrip()
+
+
+def _width_after(
+    rule: StopRule, interval: IntervalKind, s: float, n_runs: ArrayLike, n_terms: int, h: ArrayLike
+) -> FloatArray:
+    df = np.asarray(n_runs) - n_terms
+    if rule.guard == "anytime":
+        planned = rule.planned_information(n_terms)
+        return anytime_half_width(interval, s, df, h, rule.level, planned, rule.replicates)
+    return half_width(interval, s, df, h, rule.level, rule.replicates)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +474,7 @@ def decide(
     Decision
     """
     n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
-    student = float(interval_half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
+    student = float(half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
     scale = 1.0
     if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
         scale = look.half_width / student

@@ -21,7 +21,6 @@ from seqrsm.errors import DesignError, Problem
 _D_BOUND = (0.5291336839893998, 0.4745937662, 0.4744782067, 0.4885696454, 0.5068587164, 0.5259919962, 0.5446948684)
 _I_BOUND = (2.1333333333333333, 3.586215760, 5.275409587, 7.163453067, 9.232581693, 11.473244551, 13.879544375)
 
-_MOST_CELLS = 20_000
 _ALIAS_TOLERANCE = 1e-8
 _SAMPLE = 10_000
 _SEED = 71_993
@@ -101,13 +100,6 @@ def condition(Z: FloatArray) -> tuple[float, int]:
 def inestimable_terms(model: QuadraticModel, points: FloatArray) -> tuple[str, ...]:
     """Names of terms that are, at these points (n, k), combinations of terms before them."""
     return tuple(name for name, _ in _dependences(model, points))
-
-
-def is_saturated(model: QuadraticModel, region: Region) -> bool:
-    """Whether the region has no more settings than the model terms: then it describes every one, whatever the truth."""
-    if region.continuous or float(np.prod([0.0 if axis is None else axis.size for axis in region.axes])) > _MOST_CELLS:
-        return False
-    return len(region.candidates()) <= model.p
 
 
 def nearly_inestimable_terms(model: QuadraticModel, points: FloatArray) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from seqrsm.design.factors import LOG_NEEDS_POSITIVE, CategoricalFactor, Continu
 from seqrsm.errors import Problem, RegionError
 
 _BOX_TOLERANCE = 1e-9
+_MOST_CELLS = 20_000  # counted, of a region without continuous factors
 
 
 def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constraint, ...]) -> list[Problem]:
@@ -141,6 +142,11 @@ class Region:
     def is_box(self) -> bool:
         """Whether no constraint cuts the product of the factors' ranges and levels."""
         return not self.constraints
+
+    def has_at_most(self, n: int) -> bool:
+        """Whether it has no more than ``n`` settings: a model with as many terms describes each, whatever the truth."""
+        cells = float(np.prod([0.0 if axis is None else axis.size for axis in self.axes]))
+        return not self.continuous and cells <= _MOST_CELLS and len(self.candidates()) <= n
 
     @property
     def axes(self) -> search.Axes:

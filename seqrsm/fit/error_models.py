@@ -185,7 +185,9 @@ class ErrorModel:
         variance : ndarray (n,), optional
             Known variance of an error that each run has beside the common one, squared units of ``y``.
         """
-        return given if variance is None else own_weights(Z, y, variance, given)
+        if variance is None or not np.any(variance > 0.0):
+            return given
+        return own_weights(Z, y, variance, given)
 
     def sampled_weights(self, fitted: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) of runs in the posterior, from those of least squares and those from the scale.

@@ -4,7 +4,8 @@ Rows of the model matrix ``Z`` are runs in coded units. Weights are inverse *rel
 sigma^2 / weight_i. Nothing is dropped silently: terms that the runs cannot tell apart are named in ``aliased``, their
 estimates are nan, and predictions are given only where they do not depend on the choice among them.
 
-Beside the coefficients: what single runs do to a fit, in leverage, deleted residuals, PRESS and Cook's distance.
+Beside the coefficients: what single runs do to a fit, in leverage, deleted residuals, PRESS and Cook's distance; the
+influential ones by name, the normal plot, and which points are extrapolations.
 """
 
 from __future__ import annotations
@@ -14,14 +15,26 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.special import ndtri, stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit import anova as _anova
 from seqrsm.fit import linear_system
-from seqrsm.fit.anova import AnovaRow, LackOfFit
-from seqrsm.fit.intervals import FTest, Interval, Prediction, f_ratio, student_quantile
+from seqrsm.fit.intervals import (
+    AnovaRow,
+    FTest,
+    Interval,
+    LackOfFit,
+    Prediction,
+    anova_table,
+    f_ratio,
+    group_index,
+    lack_of_fit,
+    pure_error,
+    sequential_ss,
+    student_quantile,
+    total_ss,
+)
 from seqrsm.fit.linear_system import check_runs
 
 _LEVERAGE_ONE = 1e-10  # 1 - h below this: the run alone fixes a direction of the model
@@ -268,7 +281,7 @@ class LeastSquaresFit:
             root = np.sqrt(self.weights)
             others = np.setdiff1d(np.arange(self.n_terms), group)
             X = self.Z * root[:, None]
-            df, ss = _anova.sequential_ss([X[:, others], X[:, group]], self.y * root)[1]
+            df, ss = sequential_ss([X[:, others], X[:, group]], self.y * root)[1]
         if df == 0:
             nan = float("nan")
             return FTest(0, 0.0, nan, nan, nan, "the group is aliased with the other terms")
@@ -277,7 +290,7 @@ class LeastSquaresFit:
 
     def lack_of_fit(self) -> LackOfFit | str:
         """Lack-of-fit test against pure error, or the reason why there is none."""
-        return _anova.lack_of_fit(
+        return lack_of_fit(
             self.y,
             self.weights,
             self.sse,
@@ -293,12 +306,12 @@ class LeastSquaresFit:
         """Degrees of freedom of pure error: runs that repeat a setting (within a block, or across crossed ones)."""
         if self.setting_ids is None:
             return 0
-        found = _anova.pure_error(self.y, self.weights, self.setting_ids, self.block_ids, crossed=self.crossed_blocks)
+        found = pure_error(self.y, self.weights, self.setting_ids, self.block_ids, crossed=self.crossed_blocks)
         return found[0]
 
     def anova(self) -> tuple[AnovaRow, ...]:
         """Sequential analysis of variance: blocks, first order, categories, interactions, squares, residual, total."""
-        return _anova.table(self.Z, self.y, self.weights, self.kinds, self.sse, self.df_residual, self.lack_of_fit())
+        return anova_table(self.Z, self.y, self.weights, self.kinds, self.sse, self.df_residual, self.lack_of_fit())
 
     def vif(self) -> FloatArray:
         """Variance inflation factors (p,): variance over that of the column alone; nan for intercept and aliased."""
@@ -375,7 +388,7 @@ def fit_least_squares(
     sse = float(r @ r)
     s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
-    sst = _anova.total_ss(y, w, "intercept" in kinds)
+    sst = total_ss(y, w, "intercept" in kinds)
     diagnostics = run_diagnostics(r, leverage, df, rank)
     r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
     df_total = n - (1 if "intercept" in kinds else 0)
@@ -408,8 +421,8 @@ def fit_least_squares(
         Z=Z,
         y=y,
         weights=w,
-        setting_ids=_anova.group_index(setting_ids, n),
-        block_ids=_anova.group_index(block_ids, n),
+        setting_ids=group_index(setting_ids, n),
+        block_ids=group_index(block_ids, n),
         basis_estimate=basic,
         factor=L,
         null=null * factors.scale[:, None],
@@ -463,3 +476,98 @@ def _ratio(a: FloatArray, b: FloatArray) -> FloatArray:
     ratio = np.full(a.shape, np.nan)
     np.divide(a, b, out=ratio, where=b > 0.0)
     return ratio
+
+
+_OUTLIER = 0.05  # familywise level of the outlier test
+
+
+@dataclass(frozen=True, slots=True)
+class NormalPlot:
+    """Ordered studentised residuals beside the normal quantiles they should follow.
+
+    Attributes
+    ----------
+    runs : ndarray (m,) of int
+        Index of the run of each residual; runs without one (leverage 1) are left out.
+    quantiles, residuals : ndarray (m,)
+        Blom's normal scores, and the externally studentised residuals in ascending order.
+    correlation : float
+        Of the two; near 1 for normal errors, nan for fewer than 3 runs.
+    """
+
+    runs: IntArray
+    quantiles: FloatArray
+    residuals: FloatArray
+    correlation: float
+
+
+@dataclass(frozen=True, slots=True)
+class InfluentialRun:
+    """A run that stands out.
+
+    Attributes
+    ----------
+    run : int
+        Index.
+    leverage, cooks_distance, studentised : float
+    reasons : tuple of str
+        Sentences with the figure and the limit it passes.
+    """
+
+    run: int
+    leverage: float
+    cooks_distance: float
+    studentised: float
+    reasons: tuple[str, ...]
+
+
+def normal_plot(fit: LeastSquaresFit) -> NormalPlot:
+    """Data of the normal plot; empty where no residual is defined."""
+    runs = np.flatnonzero(np.isfinite(fit.studentised)).astype(np.int64)
+    runs = runs[np.argsort(fit.studentised[runs], kind="stable")]
+    residuals = fit.studentised[runs]
+    quantiles = np.asarray(ndtri((np.arange(1.0, runs.size + 1.0) - 0.375) / (runs.size + 0.25)), dtype=np.float64)
+    spread = runs.size > 2 and float(np.ptp(residuals)) > 0.0
+    return NormalPlot(
+        runs, quantiles, residuals, float(np.corrcoef(quantiles, residuals)[0, 1]) if spread else float("nan")
+    )
+
+
+def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
+    """Runs with Cook's distance above 4/n, leverage above 2p/n, or a residual that fails the outlier test.
+
+    The outlier test is Bonferroni's at 5 %: n p(|t|) < 0.05 with the externally studentised residual, Student-t with
+    ``df - 1`` degrees of freedom.
+
+    Returns
+    -------
+    tuple of InfluentialRun
+        The largest Cook's distance first.
+    """
+    n, p = fit.n_runs, fit.rank
+    found = []
+    for i in range(n):
+        h, d, t = float(fit.leverage[i]), float(fit.cooks_distance[i]), float(fit.studentised[i])
+        reasons = []
+        if i in fit.leverage_one_runs:
+            reasons.append("leverage 1: the model must pass through its score, which nothing can check")
+        elif h > 2.0 * p / n:
+            reasons.append(f"leverage {h:.2f} is above 2p/n = {2.0 * p / n:.2f}: it stands apart from the other runs")
+        if d > 4.0 / n:
+            reasons.append(f"Cook's distance {d:.2g} is above 4/n = {4.0 / n:.2g}: without it the surface would move")
+        if fit.df_residual > 1 and np.isfinite(t):
+            chance = 2.0 * n * float(stdtr(fit.df_residual - 1.0, -abs(t)))
+            if chance < _OUTLIER:
+                reasons.append(f"studentised residual {t:.1f}: an outlier at {max(chance, 1e-6):.2g} in {n} runs")
+        if reasons:
+            found.append(InfluentialRun(i, h, d, t, tuple(reasons)))
+    return tuple(sorted(found, key=lambda run: -run.cooks_distance if np.isfinite(run.cooks_distance) else -np.inf))
+
+
+def extrapolated(fit: LeastSquaresFit, rows: FloatArray) -> BoolArray:
+    """Which model rows (m, p) are further from the runs than any run is: z'Cz above that of every run.
+
+    Both sides leave out the weights: a precise run does not reach further. True where the mean is not estimable.
+    """
+    limit = float(np.max(fit.variance_unscaled(fit.Z)))
+    return np.asarray(~(fit.variance_unscaled(rows) <= limit * (1.0 + 1e-9)))

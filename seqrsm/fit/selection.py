@@ -28,9 +28,8 @@ import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.anova import sequential_ss
 from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, mixture_interval, posterior
-from seqrsm.fit.intervals import Prediction
+from seqrsm.fit.intervals import Prediction, sequential_ss
 from seqrsm.fit.linear_system import check_runs
 
 _CHUNK = 2048

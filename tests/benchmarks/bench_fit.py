@@ -28,13 +28,12 @@ from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
 from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior, sample_model, sample_posterior
-from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.location import best_settings, location_region
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.profile import box_cox_profile
-from seqrsm.fit.residuals import influential_runs, normal_plot
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.selection import average_models
 

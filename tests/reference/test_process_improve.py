@@ -12,7 +12,7 @@ import pytest
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import block_columns, fit_least_squares
 
 REFERENCE = Path(__file__).parent / "data" / "process_improve" / "process_improve.json"

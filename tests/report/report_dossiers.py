@@ -26,9 +26,9 @@ from seqrsm.campaign.images import ImagePanel, TruthPanel
 from seqrsm.decide.stopping import Adequacy, Look, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.anova import LackOfFit
 from seqrsm.fit.canonical import stationary_point
 from seqrsm.fit.conjugate import NormalInverseGamma, posterior
+from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import block_columns, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.spec.read import CampaignSpec, SimulatorSpec, load_spec

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.fit.anova import group_index, pure_error, sequential_ss
+from seqrsm.fit.intervals import group_index, pure_error, sequential_ss
 from seqrsm.fit.least_squares import LackOfFit, block_columns, fit_least_squares
 
 

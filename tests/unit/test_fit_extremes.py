@@ -12,12 +12,11 @@ from seqrsm.errors import FitError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import posterior, weakly_informative
 from seqrsm.fit.estimability import missing_runs
-from seqrsm.fit.least_squares import fit_least_squares
+from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.location import best_settings
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.profile import box_cox_profile
-from seqrsm.fit.residuals import influential_runs, normal_plot
 from seqrsm.fit.robust import student_weights
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import logit_scores, logit_to_percent

@@ -406,6 +406,7 @@ def test_a_contradiction_ends_with_the_budget(campaign) -> None:
     made.spec = dataclasses.replace(made.spec, simulator=SimulatorSpec(engine="psm", scene="scene.npz"))
     outcome = run_campaign(made)
     assert len([run for run in made.store.runs("scored") if run.purpose != CONFIRMATION]) == 9
+    assert outcome.held  # the rule does, and there is no run left to go on with
     assert outcome.analyses[0].contradicted
 
 

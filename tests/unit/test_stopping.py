@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.decide.forecast import target_problem
 from seqrsm.decide.intervals import (
     Agreement,
     ConfirmationInterval,
@@ -20,8 +19,16 @@ from seqrsm.decide.intervals import (
     noise_floor,
     t_quantile,
 )
-from seqrsm.decide.rule import StopRule, rule_half_width, spending_level
-from seqrsm.decide.stopping import Adequacy, Decision, Look, decide
+from seqrsm.decide.stopping import (
+    Adequacy,
+    Decision,
+    Look,
+    StopRule,
+    decide,
+    rule_half_width,
+    spending_level,
+    target_problem,
+)
 from seqrsm.errors import FitError, SpecError
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)

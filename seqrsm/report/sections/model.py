@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.fit.anova import LackOfFit
+from seqrsm.fit.intervals import LackOfFit
 from seqrsm.report.blocks import (
     Block,
     Bullets,
