@@ -90,8 +90,10 @@ def test_scores_file(tiny, tmp_path, name) -> None:
 def test_a_campaign_without_simulator_is_not_run(tmp_path) -> None:
     folder = tmp_path / "polder"
     assert seqrsm("init", folder, "--template", "flevoland").exit_code == 0
+    scores = folder / "flight_scores.csv"
+    scores.write_text("".join(scores.read_text(encoding="utf-8").splitlines(keepends=True)[::5]), encoding="utf-8")
     refused(seqrsm("run", folder), "no simulator", "ingest")
-    assert seqrsm("ingest", folder, folder / "flight_scores.csv").exit_code == 0
+    assert seqrsm("ingest", folder, scores).exit_code == 0
     refused(seqrsm("run", folder), "no simulator")
     refused(seqrsm("propose", folder, "--source", "simulation"), "no simulator")
     assert '"issued"' not in seqrsm("status", folder, "--json").stdout

@@ -216,7 +216,7 @@ def test_picture_and_words(tmp_path) -> None:
         (("--factors", 2, "--runs", 9, "--constraint", "x1 <"), "constraint"),
         (("--factors", 2, "--runs", 9, "--constraint", "y > 0"), "y"),
         (("--factors", 2, "--runs", 5), "6"),
-        (("--factors", 2, "--runs", 8, "--constraint", "abs(x1 - x2) <= 0.0004"), "so thin"),
+        (("--factors", 2, "--runs", 8, "--constraint", "abs(x1 - x2) <= 0.0009"), "so thin"),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(options, named) -> None:
