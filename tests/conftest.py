@@ -4,9 +4,19 @@ Whoever runs them may have a narrow terminal: its width is nothing to the tests,
 """
 
 import os
+from collections.abc import Iterator
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 os.environ.pop("COLUMNS", None)
+
+
+@pytest.fixture(scope="module")
+def few_draws() -> Iterator[None]:
+    """A compromise of few draws: those of a process take seconds, and are tested where they are the subject."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("seqrsm.analysis.compromise.DRAWS", 20)
+        yield

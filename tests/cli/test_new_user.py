@@ -16,6 +16,8 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 OWN = TINY.replace('utility = "percent_correct"', 'utility = "mine:score"')
 
 

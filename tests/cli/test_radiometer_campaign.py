@@ -15,6 +15,8 @@ from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.spec.read import load_spec
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 TOML = """\
 [campaign]
 name = "moisture"

@@ -54,6 +54,8 @@ from seqrsm.report.sections.optimum import optimum_section
 from seqrsm.report.sections.speed import plan_blocks, speed_section, tradeoff_blocks
 from seqrsm.report.sections.study import term_test_table
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 TWO_USES = """
 [campaign]
 name = "two uses"

@@ -20,6 +20,8 @@ from seqrsm.simulate import runner
 from seqrsm.spec.read import SimulatorSpec, load_spec
 from seqrsm.store.records import CONFIRMATION, IngestedFile, IngestedRun, NewRun, NewScore
 
+pytestmark = pytest.mark.usefixtures("few_draws")
+
 HEAD = '[campaign]\nname = "test"\nseed = 3\nbatch = {batch}\n{more}\n'
 
 
