@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 from scipy.stats import kstest
 
+from seqrsm.analysis.belief import Departure
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.campaign import rehearsal
 from seqrsm.campaign.next_runs import start_batch
 from seqrsm.design.quadratic import QuadraticModel
@@ -31,14 +34,14 @@ def cliff(x: np.ndarray) -> np.ndarray:
     return hill(x) - 30.0 / (1.0 + np.exp(-12.0 * (x[:, 0] - 0.4)))
 
 
-def known(folder: Path, mean: Mean, sign: float = 1.0) -> tuple[CampaignSpec, Analysis]:
+def known(folder: Path, mean: Mean, sign: float = 1.0, model: str = "") -> tuple[CampaignSpec, Analysis]:
     """What is known after a start design and fourteen runs anywhere."""
     goal = "maximize" if sign > 0.0 else "minimize"
     factors = "".join(f'[[factor]]\nname = "{name}"\nlow = -1.0\nhigh = 1.0\n' for name in "ab")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "campaign.toml").write_text(
         f'[campaign]\nname = "r"\nseed = 3\nbatch = 6\n{factors}[[application]]\nname = "score"\nutility = "measured"\n'
-        f'goal = "{goal}"\n[stop]\nhalf_width = 5.0\nmax_runs = 30\n',
+        f'goal = "{goal}"\n{model}[stop]\nhalf_width = 5.0\nmax_runs = 30\n',
         encoding="utf-8",
     )
     spec, rng = load_spec(folder), np.random.default_rng(4)
@@ -95,6 +98,39 @@ def test_truths_are_quadratics_and_processes_by_their_probability(tmp_path: Path
     sd = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
     np.testing.assert_allclose(values.mean(axis=0), analysis.belief.mean(at), atol=float(4.0 * np.max(sd) / 17.0))
     assert min(truth.best - float(truth.mean(analysis.optimum.point[None, :])[0]) for truth in truths[:20]) > -0.05
+
+
+def test_runs_of_a_truth_scatter_as_its_scale_says(tmp_path: Path) -> None:
+    """On the logit's scale more where the score is nearer to 100, so that they scatter alike in percent."""
+    spec, analysis = known(tmp_path, lambda x: hill(x) + 14.0, model='[model]\nresponse = "logit"\n')
+    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=500)
+    of_quadratic = replace(analysis.fitted, departure=Departure(None, float("nan"), 0.0))
+    truth = rehearsal._truth(replace(analysis, fitted=of_quadratic), draws, np.random.default_rng(2))
+    at = np.array([[0.3, -0.2], [-1.0, 1.0]])
+    percent = analysis.scale.to_score(truth.mean(at))
+    assert percent[0] > 90.0 > 80.0 > percent[1]
+    np.testing.assert_allclose(truth.sd(at) * percent * (100.0 - percent) / 100.0, SIGMA, rtol=0.5)
+    assert truth.sd(at)[0] > 1.5 * truth.sd(at)[1]
+
+
+def test_numbers_of_a_rehearsal_by_hand(tmp_path: Path) -> None:
+    assert rehearsal._share(np.array([1.0, 1.5, 2.0, 3.5, 4.0]), Interval(1.5, 3.5)) == 0.6
+    spec, analysis = known(tmp_path, hill)
+    draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=10)
+    ended = [rehearsal._Ended(i < 8, 20 + i, 1.0, 0.5, float(i < 9), float(i)) for i in range(11)]
+    numbers = rehearsal._summary(spec, analysis, draws, ended)["numbers"]
+    assert numbers == {
+        "stopped": 8 / 11,
+        "runs_p10": 21,
+        "runs_median": 25,
+        "runs_p90": 29,
+        "cost_median": 25.0,
+        "coverage_rule": 1.0,
+        "coverage_new_run": 0.5,
+        "coverage_mean": 9 / 11,
+        "regret_median": 5.0,
+        "regret_p95": 9.5,
+    }
 
 
 def test_a_draw_of_the_process_is_distributed_as_its_marginals(tmp_path: Path) -> None:

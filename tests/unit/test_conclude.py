@@ -1,4 +1,4 @@
-"""What a look promises of percentages, and what it weighs against another application."""
+"""Which runs a look is made of, what it promises of percentages, and what it weighs against another application."""
 
 from __future__ import annotations
 
@@ -13,8 +13,12 @@ from scored_campaigns import analysed, campaign, numeric, specification
 from seqrsm.analysis import compromise
 from seqrsm.analysis.conclude import _within_percent
 from seqrsm.analysis.results import Analysis, OptimumEstimate
-from seqrsm.analysis.scale import Interval
+from seqrsm.analysis.runs import block_labels, evidence, response_scale, stretch
+from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.rehearsal import scored_run
+from seqrsm.errors import FitError
+from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
 NOISE = np.random.default_rng(9).normal(size=24)
@@ -100,3 +104,60 @@ def test_the_compromise_counts_draws_of_the_process_by_its_probability(
     if share:
         assert np.all(np.abs(rest.mean(axis=0) - process.mean(at)) < 4.0 * sd / np.sqrt(len(rest)))
         assert abs(rest[:, 0].mean() - quadratics[:, 0].mean()) > 2.0  # the two are told apart
+
+
+def test_the_compromise_weighs_percent_of_logits_from_unacceptable_to_ideal(tmp_path: Path) -> None:
+    use = "unacceptable = 60.0\nideal = 90.0\n"
+    text = specification(numeric(2), application=use, rest='[model]\nresponse = "logit"\n')
+    text = text.replace("measured", "percent_correct")
+    logit = campaign(tmp_path / "c", text, POINTS, 95.0 - 9.0 * np.sum(np.square(POINTS), axis=1) + NOISE)
+    (analysis,) = logit.analyse_all(n_draws=400)
+    objective = compromise._application(logit.spec, analysis)
+    assert objective.draws is not None
+    found = objective.mean(POINTS)
+    np.testing.assert_allclose(found, analysis.scale.to_score(analysis.belief.mean(POINTS)))
+    assert 70.0 < found.min() < found.max() < 100.0
+    drawn = objective.draws(POINTS)
+    np.testing.assert_allclose(drawn.mean(axis=0), found, atol=2.0)
+    assert (objective.unacceptable, objective.ideal) == (60.0, 90.0)
+
+
+# the runs that enter -------------------------------------------------------------------------------------------------
+
+
+def test_confirmation_runs_are_evidence_once_later_runs_are_scored() -> None:
+    def run(number: int, batch: int, purpose: str = "optimum"):
+        return scored_run(number, batch, NewRun({"x0": 0.0}, purpose), NewScore("score", 70.0))
+
+    first, fresh, later = run(1, 1), run(2, 2, CONFIRMATION), run(3, 3)
+    assert evidence([first, fresh]) == [first]
+    for state in ("proposed", "issued", "running", "failed", "void"):
+        waiting = replace(later, state=state)
+        assert evidence([first, fresh, waiting]) == [first, waiting]
+    assert evidence([first, fresh, later]) == [first, fresh, later]
+
+
+def test_a_run_alone_in_its_occasion_is_no_block(made: Campaign, narrow: Analysis) -> None:
+    blocks = ("occasion 1", "occasion 2", "occasion 1", "occasion 3", "")
+    data = replace(narrow.data, sources=("simulation",) * 5, blocks=blocks)
+    assert block_labels(made.spec, data) == ["occasion 1", "all", "occasion 1", "all", "all"]
+
+
+def test_scores_without_a_standard_error_are_named_where_they_would_count_by_it(
+    made: Campaign, narrow: Analysis
+) -> None:
+    spec = replace(made.spec, model=made.spec.model.model_copy(update={"weights": "se"}))
+    se = np.full(24, 2.0)
+    assert response_scale(spec, replace(narrow.data, score_se=se)).weights.tolist() == [1.0] * 24
+    se[[3, 7]] = np.nan
+    with pytest.raises(FitError, match="runs 4, 8 have no standard error"):
+        response_scale(spec, replace(narrow.data, score_se=se))
+
+
+def test_one_percent_is_more_of_a_logit_near_the_ends(narrow: Analysis) -> None:
+    scores = np.array([0.0, 0.5, 10.0, 50.0, 99.5, 100.0])
+    data = replace(narrow.data, scores=scores)
+    slope = 100.0 / (scores[1:5] * (100.0 - scores[1:5]))  # of the logit
+    found = stretch(ResponseScale.of("logit", scores), data)
+    np.testing.assert_allclose(found, [slope[0], *slope, slope[-1]])
+    assert stretch(ResponseScale.of("identity", scores), data).tolist() == [1.0] * 6

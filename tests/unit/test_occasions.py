@@ -44,6 +44,12 @@ def test_occasions_are_no_larger_than_asked_and_hold_no_two_alike(n: int, size: 
             assert max(gap[:2]) >= 0.5  # a quarter of the range
 
 
+def test_new_occasions_are_filled_in_turn() -> None:
+    """Each gets settings from all over the region, as the design orders them by no chance."""
+    corners = [NewRun({"x": x, "y": y, "p": "H"}) for x in (0.0, 10.0) for y in (0.0, 1.0)]
+    assert [run.block for run in deal(corners, [], 2)] == ["occasion 1", "occasion 2"] * 2
+
+
 def test_repeats_meet_different_occasions_also_in_later_batches() -> None:
     same = NewRun({"x": 5.0, "y": 0.5, "p": "H"})
     first = deal([same, same, same], [], 8)

@@ -15,7 +15,7 @@ from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.campaign import loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
-from seqrsm.errors import RegionError, SpecError, UserError
+from seqrsm.errors import RegionError, SpecError, StoreError, UserError
 from seqrsm.simulate import runner
 from seqrsm.spec.read import SimulatorSpec, load_spec
 from seqrsm.store.records import CONFIRMATION, IngestedFile, IngestedRun, NewRun, NewScore
@@ -239,8 +239,8 @@ def test_guards_by_name(campaign, guard: str) -> None:
 def test_futility_ends_a_campaign_that_asks_for_it(campaign) -> None:
     """A surface of noise alone, and a target that the budget cannot reach: told by default, else the end."""
     cases = {
-        "no parameter matters": (lambda s, i: 50.0 + noise(i), "half_width = 3.0\nmax_runs = 60"),
-        "the target": (lambda s, i: bowl(s, i) + 9.0 * noise(i + 7), "half_width = 4.0\nmax_runs = 60"),
+        "no parameter matters": (lambda s, i: 50.0 + noise(i), "half_width = 3.0\nmax_runs = 32"),
+        "the target": (lambda s, i: bowl(s, i) + 9.0 * noise(i + 7), "half_width = 4.0\nmax_runs = 32"),
     }
     for name, (score, rule) in cases.items():
         told = run_campaign(campaign(spec_text(numeric(2), rule), score, f"{name} told"))
@@ -248,7 +248,7 @@ def test_futility_ends_a_campaign_that_asks_for_it(campaign) -> None:
         assert not told.futile
         assert ended.futile
         assert not ended.held
-        assert 16 <= ended.n_scored < min(told.n_scored, 60)  # at two looks in a row
+        assert 16 <= ended.n_scored < told.n_scored <= 32  # at two looks in a row
         assert ended.analyses[0].decision.futility
     goes_on = run_campaign(
         campaign(spec_text(numeric(2), 'half_width = 3.0\nmax_runs = 60\nfutility = "stop"'), bowl, "fine")
@@ -398,6 +398,41 @@ def test_fresh_runs_that_contradict_enter_the_fit_and_the_campaign_goes_on(campa
     assert analysis.confirmation.agrees
     assert set(analysis.confirmation.run_ids) == {run.run_id for run in runs if run.batch == second}
     assert any(first < run.batch < second for run in runs)
+
+
+def test_a_batch_is_cut_at_the_budget_which_a_later_call_may_lower(campaign) -> None:
+    made = campaign(spec_text(numeric(1), "half_width = 0.01\nmax_runs = 10"), bowl)
+    outcome = run_campaign(made)
+    assert not outcome.held
+    assert outcome.n_scored == 10  # nine of the start design, and one of a batch of four
+    assert run_campaign(made, max_runs=2).n_scored == 10
+    assert run_campaign(made, max_runs=11, batch=3).n_scored == 11
+
+
+def test_as_many_scores_as_terms_wait_for_the_flights(campaign) -> None:
+    made = campaign(spec_text(numeric(1), "half_width = 2.0\nmax_runs = 20"), bowl)
+    runs = [
+        IngestedRun(None, {"x0": x}, "flight", "", 1.0, (NewScore("score", bowl({"x0": x}, i)),))
+        for i, x in enumerate((-1.0, 0.0, 1.0))
+    ]
+    made.store.ingest_files([IngestedFile("f.csv", "0", 3, tuple(runs))])
+    made.store.add_batch([NewRun({"x0": 0.5}, source="flight")], issue=True)
+    with pytest.raises(StoreError, match="3 scores cannot determine 3 terms, and 1 flights wait"):
+        run_campaign(made)
+
+
+def test_futility_of_one_application_counts_where_the_other_holds(campaign) -> None:
+    def score(settings: dict, run_id: int) -> dict[str, float]:
+        return {"sharp": bowl(settings, run_id), "noisy": bowl(settings, run_id) + 30.0 * noise(1000 + run_id)}
+
+    rule = 'half_width = 5.0\nmax_runs = 40\nfutility = "stop"'
+    made = campaign(spec_text(numeric(1), rule).replace(APPLICATION, applications("sharp", "noisy")), score)
+    outcome = run_campaign(made)
+    sharp, noisy = outcome.analyses
+    assert outcome.futile
+    assert sharp.decision.held
+    assert not noisy.decision.held
+    assert outcome.n_scored < 40
 
 
 def test_a_contradiction_ends_with_the_budget(campaign) -> None:
