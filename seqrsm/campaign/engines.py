@@ -381,7 +381,7 @@ def call_utility(name: str, image: Any, scene: Any, *, seed: int, run_id: int) -
         remedy = f"See line {place.lineno} of {place.filename}."
         raise SpecError(Problem(text, remedy, field=_FIELD, value=name)) from error
     if isinstance(found, int | float | np.number) and not isinstance(found, bool):
-        found = UtilityScore(float(found), 0.0, 0, 0, np.zeros((0, 0), dtype=np.int64), {})
+        found = UtilityScore(float(found))
     if not isinstance(found, UtilityScore):
         text = (
             f"the utility returned {type(found).__name__}, not a number or a seqrsm.score.classification.UtilityScore"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -39,26 +39,27 @@ class UtilityScore:
     Attributes
     ----------
     value : float
-        Percent of scored cells classified correctly.
+        In the unit of the utility, such as percent of scored cells classified correctly.
     se : float
-        Standard error of `value` over pieces of ground within this run [percent]; nan with fewer than two tiles. The
-        spread between runs is larger: it also holds the occasion.
+        Standard error of `value` over pieces of ground within this run, the same unit; nan with fewer than two tiles, 0
+        where the measure tells none. The spread between runs is larger: it also holds the occasion.
     n_cells : int
         Scored cells.
     n_clusters : int
         Tiles with scored cells.
     confusion : int64 array (n_classes, n_classes)
-        Cells of class (row) that were given class (column).
+        Cells of class (row) that were given class (column); empty where the measure names no classes.
     details : dict
-        ``not_predicted``: classes that no training half could teach; ``per_class_percent``: share correct by class.
+        What else is known, by name. Of a classification ``not_predicted``: classes that no training half could teach;
+        ``per_class_percent``: share correct by class.
     """
 
     value: float
-    se: float
-    n_cells: int
-    n_clusters: int
-    confusion: IntArray
-    details: dict[str, object]
+    se: float = 0.0
+    n_cells: int = 0
+    n_clusters: int = 0
+    confusion: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+    details: dict[str, object] = field(default_factory=dict)
 
 
 def percent_correct(

@@ -168,7 +168,7 @@ def retrieval_error(
     }
     n_tiles = int(tile.max()) + 1
     se_root = se / (2.0 * rmse) if rmse > 0.0 else 0.0
-    return UtilityScore(rmse, se_root, int(cells.sum()), n_tiles, np.zeros((0, 0), dtype=np.int64), details)
+    return UtilityScore(rmse, se_root, int(cells.sum()), n_tiles, details=details)
 
 
 def _truth(image: RadiometerImage, scene: Scene, quantity: str) -> tuple[FloatArray, AnyArray]:

@@ -155,4 +155,4 @@ def soil_moisture_error(sample: Sample, scene: Scene, *, seed: int, run_id: int)
         "sampling_se": math.sqrt(1.0 - sample.share) * spread / (2.0 * rmse) if rmse > 0.0 else 0.0,
     }
     half = 2.0 * rmse if rmse > 0.0 else 1.0
-    return UtilityScore(rmse, se / half, int(cells.sum()), len(keys), np.zeros((0, 0), dtype=np.int64), details)
+    return UtilityScore(rmse, se / half, int(cells.sum()), len(keys), details=details)
