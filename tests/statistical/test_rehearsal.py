@@ -113,6 +113,31 @@ def test_runs_of_a_truth_scatter_as_its_scale_says(tmp_path: Path) -> None:
     assert truth.sd(at)[0] > 1.5 * truth.sd(at)[1]
 
 
+def test_a_campaign_in_memory_stops_by_its_rule_or_at_its_budget(tmp_path: Path) -> None:
+    spec, _ = known(tmp_path, hill)
+    spec = replace(spec, stop=spec.stop.model_copy(update={"half_width": 50.0, "max_runs": 22}))
+
+    def made(*, stops: bool) -> tuple[Analysis, list[RunRecord]]:
+        rng = np.random.default_rng(1)
+        score = lambda at: [NewScore("score", float(y)) for y in hill(at) + rng.standard_normal(len(at))]  # noqa: E731
+        return rehearsal.make_campaign(spec, "flight", score, n_draws=50, stops=stops)
+
+    (stopped, few), (whole, all_runs) = made(stops=True), made(stops=False)
+    assert stopped.decision.held
+    assert len(few) == 18  # three for each of six terms: after the start design and one batch
+    assert [run.run_id for run in all_runs] == list(range(1, 23))
+    assert whole.fit.n_runs == 22
+    assert [run.proposed for run in all_runs[:18]] == [run.proposed for run in few]
+
+
+def test_the_first_application_alone_is_rehearsed(tmp_path: Path) -> None:
+    spec, _ = known(tmp_path, hill)
+    other = spec.applications[0].model_copy(update={"name": "other"})
+    plain = rehearsal._plain(replace(spec, applications=(*spec.applications, other)))
+    assert [one.name for one in plain.applications] == ["score"]
+    assert plain.considerations == ()
+
+
 def test_numbers_of_a_rehearsal_by_hand(tmp_path: Path) -> None:
     assert rehearsal._share(np.array([1.0, 1.5, 2.0, 3.5, 4.0]), Interval(1.5, 3.5)) == 0.6
     spec, analysis = known(tmp_path, hill)
