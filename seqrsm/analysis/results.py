@@ -22,7 +22,7 @@ from seqrsm.fit.intervals import AnovaRow, LackOfFit
 from seqrsm.fit.least_squares import InfluentialRun, LeastSquaresFit, NormalPlot
 from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.optimum import Goal, Optimum
-from seqrsm.fit.profile import PowerProfile
+from seqrsm.fit.transforms import PowerProfile
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, UserError
-from seqrsm.fit.canonical import StationaryPoint
+from seqrsm.fit.canonical import StationaryPoint, steepest_path
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import FTest, Prediction
 from seqrsm.fit.intervals import Interval as ArrayInterval
@@ -35,9 +35,8 @@ from seqrsm.fit.least_squares import block_columns, extrapolated, influential_ru
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal, optimum
 from seqrsm.fit.optimum_interval import SearchedInterval, searched_from_draws, searched_interval
-from seqrsm.fit.profile import PowerProfile, box_cox_profile, logit_profile
-from seqrsm.fit.ridge import steepest_path
 from seqrsm.fit.selection import average_models
+from seqrsm.fit.transforms import PowerProfile, box_cox_profile, logit_profile
 from seqrsm.propose.steepest import ascent_path
 from seqrsm.spec.read import CampaignSpec
 

@@ -23,9 +23,8 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
 from seqrsm.spec.read import CampaignSpec, load_spec
-from seqrsm.store.heartbeat import heartbeat
 from seqrsm.store.records import NewRun, RunRecord
-from seqrsm.store.store import Store
+from seqrsm.store.store import Store, heartbeat
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport

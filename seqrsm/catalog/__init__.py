@@ -6,10 +6,9 @@ from the print stand beside it. `load_catalog` reads the files once; nothing hea
 """
 
 from seqrsm.catalog.reader import load_catalog
-from seqrsm.catalog.rendering import catalog_rows, to_json
+from seqrsm.catalog.rendering import Statement, catalog_rows, summary, to_json
 from seqrsm.catalog.search import entries_about, search
 from seqrsm.catalog.start import Source, StartLevels, StartRange, StartRanges, start_ranges
-from seqrsm.catalog.summary import Statement, summary
 from seqrsm.catalog.tables import Catalog, Entry, Platform, PlatformItem, Quantity, Range, Table
 
 __all__ = [

@@ -6,7 +6,6 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design import search
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
@@ -23,7 +22,7 @@ def region_moments(model: QuadraticModel, region: Region) -> FloatArray:
     of an even sequence of 131072 points, relative error about 1e-3.
     """
     if region.is_box:
-        return _box_moments(model)
+        return np.asarray(np.prod(model.part_moments()[1], axis=0))
     points = search.low_discrepancy(region.axes, _SEQUENCE)
     points = points[region.slack(points) >= 0.0]
     if points.shape[0] < _ENOUGH:
@@ -31,28 +30,3 @@ def region_moments(model: QuadraticModel, region: Region) -> FloatArray:
     Z = model.matrix(points)
     W: FloatArray = Z.T @ Z / points.shape[0]
     return W
-
-
-def _box_moments(model: QuadraticModel) -> FloatArray:
-    """Product over the factors of the moments of each factor's part of two terms."""
-    W = np.ones((model.p, model.p))
-    for factor, columns in zip(model.factors, model.columns, strict=True):
-        # Which function of this factor a term holds: 0 none; power 1 or 2; 1 + index of the contrast.
-        parts = np.zeros(model.p, dtype=np.intp)
-        for column in (model.first, model.second):
-            mine = (column >= columns.start) & (column < columns.stop)
-            parts[mine] += column[mine] - columns.start + 1
-        W *= _part_moments(factor)[np.ix_(parts, parts)]
-    return W
-
-
-def _part_moments(factor: Factor) -> FloatArray:
-    if isinstance(factor, ContinuousFactor):
-        power = np.add.outer(np.arange(3), np.arange(3))
-        return np.where(power % 2 == 0, 1.0 / (power + 1.0), 0.0)
-    if isinstance(factor, CategoricalFactor):
-        functions = np.column_stack([np.ones(len(factor.levels)), factor.contrasts])
-    else:
-        functions = factor.coded_levels[:, None] ** np.arange(3)
-    moments: FloatArray = functions.T @ functions / functions.shape[0]
-    return moments

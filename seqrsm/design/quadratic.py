@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from seqrsm.arrays import FloatArray, IntArray
-from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
 
 TermKind: TypeAlias = Literal["intercept", "linear", "category", "interaction", "square"]
 
@@ -147,6 +147,21 @@ class QuadraticModel:
         base = self.base(points)
         return base[:, self.first] * base[:, self.second]
 
+    def part_moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean (k, p) of each factor's part of each term, and mean product (k, p, p) of its parts of two terms.
+
+        Coded continuous factors are uniform on [-1, 1], levels of discrete and categorical factors equally likely.
+        """
+        means, moments = np.ones((self.k, self.p)), np.ones((self.k, self.p, self.p))
+        for j, (factor, columns) in enumerate(zip(self.factors, self.columns, strict=True)):
+            part = np.zeros(self.p, dtype=np.intp)  # which function of this factor a term holds
+            for column in (self.first, self.second):
+                mine = (column >= columns.start) & (column < columns.stop)
+                part[mine] += column[mine] - columns.start + 1
+            of = _moments(factor)
+            means[j], moments[j] = of[0, part], of[np.ix_(part, part)]
+        return means, moments
+
     def forms(self, beta: FloatArray, levels: tuple[int, ...] = ()) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Constant, gradient and matrix of the quadratic in the q numeric factors at given categorical levels.
 
@@ -223,3 +238,15 @@ def _products(factors: tuple[Factor, ...], places: tuple[range, ...], order: int
 
 def _comes_second(left: Factor, right: Factor) -> bool:
     return isinstance(right, CategoricalFactor) and not isinstance(left, CategoricalFactor)
+
+
+def _moments(factor: Factor) -> FloatArray:
+    """Mean products of the factor's functions: 1, x, x^2 or 1 and its contrasts."""
+    if isinstance(factor, ContinuousFactor):
+        power = np.add.outer(np.arange(3), np.arange(3))
+        return np.where(power % 2 == 0, 1.0 / (power + 1.0), 0.0)
+    if isinstance(factor, CategoricalFactor):
+        functions = np.column_stack([np.ones(len(factor.levels)), factor.contrasts])
+    else:
+        functions = factor.coded_levels[:, None] ** np.arange(3)
+    return np.asarray(functions.T @ functions / functions.shape[0])

@@ -16,6 +16,8 @@ References
 ----------
 Sobol (1993), Sensitivity estimates for nonlinear mathematical models, Math. Modelling Comput. Exp. 1, 407-414.
 Saltelli et al. (2008), Global sensitivity analysis: the primer, chapter 4.
+
+Paths over it: ridge analysis, steepest ascent.
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import brentq
 
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor, log_ratio, span
+from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.fit.optimum import Goal, sign_of
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
 
@@ -304,7 +308,7 @@ def variance_shares(model: QuadraticModel, beta: FloatArray) -> VarianceShares:
     Constraints are left out: they would make the factors dependent, and shares then have no unique meaning.
     """
     beta = np.asarray(beta, dtype=np.float64)
-    means, moments = _parts(model)
+    means, moments = model.part_moments()
     centre = np.prod(means, axis=0)
 
     def form(inside: set[int]) -> FloatArray:
@@ -326,26 +330,129 @@ def variance_shares(model: QuadraticModel, beta: FloatArray) -> VarianceShares:
     return VarianceShares(names, first, np.maximum(total, 0.0), np.where(flat, 0.0, variance))
 
 
-def _parts(model: QuadraticModel) -> tuple[FloatArray, FloatArray]:
-    """Mean (k, p) of each factor's part of each term, and mean product (k, p, p) of its parts of two terms."""
-    means, moments = np.ones((model.k, model.p)), np.ones((model.k, model.p, model.p))
-    for j, (factor, columns) in enumerate(zip(model.factors, model.columns, strict=True)):
-        part = np.zeros(model.p, dtype=np.intp)  # which function of this factor a term holds
-        for column in (model.first, model.second):
-            mine = (column >= columns.start) & (column < columns.stop)
-            part[mine] += column[mine] - columns.start + 1
-        of = _moments(factor)
-        means[j], moments[j] = of[0, part], of[np.ix_(part, part)]
-    return means, moments
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Points along a path from the centre.
+
+    Attributes
+    ----------
+    distance : ndarray (n,)
+        Coded distance from the origin of the path.
+    points : ndarray (n, q)
+        Coded numeric factors.
+    values : ndarray (n,)
+        Fitted values.
+    multipliers : ndarray (n,)
+        The Lagrange multiplier mu of a ridge path; nan where it has none.
+    """
+
+    distance: FloatArray
+    points: FloatArray
+    values: FloatArray
+    multipliers: FloatArray
 
 
-def _moments(factor: Factor) -> FloatArray:
-    """Mean products of the factor's functions: 1, x, x^2 or 1 and its contrasts."""
-    if isinstance(factor, ContinuousFactor):
-        power = np.add.outer(np.arange(3), np.arange(3))
-        return np.where(power % 2 == 0, 1.0 / (power + 1.0), 0.0)
-    if isinstance(factor, CategoricalFactor):
-        functions = np.column_stack([np.ones(len(factor.levels)), factor.contrasts])
-    else:
-        functions = factor.coded_levels[:, None] ** np.arange(3)
-    return np.asarray(functions.T @ functions / functions.shape[0])
+def _sphere_multiplier(gaps: FloatArray, projected: FloatArray, radius: float) -> float | None:
+    """Distance s > 0 of mu from the leading eigenvalue so that ``|x| = radius``; None in the hard case.
+
+    ``|x|^2 = 1/4 sum projected_i^2 / (s + gap_i)^2`` with gap_i = l_max - l_i >= 0.
+    """
+    norm = float(np.linalg.norm(projected))
+    if norm == 0.0:
+        return None
+    top = norm / (2.0 * radius)
+    lead = gaps <= 1e-14 * max(float(gaps.max(initial=0.0)), top)
+    low = float(np.linalg.norm(projected[lead])) / (2.0 * radius)
+    if low <= 1e-13 * top:
+        rest = ~lead
+        if 0.5 * float(np.linalg.norm(projected[rest] / gaps[rest])) <= radius:
+            return None
+        low = np.finfo(float).tiny
+
+    def excess(log_s: float) -> float:
+        return float(np.log(0.5 * np.linalg.norm(projected / (np.exp(log_s) + gaps))) - np.log(radius))
+
+    # One part in 1e12 to either side: at the ends the excess is zero but for rounding.
+    low, top = low * (1.0 - 1e-12), top * (1.0 + 1e-12)
+    return float(np.exp(brentq(excess, np.log(low), np.log(top), xtol=1e-15, rtol=8.9e-16)))
+
+
+def ridge_path(
+    constant: float, linear: FloatArray, quadratic: FloatArray, radii: FloatArray, goal: Goal = "maximize"
+) -> Path:
+    """Ridge analysis: the best point on spheres around the centre.
+
+    The maximum on ``|x| = R`` is ``x(mu) = -(B - mu I)^-1 b / 2`` with ``mu`` at or above the largest eigenvalue. When
+    b has no component along the leading eigenvector and R is large (the hard case), ``mu`` equals that eigenvalue and a
+    multiple of the eigenvector is added; of the two equal solutions the one whose largest component of that eigenvector
+    is positive is given.
+
+    Parameters
+    ----------
+    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
+        ``c + x'b + x'Bx``, B symmetric.
+    radii : ndarray (n,)
+        Coded distances, >= 0.
+    goal : "maximize" or "minimize"
+
+    Returns
+    -------
+    Path
+    """
+    sign = sign_of(goal)
+    values, vectors = np.linalg.eigh(sign * quadratic)
+    values, vectors = values[::-1], vectors[:, ::-1]
+    projected = vectors.T @ (sign * linear)
+    gaps = values[0] - values
+    radii = np.asarray(radii, dtype=np.float64)
+    points = np.zeros((len(radii), len(linear)))
+    multipliers = np.full(len(radii), np.nan)
+    for i, radius in enumerate(radii):
+        if radius <= 0.0:
+            continue
+        s = _sphere_multiplier(gaps, projected, float(radius))
+        if s is not None:
+            along = 0.5 * projected / (s + gaps)
+            multipliers[i] = sign * (values[0] + s)
+        else:
+            lead = gaps <= 1e-14 * max(float(gaps.max()), 1.0e-300)
+            along = np.where(lead, 0.0, 0.5 * projected / np.where(lead, 1.0, gaps))
+            axis = vectors[:, 0] * np.sign(vectors[np.argmax(np.abs(vectors[:, 0])), 0])
+            along = along + vectors.T @ axis * np.sqrt(max(radius**2 - float(along @ along), 0.0))
+            multipliers[i] = sign * values[0]
+        points[i] = vectors @ along
+    return Path(radii, points, _values(constant, linear, quadratic, points), multipliers)
+
+
+def steepest_path(
+    constant: float, linear: FloatArray, quadratic: FloatArray, distances: FloatArray, goal: Goal = "maximize"
+) -> Path:
+    """Path of steepest ascent (or descent) from the centre.
+
+    For a first-order surface this is the straight line along the gradient; for a second-order one it is the ridge path,
+    as in R's rsm.
+
+    Parameters
+    ----------
+    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
+        ``c + x'b + x'Bx``; a B of zeros is a first-order surface.
+    distances : ndarray (n,)
+        Coded distances, >= 0.
+    goal : "maximize" or "minimize"
+
+    Returns
+    -------
+    Path
+    """
+    if np.any(quadratic != 0.0):
+        return ridge_path(constant, linear, quadratic, distances, goal)
+    norm = float(np.linalg.norm(linear))
+    direction = np.zeros_like(linear) if norm == 0.0 else sign_of(goal) * linear / norm
+    distances = np.asarray(distances, dtype=np.float64)
+    points = distances[:, None] * direction
+    return Path(distances, points, _values(constant, linear, quadratic, points), np.full(len(distances), np.nan))
+
+
+def _values(constant: float, linear: FloatArray, quadratic: FloatArray, points: FloatArray) -> FloatArray:
+    values: FloatArray = constant + points @ linear + np.sum((points @ quadratic) * points, axis=1)
+    return values

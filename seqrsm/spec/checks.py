@@ -5,17 +5,18 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf, isfinite
 from pathlib import Path as FilePath
 from typing import Any, Literal, Protocol
 
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, span
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.fit.optimum import Goal
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
-from seqrsm.spec.tables import ApplicationSpec, Table
+from seqrsm.spec.tables import ApplicationSpec, ModelSpec, Table
 from seqrsm.spec.toml_lines import Path, line_of
 
 #: Parameters of each engine's sensor.
@@ -404,3 +405,53 @@ def _constraint_path(problem: Problem, constraints: Sequence[Constraint]) -> Pat
         if problem.value == constraint.expr or problem.field == f"constraint '{constraint.expr}'":
             return ("constraint", index, "expr")
     return ("constraint",) if constraints else ("factor",)
+
+
+def knowledge(
+    applications: Sequence[ApplicationSpec | None], factors: Sequence[Factor], model: ModelSpec | None, report: Reporter
+) -> None:
+    """What ``[application.prior]`` says is possible, and said in one place only."""
+    numeric = {factor.name: factor for factor in factors if not isinstance(factor, CategoricalFactor)}
+    known_factors = f"The numeric factors are {', '.join(numeric)}." if numeric else "There are none."
+    for index, application in enumerate(applications):
+        if application is None or application.prior is None:
+            continue
+        prior = application.prior
+        path: Path = ("application", index, "prior")
+        if prior.utility is not None:
+            if model is not None and model.prior is not None:
+                report.add(path, "there is a prior in [model], too", "Say it in one place.")
+            _check_utility(path, prior.utility, application.is_percent, report)
+        elif prior.optimum or prior.repeat_sd is not None or not prior.effect:
+            remedy = "Give utility = [low, high]: the mean score at a setting taken at random."
+            report.add(path, "the range of the utility is missing", remedy)
+        for name in (*prior.optimum, *prior.effect):
+            if name not in numeric:
+                key = "optimum" if name in prior.optimum else "effect"
+                report.add((*path, key, name), f"'{name}' is no numeric factor", known_factors)
+        for name, expected in prior.optimum.items():
+            if name not in numeric:
+                continue
+            value = expected if isinstance(expected, (int, float)) else expected.value
+            low, high = span(numeric[name])
+            if not low <= value <= high:
+                remedy = f"Give a value from {low:g} to {high:g}."
+                place = (*path, "optimum", name)
+                report.add(place, "the optimum is expected outside the factor's range", remedy, value)
+        logit = model is not None and model.response == "logit"
+        for name, (least, most) in prior.effect.items():
+            place = (*path, "effect", name)
+            if not least < most or (least, most) == (-inf, inf):
+                remedy = "Give [least, most], such as [0.0, inf] for a score that rises."
+                report.add(place, "these bounds say nothing or cannot be", remedy, [least, most])
+            elif logit and any(isfinite(end) and end != 0.0 for end in (least, most)):
+                remedy = "Give 0 or no bound (inf): on the logit scale only the sign of an effect can be bounded."
+                report.add(place, "the bounds of the effect are no signs", remedy, [least, most])
+
+
+def _check_utility(path: Path, stated: Sequence[float], is_percent: bool, report: Reporter) -> None:
+    low, high = stated
+    inside = not is_percent or (low >= 0.0 and high <= 100.0)
+    if not (low < high and inside):
+        limits = ", between 0 and 100" if is_percent else ""
+        report.add((*path, "utility"), "this is no range of scores", f"Give [low, high]{limits}.", [low, high])

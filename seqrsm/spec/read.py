@@ -87,7 +87,6 @@ from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.sensor.parameters import find
 from seqrsm.spec import checks as spec_checks
-from seqrsm.spec import prior as spec_prior
 from seqrsm.spec.checks import Reporter
 from seqrsm.spec.tables import (
     ApplicationSpec,
@@ -338,7 +337,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
     known = [factor for factor in factors if factor is not None]
     if len(known) == len(factors):
-        spec_prior.knowledge(applications, known, single.get("model"), report)
+        spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
         if simulator is not None and simulator.common_random_numbers is not None:

@@ -12,8 +12,9 @@ import os
 import secrets
 import socket
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import TracebackType
@@ -484,3 +485,26 @@ def _is_gone(owner: str) -> bool:
     except PermissionError:
         return False
     return False
+
+
+BEAT_S = 60.0
+"""Much less than `seqrsm.store.store.LEASE_S`."""
+
+
+@contextmanager
+def heartbeat(store: Store, every_s: float = BEAT_S) -> Iterator[None]:
+    """Let a thread say every ``every_s`` [s] that this process is alive while the block runs."""
+    done = threading.Event()
+
+    def beat() -> None:
+        while not done.wait(every_s):
+            with suppress(StoreError):  # a busy or absent data base: the next beat may get through
+                store.beat()
+
+    thread = threading.Thread(target=beat, daemon=True, name="heartbeat")
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join(timeout=5.0)

@@ -33,9 +33,9 @@ from seqrsm.fit.location import best_settings, location_region
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
-from seqrsm.fit.profile import box_cox_profile
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.selection import average_models
+from seqrsm.fit.transforms import box_cox_profile
 
 NU = 4.0
 

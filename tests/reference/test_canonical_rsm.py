@@ -17,8 +17,7 @@ import pytest
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.canonical import stationary_point
-from seqrsm.fit.ridge import ridge_path, steepest_path
+from seqrsm.fit.canonical import ridge_path, stationary_point, steepest_path
 
 DATA = Path(__file__).parent / "data" / "rsm"
 

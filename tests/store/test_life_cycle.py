@@ -13,10 +13,9 @@ from seqrsm.campaign.simulation import SimulationResult
 from seqrsm.simulate import runner
 from seqrsm.simulate.lost import Lost
 from seqrsm.store import store as store_module
-from seqrsm.store.heartbeat import heartbeat
 from seqrsm.store.records import NewRun, NewScore
 from seqrsm.store.schema import RUNS
-from seqrsm.store.store import Store
+from seqrsm.store.store import Store, heartbeat
 
 RUN = NewRun({"x": 1.0})
 

@@ -24,8 +24,8 @@ from seqrsm.fit.location import best_settings, box_hunter_statistic, simulation_
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
-from seqrsm.fit.profile import box_cox_profile, logit_profile
 from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
+from seqrsm.fit.transforms import box_cox_profile, logit_profile
 
 LEVEL = 0.95
 COMPARED = "without the search, to compare"

@@ -10,9 +10,8 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.canonical import canonical_form, natural_errors, stationary_point
+from seqrsm.fit.canonical import canonical_form, natural_errors, ridge_path, stationary_point, steepest_path
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.ridge import ridge_path, steepest_path
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,9 @@ from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal
 from seqrsm.fit.location import best_settings
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
-from seqrsm.fit.profile import box_cox_profile
 from seqrsm.fit.robust import student_weights
 from seqrsm.fit.selection import average_models
-from seqrsm.fit.transforms import logit_scores, logit_to_percent
+from seqrsm.fit.transforms import box_cox_profile, logit_scores, logit_to_percent
 
 
 def cube(k: int) -> tuple[QuadraticModel, Region]:

@@ -12,7 +12,7 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError
 from seqrsm.fit.least_squares import extrapolated, fit_least_squares, influential_runs, normal_plot
-from seqrsm.fit.profile import box_cox_profile, logit_profile
+from seqrsm.fit.transforms import box_cox_profile, logit_profile
 
 MODEL = QuadraticModel((ContinuousFactor("a", -1.0, 1.0), ContinuousFactor("b", -1.0, 1.0)))
 

@@ -10,8 +10,8 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
+from seqrsm.fit.canonical import ridge_path
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.ridge import ridge_path
 
 GRID_POINTS = 41
 LINE_POINTS = 81
