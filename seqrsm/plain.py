@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 
@@ -23,6 +24,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, Sequence | set | frozenset):
         return [plain(inner) for inner in value]
     return str(value)
+
+
+def shallow(found: Any) -> dict[str, Any]:
+    """The fields of a dataclass by their names, what they hold as it is (`dataclasses.asdict` copies it)."""
+    return {field.name: getattr(found, field.name) for field in fields(found)}
 
 
 def known(value: float, uncertainty: float) -> str:

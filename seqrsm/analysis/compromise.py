@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.decide.compromise import Compromise, Loss, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
-from seqrsm.plain import known
+from seqrsm.plain import known, shallow
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec, ConsiderationSpec
 
@@ -152,7 +152,7 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
         spread = loss.high - loss.low if np.isfinite(loss.low) else loss.given_up
         rows.append(
             GivenUp(
-                **_fields(loss),
+                **shallow(loss),
                 unit=unit,
                 application=i < len(analyses),
                 own_settings=region.decode(loss.own_point)[0],
@@ -162,13 +162,9 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
             )
         )
     return CompromiseEstimate(
-        **_fields(found) | {"given_up": tuple(rows)},
+        **shallow(found) | {"given_up": tuple(rows)},
         settings=region.decode(found.point)[0],
         credible=credible,
         level=spec.stop.level,
         front_settings=tuple(region.decode(found.front_points)),
     )
-
-
-def _fields(found: Loss | Compromise) -> dict[str, Any]:
-    return {field.name: getattr(found, field.name) for field in fields(found)}

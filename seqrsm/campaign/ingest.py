@@ -16,12 +16,12 @@ from typing import Any
 
 from seqrsm.campaign.form import factor_columns
 from seqrsm.errors import Problem, RegionError, ScoresFileError
+from seqrsm.plain import shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import (
-    FileRecord,
     IngestedFile,
     IngestedRun,
     IngestOutcome,
@@ -32,9 +32,9 @@ from seqrsm.store.records import (
 from seqrsm.store.store import Store
 
 
-@dataclass(frozen=True, slots=True)
-class IngestReport:
-    """What was taken in, or would be.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IngestReport(IngestOutcome):
+    """What was taken in, or would be: what became of the rows in the store, and what is known of the file.
 
     Attributes
     ----------
@@ -42,24 +42,12 @@ class IngestReport:
         Name without folder, and SHA-256 of the bytes.
     dry_run : bool
         Nothing was written.
-    already : FileRecord or None
-        The same content was taken in before: nothing was done.
     n_scores : int
         Scores, or ranks, in the file.
-    matched, created, unchanged : tuple of int
-        Runs that now have scores; new runs; runs that had exactly these scores already.
-    replaced : tuple of (int, int)
-        Void run and the new run in its place (also under ``created``).
     outside_region : tuple of int
         Lines whose settings lie outside the campaign's region.
     unscored : tuple of int
         Lines of proposed runs that have no score yet.
-    moved : tuple of int
-        Proposed runs that were carried out at other settings.
-    rankings : tuple of int
-        Numbers of new rankings.
-    ranked : tuple of RankingSummary
-        Scores and interpreter effects that follow from all rankings now.
     messages : tuple of str
         The above in sentences.
     """
@@ -67,22 +55,14 @@ class IngestReport:
     file: str
     sha256: str
     dry_run: bool
-    already: FileRecord | None = None
     n_scores: int = 0
-    matched: tuple[int, ...] = ()
-    created: tuple[int, ...] = ()
-    unchanged: tuple[int, ...] = ()
-    replaced: tuple[tuple[int, int], ...] = ()
     outside_region: tuple[int, ...] = ()
     unscored: tuple[int, ...] = ()
-    moved: tuple[int, ...] = ()
-    rankings: tuple[int, ...] = ()
-    ranked: tuple[RankingSummary, ...] = ()
     messages: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it."""
-        return asdict(self)
+        """The report as JSON can hold it; rows that were recognised are told in ``messages``."""
+        return {name: value for name, value in asdict(self).items() if name != "equal"}
 
 
 _Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str]]
@@ -129,18 +109,11 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
     file, outside, unscored, remarks = read
     new = outcome.already is None
     return IngestReport(
+        **shallow(outcome),
         file=file.name,
         sha256=file.sha256,
         dry_run=dry_run,
-        already=outcome.already,
         n_scores=file.row_count,
-        matched=outcome.matched,
-        created=outcome.created,
-        unchanged=outcome.unchanged,
-        replaced=outcome.replaced,
-        moved=outcome.moved,
-        rankings=outcome.rankings,
-        ranked=outcome.ranked,
         outside_region=outside if new else (),
         unscored=unscored if new else (),
         messages=(*(remarks if new else ()), *outcome_messages(outcome)),

@@ -167,10 +167,16 @@ def rule_half_width(
         made = np.asarray(df_residual) + n_terms if n_runs is None else n_runs
         level = spending_level(rule, made, n_before)
         return half_width(rule.interval, s, df_residual, h, level, rule.replicates)
+    return _half_width(rule, rule.interval, s, df_residual, n_terms, h)
+
+
+def _half_width(
+    rule: StopRule, interval: IntervalKind, s: ArrayLike, df: ArrayLike, n_terms: int, h: ArrayLike
+) -> FloatArray:
+    """Of one kind of interval by itself, whatever error the looks may spend."""
     if rule.guard != "anytime":
-        return half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates)
-    planned = rule.planned_information(n_terms)
-    return anytime_half_width(rule.interval, s, df_residual, h, rule.level, planned, rule.replicates)
+        return half_width(interval, s, df, h, rule.level, rule.replicates)
+    return anytime_half_width(interval, s, df, h, rule.level, rule.planned_information(n_terms), rule.replicates)
 
 
 MODEL_ALPHA = 0.05
@@ -221,13 +227,13 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     last = max(rule.max_runs, n_runs, n_terms + 1)
     first = max(n_runs, rule.min_runs(n_terms), n_terms + 1)
     counts = np.unique(np.concatenate([np.arange(first, first + 2000), np.geomspace(first, 1e6, 400).astype(np.int64)]))
-    widths = _width_after(rule, rule.interval, s, counts, n_terms, h * n_runs / counts)
+    widths = _half_width(rule, rule.interval, s, counts - n_terms, n_terms, h * n_runs / counts)
     enough = counts[widths <= rule.half_width]
     h_last = h * n_runs / last
     return Forecast(
         noise_floor=noise_floor(rule.interval, s, rule.level, rule.replicates),
-        attainable_half_width=float(_width_after(rule, rule.interval, s, last, n_terms, h_last)),
-        attainable_mean_half_width=float(_width_after(rule, "prediction_mean", s, last, n_terms, h_last)),
+        attainable_half_width=float(_half_width(rule, rule.interval, s, last - n_terms, n_terms, h_last)),
+        attainable_mean_half_width=float(_half_width(rule, "prediction_mean", s, last - n_terms, n_terms, h_last)),
         runs_needed=int(enough[0]) if len(enough) else None,
     )
 
@@ -310,7 +316,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     runs = rule.max_runs
     if runs <= n_terms:
         return f"max_runs = {runs} leaves no degree of freedom for a model of {n_terms} terms."
-    if float(_width_after(rule, rule.interval, sigma, runs, n_terms, 1.0 / runs)) <= rule.half_width:
+    if float(_half_width(rule, rule.interval, sigma, runs - n_terms, n_terms, 1.0 / runs)) <= rule.half_width:
         return ""
     floor = noise_floor(rule.interval, sigma, rule.level, rule.replicates)
     target = amount(rule.half_width, unit)
@@ -321,10 +327,10 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         )
     else:
         head = f"A half-width of {target} is out of reach of {runs} runs"
-    typical = float(_width_after(rule, rule.interval, sigma, runs, n_terms, n_terms / runs))
+    typical = float(_half_width(rule, rule.interval, sigma, runs - n_terms, n_terms, n_terms / runs))
     tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
     if rule.interval == "prediction":
-        mean = float(_width_after(rule, "prediction_mean", sigma, runs, n_terms, n_terms / runs))
+        mean = float(_half_width(rule, "prediction_mean", sigma, runs - n_terms, n_terms, n_terms / runs))
         tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
     return f"{head}{tail}."
 
@@ -332,16 +338,6 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
 def amount(value: float, unit: str) -> str:
     """Three digits and the unit."""
     return f"{value:.3g} {unit}".rstrip()
-
-
-def _width_after(
-    rule: StopRule, interval: IntervalKind, s: float, n_runs: ArrayLike, n_terms: int, h: ArrayLike
-) -> FloatArray:
-    df = np.asarray(n_runs) - n_terms
-    if rule.guard == "anytime":
-        planned = rule.planned_information(n_terms)
-        return anytime_half_width(interval, s, df, h, rule.level, planned, rule.replicates)
-    return half_width(interval, s, df, h, rule.level, rule.replicates)
 
 
 @dataclass(frozen=True, slots=True)
