@@ -366,8 +366,8 @@ def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:
 
 def short_chain(
     log_posterior: Callable[[FloatArray], FloatArray], start: FloatArray, steps: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Second half of a chain (m, h) of fixed length, and its last state (walkers, h), from ``start`` (walkers, h).
+) -> FloatArray:
+    """Second half of a chain (m, h) of fixed length, from ``start`` (walkers, h); the walkers' last state comes last.
 
     For hyperparameters, whose posterior is averaged over and not told: differential evolution and stretch moves, no
     test of convergence.
@@ -376,5 +376,6 @@ def short_chain(
     sampler = emcee.EnsembleSampler(*start.shape, log_posterior, vectorize=True, moves=moves)
     random = np.random.RandomState(int(rng.integers(2**31))).get_state()
     with np.errstate(invalid="ignore"):  # of walkers that start outside the prior's reach
-        last = sampler.run_mcmc(emcee.State(start, random_state=random), steps, skip_initial_state_check=True)
-    return sampler.get_chain(discard=steps // 2, flat=True), last.coords
+        sampler.run_mcmc(emcee.State(start, random_state=random), steps, skip_initial_state_check=True)
+    found: FloatArray = sampler.get_chain(discard=steps // 2, flat=True)
+    return found

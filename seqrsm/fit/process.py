@@ -1,21 +1,22 @@
 """A surface that need not be a quadratic: a Gaussian process about a shrunk quadratic, averaged over what is not known.
 
-``score(x) = c + z(x)'b + f(x) + nuisance + noise``. The coefficients b are normal about 0 with one free scale, with the
-products of categories and squares that the quadratic model has not; f is a Matern 5/2 process with a length of its own
-for each numeric factor and one correlation between the levels of categories; the noise may grow where scores are
-poorer. The scale of b, the process and the noise have priors in units of the scores' scatter, and are sampled with
-emcee: nothing rests on one best guess of them.
+``score(x) = c + z(u)'b + f(u) + nuisance + noise``, where each numeric factor's axis may be bent: u = `bent` (x). The
+coefficients b are normal about 0 with one free scale, with the products of categories and squares that the quadratic
+model has not; f is a Matern 5/2 process with a length of its own for each numeric factor and one correlation between
+the levels of categories; the noise may grow where scores are poorer. Bends, scales, lengths and noise have priors, in
+units of the scores' scatter and of the region, and are sampled with emcee: nothing rests on one best guess of them.
 
 References
 ----------
-Rasmussen & Williams (2006), Gaussian processes for machine learning, 2.7, 5.1; Foreman-Mackey et al. (2013), emcee: the
-MCMC hammer, PASP 125, 306-312.
+Rasmussen & Williams (2006), Gaussian processes for machine learning, 2.7, 5.1; Snoek et al. (2014), Input warping for
+Bayesian optimization of non-stationary functions, ICML; Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125,
+306-312.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -36,9 +37,10 @@ _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "grow
 """Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
 scatter; growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
-_WALKERS, _STEPS, _KEPT = 32, 60, 20
+_BEND = (0.0, 1.0)  # mean and standard deviation of an axis's bend
+_WALKERS, _STEPS, _KEPT = 32, 100, 20
 _MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
-_IMPORTANCE_DRAWS = 512
+_IMPORTANCE_DRAWS = 1024
 _FEATURES = 1000
 
 
@@ -53,8 +55,9 @@ class Hyper:
         noise per unit that the mean falls below the best.
     between : ndarray (d,)
         Correlation of the process between two levels of a category, 1 without categories.
-    lengths : ndarray (d, q)
-        Of each numeric factor, coded: far above 2 the process does not depend on it.
+    lengths, bends : ndarray (d, q)
+        Of each numeric factor: on the bent axis (see `bent`) the process does not depend on one whose length is far
+        above 2; a bend of 0 leaves the axis as it is.
     """
 
     trend: FloatArray
@@ -63,23 +66,54 @@ class Hyper:
     growth: FloatArray
     between: FloatArray
     lengths: FloatArray
+    bends: FloatArray
 
     @classmethod
-    def of(cls, theta: FloatArray, categories: bool) -> Hyper:
-        """From rows (d, h) of logarithms, the logit of ``between`` in the fifth place where there are categories."""
+    def of(cls, theta: FloatArray, n_numeric: int, categories: bool) -> Hyper:
+        """From rows (d, h) as they are sampled: logarithms, bends last, before the lengths a logit of ``between``."""
         trend, process, noise, growth = np.exp(theta[:, :4]).T
         between = 1.0 / (1.0 + np.exp(-theta[:, 4])) if categories else np.ones(len(theta))
-        return cls(trend, process, noise, growth, between, np.exp(theta[:, 4 + categories :]))
+        lengths, bends = theta[:, 4 + categories :][:, :n_numeric], theta[:, 4 + categories + n_numeric :]
+        return cls(trend, process, noise, growth, between, np.exp(lengths), bends)
+
+    def one(self, d: int) -> Hyper:
+        """The draw in place ``d``."""
+        return Hyper(*(getattr(self, f.name)[d : d + 1] for f in fields(self)))
+
+    def noise_variance(self, gap: FloatArray) -> FloatArray:
+        """Of a run of weight 1 whose mean lies ``gap`` (n,) or (d, n) below the best: (d, n)."""
+        found: FloatArray = np.square(self.noise)[:, None] * (1.0 + np.square(self.growth[:, None] * gap))
+        return found
 
 
-def trend_rows(model: QuadraticModel, points: FloatArray) -> FloatArray:
-    """Rows (n, t) of the trend: all terms but the intercept, and products of contrasts with squares."""
-    rows = model.matrix(points)[:, 1:]
-    if model.order == 1 or not model.categorical:
-        return rows
-    base = model.base(points)
-    squares, contrasts = base[:, 1 : 1 + len(model.numeric)] ** 2, base[:, 1 + len(model.numeric) :]
-    return np.hstack([rows, (contrasts[:, :, None] * squares[:, None, :]).reshape(len(rows), -1)])
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Points under each draw: bent coordinates in lengths (d, m, q), rows of the trend times its scale (d, m, t)."""
+
+    scaled: FloatArray
+    rows: FloatArray
+    levels: FloatArray
+
+
+def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
+    """Coordinates ``(exp(b x) - cosh b) / sinh b``: -1 and 1 stay, gains that level off become straight lines.
+
+    What Box and Tidwell (1962, Transformation of the independent variables, Technometrics 4, 531-550) do with powers.
+    """
+    small = np.abs(bends) < 1e-4
+    b = np.where(small, 1.0, bends)
+    found: FloatArray = np.where(small, x + 0.5 * bends * (x**2 - 1.0), (np.exp(b * x) - np.cosh(b)) / np.sinh(b))
+    return found
+
+
+def trend_columns(model: QuadraticModel) -> IntArray:
+    """Base columns (t, 3) whose product each term is: all terms but the intercept, and contrasts times squares."""
+    found = [(a, b, 0) for a, b in zip(model.first[1:], model.second[1:], strict=True)]
+    if model.order == 2 and model.categorical:
+        q = len(model.numeric)
+        contrasts = range(1 + q, model.columns[model.categorical[-1]].stop)
+        found += [(contrast, j, j) for contrast in contrasts for j in range(1, 1 + q)]
+    return np.array(found, dtype=np.int64)
 
 
 class Process:
@@ -97,7 +131,7 @@ class Process:
     centre, scatter : float
         Mean and standard deviation of the scores, score units.
     effective_draws : float
-        Of the 512 that the evidence was estimated by.
+        Of the 1024 that the evidence was estimated by.
     """
 
     def __init__(
@@ -136,11 +170,9 @@ class Process:
         self.centre, self.scatter, self._sign = float(np.mean(y)), float(np.std(y)), goal_sign
         self._y = (y - self.centre) / self.scatter
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
-        self._trend = trend_rows(model, self._points)
         constants = np.hstack([np.ones((n, 1)), nuisance])
         self._vague = _VAGUE * constants @ constants.T + shared @ shared.T / self.scatter**2
-        self._gram = self._trend @ self._trend.T
-        self._squares, self._others = self._apart(self._points, self._points, np.tril_indices(n, -1))
+        self._base, self._columns = model.base(self._points), trend_columns(model)
         self._gap = np.zeros(n)
         chain = self._sample(rng)
         self._keep(chain[rng.integers(len(chain), size=_KEPT)])
@@ -149,9 +181,13 @@ class Process:
 
     def means(self, points: FloatArray) -> FloatArray:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
-        trend = trend_rows(self.model, points)
-        cross = self._covariance(points, trend, self._points, self._trend)
-        found: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        from seqrsm.fit.kernels import process_sums  # numba: only where there is a process
+
+        at, own, h = self._places(self.hyper, points), self._own, self.hyper
+        sums = process_sums(at.scaled, at.levels, own.scaled, own.levels, h.process, h.between, np.asarray(self._alpha))
+        slopes = np.einsum("dnt,dn->dt", own.rows, self._alpha)
+        sums += np.einsum("dmt,dt->dm", at.rows, slopes) + _VAGUE * np.sum(self._alpha, axis=1)[:, None]
+        found: FloatArray = self.centre + self.scatter * sums
         return found
 
     def mean(self, points: FloatArray) -> FloatArray:
@@ -160,26 +196,20 @@ class Process:
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""
-        trend = trend_rows(self.model, points)
-        cross = self._covariance(points, trend, self._points, self._trend)
-        covariance = self._covariance(points, trend, points, trend)
-        for d, factor in enumerate(self._factors):
-            half = solve_triangular(factor, cross[d].T, lower=True, check_finite=False)
+        at = self._places(self.hyper, points)
+        cross, covariance = self._covariance(self.hyper, at, self._own), self._covariance(self.hyper, at, at)
+        for d, half in enumerate(self._halves(cross)):
             covariance[d] -= half.T @ half
-        means = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
-        return means, self.scatter**2 * covariance
+        return self._means(cross), self.scatter**2 * covariance
 
     def marginals(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means and variances (d, m) of the surface at coded points (m, k), score units."""
-        trend = trend_rows(self.model, points)
-        cross = self._covariance(points, trend, self._points, self._trend)
-        means = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
-        h = self.hyper
-        own = np.square(h.trend)[:, None] * np.sum(trend**2, axis=1) + np.square(h.process)[:, None] + _VAGUE
-        for d, factor in enumerate(self._factors):
-            half = solve_triangular(factor, cross[d].T, lower=True, check_finite=False)
-            own[d] -= np.sum(half**2, axis=0)
-        return means, self.scatter**2 * np.maximum(own, 0.0)
+        at = self._places(self.hyper, points)
+        cross = self._covariance(self.hyper, at, self._own)
+        variances = np.sum(at.rows**2, axis=-1) + np.square(self.hyper.process)[:, None] + _VAGUE
+        for d, half in enumerate(self._halves(cross)):
+            variances[d] -= np.sum(half**2, axis=0)
+        return self._means(cross), self.scatter**2 * np.maximum(variances, 0.0)
 
     def draw(
         self, rng: np.random.Generator
@@ -189,99 +219,95 @@ class Process:
         A draw of the process without scores, from random features, is moved by what the scores say (Wilson et al. 2020,
         Efficiently sampling functions from Gaussian process posteriors, ICML).
         """
-        d = int(rng.integers(len(self.hyper.noise)))
-        h = Hyper(*(getattr(self.hyper, f.name)[d : d + 1] for f in fields(Hyper)))
-        numeric, categorical = list(self.model.numeric), list(self.model.categorical)
+        h = self.hyper.one(int(rng.integers(len(self.hyper.noise))))
         # The spectrum of a Matern 5/2 covariance is Student's distribution with 5 degrees of freedom.
-        waves = rng.standard_normal((_FEATURES, len(numeric))) / np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
-        waves, phases = waves / h.lengths, rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
+        waves = rng.standard_normal((_FEATURES, h.lengths.shape[1]))
+        waves /= np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
+        phases = rng.uniform(0.0, 2.0 * np.pi, _FEATURES)
         sizes = [len(f.levels) for f in self.model.factors if isinstance(f, CategoricalFactor)]
         levels = np.array(list(itertools.product(*(range(size) for size in sizes))), dtype=np.float64)
         apart = np.sum(levels[:, None] != levels[None, :], axis=-1)
         factor = np.linalg.cholesky(h.between**apart + _JITTER * np.eye(len(levels)))
         heights = factor @ rng.standard_normal((len(levels), _FEATURES)) * h.process * np.sqrt(2.0 / _FEATURES)
-        slopes = h.trend * rng.standard_normal(self._trend.shape[1])
-        middle = np.sqrt(_VAGUE) * rng.standard_normal()
+        slopes, middle = rng.standard_normal(len(self._columns)), np.sqrt(_VAGUE) * rng.standard_normal()
 
-        def before(points: FloatArray) -> FloatArray:
-            which = np.argmin(np.sum(points[:, None, categorical] != levels[None], axis=-1), axis=1)
-            features = np.cos(points[:, numeric] @ waves.T + phases)
-            found: FloatArray = np.sum(features * heights[which], axis=1) + trend_rows(self.model, points) @ slopes
-            return np.asarray(found + middle)
+        def before(at: _Places) -> FloatArray:
+            which = np.argmin(np.sum(at.levels[:, None] != levels[None], axis=-1), axis=1)
+            found: FloatArray = np.sum(np.cos(at.scaled[0] @ waves.T + phases) * heights[which], axis=1)
+            return np.asarray(found + at.rows[0] @ slopes + middle)
 
-        own = np.arange(len(self._y))
-        noise = np.square(h.noise) * (1.0 + np.square(h.growth * self._gap)) * self._inverse_weights
-        V = self._of_scores(h)[0]
-        others = self._vague - _VAGUE + np.diag(noise)  # what scores have beyond the surface
-        error = np.linalg.cholesky(others + _JITTER * np.eye(len(own))) @ rng.standard_normal(len(own))
-        pull = np.linalg.solve(V, self._y - before(self._points) - error)
+        own = self._places(h, self._points)
+        V = self._of_scores(h, own)[0]
+        # What scores have beyond the surface.
+        others = self._vague - _VAGUE + np.diag(h.noise_variance(self._gap)[0] * self._inverse_weights + _JITTER)
+        error = np.linalg.cholesky(others) @ rng.standard_normal(len(V))
+        pull = np.linalg.solve(V, self._y - before(own) - error)
 
         def surface(points: FloatArray) -> FloatArray:
-            cross = self._matern(h, *self._apart(points, self._points))[0]
-            cross += h.trend**2 * (trend_rows(self.model, points) @ self._trend.T) + _VAGUE
-            return np.asarray(self.centre + self.scatter * (before(points) + cross @ pull))
+            at = self._places(h, points)
+            return np.asarray(self.centre + self.scatter * (before(at) + self._covariance(h, at, own)[0] @ pull))
 
         def scatter(points: FloatArray) -> FloatArray:
-            gap = np.maximum(self._best - self._sign * surface(points), 0.0) / self.scatter
-            return np.asarray(self.scatter * h.noise * np.sqrt(1.0 + np.square(h.growth * gap)))
+            return np.asarray(self.scatter * np.sqrt(h.noise_variance(self._below(surface(points)))[0]))
 
         return surface, scatter
 
     def noise_variance(self, means: FloatArray) -> FloatArray:
         """Variance (d, m) of a run of weight 1 where the surface has these means (d, m), score units."""
-        gap = np.maximum(self._best - self._sign * means, 0.0) / self.scatter
-        h = self.hyper
-        found: FloatArray = (self.scatter * h.noise[:, None]) ** 2 * (1.0 + (h.growth[:, None] * gap) ** 2)
+        found: FloatArray = self.scatter**2 * self.hyper.noise_variance(self._below(means))
         return found
 
-    def _apart(
-        self, a: FloatArray, b: FloatArray, pairs: tuple[IntArray, IntArray] | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Squared distances (..., q) in each numeric factor, and numbers (...) of categories that differ."""
-        left, right = (a[:, None], b[None, :]) if pairs is None else (a[pairs[0]], b[pairs[1]])
-        numeric, categorical = list(self.model.numeric), list(self.model.categorical)
-        others = np.sum(left[..., categorical] != right[..., categorical], axis=-1)
-        return np.square(left[..., numeric] - right[..., numeric]), others.astype(np.float64)
+    def _below(self, means: FloatArray) -> FloatArray:
+        """How far means (..., m) lie below the best of those at the scores, in units of their scatter."""
+        return np.maximum(self._best - self._sign * means, 0.0) / self.scatter
 
-    def _matern(self, h: Hyper, squares: FloatArray, others: FloatArray) -> FloatArray:
-        """Covariance (d, ...) of the process between pairs."""
-        r = np.sqrt(5.0 * np.tensordot(1.0 / h.lengths**2, squares, axes=(1, squares.ndim - 1)))
-        shape = (-1,) + (1,) * others.ndim
-        k = np.exp(-r)
+    def _means(self, cross: FloatArray) -> FloatArray:
+        found: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
+        return found
+
+    def _halves(self, cross: FloatArray) -> Iterator[FloatArray]:
+        """For each draw the root (n, m) of what the scores take off the variances at the points of ``cross``."""
+        for factor, row in zip(self._factors, cross, strict=True):
+            yield solve_triangular(factor, row.T, lower=True, check_finite=False)
+
+    def _places(self, h: Hyper, points: FloatArray) -> _Places:
+        q = len(self.model.numeric)
+        base = np.repeat(self.model.base(points)[None], len(h.trend), axis=0)
+        base[..., 1 : 1 + q] = bent(base[..., 1 : 1 + q], h.bends[:, None, :])
+        rows = h.trend[:, None, None] * np.prod(base[..., self._columns], axis=-1)
+        return _Places(base[..., 1 : 1 + q] / h.lengths[:, None, :], rows, points[:, list(self.model.categorical)])
+
+    def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
+        """Of the surface (d, m, n)."""
+        squares = np.sum(a.scaled**2, axis=-1)[:, :, None] + np.sum(b.scaled**2, axis=-1)[:, None, :]
+        squares -= 2.0 * a.scaled @ np.swapaxes(b.scaled, 1, 2)
+        r = np.sqrt(5.0 * np.maximum(squares, 0.0))
+        k: FloatArray = np.exp(-r)
         k *= 1.0 + r * (1.0 + r / 3.0)
-        k *= np.square(h.process).reshape(shape)
+        k *= np.square(h.process)[:, None, None]
         if self.model.categorical:
-            k *= h.between.reshape(shape) ** others
+            k *= h.between[:, None, None] ** np.sum(a.levels[:, None] != b.levels[None, :], axis=-1)
+        k += a.rows @ np.swapaxes(b.rows, 1, 2) + _VAGUE
         return k
 
-    def _covariance(self, a: FloatArray, trend_a: FloatArray, b: FloatArray, trend_b: FloatArray) -> FloatArray:
-        found = self._matern(self.hyper, *self._apart(np.atleast_2d(a), np.atleast_2d(b)))
-        found += np.square(self.hyper.trend)[:, None, None] * (trend_a @ trend_b.T) + _VAGUE
-        return found
-
-    def _of_scores(self, h: Hyper) -> FloatArray:
+    def _of_scores(self, h: Hyper, own: _Places) -> FloatArray:
         """Covariance (d, n, n) of the scores."""
-        n, d = len(self._y), len(h.noise)
-        V = np.empty((d, n, n))
-        V[:] = np.square(h.trend)[:, None, None] * self._gram + self._vague
-        k = self._matern(h, self._squares, self._others)
-        i, j = np.tril_indices(n, -1)
-        V[:, i, j] += k
-        V[:, j, i] += k
-        own = np.arange(n)
-        noise = np.square(h.noise)[:, None] * (1.0 + np.square(h.growth[:, None] * self._gap)) * self._inverse_weights
-        V[:, own, own] += np.square(h.process)[:, None] + noise + _JITTER
+        V = self._covariance(h, own, own) + (self._vague - _VAGUE)
+        diagonal = np.arange(len(self._y))
+        V[:, diagonal, diagonal] += h.noise_variance(self._gap) * self._inverse_weights + _JITTER
         return V
 
     def _log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Of rows (d, h)."""
         from seqrsm.fit.kernels import log_likelihoods  # numba: only where there is a process
 
-        h = Hyper.of(theta, bool(self.model.categorical))
-        scales = np.column_stack([h.trend, h.process, h.noise, h.growth, h.between, h.lengths])
+        h = Hyper.of(theta, len(self.model.numeric), bool(self.model.categorical))
+        scales = np.column_stack([h.trend, h.process, h.noise, h.growth, h.between])
+        levels = self._points[:, list(self.model.categorical)]
         found: FloatArray = log_likelihoods(
-            scales, self._squares, self._others, self._gram, self._vague, self._y, self._gap, self._inverse_weights
-        )
+            scales, h.lengths, h.bends, self._base, self._columns, levels, self._vague, self._y, self._gap,
+            self._inverse_weights,
+        )  # fmt: skip
         return found
 
     @property
@@ -291,6 +317,7 @@ class Process:
         rows = [(np.log(_PRIOR[name][0]), _PRIOR[name][1]) for name in names]
         rows += [_BETWEEN] * bool(self.model.categorical)
         rows += [(np.log(_PRIOR["length"][0]), _PRIOR["length"][1])] * len(self.model.numeric)
+        rows += [_BEND] * len(self.model.numeric)
         mean, sd = np.array(rows).T
         return mean, sd
 
@@ -309,30 +336,30 @@ class Process:
         from seqrsm.fit.ensemble import short_chain  # emcee: only where there is a process
 
         mean, sd = self._prior
-        seen, chain = np.empty((0, len(mean))), np.empty((0, len(mean)))
+        walkers = max(_WALKERS, 2 * len(mean))
+        seen = np.empty((0, len(mean)))
         last = _STEPS if len(self._y) <= _MANY_RUNS else _FEWER_STEPS
         for steps in (last // 2, last):
             pool = mean + sd * np.clip(rng.standard_normal((200, len(mean))), -3.0, 3.0)
-            start = pool[np.argsort(-self._log_posterior(pool), kind="stable")[:_WALKERS]]
+            start = pool[np.argsort(-self._log_posterior(pool), kind="stable")[:walkers]]
             if len(seen):
-                start[: _WALKERS // 2] = seen[: _WALKERS // 2]
+                start[: walkers // 2] = seen[-(walkers // 2) :]
             start = start + 0.05 * rng.standard_normal(start.shape)
-            chain, seen = short_chain(self._log_posterior, start, steps, rng)
+            seen = short_chain(self._log_posterior, start, steps, rng)
             if steps < last:
-                self._keep(seen[:8])
-                h = self.hyper
-                noise = np.square(h.noise)[:, None] * self._inverse_weights
+                self._keep(seen[-8:])
+                noise = np.square(self.hyper.noise)[:, None] * self._inverse_weights
                 fitted = np.mean(self._y - noise * self._alpha, axis=0)
                 self._gap = np.maximum(np.max(self._sign * fitted) - self._sign * fitted, 0.0)
-        return chain
+        return seen
 
     def _keep(self, theta: FloatArray) -> None:
         """Condition on the scores under these hyperparameters (d, h)."""
-        self.hyper = Hyper.of(theta, bool(self.model.categorical))
-        V = self._of_scores(self.hyper)
+        self.hyper = Hyper.of(theta, len(self.model.numeric), bool(self.model.categorical))
+        self._own = self._places(self.hyper, self._points)
+        V = self._of_scores(self.hyper, self._own)
         self._factors = np.linalg.cholesky(V)
         self._alpha = np.linalg.solve(V, np.broadcast_to(self._y[:, None], (len(V), len(self._y), 1)))[..., 0]
-        self._best = -np.inf
         self._best = float(np.max(self._sign * self.mean(self._points)))
 
     def _log_evidence(self, chain: FloatArray, rng: np.random.Generator) -> tuple[float, float]:

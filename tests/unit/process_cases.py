@@ -84,13 +84,22 @@ def trend(points: np.ndarray, k: int, levels: tuple[int, ...] = ()) -> np.ndarra
     return np.hstack(rows)
 
 
+def bent(points: np.ndarray, bends: np.ndarray) -> np.ndarray:
+    """Numeric coordinates along ``integral of exp(b x)``, scaled to -1 and 1 at the ends."""
+    found = points.copy()
+    for j, b in enumerate(bends):
+        found[:, j] = 2.0 * np.expm1(b * (points[:, j] + 1.0)) / np.expm1(2.0 * b) - 1.0
+    return found
+
+
 def prior_covariance(
     theta: np.ndarray, a: np.ndarray, b: np.ndarray, k: int, levels: tuple[int, ...] = ()
 ) -> np.ndarray:
     """Of the surface between coded points a and b, in units of the scatter; ``theta`` as the process samples it."""
     scale, size = np.exp(theta[0]), np.exp(theta[1])
     between = 1.0 / (1.0 + np.exp(-theta[4])) if levels else 1.0
-    lengths = np.exp(theta[4 + bool(levels) :])
+    lengths, bends = np.exp(theta[4 + bool(levels) :][:k]), theta[4 + bool(levels) + k :]
+    a, b = bent(a, bends), bent(b, bends)
     rows_a, rows_b = trend(a, k, levels), trend(b, k, levels)
     found = np.empty((len(a), len(b)))
     for i in range(len(a)):
