@@ -1,7 +1,7 @@
 """What is believed of the surface: the quadratic, or a process that need not be one, each by its probability.
 
-The probability is that given the scores. Settings, intervals, the place of the
-optimum and what the settings may lose come from both; the quadratic's own analysis stays a description.
+The probability is that given the scores. Settings, intervals, the place of the optimum and what the settings may lose
+come from both; the quadratic's own analysis stays a description.
 """
 
 from __future__ import annotations
@@ -54,6 +54,11 @@ class Departure:
     log_bayes_factor: float
     probability: float
     reason: str = ""
+
+    @property
+    def believed(self) -> Process | None:
+        """The process where it has a probability."""
+        return self.process if self.probability > 0.0 else None
 
 
 def weigh_departure(
@@ -117,15 +122,15 @@ class Belief:
     def mean(self, points: FloatArray) -> FloatArray:
         """Expected surface (m,) at coded points (m, k)."""
         found = self.surface.rows(points) @ self.surface.estimate
-        process, share = self.departure.process, self.departure.probability
-        if process is None or share == 0.0:
+        process, share = self.departure.believed, self.departure.probability
+        if process is None:
             return found
         return (1.0 - share) * found + share * process.mean(points)
 
     def best(self, of_quadratic: Optimum, made: FloatArray, rng: np.random.Generator) -> Optimum:
         """Where the expected surface is best; the quadratic's optimum where that is taken to be true."""
-        process, share = self.departure.process, self.departure.probability
-        if process is None or share == 0.0:
+        process = self.departure.believed
+        if process is None:
             return of_quadratic
         sign = sign_of(self.goal)
         of_process = climb(lambda at: sign * process.mean(at), self.region, self._starts(made), rng)[:8]
@@ -154,8 +159,8 @@ class Belief:
         Exact quantiles of Student's distribution and normal ones together; on the scale of the fit.
         """
         of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
-        process, share = self.departure.process, self.departure.probability
-        if process is None or share == 0.0:
+        process, share = self.departure.believed, self.departure.probability
+        if process is None:
             return of_quadratic
         means, variances = process.marginals(points)
         noise = process.noise_variance(means) / (weight * replicates)
@@ -255,16 +260,15 @@ def intervals_by_draws(
 
     These are quantiles of posterior draws.
     """
-    errors, share = belief.surface.errors, belief.departure.probability
+    errors, process, share = belief.surface.errors, belief.departure.believed, belief.departure.probability
     row = belief.surface.rows(point[None, :])
     mean = (1.0 - share) * float(belief.surface.predict(row).mean[0])
     parts = [(draws.terms @ row[0], draws, 1.0 - share)]
-    if share > 0.0:
-        assert belief.departure.process is not None
-        found, spread = belief.departure.process.marginals(point[None, :])
+    if process is not None:
+        found, spread = process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
-        noise = belief.departure.process.noise_variance(found)[:, 0]
+        noise = process.noise_variance(found)[:, 0]
         own = draws.first(_STRATA)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))

@@ -104,9 +104,9 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
     draws = analysis.posterior.term_draws
     some = draws[:: max(1, len(draws) // DRAWS)][:DRAWS]
     surfaces = []
-    if departure.process is not None:
+    if departure.believed is not None:
         rng = generator(spec.seed, analysis.fit.n_runs, "compromise")
-        surfaces = [departure.process.draw(rng)[0] for _ in range(round(departure.probability * len(some)))]
+        surfaces = [departure.believed.draw(rng)[0] for _ in range(round(departure.probability * len(some)))]
         some = some[: len(some) - len(surfaces)]
 
     def drawn(points: FloatArray) -> FloatArray:

@@ -91,8 +91,8 @@ def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth
     fitted, goal, region = analysis.fitted, analysis.goal, analysis.region
     sign = sign_of(goal)
     departure = fitted.departure
-    if departure.process is not None and rng.random() < departure.probability:
-        mean, sd = departure.process.draw(rng)
+    if departure.believed is not None and rng.random() < departure.probability:
+        mean, sd = departure.believed.draw(rng)
         (point, *_) = climb(lambda at: sign * mean(at), region, region.sample(_PLACES, rng), rng)
         return _Truth(mean, sd, float(mean(point[None, :])[0]))
     i = int(rng.integers(len(draws.sigma)))
