@@ -248,6 +248,29 @@ class Region:
             return search.uniform(self.axes, n, rng)
         return search.sample(self.axes, n, rng, self.slack, self.line_intervals, self.anchors)
 
+    def jitter(self, points: FloatArray, radius: FloatArray | float, rng: np.random.Generator) -> FloatArray:
+        """Points (n, k) moved at random in their continuous coordinates; constraints are not looked at.
+
+        They are rounded to 0.001 of the coded half-range: finer differences are no different settings of a sensor.
+
+        Parameters
+        ----------
+        points : ndarray (n, k)
+        radius : float or ndarray (n, 1)
+            Standard deviation of the moves, coded.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray (n, k)
+            Inside the bounds of the factors.
+        """
+        moved = points.copy()
+        free = list(self.continuous)
+        step = np.asarray(radius) * rng.standard_normal((len(points), len(free)))
+        moved[:, free] = np.clip(np.round(points[:, free] + step, 3), -1.0, 1.0)
+        return moved
+
     def candidates(self, n_continuous_levels: int = 5, limit: int = 20_000) -> FloatArray:
         """Feasible points that cover the region, shape (m, k), without repeats.
 

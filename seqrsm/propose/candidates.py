@@ -97,7 +97,7 @@ class Search:
         if found.executed or not self._region.continuous:
             return found
         for radius in _REFINE_RADII:
-            near = jitter(self._region, np.repeat(found.point[None, :], _REFINE_POINTS, axis=0), radius, self.rng)
+            near = self._region.jitter(np.repeat(found.point[None, :], _REFINE_POINTS, axis=0), radius, self.rng)
             # Settings with three decimals of the coded range are all that a sensor can be told apart by.
             near = near[self._region.feasible(near, tol=0.0) & clear_of(near, self._barred, self._region)]
             if not len(near):
@@ -157,37 +157,12 @@ def _cover(region: Region, limit: int) -> FloatArray:
     return points
 
 
-def jitter(region: Region, points: FloatArray, radius: FloatArray | float, rng: np.random.Generator) -> FloatArray:
-    """Points moved at random in their continuous coordinates.
-
-    They are rounded to 0.001 of the coded half-range: finer differences are no different settings of a sensor.
-
-    Parameters
-    ----------
-    region : Region
-    points : ndarray (n, k)
-    radius : float or ndarray (n, 1)
-        Standard deviation of the moves, coded.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray (n, k)
-        Inside the bounds; constraints are not looked at.
-    """
-    moved = points.copy()
-    free = list(region.continuous)
-    step = np.asarray(radius) * rng.standard_normal((len(points), len(free)))
-    moved[:, free] = np.clip(np.round(points[:, free] + step, 3), -1.0, 1.0)
-    return moved
-
-
 def _cloud(region: Region, x_hat: FloatArray, targets: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Points around the estimated optimum and the draws of it; discrete levels and categories sometimes change."""
     half = _CLOUD // 2
     centres = np.vstack([np.repeat(x_hat[None, :], half, axis=0), targets[rng.integers(len(targets), size=half)]])
     radius = np.exp(rng.uniform(np.log(0.05), np.log(0.5), size=(len(centres), 1)))
-    points = jitter(region, centres, radius, rng)
+    points = region.jitter(centres, radius, rng)
     axes = region.axes
     for j in (*region.discrete, *region.categorical):
         levels = axes[j]

@@ -10,7 +10,7 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.region import Region
 from seqrsm.fit.process import Process
 from seqrsm.progress import tell
-from seqrsm.propose.candidates import clear_of, jitter
+from seqrsm.propose.candidates import clear_of
 from seqrsm.propose.criteria import Proposal
 from seqrsm.propose.known import percent
 
@@ -29,7 +29,7 @@ def climb(
     pool = starts
     for radius in _RADII if region.continuous else ():
         best = pool[np.argsort(-mean(pool), kind="stable")[:8]]
-        near = jitter(region, np.repeat(best, 24, axis=0), radius, rng)
+        near = region.jitter(np.repeat(best, 24, axis=0), radius, rng)
         pool = np.vstack([best, near[region.feasible(near, tol=0.0)]])
     return pool[np.argsort(-mean(pool), kind="stable")]
 
@@ -81,7 +81,7 @@ class Cloud:
         of_draws = sign * process.means(cover)
         tops = np.concatenate([np.argsort(-row, kind="stable")[:_TOPS_OF_DRAW] for row in of_draws])
         tops = np.unique(np.append(tops, np.argsort(-of_draws.mean(axis=0), kind="stable")[:_TOPS]))
-        near = jitter(region, np.repeat(cover[tops], _NEAR, axis=0), 0.12, rng)
+        near = region.jitter(np.repeat(cover[tops], _NEAR, axis=0), 0.12, rng)
         peak = climb(lambda at: sign * process.mean(at), region, cover, rng)[:_PEAK]
         anywhere = cover[rng.permutation(len(cover))[:_ANYWHERE]]
         fresh = np.vstack([x_hat[None, :], peak, near, anywhere])
