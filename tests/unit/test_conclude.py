@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from process_cases import hill, spread
 from scored_campaigns import analysed, campaign, numeric, specification
 
 from seqrsm.analysis import compromise
-from seqrsm.analysis.conclude import _within_percent
+from seqrsm.analysis.conclude import _within_percent, analyse
 from seqrsm.analysis.results import Analysis, OptimumEstimate
 from seqrsm.analysis.runs import block_labels, evidence, response_scale, stretch
 from seqrsm.analysis.scale import Interval, ResponseScale
@@ -161,3 +163,23 @@ def test_one_percent_is_more_of_a_logit_near_the_ends(narrow: Analysis) -> None:
     found = stretch(ResponseScale.of("logit", scores), data)
     np.testing.assert_allclose(found, [slope[0], *slope, slope[-1]])
     assert stretch(ResponseScale.of("identity", scores), data).tolist() == [1.0] * 6
+
+
+def test_a_look_enters_few_modules(made: Campaign, narrow: Analysis) -> None:
+    """Who reads what becomes of scores reads these; what the first look loads is loaded by the fixture."""
+    entered: set[str] = set()
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        name = frame.f_globals.get("__name__", "")
+        if event == "call" and name.startswith("seqrsm."):
+            entered.add(name)
+
+    runs = made.store.runs()
+    sys.setprofile(note)
+    try:
+        again = analyse(made.spec, made.spec.applications[0], runs, [], n_draws=400)
+    finally:
+        sys.setprofile(None)
+    assert again.optimum.mean == narrow.optimum.mean
+    assert {"seqrsm.analysis.conclude", "seqrsm.fit.process", "seqrsm.decide.stopping"} <= entered
+    assert len(entered) <= 30, sorted(entered)
