@@ -32,6 +32,7 @@ PRIOR_LOG_ODDS = 1.0
 
 _CERTAIN = 0.01  # a process less probable is left out
 _STRATA, _STRATA_OF_EACH = 4000, 400
+_MOST_RUNS = 100  # drawn of a mean of future runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,7 @@ class Belief:
         return np.vstack([cover, made[self.region.feasible(made)]])
 
     def bands(
-        self, points: FloatArray, level: float, weight: FloatArray | float = 1.0, replicates: int = 1
+        self, points: FloatArray, level: float, weight: FloatArray | float = 1.0, replicates: float = 1
     ) -> Prediction:
         """Mean, confidence interval, and prediction interval of the mean of ``replicates`` runs at points (m, k).
 
@@ -228,18 +229,19 @@ def mixed_quantiles(parts: Sequence[tuple[FloatArray, float]], level: float) -> 
 
 
 def intervals(
-    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, replicates: int
-) -> tuple[float, tuple[Interval, Interval, Interval]]:
-    """Mean, and intervals of it, of one future run and of the mean of several, at coded settings (k,), score units.
+    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, replicates: Sequence[float]
+) -> tuple[float, tuple[Interval, ...]]:
+    """Mean, its interval, and intervals of the mean of so many future runs each, at coded settings (k,), score units.
 
-    Where errors are not normal, see `intervals_by_draws`.
+    ``replicates`` need not be whole: n independent runs scatter as the mean of m that have a part in common. Where
+    errors are not normal, see `intervals_by_draws`.
     """
     at = point[None, :]
     weight = float(scale.weight_at(belief.surface.predict(belief.surface.rows(at)).mean)[0])
-    one, several = (belief.bands(at, level, weight, m) for m in (1, replicates))
-    plain = (one.confidence, one.prediction, several.prediction)
-    a, b, c = (scale.in_scores(float(found.low[0]), float(found.high[0])) for found in plain)
-    return float(scale.to_score(one.mean)[0]), (a, b, c)
+    bands = [belief.bands(at, level, weight, m) for m in replicates]
+    plain = (bands[0].confidence, *(one.prediction for one in bands))
+    found = tuple(scale.in_scores(float(one.low[0]), float(one.high[0])) for one in plain)
+    return float(scale.to_score(bands[0].mean)[0]), found
 
 
 def _strata(n: int) -> FloatArray:
@@ -252,13 +254,13 @@ def intervals_by_draws(
     scale: ResponseScale,
     point: FloatArray,
     level: float,
-    replicates: int,
+    replicates: Sequence[float],
     draws: Draws,
     rng: np.random.Generator,
-) -> tuple[float, tuple[Interval, Interval, Interval]]:
+) -> tuple[float, tuple[Interval, ...]]:
     """The same where errors are not normal: Student's interval of least squares knows nothing of heavy tails or counts.
 
-    These are quantiles of posterior draws.
+    These are quantiles of posterior draws; ``replicates`` are rounded.
     """
     errors, process, share = belief.surface.errors, belief.departure.believed, belief.departure.probability
     row = belief.surface.rows(point[None, :])
@@ -275,12 +277,11 @@ def intervals_by_draws(
         parts.append((here, replace(own, sigma=np.sqrt(noise[of])), share))
     parts = [part for part in parts if part[2] > 0.0]
     confidence = mixed_quantiles([(scale.to_score(here), of) for here, _, of in parts], level)
-    prediction, prediction_mean = (
-        mixed_quantiles(
-            [(np.mean(errors.future_scores(own, scale, here, m, rng), axis=1), of) for here, own, of in parts], level
-        )
-        for m in (1, replicates)
-    )
-    # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
-    prediction_mean = prediction_mean.around(confidence)
-    return float(scale.to_score(np.array([mean]))[0]), (confidence, prediction.around(prediction_mean), prediction_mean)
+    nested = [confidence]
+    for m in sorted((min(max(round(m), 1), _MOST_RUNS) for m in replicates), reverse=True):
+        future = [(np.mean(errors.future_scores(own, scale, at, m, rng), axis=1), part) for at, own, part in parts]
+        # Where the mean is known far worse than runs scatter, the draws alone would make one shorter than the other.
+        nested.append(mixed_quantiles(future, level).around(nested[-1]))
+    order = np.argsort(np.argsort([-m for m in replicates], kind="stable"), kind="stable")
+    predictions = (nested[1 + k] for k in order)
+    return float(scale.to_score(np.array([mean]))[0]), (confidence, *predictions)

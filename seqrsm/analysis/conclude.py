@@ -9,6 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.posterior import (
     draw_coefficients,
     effects_left_out,
@@ -36,8 +37,8 @@ _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
 
 
-def stop_rule(spec: CampaignSpec) -> StopRule:
-    """The rule of ``[stop]``."""
+def stop_rule(spec: CampaignSpec, ground_share: float = 0.0) -> StopRule:
+    """The rule of ``[stop]``, with the share of a run's variance that is the ground's."""
     stop = spec.stop
     return StopRule(
         interval=stop.interval,
@@ -47,6 +48,8 @@ def stop_rule(spec: CampaignSpec) -> StopRule:
         replicates=stop.replicates,
         guard=stop.guard,
         alpha_lack_of_fit=stop.lack_of_fit_alpha,
+        ground_share=ground_share,
+        counts_ground=stop.worlds == "count",
     )
 
 
@@ -56,6 +59,7 @@ def analyse(
     runs: Sequence[RunRecord],
     looks: Sequence[LookRecord],
     *,
+    ground: Ground | None = None,
     sampler: Sampler = "exact",
     n_draws: int = 4000,
     thorough: bool = False,
@@ -71,6 +75,8 @@ def analyse(
         All runs; those that do not count are left out here.
     looks : sequence of LookRecord
         Earlier looks at this application, for the guard "spending".
+    ground : Ground or None
+        What part of the scatter of simulated scores is one ground against another, where it was measured.
     sampler : "exact" or "emcee"
         How the posterior is drawn; with errors = "student_t" "exact" is a Gibbs sampler of exact conditionals.
     n_draws : int
@@ -86,7 +92,7 @@ def analyse(
         emcee did not converge.
     """
     goal: Goal = application.goal
-    fitted = fit_application(spec, application, runs)
+    fitted = fit_application(spec, application, runs, ground)
     region, model, beta = fitted.region, fitted.model, fitted.surface.estimate
     of_quadratic = optimum(model, region, beta, goal)
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
@@ -123,23 +129,30 @@ def analyse(
 
 
 def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> OptimumEstimate:
-    stop, scale = spec.stop, fitted.scale
+    stop, scale, share = spec.stop, fitted.scale, fitted.ground_share
+    whole, chance = (replace(stop_rule(spec, share), counts_ground=counts) for counts in (True, False))
+    asked = (1.0, whole.replicates_of("prediction_mean"), whole.replicates_of(), chance.replicates_of())
     if fitted.surface.errors.exact:
-        mean, found = intervals(belief, scale, best.point, stop.level, stop.replicates)
+        mean, found = intervals(belief, scale, best.point, stop.level, asked)
     else:
         rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, stop.replicates, draws, rng)
-    confidence, prediction, prediction_mean = found
+        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, asked, draws, rng)
+        watched = ("confidence", "prediction", "prediction_mean").index(stop.interval)
+        if share == 0.0:  # draws are rounded to whole runs
+            found = (*found[:3], found[watched], found[watched])
     return OptimumEstimate(
         settings=fitted.region.decode(best.point)[0],
         point=best.point,
         at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
         mean=mean,
-        confidence=confidence,
-        prediction=prediction,
-        prediction_mean=prediction_mean,
+        confidence=found[0],
+        prediction=found[1],
+        prediction_mean=found[2],
         replicates=stop.replicates,
         level=stop.level,
+        whole=found[3],
+        by_chance=found[4],
+        ground=fitted.ground,
         ties=tuple(fitted.region.decode(best.ties)) if len(best.ties) else (),
         ridge=best.flat,
         exact=best.exact,
@@ -154,6 +167,8 @@ def _within_percent(estimate: OptimumEstimate) -> OptimumEstimate:
         confidence=estimate.confidence.within(0.0, 100.0),
         prediction=estimate.prediction.within(0.0, 100.0),
         prediction_mean=estimate.prediction_mean.within(0.0, 100.0),
+        whole=estimate.whole.within(0.0, 100.0),
+        by_chance=estimate.by_chance.within(0.0, 100.0),
     )
 
 
@@ -190,13 +205,8 @@ def _decision(
     looks: Sequence[LookRecord],
     agreement: Agreement | None,
 ) -> Decision:
-    rule, fit, surface = stop_rule(spec), fitted.fit, fitted.surface
+    rule, fit, surface = stop_rule(spec, fitted.ground_share), fitted.fit, fitted.surface
     lack = fit.lack_of_fit()
-    widths = {
-        "prediction": estimate.prediction.half_width,
-        "prediction_mean": estimate.prediction_mean.half_width,
-        "confidence": estimate.confidence.half_width,
-    }
     earlier = [look for look in looks if look.after_run < fit.n_runs]
     look = Look(
         n_runs=fit.n_runs,
@@ -205,7 +215,7 @@ def _decision(
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
         h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
-        half_width=widths[rule.interval],
+        half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         n_before=earlier[-1].after_run if earlier else 0,
     )

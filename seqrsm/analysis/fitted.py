@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.analysis.belief import Departure, weigh_departure
+from seqrsm.analysis.ground import Ground, ground_in
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
     ScoredRuns,
@@ -56,6 +57,8 @@ class Fitted:
         What the scores say of a surface that is no quadratic.
     dropped : tuple of str
         Terms of the whole model that were left out by selection.
+    ground : Ground or None
+        What part of the scatter is one ground against another, where it was measured.
     """
 
     application: ApplicationSpec
@@ -67,6 +70,16 @@ class Fitted:
     surface: Surface
     departure: Departure
     dropped: tuple[str, ...] = ()
+    ground: Ground | None = None
+
+    @property
+    def ground_share(self) -> float:
+        """Share of a run's variance that future runs over one ground have in common; 0 where it was not measured."""
+        return 0.0 if self.ground is None else self.ground.share
+
+    def runs_like(self, m: int) -> float:
+        """Independent runs whose mean scatters as that of ``m`` runs over one ground."""
+        return 1.0 / (self.ground_share + (1.0 - self.ground_share) / m)
 
     @property
     def occasions(self) -> int:
@@ -74,8 +87,10 @@ class Fitted:
         return occasions_shared(self.data)
 
 
-def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord]) -> Fitted:
-    """Fit one application's scores.
+def fit_application(
+    spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], ground: Ground | None = None
+) -> Fitted:
+    """Fit one application's scores; ``ground`` says what part of their scatter is the ground's.
 
     Raises
     ------
@@ -93,7 +108,7 @@ def fit_application(spec: CampaignSpec, application: ApplicationSpec, runs: Sequ
     departure = weigh_departure(
         whole, data, scale, fit, surface, application.goal, spec.seed, spec.states_prior(application)
     )
-    return Fitted(application, region, model, data, scale, fit, surface, departure, dropped)
+    return Fitted(application, region, model, data, scale, fit, surface, departure, dropped, ground_in(data, ground))
 
 
 def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale, data: ScoredRuns) -> FloatArray:

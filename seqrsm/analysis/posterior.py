@@ -175,7 +175,7 @@ def summarise_posterior(
     tail = 0.5 * (1.0 - spec.stop.level)
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
     stop = spec.stop
-    _, (_, predictive, _) = intervals_by_draws(belief, scale, estimate.point, stop.level, stop.replicates, draws, rng)
+    _, (_, predictive) = intervals_by_draws(belief, scale, estimate.point, stop.level, (1.0,), draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,
@@ -184,7 +184,7 @@ def summarise_posterior(
         settings=tuple(_setting(spec.region, j, points[:, j], tail) for j in range(spec.region.k)),
         mean=float(np.mean(best_scores)),
         credible=central(best_scores, spec.stop.level),
-        predictive=predictive,
+        predictive=predictive.within(low, high),
         expected_regret=float(np.mean(regret)),
         p_regret_above=float(np.mean(regret > epsilon)),
         regret_epsilon=epsilon,

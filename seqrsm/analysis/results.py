@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from seqrsm.analysis.belief import Belief
 from seqrsm.analysis.fitted import Fitted
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import SourceComparison
@@ -224,11 +227,16 @@ class OptimumEstimate:
     prediction : Interval
         Of one future run (eq. (2-23) with the factor S).
     prediction_mean : Interval
-        Of the mean of ``replicates`` future runs.
+        Of the mean of ``replicates`` future runs, over one ground.
     replicates : int
         m of ``prediction_mean``.
     level : float
-        Two-sided probability of all three.
+        Two-sided probability of all.
+    whole, by_chance : Interval
+        The interval that the stop rule watches: with what is not known of the ground, and the part of it that is the
+        chance of future occasions and of the runs made.
+    ground : Ground or None
+        What the two parts rest on; None where they were not measured, or flights were over the real ground.
     ties : tuple of dict
         Other settings that are as good, natural units.
     ridge : bool
@@ -246,9 +254,17 @@ class OptimumEstimate:
     prediction_mean: Interval
     replicates: int
     level: float
+    whole: Interval
+    by_chance: Interval
+    ground: Ground | None = None
     ties: tuple[dict[str, float | str], ...] = ()
     ridge: bool = False
     exact: bool = True
+
+    @property
+    def of_ground(self) -> float:
+        """Half-width that what is not known of the ground gives alone, score units; 0 where it was not measured."""
+        return float(np.sqrt(max(self.whole.half_width**2 - self.by_chance.half_width**2, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,6 +86,7 @@ def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
         return _searched_from_draws(spec, fitted, estimate, draws)
     goal: Goal = fitted.application.goal
     weight = float(fitted.scale.weight_at(np.array([_best_value(fitted, goal)]))[0])
+    n_runs = fitted.runs_like(spec.stop.replicates)
     try:
         one, several = (
             searched_interval(
@@ -98,7 +99,7 @@ def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
                 replicates=m,
                 seed=spec.seed % 2**32,
             )
-            for m in (1, spec.stop.replicates)
+            for m in (1.0, n_runs)
         )
     except FitError as error:
         return error.problems[0].message
@@ -130,7 +131,9 @@ def _searched_from_draws(
     goal, row, some = fitted.application.goal, fitted.surface.rows(estimate.point[None, :])[0], draws.first(_SETS)
     if not float(np.max(np.std(some.terms, axis=0))) > 0.0:
         return "no interval at the optimum: there is no estimate of error"
-    noise = [future_noise(spec, fitted, some, row, m) for m in (1, spec.stop.replicates)]
+    noise = [
+        future_noise(spec, fitted, some, row, m) for m in (1, max(round(fitted.runs_like(spec.stop.replicates)), 1))
+    ]
     optimism, found = searched_from_draws(
         fitted.model,
         fitted.region,

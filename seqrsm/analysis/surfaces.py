@@ -103,7 +103,7 @@ class Surface(Protocol):
         """Rows (m, c) of coded points (m, k)."""
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Mean, confidence interval, and prediction interval of the mean of ``replicates`` future runs of a weight."""
 
@@ -212,7 +212,7 @@ class Quadratic:
         return self.model.matrix(points)
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Of the average block."""
         return self.with_shared(self.fit.predict(rows, level, weight, replicates), rows)
@@ -339,7 +339,7 @@ class RandomBlocks(Quadratic):
         )
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Of the average block, and of runs in a new one."""
         w = float(np.mean(weight))
@@ -433,7 +433,7 @@ class TwoSources(Quadratic):
         )
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Of flights."""
         return self.both.predict(rows, level, weight, replicates)

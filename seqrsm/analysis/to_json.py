@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockStudy, PathPoint, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, PathPoint, Study, TermChoice
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
@@ -121,9 +121,27 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
         "prediction": interval_to_json(best.prediction),
         "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
         "level": best.level,
+        "whole": interval_to_json(best.whole),
+        "by_chance": interval_to_json(best.by_chance),
+        "ground": _ground(best),
         "ties": list(best.ties),
         "ridge": best.ridge,
         "exact": best.exact,
+    }
+
+
+def _ground(best: OptimumEstimate) -> dict[str, Any] | None:
+    """What simulations in several worlds say of what is not known of the ground; None where there were none."""
+    ground = best.ground
+    if ground is None:
+        return None
+    return {
+        "half_width": best.of_ground,
+        "share_of_variance": ground.share,
+        "sd_ground": ground.sd_ground,
+        "sd_chance": ground.sd_chance,
+        "n_worlds": ground.n_worlds,
+        "n_simulations": ground.n_simulations,
     }
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Self
 
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
+from seqrsm.analysis.ground import MEASURED, N_WORLDS, OCCASIONS, measured_ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, evidence, occasion_of, occasions_shared, scored_runs, share_occasions
 from seqrsm.analysis.to_json import look_summary
@@ -95,10 +96,17 @@ class Campaign:
         FitError, ConvergenceError, SpecError
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
-        runs = self.store.runs()
+        runs, bundles = self.store.runs(), self.store.events(kind=MEASURED)
         return tuple(
             analyse(
-                self.spec, app, runs, self.store.looks(app.name), sampler=sampler, n_draws=n_draws, thorough=thorough
+                self.spec,
+                app,
+                runs,
+                self.store.looks(app.name),
+                ground=measured_ground(bundles, app.name),
+                sampler=sampler,
+                n_draws=n_draws,
+                thorough=thorough,
             )
             for app in wanted
         )
@@ -221,7 +229,37 @@ class Campaign:
             finally:
                 self.store.release(waiting)
             waiting = {run.run_id: run for run in again} | self._repeat_doubtful()
+        if carried:
+            self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
+
+    def _measure_ground(self, workers: int, cluster: str | None) -> None:
+        """Once, when there are scores enough to fit: simulate two occasions in each of some worlds.
+
+        At the best settings so far of each application; see `seqrsm.analysis.ground`. An event keeps the scores.
+        """
+        from seqrsm.campaign.simulation import bundle_tasks, carry_out, files_of
+        from seqrsm.simulate.runner import run_many
+
+        runs = self.store.runs("scored", source="simulation")
+        terms = QuadraticModel(self.spec.factors, self.spec.model.order).p
+        if self.store.events(kind=MEASURED) or n_fitted(self.spec, runs) <= terms:
+            return
+        for application in self.spec.applications:
+            found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
+            pick = max if application.goal == "maximize" else min
+            settings = pick(found, key=lambda one: one[0])[1].settings
+            tasks = bundle_tasks(self.spec, settings)
+            files = files_of(tasks[0]) if cluster is not None else ()
+            scores: dict[int, float] = {}
+            for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
+                of = [one.score for one in getattr(result, "scores", ()) if one.application == application.name]
+                scores |= {index: of[0]} if of else {}
+            whole = [[scores.get(OCCASIONS * w + k) for k in range(OCCASIONS)] for w in range(N_WORLDS)]
+            whole = [of for of in whole if None not in of]
+            if len(whole) > 1:
+                detail = {"application": application.name, "settings": dict(settings), "scores": whole}
+                self.store.add_event(MEASURED, detail)
 
     def _repeat_doubtful(self) -> dict[int, RunRecord]:
         """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""

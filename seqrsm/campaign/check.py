@@ -12,19 +12,20 @@ import numpy as np
 from scipy.special import chdtri
 
 from seqrsm.analysis.conclude import stop_rule
+from seqrsm.analysis.ground import ground_of_scores
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_image, task_of
-from seqrsm.decide.stopping import target_problem
+from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.store.store import STORE_NAME, Store
 
-PROBES = 4
-"""Simulations at the centre of the region, for each level of the categorical factors, that measure noise and time; they
-belong to no run and are not kept."""
+PROBE_WORLDS, OCCASIONS = 4, 2
+"""Worlds, and occasions in each, of simulations at the centre of the region, for each level of the categorical factors;
+they measure noise and time, belong to no run and are not kept."""
 
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
@@ -43,6 +44,8 @@ class CheckResult:
         Measured on this machine [s]; nan without a simulator.
     noise : float
         Standard deviation among the probes, score units; nan without a simulator.
+    ground_share : float
+        Share of its variance that is one ground against another; 0 without a simulator.
     noise_source : str
         Where ``noise`` comes from.
     cost : float
@@ -63,6 +66,7 @@ class CheckResult:
     max_runs: int
     seconds_per_run: float
     noise: float
+    ground_share: float
     noise_source: str
     cost: float
     target_problem: str
@@ -93,13 +97,14 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
     rule = stop_rule(spec)
-    noise, df, seconds, source = float("nan"), 0, float("nan"), "not known before the first repeats"
+    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "not known before the first repeats"
     notes: tuple[str, ...] = ()
     covers: tuple[str, ...] = ()
     combinations: tuple[str, ...] = ()
     if spec.simulator is not None:
         combinations = check_simulator(spec)
-        noise, df, seconds, notes = _probe(spec, progress)
+        noise, share, df, seconds, notes = _probe(spec, progress)
+        rule = replace(rule, ground_share=share)
         covers = scene_at(str(spec.scene_path)).categories
         source = f"simulations at the centre, {df} degrees of freedom"
     elif (spec.folder / STORE_NAME).exists() or spec.store_url:
@@ -107,7 +112,10 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     unit = spec.applications[0].unit
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
-    hopeless = target_problem(rule, least, model.p, unit) if least > 0.0 else ""
+    if problem and share > 0.0 and rule.counts_ground:
+        problem += _by_flights(rule, noise)
+    # What the ground adds does not refuse a target: flights may follow.
+    hopeless = target_problem(replace(rule, counts_ground=False), least, model.p, unit) if least > 0.0 else ""
     result = CheckResult(
         name=spec.name,
         n_factors=spec.region.k,
@@ -117,6 +125,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         max_runs=rule.max_runs,
         seconds_per_run=seconds,
         noise=noise,
+        ground_share=share,
         noise_source=source,
         cost=rule.max_runs * (spec.cost.simulation if spec.simulator is not None else spec.cost.flight),
         target_problem=problem,
@@ -130,12 +139,30 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     return result
 
 
-def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[float, int, float, tuple[str, ...]]:
-    """Noise, its degrees of freedom, and seconds of a simulated run, from runs that are not kept."""
+def _by_flights(rule: StopRule, noise: float) -> str:
+    """What flights can do where simulation alone cannot."""
+    flights = flights_needed(rule, noise)
+    share = f"{100.0 * rule.ground_share:.0f} % of a run's variance is what is not known of the ground"
+    if flights is None:
+        return f" {share}, and the rest is too much for a thousand flights."
+    return (
+        f" {share}, which no simulation narrows: about {flights} flights at the recommended settings reach the target; "
+        'or [stop] worlds = "ignore" leaves that part out.'
+    )
+
+
+def _probe(
+    spec: CampaignSpec, progress: Callable[[int, int], None]
+) -> tuple[float, float, int, float, tuple[str, ...]]:
+    """Noise, the ground's share of its variance, degrees of freedom, seconds of a simulated run, and notes."""
     points = [_with_levels(spec, levels) for levels in spec.region.level_combinations()]
     settings = [spec.region.decode(point)[0] for point in points if spec.region.feasible(point)[0]][:8]
     # Ids far beyond any campaign's: their occasions are no run's.
-    tasks = [task_of(spec, 2**31 - 1 - i, setting) for i, setting in enumerate(np.repeat(np.array(settings), PROBES))]
+    probes = PROBE_WORLDS * OCCASIONS
+    tasks = [
+        replace(task_of(spec, 2**31 - 1 - i, setting), world=2**31 - 1 - i // OCCASIONS)
+        for i, setting in enumerate(np.repeat(np.array(settings), probes))
+    ]
     progress(0, len(tasks))
     # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.
     levels = [replace(tasks[0], settings=setting) for setting in settings]
@@ -150,9 +177,14 @@ def _probe(spec: CampaignSpec, progress: Callable[[int, int], None]) -> tuple[fl
     if failed:
         raise SpecError(*(Problem(reason, file=str(spec.folder / SPEC_NAME)) for reason in dict.fromkeys(failed)))
     scores = np.array([[score.score for score in result.scores] for result in results])
-    groups = scores.reshape(len(settings), PROBES, -1)
-    pooled = np.sqrt(np.mean(np.var(groups, axis=1, ddof=1), axis=0))
-    return float(np.max(pooled)), len(settings) * (PROBES - 1), seconds, tuple(notes)
+    groups = scores.reshape(len(settings), PROBE_WORLDS, OCCASIONS, -1)
+    found = []
+    for k in range(groups.shape[-1]):
+        of = [ground_of_scores(group[:, :, k]) for group in groups]
+        ground, chance = (np.mean([getattr(one, name) ** 2 for one in of]) for name in ("sd_ground", "sd_chance"))
+        found.append((float(np.sqrt(ground + chance)), float(ground / max(ground + chance, 1e-300))))
+    noise, share = max(found)
+    return noise, min(share, 0.98), len(settings) * (PROBE_WORLDS - 1), seconds, tuple(notes)
 
 
 def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any
 
@@ -13,6 +13,7 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, explain_image, report_pictures, truth_panel
+from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import NO_RUN
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.errors import UserError
@@ -53,6 +54,8 @@ class Dossier:
         What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
     plan : Mapping or None
         What the fidelity planner says of the recommended settings, see `seqrsm.campaign.images.explain_image`.
+    rests : Mapping
+        What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`.
     """
 
     spec: CampaignSpec
@@ -68,6 +71,7 @@ class Dossier:
     compromise: CompromiseEstimate | None = None
     tradeoff: Mapping[str, Any] | None = None
     plan: Mapping[str, Any] | None = None
+    rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
@@ -107,6 +111,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
         plan=_plan(campaign),
+        rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
     )
 
 
@@ -134,13 +139,13 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
     ]
     if spec.simulator is not None:
         size = spec.runs_an_occasion
-        own = "each simulated run is one occasion"
+        own = "each simulated run is one occasion in a world of its own"
         if size is not None:
             own = f"up to {size} simulated runs share one occasion and are a block of the fit (common random numbers)"
         found.append(
-            f"{own}: backscatter of fields and dates, soil moisture, wind, fading, receiver noise and the training "
-            f"sample are drawn anew from the campaign's seed and the {'run' if size is None else 'occasion'}'s "
-            f"{'id' if size is None else 'number'}"
+            f"{own}: the means of the tables, backscatter of fields and dates, soil moisture, wind, fading, receiver "
+            "noise and the training sample are drawn anew from the campaign's seed and the "
+            f"{'run' if size is None else 'occasion'}'s {'id' if size is None else 'number'}"
         )
     return tuple(found)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,6 +15,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import WAITING, Campaign, Progress, n_fitted, silent
 from seqrsm.campaign.next_runs import rounded_settings, start_size
+from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import Problem, StoreError, UserError
@@ -41,6 +42,9 @@ class Outcome:
         Scored runs in all, confirmation runs included.
     compromise : CompromiseEstimate or None
         Over several applications and considerations.
+    rests : Mapping
+        By application, the shares of the area that its recommended settings see by measured, published, computed and
+        assumed means; see `seqrsm.campaign.rests_on`.
     """
 
     held: bool
@@ -49,6 +53,7 @@ class Outcome:
     n_scored: int
     compromise: CompromiseEstimate | None = None
     futile: bool = False
+    rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Outcome as a JSON document."""
@@ -57,6 +62,7 @@ class Outcome:
             "futile": self.futile,
             "n_scored": self.n_scored,
             "seconds": self.seconds,
+            "rests_on": {name: dict(shares) for name, shares in self.rests.items()},
             "applications": [analysis_to_json(analysis) for analysis in self.analyses],
             "compromise": None if self.compromise is None else self.compromise.to_json(),
         }
@@ -250,7 +256,11 @@ class _ClosedLoop:
         n_scored = len(store.runs("scored"))
         if not any(event.detail.get("n_scored") == n_scored for event in store.events(kind=kind)):
             store.add_event(kind, {"n_scored": n_scored})
-        return Outcome(held, analyses, self.seconds, n_scored, campaign.compromise(analyses), kind == "futility")
+        rests = {}
+        if campaign.spec.simulator is not None:
+            rests = {one.application: rests_on(campaign.spec, one.optimum.settings) for one in analyses}
+        compromise = campaign.compromise(analyses)
+        return Outcome(held, analyses, self.seconds, n_scored, compromise, kind == "futility", rests)
 
     def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.conclude import analyse, stop_rule
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
@@ -112,6 +113,7 @@ def make_campaign(
     *,
     n_draws: int,
     stops: bool = True,
+    ground: Ground | None = None,
 ) -> tuple[Analysis, list[RunRecord]]:
     """A campaign of one application as `run` makes it, in memory, its scores from a function.
 
@@ -126,6 +128,8 @@ def make_campaign(
         Posterior draws at each look.
     stops : bool
         When the rule holds; otherwise the whole budget is spent.
+    ground : Ground or None
+        What is known of the ground's part of the scatter.
 
     Returns
     -------
@@ -144,7 +148,7 @@ def make_campaign(
             scored_run(len(runs) + 1 + i, len(looks) + 1, run, scored)
             for i, (run, scored) in enumerate(zip(new, scores, strict=True))
         ]
-        analysis = analyse(spec, application, runs, looks, n_draws=n_draws)
+        analysis = analyse(spec, application, runs, looks, ground=ground, n_draws=n_draws)
         if (stops and analysis.decision.held) or len(runs) >= spec.stop.max_runs:
             return analysis, runs
         looks.append(LookRecord(len(looks) + 1, len(runs), application.name, {}, ""))
@@ -184,7 +188,7 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
         values = truth.mean(points) + truth.sd(points) * rng.standard_normal(len(points))
         return [NewScore(name, float(one)) for one in known.scale.to_score(values)]
 
-    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS)
+    analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS, ground=known.fitted.ground)
     return _end(spec, analysis, truth, len(runs), rng)
 
 
@@ -193,7 +197,10 @@ def _end(spec: CampaignSpec, analysis: Analysis, truth: _Truth, n_runs: int, rng
     at = best.point[None, :]
     mean, sd = truth.mean(at), truth.sd(at)
     future = to_score(mean + sd * rng.standard_normal((400, 1)))
-    several = np.mean(to_score(mean + sd * rng.standard_normal((400, best.replicates))), axis=1)
+    # Flights over one ground: its part of the scatter is theirs in common.
+    share = analysis.fitted.ground_share
+    ground, chance = rng.standard_normal((400, 1)), rng.standard_normal((400, best.replicates))
+    several = np.mean(to_score(mean + sd * (np.sqrt(share) * ground + np.sqrt(1.0 - share) * chance)), axis=1)
     true = to_score(mean)
     covered = {
         "confidence": _share(true, best.confidence),

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray, Precision
 from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
@@ -26,6 +27,7 @@ from seqrsm.simulate.sample import Sample
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore
 
+_BUNDLE = 2**30  # ids beyond any run's
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
 
@@ -129,7 +131,8 @@ def task_of(
 ) -> SimulationTask:
     """Task of one run of a campaign; ``widening``: factors of the rungs' bounds, as the campaign found them.
 
-    ``occasion``: number of the one that it shares with other runs.
+    ``occasion``: number of the one that it shares with other runs. Every occasion lies in a world of its own; what is
+    no run meets the table's own means.
 
     Raises
     ------
@@ -147,7 +150,7 @@ def task_of(
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
-    return SimulationTask(
+    task = SimulationTask(
         spec.simulator.engine,
         run_id,
         spec.seed,
@@ -159,6 +162,16 @@ def task_of(
         Demand(spec.simulator.tolerance, spec.simulator.fidelity, dict(widening or {})),
         occasion,
     )
+    return task if run_id == NO_RUN else replace(task, world=task.stream)
+
+
+def bundle_tasks(spec: CampaignSpec, settings: Mapping[str, float | str]) -> list[SimulationTask]:
+    """Simulations of one setting on `OCCASIONS` occasions in each of `N_WORLDS` worlds, worlds in order."""
+    return [
+        replace(task_of(spec, _BUNDLE + OCCASIONS * w + k, settings), world=_BUNDLE + w)
+        for w in range(N_WORLDS)
+        for k in range(OCCASIONS)
+    ]
 
 
 @lru_cache(maxsize=4)

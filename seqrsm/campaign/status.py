@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from seqrsm import __version__
+from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import sharing
 from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
 from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
-from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
+from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RunRecord
 from seqrsm.store.store import Store
 
 
@@ -42,7 +43,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         runs, looks = store.runs(), store.looks()
         events = store.events() if history else ()
         violations = store.events(kind=VIOLATED)
-        applications = _remembered_looks(spec, runs, looks, store.last_event())
+        applications = _remembered_looks(spec, runs, looks, store.last_event(), store.events(kind=MEASURED))
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
         "campaign": spec.name,
@@ -91,7 +92,11 @@ def overview(folders: Sequence[Path], on_campaign: Callable[[int, int], None]) -
 
 
 def _remembered_looks(
-    spec: CampaignSpec, runs: Sequence[RunRecord], looks: Sequence[LookRecord], last_event: int
+    spec: CampaignSpec,
+    runs: Sequence[RunRecord],
+    looks: Sequence[LookRecord],
+    last_event: int,
+    bundles: Sequence[EventRecord],
 ) -> list[dict[str, Any]]:
     """Latest look of every application; one that is taken here is kept in ``fits/status.json`` until anything changes.
 
@@ -109,7 +114,10 @@ def _remembered_looks(
         kept = json.loads(place.read_text(encoding="utf-8"))
         if kept["key"] == key:
             return list(kept["applications"])
-    found = [latest_look(spec, application, runs, looks) for application in spec.applications]
+    found = [
+        latest_look(spec, application, runs, looks, measured_ground(bundles, application.name))
+        for application in spec.applications
+    ]
     with suppress(OSError):  # a folder that may not be written: take the look again next time
         place.parent.mkdir(exist_ok=True)
         part = place.with_suffix(f".{os.getpid()}.part")
@@ -119,7 +127,11 @@ def _remembered_looks(
 
 
 def latest_look(
-    spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], looks: Sequence[LookRecord]
+    spec: CampaignSpec,
+    application: ApplicationSpec,
+    runs: Sequence[RunRecord],
+    looks: Sequence[LookRecord],
+    ground: Ground | None = None,
 ) -> dict[str, Any]:
     """The last look of an application, or a fresh one where there are newer scores.
 
@@ -141,7 +153,7 @@ def latest_look(
     # Rankings change scores without adding any.
     if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
         try:
-            found["last_look"] = plain(look_summary(analyse(spec, application, runs, mine, n_draws=200)))
+            found["last_look"] = plain(look_summary(analyse(spec, application, runs, mine, ground=ground, n_draws=200)))
         except FitError as error:
             found["reason"] = f"{len(scored)} scored runs: {error}"
     return found

@@ -15,7 +15,7 @@ from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import summary_section
-from seqrsm.report.wording import interval_names, watched_interval
+from seqrsm.report.wording import interval_names, parts_of_width, watched_interval
 
 if TYPE_CHECKING:
     from seqrsm.analysis.compromise import CompromiseEstimate
@@ -50,7 +50,8 @@ def show_fit(
 def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     """End of `seqrsm run`: importance, recommendation, intervals, reasons, time split."""
     show_sections(importance_section(analysis, "") for analysis in outcome.analyses)
-    show_sections([summary_section(campaign.spec, outcome.analyses, outcome.compromise, campaign.store.runs())])
+    runs = campaign.store.runs()
+    show_sections([summary_section(campaign.spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
     line()
     if not outcome.held:
         line("Stopped for futility." if outcome.futile else "The budget ended the campaign.")
@@ -69,7 +70,7 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     mean = f"{format_significant(analysis.optimum.mean, 3)} {analysis.score_unit}".rstrip()
     say(
         f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
-        f"(target {spec.stop.half_width:g})  {rest}"
+        f"(target {spec.stop.half_width:g}{parts_of_width(analysis)})  {rest}"
     )
 
 

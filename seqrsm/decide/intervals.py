@@ -55,13 +55,13 @@ def _quantiles(degrees: FloatArray, level: FloatArray) -> FloatArray:
     return quantile
 
 
-def noise_share(interval: IntervalKind, replicates: int) -> float:
+def noise_share(interval: IntervalKind, replicates: float) -> float:
     """Share ``u`` of a run's own variance in the interval: 1, 1/m or 0."""
     return {"prediction": 1.0, "prediction_mean": 1.0 / replicates, "confidence": 0.0}[interval]
 
 
 def half_width(
-    interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: int = 5
+    interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: float = 5
 ) -> FloatArray:
     """Half-width of an interval at the optimum, in score units.
 
@@ -126,7 +126,7 @@ def anytime_half_width(
     h: ArrayLike,
     level: float,
     planned_information: float,
-    replicates: int = 5,
+    replicates: float = 5,
 ) -> FloatArray:
     """Half-width whose part for the mean holds at every look.
 
@@ -149,7 +149,7 @@ def anytime_half_width(
     return np.asarray(np.asarray(s) * np.sqrt(radius**2 * np.asarray(h) + noise))
 
 
-def noise_floor(interval: IntervalKind, s: float, level: float, replicates: int = 5) -> float:
+def noise_floor(interval: IntervalKind, s: float, level: float, replicates: float = 5) -> float:
     """Half-width that no number of runs can go below: the noise of the future runs themselves.
 
     Parameters

@@ -142,7 +142,7 @@ class SourceFit:
         return self.posterior.variance_unscaled(self.flight_rows(rows)) * self.flight_weight
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Intervals of the flight's mean and of future flights; arguments as in ``LeastSquaresFit.predict``.
 

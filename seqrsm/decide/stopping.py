@@ -7,7 +7,7 @@ no significant lack of fit, too; elsewhere the chance of a surface that is no qu
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.intervals import Agreement, IntervalKind, anytime_half_width, half_width, noise_floor
+from seqrsm.decide.intervals import Agreement, IntervalKind, anytime_half_width, half_width, noise_floor, noise_share
 from seqrsm.errors import Problem, SpecError
 
 Guard = Literal["runs", "confirmation", "anytime", "spending"]
@@ -53,6 +53,11 @@ class StopRule:
         Degrees of freedom of pure error asked for.
     alpha_lack_of_fit : float
         Lack of fit with a smaller p stops the stopping.
+    ground_share : float
+        Share of a run's variance that is not chance but one ground against another, 0 to below 1: future runs have it
+        in common, and no mean of them is without it.
+    counts_ground : bool
+        Whether the target is for the whole interval, or for its part by chance.
 
     Raises
     ------
@@ -69,6 +74,8 @@ class StopRule:
     runs_per_term: float = 3.0
     min_df_pure_error: int = 4
     alpha_lack_of_fit: float = 0.05
+    ground_share: float = 0.0
+    counts_ground: bool = True
 
     def __post_init__(self) -> None:
         limits = {
@@ -84,6 +91,8 @@ class StopRule:
             "runs_per_term": (self.runs_per_term >= 0.0, "0 or more"),
             "min_df_pure_error": (self.min_df_pure_error >= 0, "0 or more"),
             "alpha_lack_of_fit": (0.0 <= self.alpha_lack_of_fit < 1.0, "a probability below 1, such as 0.05"),
+            "ground_share": (0.0 <= self.ground_share < 1.0, "a share below 1"),
+            "counts_ground": (True, ""),
         }
         wrong = [
             Problem("impossible stop rule", f"Give {limits[f.name][1]}.", field=f.name, value=getattr(self, f.name))
@@ -97,6 +106,18 @@ class StopRule:
     def interval_name(self) -> str:
         """The interval in words."""
         return _INTERVAL_NAMES[self.interval].format(m=self.replicates)
+
+    def replicates_of(self, interval: IntervalKind | None = None) -> float:
+        """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.
+
+        Parameters
+        ----------
+        interval : str, optional
+            The rule's own by default.
+        """
+        own = noise_share(interval or self.interval, self.replicates) * (1.0 - self.ground_share)
+        share = own + (self.ground_share if self.counts_ground else 0.0)
+        return 1.0 / share if share > 0.0 else np.inf
 
     def min_runs(self, n_terms: int) -> int:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
@@ -166,7 +187,7 @@ def rule_half_width(
     if rule.guard == "spending":
         made = np.asarray(df_residual) + n_terms if n_runs is None else n_runs
         level = spending_level(rule, made, n_before)
-        return half_width(rule.interval, s, df_residual, h, level, rule.replicates)
+        return half_width("prediction_mean", s, df_residual, h, level, rule.replicates_of())
     return _half_width(rule, rule.interval, s, df_residual, n_terms, h)
 
 
@@ -174,9 +195,10 @@ def _half_width(
     rule: StopRule, interval: IntervalKind, s: ArrayLike, df: ArrayLike, n_terms: int, h: ArrayLike
 ) -> FloatArray:
     """Of one kind of interval by itself, whatever error the looks may spend."""
+    m = rule.replicates_of(interval)
     if rule.guard != "anytime":
-        return half_width(interval, s, df, h, rule.level, rule.replicates)
-    return anytime_half_width(interval, s, df, h, rule.level, rule.planned_information(n_terms), rule.replicates)
+        return half_width("prediction_mean", s, df, h, rule.level, m)
+    return anytime_half_width("prediction_mean", s, df, h, rule.level, rule.planned_information(n_terms), m)
 
 
 MODEL_ALPHA = 0.05
@@ -231,7 +253,7 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     enough = counts[widths <= rule.half_width]
     h_last = h * n_runs / last
     return Forecast(
-        noise_floor=noise_floor(rule.interval, s, rule.level, rule.replicates),
+        noise_floor=noise_floor("prediction_mean", s, rule.level, rule.replicates_of()),
         attainable_half_width=float(_half_width(rule, rule.interval, s, last - n_terms, n_terms, h_last)),
         attainable_mean_half_width=float(_half_width(rule, "prediction_mean", s, last - n_terms, n_terms, h_last)),
         runs_needed=int(enough[0]) if len(enough) else None,
@@ -318,7 +340,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         return f"max_runs = {runs} leaves no degree of freedom for a model of {n_terms} terms."
     if float(_half_width(rule, rule.interval, sigma, runs - n_terms, n_terms, 1.0 / runs)) <= rule.half_width:
         return ""
-    floor = noise_floor(rule.interval, sigma, rule.level, rule.replicates)
+    floor = noise_floor("prediction_mean", sigma, rule.level, rule.replicates_of())
     target = amount(rule.half_width, unit)
     if rule.half_width < floor:
         head = (
@@ -333,6 +355,31 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         mean = float(_half_width(rule, "prediction_mean", sigma, runs - n_terms, n_terms, n_terms / runs))
         tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
     return f"{head}{tail}."
+
+
+def flights_needed(rule: StopRule, sigma: float, most: int = 1000) -> int | None:
+    """Flights at the recommended settings from which on their own interval is as narrow as the target.
+
+    Flights meet the real ground, of which they leave nothing unknown: only chance is left, in their mean and in what it
+    foretells.
+
+    Parameters
+    ----------
+    rule : StopRule
+    sigma : float
+        Standard deviation of one simulated run, score units.
+    most : int
+
+    Returns
+    -------
+    int or None
+        At least 2; None where ``most`` do not suffice.
+    """
+    chance = sigma * np.sqrt(1.0 - rule.ground_share)
+    own = replace(rule, ground_share=0.0).replicates_of()
+    n = np.arange(2, most + 1)
+    enough = n[half_width("prediction_mean", chance, n - 1, 1.0 / n, rule.level, own) <= rule.half_width]
+    return int(enough[0]) if len(enough) else None
 
 
 def amount(value: float, unit: str) -> str:
@@ -470,7 +517,7 @@ def decide(
     Decision
     """
     n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
-    student = float(half_width(rule.interval, s, df_residual, h, rule.level, rule.replicates))
+    student = float(half_width("prediction_mean", s, df_residual, h, rule.level, rule.replicates_of()))
     scale = 1.0
     if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
         scale = look.half_width / student

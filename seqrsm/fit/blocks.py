@@ -136,7 +136,7 @@ class RandomBlockPosterior:
         *,
         day: object | None = None,
         weight: float = 1.0,
-        replicates: int = 1,
+        replicates: float = 1,
         apart: bool = False,
     ) -> Prediction:
         """Mean response and future runs, on a new day or on one of the days flown.

@@ -249,7 +249,7 @@ class ConjugatePosterior:
         return np.asarray(np.sum(np.square(np.atleast_2d(rows) @ self.factor), axis=1))
 
     def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: int = 1
+        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Credible interval of the mean response and predictive interval of the mean of ``replicates`` new runs.
 

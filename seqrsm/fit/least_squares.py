@@ -227,7 +227,7 @@ class LeastSquaresFit:
         rows: FloatArray,
         level: float = 0.95,
         weight: float | FloatArray = 1.0,
-        replicates: int = 1,
+        replicates: float = 1,
     ) -> Prediction:
         """Estimated response, confidence and prediction interval.
 
@@ -239,7 +239,7 @@ class LeastSquaresFit:
             Coverage, in (0, 1).
         weight : float or ndarray (m,)
             Weight of a future run, > 0.
-        replicates : int
+        replicates : float
             Number of future runs whose mean is to be covered, >= 1. The variance of that mean about the true mean
             response is sigma^2 / (replicates * weight) (RSL TR 380-1 eq. 2-18 ... 2-23).
         """

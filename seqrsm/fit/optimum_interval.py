@@ -66,7 +66,7 @@ def searched_interval(
     *,
     level: float = 0.95,
     weight: float = 1.0,
-    replicates: int = 1,
+    replicates: float = 1,
     draws: int = 1000,
     seed: int = 0,
 ) -> SearchedInterval:

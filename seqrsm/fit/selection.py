@@ -301,7 +301,7 @@ class ModelAverage:
             square[columns] += share * (np.square(post.marginal_sd) + np.square(post.mean))
         return mean, np.sqrt(np.maximum(square - np.square(mean), 0.0))
 
-    def predict(self, rows: FloatArray, level: float = 0.95, weight: float = 1.0, replicates: int = 1) -> Prediction:
+    def predict(self, rows: FloatArray, level: float = 0.95, weight: float = 1.0, replicates: float = 1) -> Prediction:
         """Model-averaged response with credible and predictive intervals; arguments as in ``LeastSquaresFit.predict``.
 
         Rows (m, p) have all columns of Z, zeros for blocks meaning their mean.

@@ -29,7 +29,7 @@ def build_report(dossier: Dossier) -> Report:
     """
     spec, analyses = dossier.spec, dossier.analyses
     sections = [
-        summary_section(spec, analyses, dossier.compromise, dossier.runs),
+        summary_section(spec, analyses, dossier.compromise, dossier.runs, dossier.rests),
         question_section(dossier),
         data_section(dossier),
     ]

@@ -344,6 +344,35 @@ def watched_interval(stop: StopSpec) -> str:
     return interval_names(stop.replicates)[stop.interval]
 
 
+def parts_of_width(analysis: Analysis) -> str:
+    """Return the two parts of the half-width that the rule watches: ``"; chance ± 4.2, ground ± 8.7"``, or ``""``."""
+    best = analysis.optimum
+    if best.ground is None:
+        return ""
+    chance, ground = (format_significant(part, 2) for part in (best.by_chance.half_width, best.of_ground))
+    return f"; chance \u00b1 {chance}, ground \u00b1 {ground}"
+
+
+def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
+    """Return what of the interval is chance and what is not known of the ground; ``""`` where flights have told."""
+    best = analysis.optimum
+    if best.ground is None:
+        if any(source != "simulation" for source in analysis.data.sources):
+            return ""
+        return (
+            "How much of the scatter of simulated scores is one ground against another has not been measured: the "
+            "interval of the mean of several runs takes all of it for chance."
+        )
+    widths = (best.whole.half_width, best.by_chance.half_width, best.of_ground)
+    whole, chance, ground = (half_width_text(analysis, width) for width in widths)
+    left = " The target is for the part by chance alone." if stop.worlds == "ignore" else ""
+    return (
+        f"The {watched_interval(stop)} is \u00b1 {whole}: \u00b1 {chance} by the chance of occasions and of the runs "
+        f"made, and \u00b1 {ground} by what is not known of the ground, which no simulation narrows but flights do "
+        f"(measured by {best.ground.n_simulations} simulations in {best.ground.n_worlds} worlds).{left}"
+    )
+
+
 def interval_names(replicates: int) -> dict[str, str]:
     """Return the three intervals at the optimum, in words."""
     return {

@@ -129,7 +129,8 @@ def campaign_text(start: StartRanges) -> str:
         *_fixed_text(chosen, levels),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
-        f"half_width = 6.0              # percent; `seqrsm check` says whether it can be reached\nlevel = 0.95\n"
+        f"half_width = 14.0             # percent, mostly what is not known of the ground: `seqrsm check` says\n"
+        "level = 0.95\n"
         f"max_runs = {max(120, 5 * terms)}",
     ]
     return re.sub(r"\n\n(?=# .* held fixed:|\w+ = )", "\n", "\n\n".join(part for part in parts if part)) + "\n"

@@ -62,7 +62,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     every look; "spending": the error probability is spent over the looks as O'Brien and Fleming do);
     ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05);
     ``futility`` ("tell", the default, or "stop": `run` ends when two looks in a row say that no parameter matters or
-    that the budget cannot reach the target).
+    that the budget cannot reach the target); ``worlds`` ("count", the default: the target is for the whole interval; or
+    "ignore": for its part by chance, what is not known of the ground left out).
 ``[store]``
     ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default.
 """

@@ -39,7 +39,7 @@ SPEC_ERRORS = {
     "unknown parameter": ("altitude_m = 4000.0", "altitude_m = 4000.0\nwings = 2", ["wings"]),
     "not TOML": ("[campaign]", "[campaign", ["campaign.toml:1"]),
     "impossible sensor": ("bandwidth = 60.0", "bandwidth = 1.0", ["resolution", "campaign.toml"]),
-    "target below the noise": ("half_width = 9.0", "half_width = 0.01", ["half-width", "half_width"]),
+    "target below the noise": ("half_width = 16.0", "half_width = 0.01", ["half-width", "half_width"]),
 }
 
 

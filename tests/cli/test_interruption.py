@@ -80,7 +80,7 @@ def result(folder: Path) -> list:
 
 
 def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
-    endless = TINY.replace("half_width = 9.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
+    endless = TINY.replace("half_width = 16.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
     folder = make_tiny(tmp_path / "tiny", tiny_scene, endless)
     process = start("run", folder)
     deadline = time.monotonic() + 60.0

@@ -38,7 +38,7 @@ def of_quadratic(analysis: Analysis) -> SimpleNamespace:
     """Intervals at the quadratic's own optimum."""
     level, replicates = analysis.optimum.level, analysis.optimum.replicates
     belief, point = analysis.belief.of_quadratic, analysis.of_quadratic.point
-    mean, (confidence, prediction, _) = intervals(belief, analysis.scale, point, level, replicates)
+    mean, (confidence, prediction, _) = intervals(belief, analysis.scale, point, level, (1, replicates))
     return SimpleNamespace(mean=mean, confidence=confidence, prediction=prediction)
 
 

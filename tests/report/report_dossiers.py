@@ -176,6 +176,8 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
         prediction_mean=interval(several.prediction),
         replicates=stop.replicates,
         level=stop.level,
+        whole=interval(several.prediction),
+        by_chance=interval(several.prediction),
     )
     lack = fit.lack_of_fit()
     rule = StopRule(interval=stop.interval, half_width=stop.half_width, level=stop.level, max_runs=stop.max_runs)

@@ -274,7 +274,7 @@ def test_what_is_measured_and_planned_is_in_all_faces(simulated, capsys) -> None
 
 def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> None:
     result = CheckResult(
-        "polder", 3, 27, 33, 28, 300, 0.0441, 3.604, "simulations", 301.5, "", ("Grass: assumed (assumed: me)",),
+        "polder", 3, 27, 33, 28, 300, 0.0441, 3.604, 0.6, "simulations", 301.5, "", ("Grass: assumed (assumed: me)",),
         ("Grass",), ("gaps at 4 of 6 settings",),
     )  # fmt: skip
     rehearsed = {"campaigns": 200, "rows": [("runs needed, median", "41 (33 to 57)")], "notes": ["Truths are drawn."]}

@@ -203,7 +203,7 @@ def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors
     (analysis,) = made.analyse_all(n_draws=400)
     belief, at = believed(analysis, share), np.array([0.3, 0.3])
     draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=8000)
-    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, 5, draws, np.random.default_rng(5))
+    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, (1, 5), draws, np.random.default_rng(5))
     one, five = (belief.bands(at[None, :], 0.95, 1.0, m) for m in (1, 5))
     assert mean == pytest.approx(float(one.mean[0]), rel=1e-12)
     if errors == "student_t" and share < 1.0:

@@ -26,6 +26,8 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         items.append(("one simulated run here", f"{each} s; the budget {_duration(total)}"))
     known = math.isfinite(result.noise)
     items.append(("standard deviation of a run", format_significant(result.noise) if known else result.noise_source))
+    if result.ground_share > 0.0:
+        items.append(("of its variance, the ground's", f"{format_significant(100.0 * result.ground_share, 2)} %"))
     if known:
         items.append(("found from", result.noise_source))
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]

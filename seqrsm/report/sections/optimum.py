@@ -63,6 +63,8 @@ from seqrsm.report.wording import (
 )
 from seqrsm.spec.read import StopSpec
 
+_WATCHED = {"confidence": "Mean", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
+
 PREDICTION_EQUATION = Equation(
     "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
     "y hat at x zero plus or minus t with N minus p degrees of freedom at alpha over two, times s, times the square "
@@ -78,6 +80,8 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         ("Prediction: score of one future run", optimum.prediction),
         (f"Prediction: mean of {m} future runs", optimum.prediction_mean),
     ]
+    if optimum.ground is not None:
+        intervals.append((f"{_WATCHED[stop.interval]}: by chance alone, over one known ground", optimum.by_chance))
     rows = (
         (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
         for name, interval in intervals

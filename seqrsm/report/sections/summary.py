@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
@@ -15,6 +15,7 @@ from seqrsm.report.wording import (
     at_bound_text,
     axis_label,
     format_settings,
+    ground_sentence,
     half_width_text,
     interval_text,
     level_phrase,
@@ -23,6 +24,7 @@ from seqrsm.report.wording import (
     mean_text,
     no_error_estimate,
     optimum_setting_text,
+    parts_of_width,
     readable,
     readable_text,
     score_text,
@@ -39,7 +41,11 @@ _TIES = 3
 
 
 def summary_section(
-    spec: CampaignSpec, analyses: Sequence[Analysis], compromise: CompromiseEstimate | None, runs: Sequence[RunRecord]
+    spec: CampaignSpec,
+    analyses: Sequence[Analysis],
+    compromise: CompromiseEstimate | None,
+    runs: Sequence[RunRecord],
+    rests: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Section:
     """Return the summary of a campaign: the compromise, if there is one, and one part for each application.
 
@@ -51,13 +57,15 @@ def summary_section(
     compromise : CompromiseEstimate or None
     runs : sequence of RunRecord
         All of the campaign: what they cost is told.
+    rests : Mapping, optional
+        By application, shares of the area by what their means rest on.
     """
     spent = sum(run.cost for run in runs if run.state == "scored")
     common = () if compromise is None else compromise_summary(spec.factors, compromise)
     if len(analyses) == 1:
-        return Section("summary", "Summary", (*_summary(spec, analyses[0], spent), *common))
+        return Section("summary", "Summary", (*_summary(spec, analyses[0], spent, rests or {}), *common))
     parts = tuple(
-        Section(f"summary-{number}", analysis.application, _summary(spec, analysis, spent))
+        Section(f"summary-{number}", analysis.application, _summary(spec, analysis, spent, rests or {}))
         for number, analysis in enumerate(analyses, 1)
     )
     if not parts:
@@ -66,8 +74,14 @@ def summary_section(
     return Section("summary", "Summary", common, parts)
 
 
-def _summary(spec: CampaignSpec, analysis: Analysis, spent: float) -> tuple[Block, ...]:
+def _summary(
+    spec: CampaignSpec, analysis: Analysis, spent: float, rests: Mapping[str, Mapping[str, float]]
+) -> tuple[Block, ...]:
     blocks: list[Block] = [Paragraph(recommendation(analysis), "lead"), _key_figures(spec, analysis, spent)]
+    if spec.simulator is not None and (text := ground_sentence(analysis, spec.stop)):
+        blocks.append(Paragraph(text))
+    if shares := rests.get(analysis.application):
+        blocks.append(Paragraph(_rests_text(shares)))
     blocks.append(_settings_table(analysis))
     best = analysis.optimum
     if best.ties and not best.ridge:
@@ -84,6 +98,12 @@ def _summary(spec: CampaignSpec, analysis: Analysis, spent: float) -> tuple[Bloc
     if analysis.confirmation is not None:
         blocks.append(Paragraph(analysis.confirmation.text))
     return tuple(blocks)
+
+
+def _rests_text(shares: Mapping[str, float]) -> str:
+    """Return what the mean backscatter or emissivity behind the recommendation rests on, by area."""
+    parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
+    return f"By area, the means behind the score at these settings are {parts}."
 
 
 def _edge(text: str) -> str:
@@ -119,7 +139,11 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis, spent: float) -> KeyFig
             "none" if missing else ends,
             missing or f"one future run, {level}; half-width {half}",
         ),
-        ("Half-width that decides", _deciding(analysis), f"target {target}: {watched_interval(stop)}"),
+        (
+            "Half-width that decides",
+            _deciding(analysis),
+            f"target {target}{parts_of_width(analysis)}: {watched_interval(stop)}",
+        ),
         (
             "Scored runs in the fit",
             str(analysis.fit.n_runs),

@@ -1,0 +1,69 @@
+"""How much of the scatter of simulated scores is one ground against another, and how much the chance of an occasion.
+
+Every simulated run meets a world of its own (`seqrsm.scattering.worlds`), so that the fitted surface is the expected
+score over worlds and a run scatters about it as one flight over an unknown ground does. Several flights over one ground
+share their world. A bundle of simulations at one setting, two occasions in each of some worlds, tells the two parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from seqrsm.analysis.runs import ScoredRuns, occasions_shared
+from seqrsm.store.records import EventRecord
+
+MEASURED = "worlds"
+"""Kind of the event that keeps a bundle's scores."""
+
+N_WORLDS, OCCASIONS = 16, 2
+
+_MOST = 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """Two parts of the scatter of one simulated run, score units.
+
+    Attributes
+    ----------
+    sd_ground, sd_chance : float
+        Standard deviation from world to world, and from occasion to occasion in one world.
+    n_worlds, n_simulations : int
+        Of the bundle that they were measured by.
+    """
+
+    sd_ground: float
+    sd_chance: float
+    n_worlds: int
+    n_simulations: int
+
+    @property
+    def share(self) -> float:
+        """Share of a run's variance that is the ground's, 0 to 0.98."""
+        total = self.sd_ground**2 + self.sd_chance**2
+        return min(self.sd_ground**2 / total, _MOST) if total > 0.0 else 0.0
+
+
+def ground_of_scores(scores: ArrayLike) -> Ground:
+    """Analysis of variance of scores (worlds, occasions), at least two of each."""
+    y = np.asarray(scores, dtype=np.float64)
+    within = float(np.mean(np.var(y, axis=1, ddof=1)))
+    between = float(np.var(np.mean(y, axis=1), ddof=1)) - within / y.shape[1]
+    return Ground(float(np.sqrt(max(between, 0.0))), float(np.sqrt(within)), y.shape[0], y.size)
+
+
+def measured_ground(events: Sequence[EventRecord], application: str) -> Ground | None:
+    """What the last bundle says of an application; None without one."""
+    found: list[Any] = [e.detail["scores"] for e in events if e.detail and e.detail.get("application") == application]
+    return ground_of_scores(found[-1]) if found else None
+
+
+def ground_in(data: ScoredRuns, ground: Ground | None) -> Ground | None:
+    """The same for what is fitted: None where flights were over the real ground, or shared occasions are blocks."""
+    simulated = all(source == "simulation" for source in data.sources)
+    return ground if simulated and not occasions_shared(data) else None
