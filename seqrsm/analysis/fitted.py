@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from seqrsm.analysis.belief import Departure, weigh_departure
-from seqrsm.analysis.ground import Ground, ground_in
+from seqrsm.analysis.ground import Ground, ground_in, prior_of_difference
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
     ScoredRuns,
@@ -103,6 +103,9 @@ def fit_application(
     scale = response_scale(spec, data)
     model = select_terms(spec, whole, data, scale) if spec.model.terms == "hierarchical" else whole
     fit = fit_surface(spec, region, model, data, scale)
+    if ground is not None and ground.sd_ground > 0.0 and spec.model.discrepancy_sd is None and scale.kind == "identity":
+        worlds = {"discrepancy_sd": prior_of_difference(ground, model, data.points)}
+        spec = replace(spec, model=spec.model.model_copy(update=worlds))
     surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
     departure = weigh_departure(

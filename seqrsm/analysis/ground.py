@@ -7,7 +7,7 @@ share their world. A bundle of simulations at one setting, two occasions in each
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from seqrsm.analysis.runs import ScoredRuns, occasions_shared
+from seqrsm.arrays import FloatArray
+from seqrsm.decide.sources import discrepancy_sd
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.store.records import EventRecord
 
 MEASURED = "worlds"
 """Kind of the event that keeps a bundle's scores."""
+
+RANKED = "values"
+"""Kind of the event that keeps what each cover's mean does to a score."""
 
 N_WORLDS, OCCASIONS = 16, 2
 
@@ -55,6 +61,40 @@ def ground_of_scores(scores: ArrayLike) -> Ground:
     within = float(np.mean(np.var(y, axis=1, ddof=1)))
     between = float(np.var(np.mean(y, axis=1), ddof=1)) - within / y.shape[1]
     return Ground(float(np.sqrt(max(between, 0.0))), float(np.sqrt(within)), y.shape[0], y.size)
+
+
+def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArray) -> float:
+    """Prior standard deviation of a first-order term of the difference between flights and simulations, score units.
+
+    The real ground is one world: with this prior the difference has the variance of worlds, on average over the
+    settings that were run, in place of a guess (`seqrsm.decide.sources`).
+
+    Parameters
+    ----------
+    ground : Ground
+    model : QuadraticModel
+    points : ndarray (n, k)
+        Coded settings.
+    """
+    size = np.sum(np.square(model.matrix(points) * discrepancy_sd(model, 1.0)), axis=1)
+    return float(ground.sd_ground / np.sqrt(np.mean(size)))
+
+
+def ranked_values(values: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Covers with their share of the variance that all of them give a score, the largest first.
+
+    A score that moves by b z + c z^2 with a standard normal z has the variance b^2 + 2 c^2.
+
+    Parameters
+    ----------
+    values : sequence of Mapping
+        ``category``, ``mean_sd``, and the change of the score by that ``up`` and ``down``.
+    """
+    half = [(0.5 * (float(v["up"]) - float(v["down"])), 0.5 * (float(v["up"]) + float(v["down"]))) for v in values]
+    size = [b**2 + 2.0 * c**2 for b, c in half]
+    total = sum(size) or 1.0
+    found = [{**v, "share": s / total} for v, s in zip(values, size, strict=True)]
+    return sorted(found, key=lambda v: -v["share"])
 
 
 def measured_ground(events: Sequence[EventRecord], application: str) -> Ground | None:

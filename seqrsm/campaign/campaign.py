@@ -12,9 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+import numpy as np
+
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.ground import MEASURED, N_WORLDS, OCCASIONS, measured_ground
+from seqrsm.analysis.ground import MEASURED, N_WORLDS, OCCASIONS, RANKED, measured_ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, evidence, occasion_of, occasions_shared, scored_runs, share_occasions
 from seqrsm.analysis.to_json import look_summary
@@ -260,6 +262,32 @@ class Campaign:
             if len(whole) > 1:
                 detail = {"application": application.name, "settings": dict(settings), "scores": whole}
                 self.store.add_event(MEASURED, detail)
+
+    def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
+        """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended."""
+        from seqrsm.campaign.rests_on import mean_sds
+        from seqrsm.campaign.simulation import carry_out, files_of, one_away_tasks
+        from seqrsm.simulate.runner import run_many
+
+        for analysis in analyses:
+            settings = analysis.optimum.settings
+            sds = mean_sds(self.spec, settings)
+            tasks = one_away_tasks(self.spec, settings, list(sds))
+            files = files_of(tasks[0]) if cluster is not None else ()
+            found = np.full(len(tasks), np.nan)
+            for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
+                of = [one.score for one in getattr(result, "scores", ()) if one.application == analysis.application]
+                found[index] = of[0] if of else np.nan
+            change = np.mean(found.reshape(-1, OCCASIONS), axis=1)
+            change = (change[1:] - change[0]).reshape(-1, 2)
+            values = [
+                {"category": name, "mean_sd": sd, "up": float(up), "down": float(down)}
+                for (name, sd), (up, down) in zip(sds.items(), change.round(4), strict=True)
+                if np.isfinite(up + down)
+            ]
+            unit = "dB" if self.spec.simulator is not None and self.spec.simulator.engine == "psm" else ""
+            detail = {"application": analysis.application, "settings": dict(settings), "unit": unit, "values": values}
+            self.store.add_event(RANKED, detail)
 
     def _repeat_doubtful(self) -> dict[int, RunRecord]:
         """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""

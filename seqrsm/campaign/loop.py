@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.fitted import confirmation_reason
+from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import WAITING, Campaign, Progress, n_fitted, silent
@@ -97,7 +98,8 @@ def run_campaign(
         No run of the start design, or of several batches after it, gave a score, and with what reasons.
     """
     simulate = partial(campaign.simulate, workers=workers, cluster=cluster, on_progress=on_progress)
-    loop = _ClosedLoop(campaign, simulate, on_look, say)
+    rank = partial(campaign.rank_values, workers=workers, cluster=cluster)
+    loop = _ClosedLoop(campaign, simulate, rank, on_look, say)
     return loop.run(max_runs or campaign.spec.stop.max_runs, batch or campaign.spec.batch)
 
 
@@ -110,6 +112,8 @@ class _ClosedLoop:
     campaign : Campaign
     simulate : callable
         Carries out what is issued, where the user wants it; returns the runs it carried out.
+    rank : callable
+        Simulates what each cover's mean does to the score at what is recommended.
     on_look, say : callables
         Told of every look, and of every step in words.
     seconds : dict
@@ -118,6 +122,7 @@ class _ClosedLoop:
 
     campaign: Campaign
     simulate: Callable[[], Sequence[RunRecord]]
+    rank: Callable[[Sequence[Analysis]], None]
     on_look: Callable[[Analysis], None]
     say: Callable[[str], None]
     seconds: dict[str, float] = field(default_factory=dict)
@@ -258,6 +263,10 @@ class _ClosedLoop:
             store.add_event(kind, {"n_scored": n_scored})
         rests = {}
         if campaign.spec.simulator is not None:
+            told = [event.detail["settings"] for event in store.events(kind=RANKED)]
+            if any(one.optimum.settings not in told for one in analyses):
+                with self._timed("rank"):
+                    self.rank(analyses)
             rests = {one.application: rests_on(campaign.spec, one.optimum.settings) for one in analyses}
         compromise = campaign.compromise(analyses)
         return Outcome(held, analyses, self.seconds, n_scored, compromise, kind == "futility", rests)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.simulation import NO_RUN, configuration, scene_at, task_of
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.ground import look_up
@@ -28,16 +30,30 @@ def rests_on(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[st
     dict
         Share by status, the best known first; 1 in all, shares of 0 left out.
     """
+    found, area, _ = _looked_up(spec, settings)
+    shares = dict.fromkeys(("measured", "published", "computed", "assumed"), 0.0)
+    for lookup in found:
+        for status, share in zip(lookup.status, area.tolist(), strict=True):
+            shares["published" if status.startswith("public") else status] += share / len(found)
+    return {status: share for status, share in shares.items() if share > 0.0}
+
+
+def mean_sds(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[str, float]:
+    """Standard deviation of the mean of each cover of the scored area, [dB] or [1], over the sensor's channels."""
+    found, area, names = _looked_up(spec, settings)
+    sd = np.mean([one.mean_sd_db if hasattr(one, "mean_sd_db") else one.mean_sd for one in found], axis=0)
+    return {name: float(x) for name, x, share in zip(names, sd, area, strict=True) if share > 0.0 and x > 0.0}
+
+
+def _looked_up(
+    spec: CampaignSpec, settings: Mapping[str, float | str]
+) -> tuple[list[Any], FloatArray, tuple[str, ...]]:
+    """Look-ups of all channels, share of each category in the scored area, and the categories' names."""
     task = task_of(spec, NO_RUN, settings)
     scene, sensor, table = scene_at(task.scene), configuration(task), task.scattering
     if isinstance(sensor, RadarConfiguration):
-        found = [lookup.status for lookup in look_up(scene, sensor, table, nominal_ground_state(sensor))]
+        found: list[Any] = list(look_up(scene, sensor, table, nominal_ground_state(sensor)))
     else:
-        found = [table.lookup(scene.categories, sensor.frequency_ghz, channel).status for channel in sensor.channels]
-    cells = np.bincount(scene.cover[scene.scored & scene.valid()], minlength=len(scene.categories))
-    area = cells[: len(scene.categories)] / max(int(cells[: len(scene.categories)].sum()), 1)
-    shares = dict.fromkeys(("measured", "published", "computed", "assumed"), 0.0)
-    for statuses in found:
-        for status, share in zip(statuses, area.tolist(), strict=True):
-            shares["published" if status.startswith("public") else status] += share / len(found)
-    return {status: share for status, share in shares.items() if share > 0.0}
+        found = [table.lookup(scene.categories, sensor.frequency_ghz, channel) for channel in sensor.channels]
+    cells = np.bincount(scene.cover[scene.scored & scene.valid()], minlength=256)[: len(scene.categories)]
+    return found, cells / max(int(cells.sum()), 1), scene.categories

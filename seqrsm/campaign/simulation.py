@@ -18,6 +18,7 @@ from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
+from seqrsm.scattering.worlds import OneAway, World
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
@@ -53,8 +54,9 @@ class SimulationTask:
         How faithful the simulation must be.
     occasion : int or None
         Number of the occasion that runs share; None: one of its own.
-    world : int or None
-        Number of the world (`seqrsm.scattering.worlds`); None: the table's own means.
+    world : int, (str, float) or None
+        Number of the world (`seqrsm.scattering.worlds`); a cover whose mean alone is off by so many of its standard
+        deviations; None: the table's own means.
     """
 
     engine: str
@@ -67,13 +69,15 @@ class SimulationTask:
     utilities: tuple[tuple[str, str], ...]
     demand: Demand = field(default_factory=Demand)
     occasion: int | None = None
-    world: int | None = None
+    world: int | tuple[str, float] | None = None
 
     @property
     def scattering(self) -> Any:
         """The table of sigma0 or emissivity in the task's world."""
         table = ENGINES[self.engine].table(self.table)
-        return table if self.world is None else table.in_world(self.seed, self.world)
+        if self.world is None:
+            return table
+        return table.in_world(World(self.seed, self.world) if isinstance(self.world, int) else OneAway(*self.world))
 
     @property
     def stream(self) -> int:
@@ -172,6 +176,15 @@ def bundle_tasks(spec: CampaignSpec, settings: Mapping[str, float | str]) -> lis
         for w in range(N_WORLDS)
         for k in range(OCCASIONS)
     ]
+
+
+def one_away_tasks(
+    spec: CampaignSpec, settings: Mapping[str, float | str], covers: Sequence[str]
+) -> list[SimulationTask]:
+    """The table's own means, then each cover's mean a standard deviation up, and down; `OCCASIONS` the same of each."""
+    worlds = [None, *((cover, sds) for cover in covers for sds in (1.0, -1.0))]
+    ids = [_BUNDLE + k for k in range(OCCASIONS)]
+    return [replace(task_of(spec, i, settings), world=world) for world in worlds for i in ids]
 
 
 @lru_cache(maxsize=4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from seqrsm.analysis.ground import RANKED
 from seqrsm.cli.blocks import show_blocks, show_sections
 from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
@@ -12,6 +13,7 @@ from seqrsm.design.factors import setting_with_unit
 from seqrsm.report.rounding import format_significant
 from seqrsm.report.sections.application import application_sections
 from seqrsm.report.sections.compromise import compromise_section
+from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import summary_section
@@ -52,6 +54,9 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     show_sections(importance_section(analysis, "") for analysis in outcome.analyses)
     runs = campaign.store.runs()
     show_sections([summary_section(campaign.spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
+    events = campaign.store.events(kind=RANKED)
+    measure = [measure_section(analysis, events, "measure") for analysis in outcome.analyses]
+    show_sections([section for section in measure if section is not None])
     line()
     if not outcome.held:
         line("Stopped for futility." if outcome.futile else "The budget ended the campaign.")

@@ -9,6 +9,7 @@ from seqrsm.report.sections.application import application_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.data import data_section, question_section, run_section
 from seqrsm.report.sections.literature import literature_section
+from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.sources import assumption_section, image_section, provenance_section
 from seqrsm.report.sections.speed import speed_section
 from seqrsm.report.sections.summary import summary_section
@@ -35,6 +36,8 @@ def build_report(dossier: Dossier) -> Report:
     ]
     for number, analysis in enumerate(analyses, 1):
         parts = application_sections(spec, dossier.looks, analysis, f"a{number}")
+        measure = measure_section(analysis, dossier.events, f"a{number}-measure")
+        parts = parts if measure is None else (*parts, measure)
         if len(analyses) == 1:
             sections += parts
         else:

@@ -30,7 +30,7 @@ from seqrsm.scattering.emissivity_curves import (
 )
 from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, read_rows
-from seqrsm.scattering.worlds import World, default_mean_sd
+from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
 """Frequency at which Table 3 is taken to hold [GHz], inferred from its row of water."""
@@ -157,7 +157,7 @@ class EmissivityTable:
         The user's file, or "".
     mean_sd : Mapping
         Standard deviation of the mean that a user states, by category.
-    world : World or None
+    world : World, OneAway or None
         The world whose means are looked up; None: the table's own.
     """
 
@@ -167,11 +167,11 @@ class EmissivityTable:
     citations: tuple[str, ...]
     file: str = ""
     mean_sd: Mapping[str, float] = field(default_factory=dict)
-    world: World | None = None
+    world: World | OneAway | None = None
 
-    def in_world(self, seed: int, number: int) -> EmissivityTable:
-        """The table with its means and field spreads as world ``number`` of a campaign has them."""
-        return replace(self, world=World(seed, number))
+    def in_world(self, world: World | OneAway) -> EmissivityTable:
+        """The table with its means and field spreads as a world has them."""
+        return replace(self, world=world)
 
     @property
     def categories(self) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ from seqrsm.scattering.curves import (
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_citations, read_rows
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import World, default_mean_sd
+from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -134,7 +134,7 @@ class Sigma0Table:
         Full citation by source key.
     file : str
         The user's file, or "" for the shipped table.
-    world : World or None
+    world : World, OneAway or None
         The world whose means are looked up; None: the table's own.
     """
 
@@ -143,11 +143,11 @@ class Sigma0Table:
     channel_correlation: float
     citations: Mapping[str, str]
     file: str = ""
-    world: World | None = None
+    world: World | OneAway | None = None
 
-    def in_world(self, seed: int, number: int) -> Sigma0Table:
-        """The table with its means and field spreads as world ``number`` of a campaign has them."""
-        return replace(self, world=World(seed, number))
+    def in_world(self, world: World | OneAway) -> Sigma0Table:
+        """The table with its means and field spreads as a world has them."""
+        return replace(self, world=world)
 
     @property
     def categories(self) -> tuple[str, ...]:
@@ -270,7 +270,7 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _evaluate(curve: Curve, channel: str, state: _State, world: World | None) -> _Found:
+def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway | None) -> _Found:
     """One curve at one state."""
     notes = list(curve.notes)
     values = _at_wind(curve, state.wind_m_s)

@@ -91,6 +91,30 @@ class World:
         return float(np.exp(_FIELD_LOG_SD * generator(self.seed, self.number, f"world fields {category}").normal()))
 
 
+@dataclass(frozen=True, slots=True)
+class OneAway:
+    """The tables' own means but for one cover, which is off by so many standard deviations in every channel.
+
+    Attributes
+    ----------
+    category : str
+    deviations : float
+    """
+
+    category: str
+    deviations: float
+
+    def departure(self, category: str, kin: str, frequency_ghz: float, channel: str) -> FloatArray:
+        """As `World.departure`."""
+        del kin, frequency_ghz, channel
+        return np.full(91, self.deviations if category == self.category else 0.0)
+
+    def field_factor(self, category: str) -> float:
+        """As `World.field_factor`."""
+        del category
+        return 1.0
+
+
 @lru_cache(maxsize=512)
 def _deviates(seed: int, number: int, name: str) -> FloatArray:
     """Standard normal chain over frequencies, (nodes, parts, 2)."""

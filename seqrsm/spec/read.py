@@ -43,7 +43,7 @@ The tables and keys of the file; keys without a default must be given, and keys 
     blocks are a sample, and predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``,
     flat by default, see `PriorSpec`; ``discrepancy_sd``: prior standard deviation of the difference between flight and
     simulation in every coded coefficient of first order, in score units (half of it for products and squares), by
-    default the standard deviation of the scores over 5.
+    default as worlds differ, where simulations measured that, else the standard deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
     sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0.5): accepted

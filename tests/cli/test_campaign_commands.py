@@ -62,6 +62,25 @@ def test_run_again_does_nothing_more(finished) -> None:
     assert again["applications"][0]["optimum"] == outcome["applications"][0]["optimum"]
 
 
+def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> None:
+    """Two parts of the half-width, what means rest on, and which are worth measuring: JSON, terminal and report."""
+    (analysis,) = finished[1]["applications"]
+    best, ground = analysis["optimum"], analysis["optimum"]["ground"]
+    whole, chance = ((best[name]["high"] - best[name]["low"]) / 2.0 for name in ("whole", "by_chance"))
+    assert best["whole"] == {k: v for k, v in best["prediction_mean"].items() if k != "replicates"}
+    assert whole**2 == pytest.approx(chance**2 + ground["half_width"] ** 2)
+    assert (ground["n_worlds"], ground["n_simulations"]) == (16, 32)
+    assert sum(finished[1]["rests_on"]["cover"].values()) == pytest.approx(1.0)
+    text = " ".join(ok("run", copy).split())
+    assert "What to measure" in text
+    assert "by what is not known of the ground" in text
+    assert "By area, the means behind the score at these settings are" in text
+    ok("report", copy, "--html", copy / "report.html")
+    page = (copy / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
+    assert "What to measure" in page
+    assert "measured by 32 simulations in 16 worlds" in page
+
+
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:
     other = make_tiny(tmp_path / "other", tiny_scene)
     batches: list[tuple[int, int]] = []
@@ -73,7 +92,8 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     monkeypatch.setattr(runner, "run_many", noted)
     ok("run", other, "--workers", 2)
     assert {workers for _, workers in batches} == {2}  # the confirmation runs among them
-    assert sum(n for n, _ in batches) == len(scores(other)) + 32  # two occasions in each of 16 worlds
+    assert batches.count((32, 2)) == 1  # two occasions in each of 16 worlds
+    assert sum(n for n, _ in batches) > len(scores(other)) + 32  # and what each cover does
     assert scores(other) == scores(finished[0])
     # made at another time, in another folder, by other processes: the same report to the byte
     again = shutil.copytree(finished[0], tmp_path / "again" / "other")

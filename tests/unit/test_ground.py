@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.ground import Ground, ground_of_scores
+from seqrsm.analysis.ground import Ground, ground_of_scores, prior_of_difference, ranked_values
 from seqrsm.campaign.rehearsal import make_campaign
+from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, rule_half_width, target_problem
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import SpecError
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewScore
@@ -80,6 +82,27 @@ def test_what_flights_can_do_where_simulation_cannot() -> None:
     assert n == 6
     assert widths[0] <= 5.0 < widths[1]
     assert flights_needed(StopRule(half_width=1.0), 6.0) is None
+
+
+def test_covers_are_ranked_by_the_variance_they_give() -> None:
+    z = np.random.default_rng(4).standard_normal(400_000)
+    moves = {"Grass": (2.0, 1.5), "Wheat": (1.0, 0.0), "Water": (0.0, 0.0)}
+    values = [{"category": n, "mean_sd": 2.0, "up": c + b, "down": c - b} for n, (b, c) in moves.items()]
+    found = ranked_values(values[::-1])
+    assert [v["category"] for v in found] == ["Grass", "Wheat", "Water"]
+    of = [np.var(b * z + c * z**2) for b, c in moves.values()]
+    assert [v["share"] for v in found] == pytest.approx(np.array(of) / sum(of), rel=0.01)
+    assert [v["share"] for v in ranked_values(values[2:])] == [0.0]
+
+
+def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
+    spec, rng = load_spec(tmp_path), np.random.default_rng(9)
+    model, points = QuadraticModel(spec.factors, 2), np.linspace(-1.0, 1.0, 21)[:, None]
+    ground = Ground(5.0, 3.0, 16, 32)
+    sd = discrepancy_sd(model, prior_of_difference(ground, model, points))
+    difference = model.matrix(points) @ (sd[:, None] * rng.standard_normal((model.p, 20000)))
+    assert np.sqrt(np.mean(np.square(difference))) == pytest.approx(5.0, rel=0.02)
 
 
 def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) -> None:

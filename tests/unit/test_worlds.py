@@ -50,7 +50,7 @@ def test_correlations_are_those_stated(other: tuple, correlation: float) -> None
 
 
 def test_h_and_v_of_emissivity_meet_at_nadir() -> None:
-    one = EMISSIVITY.in_world(3, 7)
+    one = EMISSIVITY.in_world(World(3, 7))
     h, v = (one.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V"))
     own = [EMISSIVITY.lookup(["Trees", "Water"], 20.0, p) for p in ("H", "V")]
     away = [
@@ -90,14 +90,14 @@ def test_a_measured_mean_is_as_uncertain_as_sources_differ(
 
 
 def test_a_world_is_the_same_wherever_it_is_looked_up() -> None:
-    one = TABLE.in_world(1979, 4)
+    one = TABLE.in_world(World(1979, 4))
     both, alone = one.lookup(["Wheat", "Trees"], 3.0, "HH"), one.lookup(["Trees"], 3.0, "HH")
     np.testing.assert_array_equal(both.sigma0[1], alone.sigma0[0])
     plain = TABLE.lookup(["Trees"], 3.0, "HH")
     away = 10.0 * np.log10(alone.sigma0[0] / plain.sigma0[0])
     np.testing.assert_allclose(away, plain.mean_sd_db[0] * World(1979, 4).departure("Trees", "", 3.0, "HH"), atol=1e-9)
     assert alone.field_sd_db[0] / plain.field_sd_db[0] == pytest.approx(World(1979, 4).field_factor("Trees"))
-    assert np.abs(TABLE.in_world(1979, 5).lookup(["Trees"], 3.0, "HH").sigma0 / alone.sigma0 - 1.0).max() > 0.01
+    assert np.abs(TABLE.in_world(World(1979, 5)).lookup(["Trees"], 3.0, "HH").sigma0 / alone.sigma0 - 1.0).max() > 0.01
 
 
 def test_a_user_states_how_well_a_mean_is_known(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_a_user_states_how_well_a_mean_is_known(tmp_path: Path) -> None:
     path.write_text(head + known, encoding="utf-8")
     sure = load_sigma0_table(path)
     np.testing.assert_array_equal(
-        sure.in_world(1, 1).lookup(["Wheat"], 5.0, "HH").sigma0, sure.lookup(["Wheat"], 5.0, "HH").sigma0
+        sure.in_world(World(1, 1)).lookup(["Wheat"], 5.0, "HH").sigma0, sure.lookup(["Wheat"], 5.0, "HH").sigma0
     )
     path.write_text(
         "quantity,category,frequency_ghz,polarization,theta_deg,value,mean_sd,unit,status,source\n"

@@ -1,0 +1,65 @@
+"""What to measure: which means of the tables carry the interval, and what a flight would bring instead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from seqrsm.analysis.ground import RANKED, ranked_values
+from seqrsm.analysis.results import Analysis
+from seqrsm.report.blocks import Paragraph, Section, right, table
+from seqrsm.report.rounding import format_significant
+from seqrsm.report.wording import half_width_text
+from seqrsm.store.records import EventRecord
+
+_SHOWN = 8
+
+
+def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str) -> Section | None:
+    """Return the ranking of covers by their share of what is not known of the ground; None where it was not made.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    events : sequence of EventRecord
+        Those of the kind `seqrsm.analysis.ground.RANKED` among them.
+    key : str
+        Of the section.
+    """
+    found = [e.detail for e in events if e.kind == RANKED and e.detail.get("application") == analysis.application]
+    best = analysis.optimum
+    if not found or best.ground is None or not best.of_ground > 0.0:
+        return None
+    values = ranked_values(found[-1]["values"])
+    total = best.whole.half_width
+
+    def with_less(share: float) -> str:
+        """Half-width where a share of the ground's variance is gone."""
+        return half_width_text(analysis, math.sqrt(max(total**2 - share * best.of_ground**2, 0.0)))
+
+    unit = found[-1]["unit"]
+    rows = tuple(
+        (
+            value["category"],
+            f"\u00b1 {format_significant(value['mean_sd'], 2)}{f' {unit}' if unit else ''}",
+            f"{value['up']:+.1f} / {value['down']:+.1f}",
+            f"{100.0 * value['share']:.0f} %",
+            with_less(0.75 * value["share"]),
+        )
+        for value in values[:_SHOWN]
+    )
+    columns = (
+        "Cover",
+        right("Mean known to"),
+        right("Score by + / \u2212"),
+        right("Share"),
+        right("If halved"),
+    )
+    known = best.ground.sd_chance**2 / (best.ground.sd_ground**2 + best.ground.sd_chance**2)
+    head = (
+        "How the score at the recommended settings moves when one cover's mean is off by its standard deviation, all "
+        "else as the tables have it, and the share of that in all covers. Now the half-width is "
+        f"{half_width_text(analysis, total)}; measuring a cover's mean twice as well would bring the last column, one "
+        f"flight over the ground in question {with_less(1.0 - known)}."
+    )
+    return Section(key, "What to measure", (Paragraph(head), table("Covers by what they carry", columns, rows)))
