@@ -245,7 +245,7 @@ class Campaign:
 
         runs = self.store.runs("scored", source="simulation")
         terms = QuadraticModel(self.spec.factors, self.spec.model.order).p
-        if self.store.events(kind=MEASURED) or n_fitted(self.spec, runs) <= terms:
+        if self.spec.simulator is None or self.store.events(kind=MEASURED) or n_fitted(self.spec, runs) <= terms:
             return
         for application in self.spec.applications:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]

@@ -19,6 +19,9 @@ from typer.testing import CliRunner
 
 import seqrsm.report.sections
 from seqrsm.analysis.belief import Departure
+from seqrsm.analysis.ground import RANKED, Ground
+from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import term_tests
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import CheckResult
@@ -50,9 +53,11 @@ from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.check import check_sections, rehearsal_section
+from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.optimum import optimum_section
 from seqrsm.report.sections.speed import plan_blocks, speed_section, tradeoff_blocks
 from seqrsm.report.sections.study import term_test_table
+from seqrsm.store.records import EventRecord
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -285,9 +290,25 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
             *check_sections(result, every_note=True),
             rehearsal_section(rehearsed),
             Section("tests", "Tests", (term_test_table(tests),)),
+            _measured(studied.analyses[0]),
         ),
         capsys,
     )
+
+
+def _measured(analysis: Analysis) -> Section:
+    """What to measure, where half of the interval is the ground's."""
+    best = analysis.optimum
+    chance = Interval(best.mean - 0.6 * best.whole.half_width, best.mean + 0.6 * best.whole.half_width)
+    known = dataclasses.replace(
+        analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32), by_chance=chance)
+    )
+    values = [{"category": "Grass", "mean_sd": 2.6, "up": 6.0, "down": 1.5}]
+    detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "values": values}
+    found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail),), "measure")
+    assert found is not None
+    assert measure_section(analysis, (), "measure") is None
+    return found
 
 
 BY_REPORT = {
@@ -298,7 +319,8 @@ BY_REPORT = {
     "term_blocks",
 }  # fmt: skip
 BY_NAME = {
-    "check_sections", "plan_blocks", "rehearsal_section", "speed_section", "term_test_table", "tradeoff_blocks",
+    "check_sections", "measure_section", "plan_blocks", "rehearsal_section", "speed_section", "term_test_table",
+    "tradeoff_blocks",
 }  # fmt: skip
 
 

@@ -69,6 +69,10 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(
             simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
+        # These scores know nothing of grounds.
+        monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
+        monkeypatch.setattr(Campaign, "rank_values", lambda *_, **__: None)
+        monkeypatch.setattr(loop, "rests_on", lambda *_: {})
         place = tmp_path / folder
         place.mkdir()
         (place / "campaign.toml").write_text(text, encoding="utf-8")
