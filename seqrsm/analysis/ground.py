@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import chdtri
 
 from seqrsm.analysis.runs import ScoredRuns, occasions_shared
 from seqrsm.arrays import FloatArray
@@ -28,7 +29,7 @@ RANKED = "values"
 
 N_WORLDS, OCCASIONS = 16, 2
 
-_MOST = 0.98
+_MOST, _PARTS = 0.98, 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,11 @@ class Ground:
     Attributes
     ----------
     sd_ground, sd_chance : float
-        Standard deviation from world to world, and from occasion to occasion in one world.
+        Standard deviation from world to world, and from occasion to occasion in one world: estimates without bias of
+        the variance, 0 where it would be negative.
+    share : float
+        Share of a run's variance that is the ground's, 0 to 0.98: the mean of what the bundle leaves possible, since
+        few worlds tell it to a tenth or two and too small a share makes intervals too short.
     n_worlds, n_simulations : int
         Of the bundle that they were measured by.
     """
@@ -47,20 +52,24 @@ class Ground:
     sd_chance: float
     n_worlds: int
     n_simulations: int
-
-    @property
-    def share(self) -> float:
-        """Share of a run's variance that is the ground's, 0 to 0.98."""
-        total = self.sd_ground**2 + self.sd_chance**2
-        return min(self.sd_ground**2 / total, _MOST) if total > 0.0 else 0.0
+    share: float
 
 
 def ground_of_scores(scores: ArrayLike) -> Ground:
     """Analysis of variance of scores (worlds, occasions), at least two of each."""
     y = np.asarray(scores, dtype=np.float64)
+    worlds, m = y.shape
     within = float(np.mean(np.var(y, axis=1, ddof=1)))
-    between = float(np.var(np.mean(y, axis=1), ddof=1)) - within / y.shape[1]
-    return Ground(float(np.sqrt(max(between, 0.0))), float(np.sqrt(within)), y.shape[0], y.size)
+    of_means = float(np.var(np.mean(y, axis=1), ddof=1))
+    # Variances have scaled inverse chi-squared distributions given the scores; middles of equal parts stand for them.
+    parts = (np.arange(_PARTS) + 0.5) / _PARTS
+    chance = within * worlds * (m - 1) / chdtri(worlds * (m - 1), parts)
+    means = of_means * (worlds - 1) / chdtri(worlds - 1, parts)[:, None]
+    ground = np.maximum(means - chance / m, 0.0)
+    total = ground + chance
+    share = float(np.mean(np.divide(ground, total, out=np.zeros_like(total), where=total > 0.0)))
+    sd_ground = float(np.sqrt(max(of_means - within / m, 0.0)))
+    return Ground(sd_ground, float(np.sqrt(within)), worlds, y.size, min(share, _MOST))
 
 
 def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArray) -> float:

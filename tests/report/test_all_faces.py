@@ -301,7 +301,7 @@ def _measured(analysis: Analysis) -> Section:
     best = analysis.optimum
     chance = Interval(best.mean - 0.6 * best.whole.half_width, best.mean + 0.6 * best.whole.half_width)
     known = dataclasses.replace(
-        analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32), by_chance=chance)
+        analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32, 0.6), by_chance=chance)
     )
     values = [{"category": "Grass", "mean_sd": 2.6, "up": 6.0, "down": 1.5}]
     detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "values": values}

@@ -47,9 +47,11 @@ def test_a_bundle_tells_ground_from_chance() -> None:
     found = [ground_of_scores(bundle(rng, 5.0, 3.0)) for _ in range(2000)]
     assert np.mean([one.sd_chance**2 for one in found]) == pytest.approx(9.0, rel=0.04)
     assert np.mean([one.sd_ground**2 for one in found]) == pytest.approx(25.0, rel=0.04)
-    assert ground_of_scores([[1.0, 3.0], [3.0, 1.0]]).share == 0.0  # less between than within
-    assert Ground(1.0, 0.0, 16, 32).share == 0.98
-    assert Ground(0.0, 0.0, 16, 32).share == 0.0
+    assert np.mean([one.share for one in found]) == pytest.approx(25.0 / 34.0, abs=0.03)
+    scores = bundle(rng, 1e-9, 3.0)
+    assert 0.0 < ground_of_scores(scores).share < 0.35  # 16 worlds cannot say that there is nothing
+    assert ground_of_scores(np.repeat(scores[:, :1], 2, axis=1)).share == 0.98
+    assert ground_of_scores(np.ones((16, 2))).share == 0.0
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_flights_differ_from_simulations_as_worlds_do(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text(CAMPAIGN.replace("order = 1", "order = 2"), encoding="utf-8")
     spec, rng = load_spec(tmp_path), np.random.default_rng(9)
     model, points = QuadraticModel(spec.factors, 2), np.linspace(-1.0, 1.0, 21)[:, None]
-    ground = Ground(5.0, 3.0, 16, 32)
+    ground = Ground(5.0, 3.0, 16, 32, 0.7)
     sd = discrepancy_sd(model, prior_of_difference(ground, model, points))
     difference = model.matrix(points) @ (sd[:, None] * rng.standard_normal((model.p, 20000)))
     assert np.sqrt(np.mean(np.square(difference))) == pytest.approx(5.0, rel=0.02)
