@@ -37,7 +37,7 @@ _PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "grow
 """Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
 scatter; growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
-_BEND = (0.0, 1.0)  # mean and standard deviation of an axis's bend
+_BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
 _WALKERS, _STEPS, _KEPT = 32, 100, 20
 _MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
 _IMPORTANCE_DRAWS = 1024
