@@ -391,9 +391,8 @@ def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Pa
         best, searched = found["optimum"], found["searched"]
         assert searched["optimism"] > 0.0, name
         for kind in ("confidence", "prediction", "prediction_mean"):
-            slack = (
-                0.01 * best[kind]["half_width"]
-            )  # what is searched is the quadratic; a process may be a little probable
+            # What is searched is the quadratic; the optimum is that of a process, too, where one is probable.
+            slack = 0.05 * best[kind]["half_width"]
             assert searched[kind]["low"] <= best[kind]["low"] + slack, (name, kind)
             assert searched[kind]["high"] >= best[kind]["high"] - slack, (name, kind)
         assert searched["confidence"]["half_width"] < searched["prediction_mean"]["half_width"]
