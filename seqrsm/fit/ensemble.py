@@ -258,13 +258,8 @@ class _Chain:
             "differential evolution": DifferentialMove(self.ensembles),
             "snooker": SnookerMove(self.ensembles),
         }
-        self._sampler = emcee.EnsembleSampler(
-            self._n,
-            self._target.d,
-            self._target.log_prob,
-            moves=list(zip(self.moves.values(), (0.5, 0.3, 0.2), strict=True)),
-            vectorize=True,
-        )
+        moves = list(zip(self.moves.values(), (0.5, 0.3, 0.2), strict=True))
+        self._sampler = _sampler(self._n, self._target.d, self._target.log_prob, moves)
         self.stored = np.empty((0, self._n, self._target.d))
         self.thin = 1
         self.steps = 0
@@ -364,6 +359,13 @@ def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:
         block = int(np.clip(wanted, _FIRST_BLOCK // 2, 2 * chain.steps))
 
 
+def _sampler(n: int, d: int, log_prob: Callable[[FloatArray], FloatArray], moves: list[Any]) -> Any:
+    """An emcee sampler of ``n`` walkers in ``d`` coordinates."""
+    found = emcee.EnsembleSampler(n, d, log_prob, moves=moves, vectorize=True)
+    found.log_prob_fn = log_prob  # without emcee's wrapper, which prints a traceback where the user presses Ctrl-C
+    return found
+
+
 def short_chain(
     log_posterior: Callable[[FloatArray], FloatArray], start: FloatArray, steps: int, rng: np.random.Generator
 ) -> FloatArray:
@@ -373,7 +375,7 @@ def short_chain(
     test of convergence.
     """
     moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
-    sampler = emcee.EnsembleSampler(*start.shape, log_posterior, vectorize=True, moves=moves)
+    sampler = _sampler(len(start), start.shape[1], log_posterior, moves)
     random = np.random.RandomState(int(rng.integers(2**31))).get_state()
     with np.errstate(invalid="ignore"):  # of walkers that start outside the prior's reach
         sampler.run_mcmc(emcee.State(start, random_state=random), steps, skip_initial_state_check=True)

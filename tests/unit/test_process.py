@@ -9,6 +9,7 @@ from scipy import integrate, stats
 from scipy.special import logsumexp
 
 from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.fit.ensemble import short_chain
 from seqrsm.fit.process import MOST_RUNS, Hyper, Process, bent, trend_columns
 
 CASES = {
@@ -314,3 +315,13 @@ def test_hyperparameters_by_name() -> None:
     np.testing.assert_array_equal(h.lengths, np.exp([[1.0, 2.0]]))
     np.testing.assert_array_equal(h.bends, [[-1.0, 3.0]])
     assert Hyper.of(theta[:, :6], 1, categories=False).between[0] == 1.0
+
+
+def test_an_interrupt_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(_: np.ndarray) -> np.ndarray:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        short_chain(interrupted, np.eye(4, 2), 4, np.random.default_rng(1))
+    told = capsys.readouterr()
+    assert told.out == told.err == ""
