@@ -99,9 +99,9 @@ def _stop_text(dossier: Dossier) -> str:
     }
     return (
         f"Stop rule: the {watched_interval(stop)} at the optimum ({level_text(stop.level)}) has a half-width of at "
-        f"most {with_unit(format_plain(stop.half_width), unit)}, guarded by {guards[stop.guard]}, with pure error "
-        f"known and no significant lack of fit (at {level_text(stop.lack_of_fit_alpha)}); no more than "
-        f"{stop.max_runs} runs."
+        f"most {with_unit(format_plain(stop.half_width), unit)}, guarded by {guards[stop.guard]}; where no surface "
+        "but the quadratic is weighed, pure error must be known, and no lack of fit significant (at "
+        f"{level_text(stop.lack_of_fit_alpha)}); no more than {stop.max_runs} runs."
     )
 
 
