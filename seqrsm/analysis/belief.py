@@ -238,10 +238,11 @@ def intervals(
     """
     at = point[None, :]
     weight = float(scale.weight_at(belief.surface.predict(belief.surface.rows(at)).mean)[0])
-    bands = [belief.bands(at, level, weight, m) for m in replicates]
-    plain = (bands[0].confidence, *(one.prediction for one in bands))
+    bands = {m: belief.bands(at, level, weight, m) for m in dict.fromkeys(replicates)}
+    first = bands[replicates[0]]
+    plain = (first.confidence, *(bands[m].prediction for m in replicates))
     found = tuple(scale.in_scores(float(one.low[0]), float(one.high[0])) for one in plain)
-    return float(scale.to_score(bands[0].mean)[0]), found
+    return float(scale.to_score(first.mean)[0]), found
 
 
 def _strata(n: int) -> FloatArray:

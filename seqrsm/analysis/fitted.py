@@ -22,6 +22,7 @@ from seqrsm.analysis.runs import (
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
 from seqrsm.arrays import FloatArray
+from seqrsm.decide.intervals import independent_runs
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -79,7 +80,7 @@ class Fitted:
 
     def runs_like(self, m: int) -> float:
         """Independent runs whose mean scatters as that of ``m`` runs over one ground."""
-        return 1.0 / (self.ground_share + (1.0 - self.ground_share) / m)
+        return independent_runs("prediction_mean", m, self.ground_share)
 
     @property
     def occasions(self) -> int:

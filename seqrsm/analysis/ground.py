@@ -29,7 +29,10 @@ RANKED = "values"
 
 N_WORLDS, OCCASIONS = 16, 2
 
-_MOST, _PARTS = 0.98, 100
+MOST_SHARE = 0.98
+"""Of a run's variance, the most that is told to be the ground's."""
+
+_PARTS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +72,7 @@ def ground_of_scores(scores: ArrayLike) -> Ground:
     total = ground + chance
     share = float(np.mean(np.divide(ground, total, out=np.zeros_like(total), where=total > 0.0)))
     sd_ground = float(np.sqrt(max(of_means - within / m, 0.0)))
-    return Ground(sd_ground, float(np.sqrt(within)), worlds, y.size, min(share, _MOST))
+    return Ground(sd_ground, float(np.sqrt(within)), worlds, y.size, min(share, MOST_SHARE))
 
 
 def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArray) -> float:

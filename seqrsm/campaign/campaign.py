@@ -20,6 +20,7 @@ from seqrsm.analysis.ground import MEASURED, N_WORLDS, OCCASIONS, RANKED, measur
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, evidence, occasion_of, occasions_shared, scored_runs, share_occasions
 from seqrsm.analysis.to_json import look_summary
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
@@ -31,6 +32,7 @@ from seqrsm.store.store import Store, heartbeat
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
+    from seqrsm.campaign.simulation import SimulationTask
 
 Progress = Callable[[int, int], None]
 WAITING = ("proposed", "issued", "running")
@@ -240,45 +242,35 @@ class Campaign:
 
         At the best settings so far of each application; see `seqrsm.analysis.ground`. An event keeps the scores.
         """
-        from seqrsm.campaign.simulation import bundle_tasks, carry_out, files_of
-        from seqrsm.simulate.runner import run_many
+        from seqrsm.campaign.simulation import bundle_tasks
 
+        if self.spec.simulator is None or self.store.events(kind=MEASURED):
+            return
         runs = self.store.runs("scored", source="simulation")
-        terms = QuadraticModel(self.spec.factors, self.spec.model.order).p
-        if self.spec.simulator is None or self.store.events(kind=MEASURED) or n_fitted(self.spec, runs) <= terms:
+        if n_fitted(self.spec, runs) <= QuadraticModel(self.spec.factors, self.spec.model.order).p:
             return
         for application in self.spec.applications:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
             pick = max if application.goal == "maximize" else min
             settings = pick(found, key=lambda one: one[0])[1].settings
-            tasks = bundle_tasks(self.spec, settings)
-            files = files_of(tasks[0]) if cluster is not None else ()
-            scores: dict[int, float] = {}
-            for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
-                of = [one.score for one in getattr(result, "scores", ()) if one.application == application.name]
-                scores |= {index: of[0]} if of else {}
-            whole = [[scores.get(OCCASIONS * w + k) for k in range(OCCASIONS)] for w in range(N_WORLDS)]
-            whole = [of for of in whole if None not in of]
+            scores = self._scores_of(bundle_tasks(self.spec, settings), application.name, workers, cluster)
+            whole = scores.reshape(N_WORLDS, OCCASIONS)
+            whole = whole[np.isfinite(whole).all(axis=1)]
             if len(whole) > 1:
-                detail = {"application": application.name, "settings": dict(settings), "scores": whole}
+                detail = {"application": application.name, "settings": dict(settings), "scores": whole.tolist()}
                 self.store.add_event(MEASURED, detail)
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
         """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended."""
         from seqrsm.campaign.rests_on import mean_sds
-        from seqrsm.campaign.simulation import carry_out, files_of, one_away_tasks
-        from seqrsm.simulate.runner import run_many
+        from seqrsm.campaign.simulation import one_away_tasks
 
         for analysis in analyses:
             settings = analysis.optimum.settings
             sds = mean_sds(self.spec, settings)
             tasks = one_away_tasks(self.spec, settings, list(sds))
-            files = files_of(tasks[0]) if cluster is not None else ()
-            found = np.full(len(tasks), np.nan)
-            for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
-                of = [one.score for one in getattr(result, "scores", ()) if one.application == analysis.application]
-                found[index] = of[0] if of else np.nan
-            change = np.mean(found.reshape(-1, OCCASIONS), axis=1)
+            scores = self._scores_of(tasks, analysis.application, workers, cluster)
+            change = np.mean(scores.reshape(-1, OCCASIONS), axis=1)
             change = (change[1:] - change[0]).reshape(-1, 2)
             values = [
                 {"category": name, "mean_sd": sd, "up": float(up), "down": float(down)}
@@ -288,6 +280,20 @@ class Campaign:
             unit = "dB" if self.spec.simulator is not None and self.spec.simulator.engine == "psm" else ""
             detail = {"application": analysis.application, "settings": dict(settings), "unit": unit, "values": values}
             self.store.add_event(RANKED, detail)
+
+    @staticmethod
+    def _scores_of(tasks: Sequence[SimulationTask], application: str, workers: int, cluster: str | None) -> FloatArray:
+        """Scores (n,) of an application by simulations that are no run's; nan where one failed."""
+        from seqrsm.campaign.simulation import carry_out, files_of
+        from seqrsm.simulate.runner import run_many
+
+        files = files_of(tasks[0]) if cluster is not None else ()
+        found = np.full(len(tasks), np.nan)
+        for index, result in run_many(carry_out, tasks, workers, silent, cluster, files):
+            for one in getattr(result, "scores", ()):
+                if one.application == application:
+                    found[index] = one.score
+        return found
 
     def _repeat_doubtful(self) -> dict[int, RunRecord]:
         """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from seqrsm.analysis.conclude import stop_rule
-from seqrsm.analysis.ground import ground_of_scores
+from seqrsm.analysis.ground import MOST_SHARE, OCCASIONS, ground_of_scores
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import start_size
@@ -23,9 +23,9 @@ from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.store.store import STORE_NAME, Store
 
-PROBE_WORLDS, OCCASIONS = 4, 2
-"""Worlds, and occasions in each, of simulations at the centre of the region, for each level of the categorical factors;
-they measure noise and time, belong to no run and are not kept."""
+PROBE_WORLDS = 4
+"""Worlds, with `OCCASIONS` in each, of simulations at the centre of the region, for each level of the categorical
+factors; they measure noise and time, belong to no run and are not kept."""
 
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
@@ -184,7 +184,7 @@ def _probe(
         ground, chance = (np.mean([getattr(one, name) ** 2 for one in of]) for name in ("sd_ground", "sd_chance"))
         found.append((float(np.sqrt(ground + chance)), float(ground / max(ground + chance, 1e-300))))
     noise, share = max(found)
-    return noise, min(share, 0.98), len(settings) * (PROBE_WORLDS - 1), seconds, tuple(notes)
+    return noise, min(share, MOST_SHARE), len(settings) * (PROBE_WORLDS - 1), seconds, tuple(notes)
 
 
 def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:

@@ -60,6 +60,26 @@ def noise_share(interval: IntervalKind, replicates: float) -> float:
     return {"prediction": 1.0, "prediction_mean": 1.0 / replicates, "confidence": 0.0}[interval]
 
 
+def independent_runs(
+    interval: IntervalKind, replicates: float, ground_share: float, *, counts_ground: bool = True
+) -> float:
+    """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.
+
+    Parameters
+    ----------
+    interval : "prediction", "prediction_mean" or "confidence"
+    replicates : float
+        m of "prediction_mean".
+    ground_share : float
+        Share of a run's variance that runs over one ground have in common, 0 to below 1.
+    counts_ground : bool
+        Whether that share is part of the interval.
+    """
+    own = noise_share(interval, replicates) * (1.0 - ground_share)
+    share = own + (ground_share if counts_ground else 0.0)
+    return 1.0 / share if share > 0.0 else float("inf")
+
+
 def half_width(
     interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: float = 5
 ) -> FloatArray:

@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.intervals import Agreement, IntervalKind, anytime_half_width, half_width, noise_floor, noise_share
+from seqrsm.decide.intervals import (
+    Agreement,
+    IntervalKind,
+    anytime_half_width,
+    half_width,
+    independent_runs,
+    noise_floor,
+)
 from seqrsm.errors import Problem, SpecError
 
 Guard = Literal["runs", "confirmation", "anytime", "spending"]
@@ -115,9 +122,8 @@ class StopRule:
         interval : str, optional
             The rule's own by default.
         """
-        own = noise_share(interval or self.interval, self.replicates) * (1.0 - self.ground_share)
-        share = own + (self.ground_share if self.counts_ground else 0.0)
-        return 1.0 / share if share > 0.0 else np.inf
+        kind = interval or self.interval
+        return independent_runs(kind, self.replicates, self.ground_share, counts_ground=self.counts_ground)
 
     def min_runs(self, n_terms: int) -> int:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""

@@ -31,6 +31,7 @@ _OCTAVES: Final = 1.75
 _LOWEST_GHZ: Final = 0.125
 _STEPS: Final = 6  # nodes of an octave
 _NODES: Final = 10 * _STEPS + 1
+_NEAR: Final = math.exp(-1.0 / (_STEPS * _OCTAVES))  # correlation of two nodes side by side
 _COMMON, _CO = 0.75, 0.10  # shares of a deviate that all channels, and that HH and VV have in common
 _EMISSIVITY_OWN: Final = 0.3
 _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6}
@@ -73,8 +74,7 @@ class World:
     def _part(self, name: str, node: float, channel: str) -> FloatArray:
         deviate = _deviates(self.seed, self.number, name)
         lower, share = int(node), node % 1.0
-        near = math.exp(-1.0 / (_STEPS * _OCTAVES))
-        size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * near)
+        size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
         here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
         turned = here[:, 0, None] * np.cos(_TURN) + here[:, 1, None] * np.sin(_TURN)
         common, single = turned[0], turned[_PARTS[channel]]
@@ -119,9 +119,8 @@ class OneAway:
 def _deviates(seed: int, number: int, name: str) -> FloatArray:
     """Standard normal chain over frequencies, (nodes, parts, 2)."""
     draws = generator(seed, number, f"world {name}").standard_normal((_NODES, len(_PARTS), 2))
-    near = math.exp(-1.0 / (_STEPS * _OCTAVES))
     for k in range(1, _NODES):
-        draws[k] = near * draws[k - 1] + math.sqrt(1.0 - near**2) * draws[k]
+        draws[k] = _NEAR * draws[k - 1] + math.sqrt(1.0 - _NEAR**2) * draws[k]
     return draws
 
 

@@ -114,8 +114,7 @@ def _departure(analysis: Analysis) -> list[Block]:
     how = (
         "The other surface is a Gaussian process about the quadratic, with a length and a bend of the axis for each "
         "parameter, and noise that may grow where scores are poorer, averaged over what is not known of it; before the "
-        "scores its "
-        f"probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
+        f"scores its probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
     )
     factor = f"natural log of the Bayes factor {found.log_bayes_factor:.1f}"
     if found.probability == 0.0:
