@@ -233,8 +233,7 @@ class Campaign:
             finally:
                 self.store.release(waiting)
             waiting = {run.run_id: run for run in again} | self._repeat_doubtful()
-        if carried:
-            self._measure_ground(workers, cluster)
+        self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 
     def _measure_ground(self, workers: int, cluster: str | None) -> None:
@@ -244,12 +243,14 @@ class Campaign:
         """
         from seqrsm.campaign.simulation import bundle_tasks
 
-        if self.spec.simulator is None or self.store.events(kind=MEASURED):
+        known = {event.detail.get("application") for event in self.store.events(kind=MEASURED)}
+        wanted = [application for application in self.spec.applications if application.name not in known]
+        if self.spec.simulator is None or not wanted:
             return
         runs = self.store.runs("scored", source="simulation")
         if n_fitted(self.spec, runs) <= QuadraticModel(self.spec.factors, self.spec.model.order).p:
             return
-        for application in self.spec.applications:
+        for application in wanted:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
             pick = max if application.goal == "maximize" else min
             settings = pick(found, key=lambda one: one[0])[1].settings

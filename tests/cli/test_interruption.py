@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 from tiny_campaign import TINY, make_tiny
 
+from seqrsm.analysis.ground import MEASURED
+from seqrsm.campaign.campaign import Campaign
+
 
 def _heed_interrupts() -> None:
     """A shell's background jobs inherit deafness to SIGINT."""
@@ -101,3 +104,28 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
     assert "Traceback" not in err
     # no run is left in the hands of the process that is gone
     assert "running" not in {run[4] for run in result(folder)}
+
+
+def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny_scene, monkeypatch) -> None:
+    """Before the next look: else an interrupted campaign would see other intervals than one that was not."""
+    two = TINY.replace("[simulator]", '[[application]]\nname = "again"\nutility = "percent_correct"\n\n[simulator]', 1)
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, two)
+    simulated, calls = Campaign._scores_of, []
+
+    def once(tasks, application, *rest):
+        calls.append(application)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return simulated(tasks, application, *rest)
+
+    monkeypatch.setattr(Campaign, "_scores_of", staticmethod(once))
+    campaign = Campaign.open(folder)
+    campaign.propose()
+    with pytest.raises(KeyboardInterrupt):
+        campaign.simulate()
+    campaign = Campaign.open(folder)
+    assert campaign.simulate() == ()
+    campaign.simulate()
+    measured = [event.detail["application"] for event in campaign.store.events(kind=MEASURED)]
+    assert measured == ["cover", "again"]
+    assert calls == ["cover", "again", "again"]

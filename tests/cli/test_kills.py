@@ -15,6 +15,6 @@ def test_killed_commands_lose_and_double_nothing(tmp_path, tiny_scene, command):
     n = 1 if command == "report" else 2
     expected, seconds = undisturbed(command, tiny_scene, tmp_path / "calm", n)
     # A command that is done before its moment comes counts for nothing: kill early enough.
-    half = 0.2 * min(seconds)
+    half = 0.5 * min(seconds)
     found = episode(command, tiny_scene, tmp_path / "killed", n, random.Random(8), expected, half, max_kills=2)
     assert sum(kill.alive for kill in found.kills) == 2
