@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
+from seqrsm.analysis.ground import RANKED
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.simulation import NO_RUN, bundle_tasks, one_away_tasks, task_of
 from seqrsm.cli.app import app
 from seqrsm.simulate import runner
 from seqrsm.simulate.runner import run_many
@@ -79,6 +83,38 @@ def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> N
     page = (copy / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     assert "What to measure" in page
     assert "measured by 32 simulations in 16 worlds" in page
+
+
+def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
+    """Also where they were ranked at others before."""
+    campaign = Campaign.open(copy)
+    (last,) = campaign.store.events(kind=RANKED)
+    with sqlite3.connect(copy / "campaign.db") as base:
+        base.execute(
+            "update events set detail = ? where kind = ?", (json.dumps(last.detail | {"settings": {}}), RANKED)
+        )
+    ok("run", copy)
+    *_, again = campaign.store.events(kind=RANKED)
+    assert again.detail == last.detail
+
+
+def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
+    spec = Campaign.open(copy).spec
+    settings = {"polarization": "HH", "resolution": 20.0}
+    one, other, none = (task_of(spec, run, settings) for run in (3, 4, NO_RUN))
+    assert none.world is None
+    assert one.world != other.world
+    levels = [task.scattering.lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in (one, other, none)]
+    assert len(set(levels)) == 3
+    bundle = bundle_tasks(spec, settings)
+    worlds, streams = [task.world for task in bundle], {task.stream for task in bundle}
+    assert worlds[0::2] == worlds[1::2]
+    assert len(set(worlds)) == len(bundle) // 2
+    assert len(streams) == len(bundle)
+    away = one_away_tasks(spec, settings, ["Wheat"])
+    plain, up, down = (task.scattering.lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[::2])
+    assert down < plain < up
+    assert {task.stream for task in away[::2]} == {away[0].stream}
 
 
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:

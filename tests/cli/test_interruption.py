@@ -110,10 +110,11 @@ def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny
     """Before the next look: else an interrupted campaign would see other intervals than one that was not."""
     two = TINY.replace("[simulator]", '[[application]]\nname = "again"\nutility = "percent_correct"\n\n[simulator]', 1)
     folder = make_tiny(tmp_path / "tiny", tiny_scene, two)
-    simulated, calls = Campaign._scores_of, []
+    simulated, calls, settings = Campaign._scores_of, [], []
 
     def once(tasks, application, *rest):
         calls.append(application)
+        settings.append(tasks[0].settings)
         if len(calls) == 2:
             raise KeyboardInterrupt
         return simulated(tasks, application, *rest)
@@ -129,3 +130,5 @@ def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny
     measured = [event.detail["application"] for event in campaign.store.events(kind=MEASURED)]
     assert measured == ["cover", "again"]
     assert calls == ["cover", "again", "again"]
+    best = max(campaign.store.runs("scored"), key=lambda run: run.score_of("cover").score)
+    assert settings[0] == best.settings
