@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.calendar import canopy_share
 from seqrsm.scattering.curves import THETA_DEG
 from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity_curves import (
@@ -78,8 +79,10 @@ class GroundModel:
     heating: float
     note: str
 
-    def reflectivity(self, frequency_ghz: float, polarization: str, moisture: FloatArray) -> FloatArray:
-        """1 - emissivity for each of n moistures on `THETA_DEG`, (n, 91)."""
+    def reflectivity(
+        self, frequency_ghz: float, polarization: str, moisture: FloatArray, canopy: float = 1.0
+    ) -> FloatArray:
+        """1 - emissivity for each of n moistures on `THETA_DEG`, (n, 91); ``canopy``: factor of the optical depth."""
         if self.ground == "soil":
             permittivity = permittivity_soil(frequency_ghz, moisture[:, None])
         else:
@@ -90,7 +93,7 @@ class GroundModel:
                 water = permittivity_water_ulaby14([frequency_ghz, TABLE_FREQUENCY_GHZ], WATER_TEMPERATURE_C)
                 only *= abs(complex(water[0] / water[1]))
             permittivity = np.full((len(moisture), 1), only)
-        tau = self.tau_20ghz * (frequency_ghz / TABLE_FREQUENCY_GHZ) ** self.tau_exponent
+        tau = canopy * self.tau_20ghz * (frequency_ghz / TABLE_FREQUENCY_GHZ) ** self.tau_exponent
         theta = np.deg2rad(THETA_DEG)
         return 1.0 - emissivity_mo82(permittivity, self.roughness, tau, self.omega, theta, polarization)
 
@@ -179,7 +182,13 @@ class EmissivityTable:
         return tuple(self.curves)
 
     def lookup(
-        self, categories: Sequence[str], frequency_ghz: float, polarization: str, *, as_printed: bool = False
+        self,
+        categories: Sequence[str],
+        frequency_ghz: float,
+        polarization: str,
+        *,
+        as_printed: bool = False,
+        day: float | None = None,
     ) -> EmissivityLookup:
         """Emissivity of ``categories`` for one channel.
 
@@ -192,6 +201,9 @@ class EmissivityTable:
         polarization : {"H", "V"}
         as_printed : bool
             True takes Table 3 as it stands for any frequency, polarization and moisture, as the report did.
+        day : float or None
+            Day of the year, 1 to 365: the vegetation's optical depth goes with the water of its canopy; None: the
+            table's, which are taken for those of the growing season.
 
         Raises
         ------
@@ -217,7 +229,7 @@ class EmissivityTable:
         found: dict[str, tuple[FloatArray, tuple[str, ...]]] = {}
         for name in dict.fromkeys(names):
             try:
-                found[name] = self._evaluate(name, float(frequency_ghz), polarization, as_printed)
+                found[name] = self._evaluate(name, float(frequency_ghz), polarization, as_printed, day)
             except ScatteringDataError as error:
                 problems.extend(error.problems)
         if problems:
@@ -248,9 +260,12 @@ class EmissivityTable:
             citations=self.citations,
         )
 
-    def _evaluate(self, name: str, f: float, polarization: str, as_printed: bool) -> tuple[FloatArray, tuple[str, ...]]:
+    def _evaluate(
+        self, name: str, f: float, polarization: str, as_printed: bool, day: float | None
+    ) -> tuple[FloatArray, tuple[str, ...]]:
         """Emissivity (1 or n_moistures, 91) of a category, and notes; more than one note means a model was used."""
         curve = self.curves[name]
+        canopy = 1.0 if day is None else canopy_share(name, day, self.file)
         if not curve.printed:
             return between_nodes(name, curve, f, polarization, self.file)[None], (curve.note,)
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
@@ -260,10 +275,10 @@ class EmissivityTable:
         moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
         at_table = (f, polarization) == (TABLE_FREQUENCY_GHZ, "H")
         reference = _reference(model)
-        own = model.reflectivity(f, polarization, moistures)
+        own = model.reflectivity(f, polarization, moistures, canopy)
         ratio = own[:, _HELD] / reference[_HELD]
         value = np.clip(1.0 - (1.0 - table) * ratio, 0.0, 1.0)
-        if at_table and model.ground != "soil":
+        if at_table and model.ground != "soil" and canopy == 1.0:
             return table[None], (curve.note,)
         notes = [curve.note, "Table 3 is carried to V, other frequencies and moistures by tau-omega fits (assumed)"]
         if model.ground == "soil" and f > _SOIL_MODEL_HIGH_GHZ:

@@ -19,6 +19,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.calendar import Course, calendar_sources, course
 from seqrsm.scattering.curves import (
     THETA_DEG,
     Curve,
@@ -47,6 +48,7 @@ _AT_NODE_OCTAVES: Final = 0.01
 _MOISTURE_RANGE: Final = (0.0, 0.6)
 _OH04_MOISTURE_RANGE: Final = (0.04, 0.291)
 _UNKNOWN_SD_DB: Final = 2.0
+_SOIL, _LEVEL_DEG = "Bareground", 40
 _ABOVE_SNOW: Final = ("Trees", "Buildings")
 
 
@@ -90,6 +92,8 @@ class Sigma0Lookup:
         Standard deviation of the mean about that of a given ground [dB], interpolation in frequency included.
     channel_correlation : float
         Correlation of the field-to-field draws of two channels.
+    course : Course or None
+        How the categories go through the year, where a day was asked for.
     status : tuple of str
         What each category rests on.
     notes : tuple of str
@@ -111,6 +115,7 @@ class Sigma0Lookup:
     notes: tuple[str, ...]
     rows: tuple[str, ...]
     citations: tuple[str, ...]
+    course: Course | None = None
 
     @property
     def sd_db(self) -> FloatArray:
@@ -165,6 +170,7 @@ class Sigma0Table:
         soil_moisture: float = DEFAULT_SOIL_MOISTURE,
         snow: Snow = "none",
         snow_depth_cm: float = 15.0,
+        day: float | None = None,
     ) -> Sigma0Lookup:
         """Backscatter of ``categories`` for one channel.
 
@@ -186,6 +192,8 @@ class Sigma0Table:
             Snow on everything but trees and buildings, whose echo comes from above it.
         snow_depth_cm : float
             Its depth [cm], >= 0.
+        day : float or None
+            Day of the year, 1 to 365, on which the covers are met; None: in the middle of ``season``.
 
         Raises
         ------
@@ -206,6 +214,7 @@ class Sigma0Table:
                 problems.extend(error.problems)
         if problems:
             raise ScatteringDataError(*dict.fromkeys(problems))
+        through = None if day is None else self._course(found, float(frequency_ghz), channel, state)
         spread = {category: self._variability(category, channel) for category in found}
         factor = {category: self.world.field_factor(category) if self.world else 1.0 for category in found}
         notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
@@ -215,19 +224,38 @@ class Sigma0Table:
         groups = [*(curve.sources for curve in used), *(v.sources for v in spread.values())]
         keys = dict.fromkeys(key for group in groups for key in group)
         names = tuple(categories)
+        value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
+        sd = np.array([found[name].mean_sd_db for name in names])
+        if through is not None and day is not None:
+            through = through.of([list(found).index(name) for name in names])
+            value = value + np.array([through.at_angles(k, day, THETA_DEG) for k in range(len(names))])
+            sd = np.hypot(sd, through.sd_db)
+            keys = dict.fromkeys((*keys, *calendar_sources(names)))
         return Sigma0Lookup(
             categories=names,
             theta_deg=THETA_DEG,
-            sigma0=db_to_linear(np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)),
+            sigma0=db_to_linear(value),
             field_sd_db=np.array([spread[name].field_sd_db * factor[name] for name in names]),
             date_sd_db=np.array([spread[name].date_sd_db for name in names]),
-            mean_sd_db=np.array([found[name].mean_sd_db for name in names]),
+            mean_sd_db=sd,
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
             notes=tuple(notes),
             rows=tuple(dict.fromkeys(row for curve in used for row in curve.rows)),
             citations=tuple(f"{key}: {self.citations.get(key, 'user')}" for key in keys),
+            course=through,
         )
+
+    def _course(self, found: Mapping[str, _Found], frequency_ghz: float, channel: str, state: _State) -> Course:
+        """Course of categories through the year, as the table's world has it."""
+        soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or shipped_curves()[_SOIL, DEFAULT_SEASON]
+        level = np.array([item.value_db[_LEVEL_DEG] for item in found.values()])
+        bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
+        own = course(tuple(found), frequency_ghz, channel, level, bare, self.file)
+        if self.world is None:
+            return own
+        departure = [self.world.season(category, frequency_ghz, channel) for category in found]
+        return replace(own, change_db=own.change_db + own.sd_db[:, None] * np.array(departure))
 
     def _curve(self, category: str, season: str) -> Curve:
         curve = self.curves.get((category, season))

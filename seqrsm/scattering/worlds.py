@@ -11,6 +11,8 @@ over one ground meet the same world on different occasions. Departures are norma
   nadir to 0.7 at grazing between H and V of emissivity.
 * bands: exp(-octaves / 1.75), 0.3 between L and C band (assumed).
 * angles: cos(2 (a - b)), so that 30 degrees apart half of a departure is left (assumed).
+* days: the course of a cover through the year departs by four harmonics of the year, which lose half of their
+  correlation in some 45 days (assumed).
 """
 
 from __future__ import annotations
@@ -38,6 +40,8 @@ _PARTS: Final = {"common": 0, "co": 1, "HH": 2, "HV": 3, "VV": 4, "H": 5, "V": 6
 _ANGLE_RATE: Final = 2.0
 _FIELD_LOG_SD: Final = 0.3  # of the field-to-field standard deviations of the classes of the Flevoland flight
 _TURN: Final = _ANGLE_RATE * np.deg2rad(np.arange(91.0) - 40.0)
+_YEAR: Final = 2.0 * np.pi * np.arange(1.0, 366.0) / 365.0
+_HARMONICS: Final = (0.4, 0.3, 0.2, 0.1)  # shares of the variance
 _SLANT: Final = np.sin(np.deg2rad(np.arange(91.0)))
 
 
@@ -68,15 +72,28 @@ class World:
         """
         own = 1.0 - _ALL - (_KIN if kin else 0.0)
         parts = [("", _ALL), (f"kin {kin}", 1.0 - _ALL - own), (f"cover {category}", own)]
-        at = float(np.clip(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0, _NODES - 1.001))
-        return np.asarray(sum(math.sqrt(w) * self._part(name, at, channel) for name, w in parts if w > 0.0))
+        return np.asarray(
+            sum(math.sqrt(w) * self._part(name, frequency_ghz, channel, _TURN) for name, w in parts if w > 0.0)
+        )
 
-    def _part(self, name: str, node: float, channel: str) -> FloatArray:
+    def season(self, category: str, frequency_ghz: float, channel: str) -> FloatArray:
+        """Standard normal departure (365,) of the course of a cover's backscatter on days 1 to 365.
+
+        Of the same frequencies and channels as `departure`; independent of it and of other covers.
+        """
+        waves = [
+            math.sqrt(share) * self._part(f"season {h} {category}", frequency_ghz, channel, h * _YEAR)
+            for h, share in enumerate(_HARMONICS, start=1)
+        ]
+        return np.asarray(sum(waves))
+
+    def _part(self, name: str, frequency_ghz: float, channel: str, phase: FloatArray) -> FloatArray:
         deviate = _deviates(self.seed, self.number, name)
+        node = float(np.clip(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0, _NODES - 1.001))
         lower, share = int(node), node % 1.0
         size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
         here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
-        turned = here[:, 0, None] * np.cos(_TURN) + here[:, 1, None] * np.sin(_TURN)
+        turned = here[:, 0, None] * np.cos(phase) + here[:, 1, None] * np.sin(phase)
         common, single = turned[0], turned[_PARTS[channel]]
         if channel in ("H", "V"):
             apart = _EMISSIVITY_OWN * _SLANT**2
@@ -108,6 +125,11 @@ class OneAway:
         """As `World.departure`."""
         del kin, frequency_ghz, channel
         return np.full(91, self.deviations if category == self.category else 0.0)
+
+    def season(self, category: str, frequency_ghz: float, channel: str) -> FloatArray:
+        """As `World.season`: the course is the table's own."""
+        del category, frequency_ghz, channel
+        return np.zeros(_YEAR.size)
 
     def field_factor(self, category: str) -> float:
         """As `World.field_factor`."""

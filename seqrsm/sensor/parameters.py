@@ -190,7 +190,10 @@ _RECEIVERS: Final = ("linear", "square_law", "saturation", "compression", "agc")
 
 RADAR: Final = _table(
     _number("frequency_ghz", "GHz", 0.1, 100.0, "carrier frequency", name="frequency"),
-    Parameter("polarization", "channels", "channels", "channels imaged together", levels=("HH", "HV", "VV")),
+    Parameter(
+        "polarization", "channels", "channels", "channels imaged together, transmitted and received; R is circular",
+        levels=("HH", "HV", "VV", "VH", "RH", "RV"),
+    ),
     _number("resolution_m", "m", 0.05, 1e5, "side of the final resolution cell on the ground", name="resolution"),
     _number("bandwidth_mhz", "MHz", 1e-3, 1e4, "bandwidth of the pulse", name="bandwidth"),
     _number("peak_power_w", "W", 1e-6, 1e9, "peak transmitted power", name="peak_power"),

@@ -22,7 +22,11 @@ from seqrsm.sensor.parameters import RADAR, configured, value_problems
 from seqrsm.units import db_to_linear
 
 CHANNELS: Final = RADAR["polarization"].levels
-"""Polarization channels in the order of every draw; the first letter is transmitted."""
+"""Polarization channels in the order of every draw; the first letter is transmitted, R being right circular."""
+
+GROUND_OF: Final = {"HH": "HH", "HV": "HV", "VV": "VV", "VH": "HV", "RH": "HH", "RV": "VV"}
+"""Channel of the scattering tables that each channel's draws are those of: VH is HV, a circular wave's echo mostly the
+like-polarized one."""
 
 GAUSSIAN_LOOKS: Final = 16.0
 """Least looks for eq. (3-12): there it is negative with probability Phi(-4) = 3e-5."""
@@ -43,7 +47,8 @@ class RadarConfiguration:
     frequency_ghz : float
         Carrier frequency [GHz], 0.1 to 100.
     channels : tuple of str
-        Polarization channels imaged together, of HH, HV, VV. Transmit polarizations take turns and share the pulses.
+        Polarization channels imaged together, of HH, HV, VV, VH, RH, RV: transmitted, then received; R is circular.
+        Transmit polarizations take turns and share the pulses.
     resolution_m : float
         Side of the final resolution cell on the ground [m].
     bandwidth_mhz : float
@@ -446,6 +451,9 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if radar.near_incidence_deg >= radar.far_incidence_deg:
         text = "the near edge of the swath lies beyond the far edge"
         yield at_fault(radar, "near_incidence_deg", text, "Keep it below far_incidence_deg")
+    if {"HV", "VH"} <= set(radar.channels):
+        text = "HV and VH tell the same of the ground"
+        yield at_fault(radar, "polarization", text, "Leave one out: HH+HV+VV are all there is to know")
     if radar.fading == "gaussian" and radar.looks is not None and radar.looks < GAUSSIAN_LOOKS:
         share = 50.0 * math.erfc(math.sqrt(0.5 * radar.looks))
         text = f"the Gaussian form of fading is negative in {share:.2g} percent of pixels of {radar.looks:g} looks"

@@ -10,6 +10,7 @@ import pytest
 
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.occasion import draw_ground_state, draw_occasion, nominal_ground_state, nominal_occasion
+from seqrsm.simulate.visits import ONCE
 
 
 def radar(polarization):
@@ -23,6 +24,7 @@ def lookup(field_sd=(1.5, 0.5), date_sd=(2.0, 1.0), correlation=0.6):
         field_sd_db=np.array(field_sd),
         date_sd_db=np.array(date_sd),
         channel_correlation=correlation,
+        course=None,
     )
 
 
@@ -30,7 +32,7 @@ fields_of_two = np.tile(np.array([0, 1, 255], dtype=np.uint8), 20_000)
 
 
 def test_fields_spread_as_the_table_says():
-    o = draw_occasion(radar("HH+VV"), [lookup(), lookup()], fields_of_two, (0.2, 5.0), seed=1, run_id=1)
+    o = draw_occasion(radar("HH+VV"), [lookup(), lookup()], fields_of_two, (0.2, 5.0), ONCE, seed=1, run_id=1)
     n = 20_000
     for c in range(2):
         for k, sd in ((0, 1.5), (1, 0.5)):
@@ -47,7 +49,7 @@ def test_dates_spread_and_correlate_over_runs():
     draws = np.array(
         [
             draw_occasion(
-                radar("HH+HV"), [lookup(), lookup()], fields_of_two[:3], (0.2, 5.0), seed=1, run_id=k
+                radar("HH+HV"), [lookup(), lookup()], fields_of_two[:3], (0.2, 5.0), ONCE, seed=1, run_id=k
             ).class_offset_db
             for k in range(3000)
         ]
@@ -58,17 +60,17 @@ def test_dates_spread_and_correlate_over_runs():
 
 
 def test_a_channel_draws_the_same_whoever_is_beside_it():
-    alone = draw_occasion(radar("VV"), [lookup()], fields_of_two, (0.2, 5.0), seed=1, run_id=4)
-    beside = draw_occasion(radar("HH+HV+VV"), [lookup()] * 3, fields_of_two, (0.2, 5.0), seed=1, run_id=4)
+    alone = draw_occasion(radar("VV"), [lookup()], fields_of_two, (0.2, 5.0), ONCE, seed=1, run_id=4)
+    beside = draw_occasion(radar("HH+HV+VV"), [lookup()] * 3, fields_of_two, (0.2, 5.0), ONCE, seed=1, run_id=4)
     np.testing.assert_array_equal(alone.field_offset_db[0], beside.field_offset_db[2])
     np.testing.assert_array_equal(alone.class_offset_db[0], beside.class_offset_db[2])
-    other = draw_occasion(radar("VV"), [lookup()], fields_of_two, (0.2, 5.0), seed=1, run_id=5)
+    other = draw_occasion(radar("VV"), [lookup()], fields_of_two, (0.2, 5.0), ONCE, seed=1, run_id=5)
     assert not np.array_equal(alone.class_offset_db, other.class_offset_db)
 
 
 def test_moisture_and_wind_are_uniform_between_their_ends():
     r = radar("HH")
-    x = np.array([draw_ground_state(r, seed=3, run_id=k) for k in range(2000)])
+    x = np.array([draw_ground_state(r, ONCE, seed=3, run_id=k) for k in range(2000)])
     assert ((x >= [0.10, 2.0]) & (x <= [0.30, 8.0])).all()
     np.testing.assert_allclose(x.mean(axis=0), [0.2, 5.0], atol=np.array([0.2, 6.0]).max() * 4.5 / np.sqrt(12 * 2000))
     np.testing.assert_allclose(x.std(axis=0), np.array([0.2, 6.0]) / np.sqrt(12), rtol=0.06)
@@ -76,7 +78,7 @@ def test_moisture_and_wind_are_uniform_between_their_ends():
 
 
 def test_the_record_is_plain_data():
-    o = draw_occasion(radar("HH+VV"), [lookup(), lookup()], fields_of_two[:6], (0.2, 5.0), seed=1, run_id=1)
+    o = draw_occasion(radar("HH+VV"), [lookup(), lookup()], fields_of_two[:6], (0.2, 5.0), ONCE, seed=1, run_id=1)
     record = json.loads(json.dumps(o.record(("HH", "VV"), ("Wheat", "Water"))))
     assert record["soil_moisture"] == 0.2
     assert set(record["class_offset_db"]["HH"]) == {"Wheat", "Water"}

@@ -12,9 +12,10 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.scene.layers import categories_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion
 from seqrsm.simulate.radar.texture import with_texture
+from seqrsm.simulate.visits import Visit
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
@@ -32,18 +33,24 @@ def met_occasion(
     table: Sigma0Table,
     lookups: list[Sigma0Lookup],
     ground_state: tuple[float, float],
+    visit: Visit,
     *,
     seed: int,
     run_id: int,
 ) -> Occasion:
-    """Everything random of the ground in a run: fields, date, what the scene's moisture does, texture."""
-    drawn = draw_occasion(radar, lookups, categories_of_fields(scene), ground_state, seed=seed, run_id=run_id)
-    wet = with_moisture(drawn, scene, radar, table, lookups)
-    return with_texture(wet, scene, radar, lookups, seed=seed, run_id=run_id)
+    """Everything random of the ground on a visit: fields, date, what the scene's moisture does, texture."""
+    drawn = draw_occasion(radar, lookups, categories_of_fields(scene), ground_state, visit, seed=seed, run_id=run_id)
+    wet = with_moisture(drawn, scene, radar, table, lookups, visit.day)
+    return with_texture(wet, scene, radar, lookups, visit, seed=seed, run_id=run_id)
 
 
 def with_moisture(
-    occasion: Occasion, scene: Scene, radar: RadarConfiguration, table: Sigma0Table, lookups: list[Sigma0Lookup]
+    occasion: Occasion,
+    scene: Scene,
+    radar: RadarConfiguration,
+    table: Sigma0Table,
+    lookups: list[Sigma0Lookup],
+    day: float | None = None,
 ) -> Occasion:
     """The occasion with each field as wet as the scene's layer says; itself where the scene has none.
 
@@ -57,7 +64,7 @@ def with_moisture(
     moisture = np.clip(layer + occasion.soil_moisture - middle, *MOISTURE_RANGE)
     nodes = np.linspace(float(np.nanmin(moisture)), float(np.nanmax(moisture)), MOISTURE_NODES)
     theta = math.degrees(radar.centre_incidence_rad)
-    steps = [look_up(scene, radar, table, (float(node), occasion.wind_m_s)) for node in nodes]
+    steps = [look_up(scene, radar, table, (float(node), occasion.wind_m_s), day) for node in nodes]
     category = categories_of_fields(scene)
     known = (category < len(scene.categories)) & np.isfinite(moisture)
     offset = occasion.field_offset_db.copy()
@@ -77,22 +84,37 @@ def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:
 
 
 def look_up(
-    scene: Scene, radar: RadarConfiguration, table: Sigma0Table, ground_state: tuple[float, float]
+    scene: Scene,
+    radar: RadarConfiguration,
+    table: Sigma0Table,
+    ground_state: tuple[float, float],
+    day: float | None = None,
 ) -> list[Sigma0Lookup]:
-    """Backscatter of the scene's categories in each channel at a moisture [m3/m3] and wind [m/s]."""
+    """Backscatter of the scene's categories in each channel at a moisture [m3/m3], wind [m/s] and day of the year.
+
+    RH and RV, circular waves received at H and V, are half the sum of HH or VV and HV, whose echoes are independent.
+    """
     snow: dict[str, float | str] = {}
     if radar.snow != "none":
         snow = {"snow": radar.snow, "snow_depth_cm": radar.snow_depth_cm}
-    find: Callable[..., Sigma0Lookup] = table.lookup
-    return [
-        find(
+
+    def find(channel: str) -> Sigma0Lookup:
+        lookup: Callable[..., Sigma0Lookup] = table.lookup
+        return lookup(
             scene.categories,
             radar.frequency_ghz,
             channel,
             season=radar.season,
             wind_m_s=ground_state[1],
             soil_moisture=ground_state[0],
+            day=day,
             **snow,
         )
-        for channel in radar.channels
-    ]
+
+    found = []
+    for channel in radar.channels:
+        like = find(GROUND_OF[channel])
+        if channel[0] == "R":
+            like = replace(like, sigma0=0.5 * (like.sigma0 + find("HV").sigma0))
+        found.append(like)
+    return found

@@ -6,18 +6,34 @@ ground, keyed by the campaign's seed and the run's id, and repeats of one settin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
-from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
+from seqrsm.scattering.calendar import DAYS, Course
+from seqrsm.scattering.readers import POLARIZATIONS
+from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
+from seqrsm.simulate.visits import (
+    Visit,
+    deviates,
+    fading_departure,
+    field_shift_days,
+    moisture_share,
+    year_shift_days,
+)
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
+
+_WEATHER_DB: Final = (0.8, 1.1)  # common to all crops on a date, HH and VV, HV
+_CROP_WEATHER_DB: Final = 0.6  # a crop's own
+_YEAR_DB: Final = 1.0  # assumed
+_KEPT: Final = 2.0 / 3.0  # of what fades, where fields are shifted: the measured split took no shift off (assumed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,16 +70,18 @@ class Occasion:
         }
 
 
-def draw_ground_state(radar: RadarConfiguration, *, seed: int, run_id: int) -> tuple[float, float]:
-    """Soil moisture [m3/m3] and wind speed [m/s] of a run, uniform between the radar's stated ends.
+def draw_ground_state(radar: RadarConfiguration, visit: Visit, *, seed: int, run_id: int) -> tuple[float, float]:
+    """Soil moisture [m3/m3] and wind speed [m/s] of a visit, uniform between the radar's stated ends.
 
     Parameters
     ----------
     radar : RadarConfiguration
+    visit : Visit
     seed, run_id : int
         Campaign and run.
     """
-    moisture, wind = generator(seed, run_id, "ground state").random(2)
+    moisture = moisture_share(visit, seed=seed, run_id=run_id)
+    wind = generator(seed, run_id, visit.dated("wind")).random()
     return (
         float(radar.soil_moisture_low + moisture * (radar.soil_moisture_high - radar.soil_moisture_low)),
         float(radar.wind_low_m_s + wind * (radar.wind_high_m_s - radar.wind_low_m_s)),
@@ -75,15 +93,20 @@ def draw_occasion(
     lookups: Sequence[Sigma0Lookup],
     field_category: AnyArray,
     ground_state: tuple[float, float],
+    visit: Visit,
     *,
     seed: int,
     run_id: int,
 ) -> Occasion:
-    """Draw the offsets of classes and fields of one run.
+    """Draw the offsets of classes and fields of one visit.
 
     Offsets are Gaussian in decibels with the table's standard deviations, so the table's value is their median. Two
     channels share the part of the variance that the table gives as their correlation. A channel's draw does not depend
-    on which other channels are imaged.
+    on which other channels, sensors or later dates there are.
+
+    On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date, common
+    to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.6 dB), a level (1 dB) and a shift of the year, and fields
+    with a lasting departure, one that fades, and a shift of their own (`seqrsm.scattering.calendar`).
 
     Parameters
     ----------
@@ -94,6 +117,7 @@ def draw_occasion(
         Category of each field, 255 for none.
     ground_state : tuple of float
         Of `draw_ground_state`.
+    visit : Visit
     seed, run_id : int
         Campaign and run.
 
@@ -102,21 +126,69 @@ def draw_occasion(
     Occasion
     """
     n_categories = lookups[0].sigma0.shape[0]
-    n_fields = len(field_category)
-    dates = generator(seed, run_id, "date backscatter").standard_normal((1 + len(CHANNELS), n_categories))
-    plots = generator(seed, run_id, "field backscatter").standard_normal((1 + len(CHANNELS), n_fields))
     known = field_category < n_categories
     category = np.where(known, field_category, 0).astype(np.int64)
     class_offset = np.empty((len(lookups), n_categories))
-    field_offset = np.empty((len(lookups), n_fields))
+    field_offset = np.empty((len(lookups), len(field_category)))
     for c, (channel, lookup) in enumerate(zip(radar.channels, lookups, strict=True)):
-        own = 1 + CHANNELS.index(channel)
-        shared = np.broadcast_to(np.asarray(lookup.channel_correlation, dtype=np.float64), (n_categories,))
-        class_offset[c] = lookup.date_sd_db * (np.sqrt(shared) * dates[0] + np.sqrt(1.0 - shared) * dates[own])
-        part = shared[category]
-        deviate = np.sqrt(part) * plots[0] + np.sqrt(1.0 - part) * plots[own]
-        field_offset[c] = np.where(known, lookup.field_sd_db[category] * deviate, 0.0)
+        draw = _Draws(seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
+        if lookup.course is None or visit.day is None:
+            class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
+            deviation = lookup.field_sd_db[category] * draw("field backscatter", category.size)
+        else:
+            class_offset[c], deviation = _dated(draw, lookup, lookup.course, category, visit, visit.day)
+        field_offset[c] = np.where(known, deviation, 0.0)
     return Occasion(ground_state[0], ground_state[1], class_offset, field_offset)
+
+
+@dataclass(frozen=True, slots=True)
+class _Draws:
+    """Standard normal draws of one channel of a run."""
+
+    seed: int
+    run_id: int
+    frequency_ghz: float
+    channel: str
+    shared: float
+
+    def __call__(self, purpose: str, n: int) -> FloatArray:
+        common, own = deviates(
+            self.seed, self.run_id, purpose, (1 + len(POLARIZATIONS), n), self.frequency_ghz
+        )[[0, 1 + POLARIZATIONS.index(self.channel)]]  # fmt: skip
+        return np.asarray(math.sqrt(self.shared) * common + math.sqrt(1.0 - self.shared) * own)
+
+
+def _dated(
+    draw: _Draws, lookup: Sigma0Lookup, course: Course, category: IntArray, visit: Visit, day: float
+) -> tuple[FloatArray, FloatArray]:
+    """Offsets of classes (n_categories,) and of fields (n_fields,) on a day of the year [dB]."""
+    key = {"seed": draw.seed, "run_id": draw.run_id}
+    n = len(course.even)
+    late = np.where(course.even, 0.0, year_shift_days(n, **key))
+    moved = np.array([np.interp(day - late[k], DAYS, course.change_db[k], period=365.0) for k in range(n)])
+    now = np.array([np.interp(day, DAYS, course.change_db[k], period=365.0) for k in range(n)])
+    own = draw(visit.dated("date backscatter"), n)
+    weather = _WEATHER_DB[draw.channel == "HV"] * draw(visit.dated("weather"), 1) + _CROP_WEATHER_DB * own
+    year = _YEAR_DB * draw("year backscatter", n)
+    offset = np.where(course.even, lookup.date_sd_db * own, moved - now + year + weather)
+    past = visit.days[: visit.number + 1]
+    draws = ("lasting backscatter", *(Visit(visit.days, t).dated("field backscatter") for t in range(len(past))))
+    shift = course.shift_days[category]
+    deviate = fading_departure(
+        tuple(draw(purpose, category.size) for purpose in draws),
+        past,
+        course.lasting_share[category],
+        course.memory_days[category],
+        np.where(shift > 0.0, _KEPT, 1.0),
+    )
+    spread = np.array([np.interp(day, DAYS, course.spread[k], period=365.0) for k in range(n)])
+    deviation = (lookup.field_sd_db * spread)[category] * deviate
+    shifts = field_shift_days(shift, **key)
+    for k in np.flatnonzero(course.shift_days > 0.0):
+        mine = category == k
+        at = day - late[k] - shifts[mine]
+        deviation[mine] += np.interp(at, DAYS, course.change_db[k], period=365.0) - moved[k]
+    return offset, deviation
 
 
 def nominal_ground_state(radar: RadarConfiguration) -> tuple[float, float]:

@@ -39,6 +39,7 @@ from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.row_law import row_law
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
 from seqrsm.simulate.threads import block, in_threads
+from seqrsm.simulate.visits import ONCE, Visit
 from seqrsm.units import linear_to_db
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def simulate_radar(
     random_occasion: bool = True,
     threads: int = 1,
     targets: Sequence[CulturalTarget] = (),
+    visit: Visit = ONCE,
 ) -> RadarImage:
     """Image of a scene by a radar on one occasion.
 
@@ -78,6 +80,8 @@ def simulate_radar(
         Threads that share the columns of a large scene.
     targets : sequence of CulturalTarget
         Man-made objects on top of the scene's cover.
+    visit : Visit
+        Which of a run's images this is.
 
     Returns
     -------
@@ -93,19 +97,21 @@ def simulate_radar(
         No cell has an elevation, or a target lies outside the scene.
     """
     frame = make_frame(scene, radar, precision)
-    state = draw_ground_state(radar, seed=seed, run_id=run_id) if random_occasion else nominal_ground_state(radar)
-    lookups = look_up(scene, radar, table, state)
+    key = {"seed": seed, "run_id": run_id}
+    state = draw_ground_state(radar, visit, **key) if random_occasion else nominal_ground_state(radar)
+    lookups = look_up(scene, radar, table, state, visit.day)
     if random_occasion:
-        occasion = met_occasion(scene, radar, table, lookups, state, seed=seed, run_id=run_id)
+        occasion = met_occasion(scene, radar, table, lookups, state, visit, **key)
     else:
         still = nominal_occasion(lookups, categories_of_fields(scene), state)
-        occasion = with_moisture(still, scene, radar, table, lookups)
+        occasion = with_moisture(still, scene, radar, table, lookups, visit.day)
     grid = echo_grid(frame, radar)
     sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
     if targets:
         add_targets(sums, targets, scene.shape, radar, frame, grid)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
-    return _form_image(sums, scene, radar, frame, grid, occasion, seed, run_id, notes, threads)
+    speckle = stream_key(seed, run_id, visit.purpose("speckle"))
+    return _form_image(sums, scene, radar, frame, grid, occasion, speckle, notes, threads)
 
 
 def _form_image(
@@ -115,8 +121,7 @@ def _form_image(
     frame: RadarFrame,
     grid: EchoGrid,
     occasion: Occasion,
-    seed: int,
-    run_id: int,
+    speckle: tuple[np.uint32, np.uint32],
     notes: tuple[str, ...],
     threads: int,
 ) -> RadarImage:
@@ -139,7 +144,7 @@ def _form_image(
     if smeared:
         kernels.smear_range(mean, law.range_width)
     looks, noise = law.looks, law.noise_w
-    power = _faded(mean, noise, looks, radar, seed, run_id, threads)
+    power = _faded(mean, noise, looks, radar, speckle, threads)
     return RadarImage(
         intensity=received(power, radar, law.reference_w),
         mean_power=mean,
@@ -178,15 +183,13 @@ def _faded(
     noise: FloatArray,
     looks: FloatArray,
     radar: RadarConfiguration,
-    seed: int,
-    run_id: int,
+    key: tuple[np.uint32, np.uint32],
     threads: int,
 ) -> AnyArray:
     """Power with noise and fading, in the type of ``mean``."""
     if radar.fading == "none":
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
     numbers = np.array([CHANNELS.index(channel) for channel in radar.channels])
-    key = stream_key(seed, run_id, "speckle")
     refuse_gaussian(radar, looks)
     if radar.finer_pixels:
         cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)

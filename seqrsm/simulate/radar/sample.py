@@ -33,6 +33,7 @@ from seqrsm.simulate.radar.receiver import received
 from seqrsm.simulate.radar.registration import place_cells
 from seqrsm.simulate.radar.row_law import RowLaw, row_law
 from seqrsm.simulate.sample import Sample, places
+from seqrsm.simulate.visits import ONCE
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup, Sigma0Table
@@ -45,9 +46,9 @@ def meet(
     scene: Scene, radar: RadarConfiguration, table: Sigma0Table, seed: int, run_id: int
 ) -> tuple[list[Sigma0Lookup], Occasion]:
     """Backscatter of the categories and state of the ground in a run: those of `simulate_radar`."""
-    state = draw_ground_state(radar, seed=seed, run_id=run_id)
+    state = draw_ground_state(radar, ONCE, seed=seed, run_id=run_id)
     lookups = look_up(scene, radar, table, state)
-    return lookups, met_occasion(scene, radar, table, lookups, state, seed=seed, run_id=run_id)
+    return lookups, met_occasion(scene, radar, table, lookups, state, ONCE, seed=seed, run_id=run_id)
 
 
 def radar_sample(

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from seqrsm.arrays import IntArray
-from seqrsm.rng import generator
+from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.scene.fields import voronoi_labels
 from seqrsm.scene.scene import Scene
-from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
+from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.occasion import Occasion
+from seqrsm.simulate.visits import Visit, half_lasting
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
@@ -52,19 +53,21 @@ def with_texture(
     scene: Scene,
     radar: RadarConfiguration,
     lookups: Sequence[Sigma0Lookup],
+    visit: Visit,
     *,
     seed: int,
     run_id: int,
 ) -> Occasion:
     """The occasion with offsets of pieces in place of those of fields; itself without texture.
 
-    Departures are Gaussian in decibels; two channels share the part of the variance that fields do.
+    Departures are Gaussian in decibels; two channels share the part of the variance that fields do, and half of it
+    lasts from date to date (assumed).
 
     Parameters
     ----------
     occasion : Occasion
         Of the scene's own fields.
-    scene, radar, lookups
+    scene, radar, lookups, visit
         As in `seqrsm.simulate.radar.occasion.draw_occasion`.
     seed, run_id : int
         Campaign and run.
@@ -72,10 +75,11 @@ def with_texture(
     if radar.texture_db == 0.0:
         return occasion
     _, parent = pieces(scene, radar.texture_m)
-    draws = generator(seed, run_id, "texture").standard_normal((1 + len(CHANNELS), len(parent)))
+    shape = (1 + len(POLARIZATIONS), len(parent))
+    draws = half_lasting(visit, "texture", shape, radar.frequency_ghz, seed=seed, run_id=run_id)
     offset = occasion.field_offset_db[:, parent]
     for c, (channel, lookup) in enumerate(zip(radar.channels, lookups, strict=True)):
         shared = float(np.mean(lookup.channel_correlation))
-        own = draws[1 + CHANNELS.index(channel)]
+        own = draws[1 + POLARIZATIONS.index(GROUND_OF[channel])]
         offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * own)
     return replace(occasion, field_offset_db=offset)

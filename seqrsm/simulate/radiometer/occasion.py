@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
+from seqrsm.simulate.visits import Visit, deviates, half_lasting, moisture_share
+
+_ANY_GHZ: Final = 1.0  # a field's moisture is the same for all frequencies
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,12 +63,13 @@ def draw_radiometer_occasion(
     radiometer: RadiometerConfiguration,
     lookups: Sequence[EmissivityLookup],
     field_category: AnyArray,
+    visit: Visit,
     *,
     seed: int,
     run_id: int,
     field_moisture: FloatArray | None = None,
 ) -> RadiometerOccasion:
-    """Draw the ground's state of one run.
+    """Draw the ground's state of one visit.
 
     Offsets are Gaussian with the table's standard deviations; H and V share the part of the variance that the table
     gives as their correlation, and a channel's draw does not depend on which others are received. Moistures stay
@@ -77,22 +82,26 @@ def draw_radiometer_occasion(
         One for each channel.
     field_category : uint8 array (n_fields,)
         Category of each field, 255 for none.
+    visit : Visit
     seed, run_id : int
         Campaign and run.
     field_moisture : float64 array (n_fields,), optional
         Moisture of each field in the data base [m3/m3]; the run's mean, less the middle of its range, is added to it.
     """
     n_categories, n_fields = len(lookups[0].categories), len(field_category)
-    state = generator(seed, run_id, "radiometer ground state")
+    key = {"seed": seed, "run_id": run_id}
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
-    mean = float(low + state.random() * (high - low))
-    warm = float(radiometer.temperature_date_sd_k * state.standard_normal())
-    moisture = generator(seed, run_id, "field moisture").standard_normal(n_fields)
+    mean = float(low + moisture_share(visit, **key) * (high - low))
+    warm = float(
+        radiometer.temperature_date_sd_k * generator(seed, run_id, visit.dated("temperature")).standard_normal()
+    )
+    moisture = half_lasting(visit, "field moisture", (n_fields,), _ANY_GHZ, **key)
     level = mean if field_moisture is None else _by_field(field_moisture, mean - 0.5 * (low + high), mean)
     moisture = np.clip(level + radiometer.soil_moisture_field_sd * moisture, MOISTURE_NODES[0], MOISTURE_NODES[-1])
-    temperature = generator(seed, run_id, "field temperature").standard_normal(n_fields)
-    dates = generator(seed, run_id, "date emissivity").standard_normal((1 + len(CHANNELS), n_categories))
-    plots = generator(seed, run_id, "field emissivity").standard_normal((1 + len(CHANNELS), n_fields))
+    temperature = generator(seed, run_id, visit.dated("field temperature")).standard_normal(n_fields)
+    parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
+    dates = deviates(seed, run_id, visit.dated("date emissivity"), (parts, n_categories), f)
+    plots = half_lasting(visit, "field emissivity", (parts, n_fields), f, **key)
     known = field_category < n_categories
     category = np.where(known, field_category, 0).astype(np.int64)
     class_offset = np.empty((len(lookups), n_categories))

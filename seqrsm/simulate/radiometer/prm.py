@@ -40,6 +40,7 @@ from seqrsm.simulate.radiometer.occasion import (
     nominal_radiometer_occasion,
 )
 from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.simulate.visits import ONCE, Visit
 
 _CHEBYSHEV_NODES = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
 _CHEBYSHEV = np.linalg.pinv(np.polynomial.chebyshev.chebvander(_CHEBYSHEV_NODES, 9))
@@ -59,6 +60,7 @@ def simulate_radiometer(
     run_id: int,
     precision: Precision = "float32",
     random_occasion: bool = True,
+    visit: Visit = ONCE,
 ) -> RadiometerImage:
     """Image of a scene by a radiometer on one occasion.
 
@@ -75,6 +77,8 @@ def simulate_radiometer(
         Element type of the arrays of cells; footprints are summed in double precision in any case.
     random_occasion : bool
         False takes the table's own values and the middle of the moistures, for pictures and tests.
+    visit : Visit
+        Which of a run's images this is.
 
     Returns
     -------
@@ -90,7 +94,14 @@ def simulate_radiometer(
         No cell has an elevation, or the layer of temperature is asked for and missing.
     """
     met = meet_radiometer(
-        scene, radiometer, table, seed=seed, run_id=run_id, precision=precision, random_occasion=random_occasion
+        scene,
+        radiometer,
+        table,
+        seed=seed,
+        run_id=run_id,
+        precision=precision,
+        random_occasion=random_occasion,
+        visit=visit,
     )
     ground_k = surface_temperature_k(scene, met.frame, radiometer, met.lookups[0], met.occasion)
     mapped = radiation_map(met, radiometer, ground_k)
@@ -101,8 +112,7 @@ def simulate_radiometer(
         mapped,
         radiometer,
         effects_k=effects,
-        seed=seed,
-        run_id=run_id,
+        noise=stream_key(seed, run_id, visit.purpose("receiver noise")),
         notes=(*notes, *met.air.notes, *effect_notes(effects, met.planck_k)),
     )
 
@@ -132,6 +142,7 @@ def meet_radiometer(
     run_id: int,
     precision: Precision = "float32",
     random_occasion: bool = True,
+    visit: Visit = ONCE,
 ) -> Meeting:
     """Everything before the first cell is looked at; parameters and errors as of `simulate_radiometer`."""
     frame = make_radiometer_frame(scene, radiometer, precision)
@@ -139,13 +150,19 @@ def meet_radiometer(
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
     printed = radiometer.mode == "report"
     lookups = [
-        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed)
+        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed, day=visit.day)
         for channel in radiometer.channels
     ]
     if random_occasion:
         field_category = categories_of_fields(scene)
         occasion = draw_radiometer_occasion(
-            radiometer, lookups, field_category, seed=seed, run_id=run_id, field_moisture=moisture_of_fields(scene)
+            radiometer,
+            lookups,
+            field_category,
+            visit,
+            seed=seed,
+            run_id=run_id,
+            field_moisture=moisture_of_fields(scene),
         )
     else:
         occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields, moisture_of_fields(scene))
@@ -316,8 +333,7 @@ def scan_image(
     radiometer: RadiometerConfiguration,
     *,
     effects_k: Mapping[str, float],
-    seed: int,
-    run_id: int,
+    noise: tuple[np.uint32, np.uint32],
     notes: tuple[str, ...] = (),
 ) -> RadiometerImage:
     """Program SIMULATE: the sweep over the scene, the beam's sum over each footprint, the receiver's noise.
@@ -330,8 +346,8 @@ def scan_image(
     radiometer : RadiometerConfiguration
     effects_k, notes
         Recorded with the image.
-    seed, run_id : int
-        Key of the noise.
+    noise : tuple of uint32
+        Key of its stream.
 
     Returns
     -------
@@ -362,8 +378,7 @@ def scan_image(
     if nedt.any():
         brightness = np.empty_like(mean)
         numbers = np.array([CHANNELS.index(channel) for channel in radiometer.channels])
-        key = stream_key(seed, run_id, "receiver noise")
-        kernels_prm.add_receiver_noise(mean, nedt, numbers, *key, brightness)
+        kernels_prm.add_receiver_noise(mean, nedt, numbers, *noise, brightness)
     footprint = np.empty((n, m), dtype=np.int32)
     coverage = np.empty((n, m), dtype=np.int32)
     held_rad = scan.beamwidth_rad * max(1.0, scan.smear)

@@ -1,0 +1,274 @@
+"""The calendar of the ground: how the backscatter of covers goes through the year, and how long a field stays itself.
+
+A table's level is that of the growing season; the calendar gives the course about it. In C band the course is measured
+by month (`data/calendar_c_band.csv`, several sites, about each site's own mean of May to August). In L band, where no
+season was measured, it is a water cloud over the table's bare soil,
+
+    sigma0(d) = canopy (1 - T(d)) + soil T(d),    T(d) = exp(-2 b W(d) / cos theta),
+
+with the water W of the day (`data/calendar_canopy.csv`), b = 0.15 f / 1.4 GHz, and the canopy's own return such that
+the mean of 22 June to 19 July, when the two L-band flights took place, is the table's level. Between L and C band the
+course is linear in the logarithm of frequency; X and Ku bands follow C band, cereals to 0.7 and 0.5 of it (assumed).
+
+Fields of a cover differ by a lasting departure, one that fades within weeks, and the days by which they are early or
+late (`data/calendar_fields.csv`). All dates see the same draw of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from dataclasses import fields as dataclass_fields
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.errors import Problem, ScatteringDataError
+from seqrsm.scattering.readers import DATA, Row, read_rows
+
+DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
+"""Days of the year for which a course is given."""
+
+_MID_MONTH: Final = np.array([16, 45, 75, 105, 136, 166, 197, 228, 258, 289, 319, 350], dtype=np.float64)
+_SUMMER: Final = slice(4, 8)  # May to August
+_FLIGHTS: Final = slice(172, 200)  # 22 June to 19 July
+_L_GHZ, _C_GHZ, _X_GHZ, _KU_GHZ = 1.25, 5.4, 9.6, 13.6
+_B_AT_GHZ: Final = (0.15, 1.4)
+_THETA_DEG: Final = 40.0
+_HELD_DEG: Final = (20.0, 60.0)
+_TILT_DB_PER_DEG: Final = 0.28  # bare soil falls by 0.4 dB a degree, a closed canopy by 0.12
+_CANOPY_LEAST: Final = 0.3  # of the level: more is not laid on the soil
+_C_SD_DB, _CEREAL_SD_DB, _OTHER_SD_DB = (1.0, 1.2), 2.0, 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Fields:
+    """How the fields of a cover keep the calendar.
+
+    Attributes
+    ----------
+    group : {"cereal", "broadleaf", "grass", "even"}
+        Kind of the crop; the same all year where "even".
+    lasting_share : tuple of float
+        Share of the variance between fields that stays for the year, of HH and VV, and of HV.
+    memory_days : tuple of float
+        In which the rest falls to 1/e of itself [d].
+    shift_days : float
+        By which fields are early or late, standard deviation [d].
+    level_water_kg_m2 : float
+        Water with which the L-band level was measured [kg/m2]; nan: the canopy's own of that time of the year.
+    """
+
+    group: str
+    lasting_share: tuple[float, float]
+    memory_days: tuple[float, float]
+    shift_days: float
+    level_water_kg_m2: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """One channel of some categories through the year.
+
+    Attributes
+    ----------
+    change_db : float64 array (n_categories, 365)
+        Backscatter of the day at 40 degrees less the table's level [dB].
+    tilt_db_per_deg : float64 array (n_categories, 365)
+        What a degree of incidence angle beyond 40 adds to it [dB]; the angle is held at 20 and 60.
+    spread : float64 array (n_categories, 365)
+        Factor of the standard deviation between fields: 1 where a canopy is closed, 2 over bare soil (assumed).
+    sd_db : float64 array (n_categories,)
+        Standard deviation of the course about that of a given ground [dB].
+    lasting_share, memory_days, shift_days : float64 arrays (n_categories,)
+        See `Fields`.
+    even : bool array (n_categories,)
+        Covers without a course.
+    """
+
+    change_db: FloatArray
+    tilt_db_per_deg: FloatArray
+    spread: FloatArray
+    sd_db: FloatArray
+    lasting_share: FloatArray
+    memory_days: FloatArray
+    shift_days: FloatArray
+    even: FloatArray
+
+    def of(self, categories: list[int]) -> Course:
+        """The same of some of the categories, by their places; repeats allowed."""
+        return Course(**{field.name: getattr(self, field.name)[categories] for field in dataclass_fields(self)})
+
+    def at_angles(self, category: int, day: float, theta_deg: FloatArray) -> FloatArray:
+        """Change of a category on a day [dB] at incidence angles [deg]."""
+        beyond = np.clip(theta_deg, *_HELD_DEG) - _THETA_DEG
+        change, tilt = (np.interp(day, DAYS, a[category]) for a in (self.change_db, self.tilt_db_per_deg))
+        return np.asarray(change + tilt * beyond)
+
+
+def course(
+    categories: tuple[str, ...], frequency_ghz: float, channel: str, level_db: FloatArray, soil_db: float, file: str
+) -> Course:
+    """Course of categories through the year.
+
+    Parameters
+    ----------
+    categories : tuple of str
+    frequency_ghz : float
+    channel : {"HH", "HV", "VV"}
+    level_db : float64 array (n_categories,)
+        The table's sigma0 at 40 degrees [dB].
+    soil_db : float
+        That of bare soil.
+    file : str
+        The user's table, or "", for messages.
+
+    Raises
+    ------
+    ScatteringDataError
+        Categories without a calendar.
+    """
+    known = fields_by_category()
+    missing = [name for name in dict.fromkeys(categories) if name not in known]
+    if missing:
+        raise ScatteringDataError(*(_no_calendar(name, file) for name in missing))
+    cross = int(channel == "HV")
+    rows = [known[name] for name in categories]
+    canopy = [_canopy(name) for name in categories]
+    cover = np.array([own[1] for own in canopy])
+    closed = cover[:, _FLIGHTS].mean(axis=1, keepdims=True)
+    change = [
+        _change_db(name, row, frequency_ghz, channel, soil_db - level)
+        for name, row, level in zip(categories, rows, level_db, strict=True)
+    ]
+    even = np.array([row.group == "even" for row in rows])
+    return Course(
+        change_db=np.array(change).reshape(-1, DAYS.size),
+        tilt_db_per_deg=np.where(even[:, None], 0.0, -_TILT_DB_PER_DEG * (closed - cover)),
+        spread=np.where(even[:, None], 1.0, 2.0 - cover),
+        sd_db=np.array([0.0 if row.group == "even" else _sd_db(row.group, frequency_ghz, cross) for row in rows]),
+        lasting_share=np.array([row.lasting_share[cross] for row in rows]),
+        memory_days=np.array([row.memory_days[cross] for row in rows]),
+        shift_days=np.array([row.shift_days for row in rows]),
+        even=even,
+    )
+
+
+def canopy_share(category: str, day: float, file: str) -> float:
+    """Water of a cover's canopy on a day over that of the growing season, when the tables' levels hold; 1 where even.
+
+    Raises
+    ------
+    ScatteringDataError
+        The category has no calendar.
+    """
+    known = fields_by_category()
+    if category not in known:
+        raise ScatteringDataError(_no_calendar(category, file))
+    water = _canopy(category)[0]
+    if not water.any():
+        return 1.0
+    level = known[category].level_water_kg_m2
+    return float(np.interp(day, DAYS, water)) / (float(water[_FLIGHTS].mean()) if math.isnan(level) else level)
+
+
+def _no_calendar(category: str, file: str) -> Problem:
+    remedy = f"Leave first_day out; a calendar is known of: {', '.join(fields_by_category())}"
+    return Problem("no calendar of this category", remedy, file or None, field="category", value=category)
+
+
+@lru_cache(maxsize=1)
+def fields_by_category() -> dict[str, Fields]:
+    """What `data/calendar_fields.csv` holds."""
+    columns = (
+        "category", "group", "lasting_share_co", "lasting_share_cross", "memory_days_co", "memory_days_cross",
+        "shift_days", "level_water_kg_m2", "status", "source",
+    )  # fmt: skip
+
+    def pair(row: Row, name: str) -> tuple[float, float]:
+        return float(row.text(f"{name}_co")), float(row.text(f"{name}_cross"))
+
+    return {
+        row.text("category"): Fields(
+            row.text("group"),
+            pair(row, "lasting_share"),
+            pair(row, "memory_days"),
+            float(row.text("shift_days")),
+            float(row.text("level_water_kg_m2") or "nan"),
+        )
+        for row in read_rows(DATA / "calendar_fields.csv", columns)
+    }
+
+
+def calendar_sources(categories: tuple[str, ...]) -> tuple[str, ...]:
+    """Keys of the sources that the calendar of some categories rests on."""
+    months = {row.text("source") for row in _months() if row.text("category") in categories}
+    canopy = {row.text("source") for row in _canopy_rows() if row.text("category") in categories}
+    fields = ("s1_france_w_fields", "assumed_fields", "assumed_even")
+    return (*sorted(months | canopy), *fields, "assumed_calendar_bands", "water_cloud_calendar")
+
+
+def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str, soil_db: float) -> FloatArray:
+    """Course (365,) of one cover [dB]; ``soil_db``: bare soil over the cover's level."""
+    if fields.group == "even":
+        return np.zeros(DAYS.size)
+    at_c = _c_band_db(category, "HV" if channel == "HV" else "VV")
+    if channel == "HH" and fields.group == "cereal":
+        at_c = np.where(at_c < 0.0, 0.5 * at_c, at_c)
+    if fields.group == "cereal":
+        at_c = at_c * np.interp(math.log(frequency_ghz), np.log([_C_GHZ, _X_GHZ, _KU_GHZ]), [1.0, 0.7, 0.5])
+    share = float(np.clip(math.log(frequency_ghz / _L_GHZ) / math.log(_C_GHZ / _L_GHZ), 0.0, 1.0))
+    if share == 1.0:
+        return at_c
+    rate = 2.0 * _B_AT_GHZ[0] * frequency_ghz / _B_AT_GHZ[1] / math.cos(math.radians(_THETA_DEG))
+    through = np.exp(-rate * _canopy(category)[0])
+    at_level = math.exp(-rate * fields.level_water_kg_m2)
+    reference = float(through[_FLIGHTS].mean()) if math.isnan(at_level) else at_level
+    soil = min(10.0 ** (0.1 * soil_db), (1.0 - _CANOPY_LEAST) / reference)
+    own = (1.0 - soil * reference) / (1.0 - reference)
+    return np.asarray(share * at_c + (1.0 - share) * 10.0 * np.log10(own * (1.0 - through) + soil * through))
+
+
+@lru_cache(maxsize=64)
+def _c_band_db(category: str, channel: str) -> FloatArray:
+    """Course (365,) in C band [dB]: mean over sites, straight lines between the middles of the months."""
+    rows = [r for r in _months() if (r.text("category"), r.text("polarization")) == (category, channel)]
+    months = np.array([[float(r.text(f"month_{m}_db")) for m in range(1, 13)] for r in rows])
+    own = months - months[:, _SUMMER].mean(axis=1, keepdims=True)
+    source = np.array([r.text("source") for r in rows])
+    mean = np.mean([own[source == name].mean(axis=0) for name in np.unique(source)], axis=0)
+    return np.asarray(np.interp(DAYS, _MID_MONTH, mean, period=365.0))
+
+
+def _sd_db(group: str, frequency_ghz: float, cross: int) -> float:
+    """Standard deviation of a course about that of a given ground [dB].
+
+    What sites differ by in C band; assumed elsewhere.
+    """
+    at_c = _CEREAL_SD_DB if group == "cereal" else _C_SD_DB[cross]
+    nodes = np.log([_L_GHZ, _C_GHZ, _X_GHZ])
+    return float(np.interp(math.log(frequency_ghz), nodes, [_OTHER_SD_DB, at_c, _OTHER_SD_DB]))
+
+
+@lru_cache(maxsize=1)
+def _months() -> list[Row]:
+    months = [f"month_{m}_db" for m in range(1, 13)]
+    return read_rows(DATA / "calendar_c_band.csv", ("category", "cover", "polarization", *months, "status", "source"))
+
+
+@lru_cache(maxsize=1)
+def _canopy_rows() -> list[Row]:
+    columns = ("category", "day", "water_kg_m2", "cover_fraction", "status", "source")
+    return read_rows(DATA / "calendar_canopy.csv", columns)
+
+
+@lru_cache(maxsize=64)
+def _canopy(category: str) -> tuple[FloatArray, FloatArray]:
+    """Water of the canopy [kg/m2] and share of the ground covered, (365,) each; bare where nothing is known."""
+    rows = [r for r in _canopy_rows() if r.text("category") == category]
+    if not rows:
+        return np.zeros(DAYS.size), np.zeros(DAYS.size)
+    day, water, cover = (np.array([float(r.text(n)) for r in rows]) for n in ("day", "water_kg_m2", "cover_fraction"))
+    return np.interp(DAYS, day, water, period=365.0), np.interp(DAYS, day, cover, period=365.0)

@@ -1,0 +1,140 @@
+"""When a run's sensors meet the ground, and the draws that tie their meetings together.
+
+All sensors and dates of a run see one ground: the same fields, each with one lasting departure, one that fades with
+time, and one shift of its calendar; one series of soil moisture; one year. Drawn anew at every date, fields would make
+many dates look far too good.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from scipy.stats import norm
+
+from seqrsm.arrays import FloatArray
+from seqrsm.rng import generator
+
+_LOWEST_GHZ, _STEP_OCTAVES = 0.9, 2.0
+_SLOW_SHARE, _SLOW_DAYS, _FAST_DAYS = 0.74, 30.0, 4.5
+_YEAR_DAYS: Final = 7.0  # by which a year is early or late, in common and for each cover, standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """One meeting of a sensor with the ground, among all of its run.
+
+    Attributes
+    ----------
+    days : tuple of float
+        Days of the year of all meetings of the run, rising; empty: one meeting in the middle of the season.
+    number : int
+        Place of this one among them.
+    member : int
+        Number of the sensor among those of the run.
+    """
+
+    days: tuple[float, ...] = ()
+    number: int = 0
+    member: int = 0
+
+    @property
+    def day(self) -> float | None:
+        """Day of the year; None where the season stands for it."""
+        return self.days[self.number] if self.days else None
+
+    def purpose(self, name: str) -> str:
+        """Name of a stream of random numbers that belongs to this image alone."""
+        return f"{name} {self.member} {self.number}" if self.member or self.number else name
+
+    def dated(self, name: str) -> str:
+        """Name of a stream that all sensors of this date share."""
+        return f"{name} {self.number}" if self.number else name
+
+
+ONCE: Final = Visit()
+"""The only image of its run, in the middle of the season."""
+
+
+@lru_cache(maxsize=64)
+def deviates(seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float) -> FloatArray:
+    """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
+
+    Draws stand at 0.9 GHz and every two octaves from there, a frequency takes straight lines between: L and C band are
+    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on others of the run.
+    """
+    at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
+    lower, share = math.floor(at), at % 1.0
+    here, above = (generator(seed, run_id, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))
+    return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
+
+
+def fading_departure(
+    draws: tuple[FloatArray, ...],
+    days: tuple[float, ...],
+    lasting: FloatArray,
+    memory_days: FloatArray,
+    kept: FloatArray,
+) -> FloatArray:
+    """Standard departure of fields on the last of some days, of a lasting part and a series with a memory.
+
+    Parameters
+    ----------
+    draws : tuple of float64 arrays (n,)
+        The lasting part, then one draw a day.
+    days : tuple of float
+        Rising.
+    lasting : float64 array (n,)
+        Share of the variance that lasts, 0 to 1.
+    memory_days : float64 array (n,)
+        E-folding time of the rest.
+    kept : float64 array (n,)
+        Factor of the rest's standard deviation, where something else stands for part of it.
+    """
+    first, *later = draws[1:]
+    state = first
+    for gap, fresh in zip(np.diff(days), later, strict=True):
+        left = np.exp(-gap / memory_days)
+        state = left * state + np.sqrt(1.0 - left**2) * fresh
+    return np.asarray(np.sqrt(lasting) * draws[0] + kept * np.sqrt(1.0 - lasting) * state)
+
+
+def half_lasting(
+    visit: Visit, purpose: str, shape: tuple[int, ...], frequency_ghz: float, *, seed: int, run_id: int
+) -> FloatArray:
+    """`deviates` of a visit, half of whose variance all dates share (assumed)."""
+    own = deviates(seed, run_id, visit.dated(purpose), shape, frequency_ghz)
+    if not visit.days:
+        return own
+    return math.sqrt(0.5) * (own + deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz))
+
+
+def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
+    """Where between its stated ends the soil moisture of a visit lies, uniform on 0 to 1.
+
+    Over the days of a run it is a series of two parts that are left to 1/e after 30 days and 4.5 days, with 0.74 and
+    0.26 of the variance: standard deviations of 0.05 and 0.03 m3/m3 where the ends lie 0.2 apart.
+    """
+    if not visit.days:
+        return float(generator(seed, run_id, "soil moisture").random())
+    rng = generator(seed, run_id, "soil moisture of days")
+    draws = rng.standard_normal((len(visit.days), 2))
+    slow, fast = draws[0]
+    for gap, fresh in zip(np.diff(visit.days[: visit.number + 1]), draws[1:], strict=False):
+        left = np.exp([-gap / _SLOW_DAYS, -gap / _FAST_DAYS])
+        slow, fast = left * (slow, fast) + np.sqrt(1.0 - left**2) * fresh
+    return float(norm.cdf(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
+
+
+def year_shift_days(n_categories: int, *, seed: int, run_id: int) -> FloatArray:
+    """Days by which each category is early (negative) or late in the year of a run, (n_categories,)."""
+    common, *own = generator(seed, run_id, "calendar of the year").standard_normal(1 + n_categories)
+    return np.asarray(_YEAR_DAYS * (common + np.array(own)))
+
+
+def field_shift_days(shift_days: FloatArray, *, seed: int, run_id: int) -> FloatArray:
+    """Days by which each field is early or late for its category, from their standard deviations (n_fields,)."""
+    return np.asarray(shift_days * generator(seed, run_id, "calendar of fields").standard_normal(len(shift_days)))
