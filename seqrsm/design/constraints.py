@@ -91,21 +91,27 @@ class _Parser:
 
     def membership(self, left: ast.AST, right: list[ast.expr], wanted: bool, node: ast.AST) -> Node:
         labels = [item.value for item in right if isinstance(item, ast.Constant) and isinstance(item.value, str)]
-        if not isinstance(left, ast.Name) or len(labels) != len(right) or not labels:
+        if not isinstance(left, ast.Name | ast.Attribute) or len(labels) != len(right) or not labels:
             raise self.fail("==, != and in compare a categorical factor with its levels only", node)
         name = self.name(left)
         self.labels.append((name, tuple(labels)))
         return ("in", name, frozenset(labels), wanted)
 
-    def name(self, node: ast.Name) -> str:
-        if not node.id.isascii() or ast.get_source_segment(self.text.strip(), node) != node.id:
-            raise self.fail(f"the name '{node.id}' is not written in plain ASCII letters", node)
-        return node.id
+    def name(self, node: ast.Name | ast.Attribute) -> str:
+        if isinstance(node, ast.Attribute):
+            if not isinstance(node.value, ast.Name) or node.attr.startswith("_"):
+                raise self.fail("a name has one dot at most, between a sensor and its parameter", node)
+            name = f"{node.value.id}.{node.attr}"
+        else:
+            name = node.id
+        if not name.isascii() or ast.get_source_segment(self.text.strip(), node) != name:
+            raise self.fail(f"the name '{name}' is not written in plain ASCII letters", node)
+        return name
 
     def number(self, node: ast.AST) -> Node:
         if isinstance(node, ast.Constant):
             return ("number", self.constant(node))
-        if isinstance(node, ast.Name):
+        if isinstance(node, ast.Name | ast.Attribute):
             name = self.name(node)
             self.numeric.add(name)
             return ("name", name)

@@ -25,7 +25,8 @@ Scale: TypeAlias = Literal["linear", "log"]
 #: Functions a constraint may call; no factor may bear such a name.
 FUNCTION_NAMES = ("log", "log10", "sqrt", "exp", "min", "max", "abs")
 
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+# A dot stands between the name of a sensor and that of its parameter.
+_NAME = re.compile(r"(?:[A-Za-z_][A-Za-z0-9_]*\.)?[A-Za-z_][A-Za-z0-9_]*\Z")
 # A measured 12.1 that went through a text file or single precision still is the level 12.1.
 _LEVEL_TOLERANCE = 1e-6
 
@@ -35,7 +36,7 @@ def _name_problems(name: object) -> list[Problem]:
         return [
             Problem(
                 "a factor's name is not usable in constraints and term names",
-                "Use up to 64 letters, digits and underscores, not starting with a digit.",
+                "Use up to 64 letters, digits and underscores, no digit first, and one dot after a sensor's name.",
                 field="name",
                 value=name,
             )

@@ -19,7 +19,7 @@ from typing import Any, Final, Literal, TypeVar
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.antenna import pattern_file_text, pattern_points
 
-Kind = Literal["number", "whole", "word", "channels", "pattern", "function", "file"]
+Kind = Literal["number", "whole", "word", "channels", "pattern", "function", "file", "days"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ class Parameter:
         In ``campaign.toml``.
     field : str
         Of the configuration; ``[simulator.fixed]`` takes this name, too.
-    kind : {"number", "whole", "word", "channels", "pattern", "function", "file"}
+    kind : {"number", "whole", "word", "channels", "pattern", "function", "file", "days"}
         A number; a whole number; one of `levels`; some of `levels`, joined by "+"; points of an antenna pattern (see
         `seqrsm.sensor.antenna.pattern_points`); one of `levels` or a function of the user's, "module:function"; the
-        path of a file.
+        path of a file; days of the year, joined by "+".
     what : str
         What it is, in a phrase.
     unit : str
@@ -83,6 +83,8 @@ class Parameter:
             return f"a {whole}number from {self.low:g} to {self.high:g} {self.unit}".rstrip()
         if self.kind == "channels":
             return f"one or more of {levels}, each once, as in {self.levels[0]}+{self.levels[1]}"
+        if self.kind == "days":
+            return 'days of the year, as in "120+150+200"'
         if self.kind == "pattern":
             return 'look angles [deg] and gains [dB], as in "0:-20, 40:0, 70:-3"'
         if self.kind == "function":
@@ -260,6 +262,10 @@ RADAR: Final = _table(
     _number("wind_high_m_s", "m/s", 0.0, 40.0, "largest wind speed over water that a run may meet"),
     _number("texture_db", "dB", 0.0, 20.0, "departure of parts of a field from its mean, standard deviation"),
     _number("texture_m", "m", 0.1, 1e5, "side of these parts", said="texture size"),
+    _number(
+        "calibration_sd_db", "dB", 0.0, 10.0, "error of the calibration of a channel on a date, standard deviation",
+        said="calibration error",
+    ),
     _file("targets_file", "CSV file of cultural targets"),
 )  # fmt: skip
 """Parameters of `RadarConfiguration` by their names in ``campaign.toml``."""
@@ -318,6 +324,16 @@ RADIOMETER: Final = _table(
     _number("soil_moisture_field_sd", "m3/m3", 0.0, 0.3, "departure of a field's moisture, standard deviation"),
 )  # fmt: skip
 """Parameters of `RadiometerConfiguration` by their names in ``campaign.toml``."""
+
+
+CALENDAR: Final = _table(
+    _whole("dates", 1, 60, "how many times the ground is looked at"),
+    _number("first_day", "d", 1.0, 365.0, "day of the year of the first time; without it the season stands for the day",
+            said="first day"),
+    _number("interval_days", "d", 0.25, 180.0, "from one time to the next", said="interval"),
+    Parameter("days", "days", "days", "days of the year themselves, in place of the three above"),
+)  # fmt: skip
+"""Parameters of `seqrsm.sensor.sets.Dates`, which every sensor has, by their names in ``campaign.toml``."""
 
 
 def find(table: Mapping[str, Parameter], name: str) -> Parameter | None:

@@ -143,6 +143,9 @@ class RadarConfiguration:
     texture_db, texture_m : float
         How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
         these parts [m] (`seqrsm.simulate.radar.texture`).
+    calibration_sd_db : float
+        Error of the calibration of each channel in each image, standard deviation [dB]. A classifier that is taught in
+        the image which it names does not feel it.
     targets_file : str
         CSV file of cultural targets (`seqrsm.simulate.radar.targets.load_targets`); "" for none.
 
@@ -209,6 +212,7 @@ class RadarConfiguration:
     wind_high_m_s: float = 8.0
     texture_db: float = 1.0
     texture_m: float = 50.0
+    calibration_sd_db: float = 0.0
     targets_file: str = ""
 
     def __post_init__(self) -> None:

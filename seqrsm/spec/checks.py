@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from math import inf, isfinite
 from pathlib import Path as FilePath
 from typing import Any, Literal, Protocol
@@ -15,12 +16,11 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
 from seqrsm.fit.optimum import Goal
-from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter, find
+from seqrsm.sensor.parameters import Parameter, find
+from seqrsm.sensor.sets import SENSORS, set_problem
 from seqrsm.spec.tables import ApplicationSpec, ModelSpec, Table
 from seqrsm.spec.toml_lines import Path, line_of
 
-#: Parameters of each engine's sensor.
-SENSORS: Mapping[str, Mapping[str, Parameter]] = {"psm": RADAR, "prm": RADIOMETER}
 #: Columns of a scores file, which no factor may be named after.
 RESERVED = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
 
@@ -133,7 +133,7 @@ def different_names(kind: str, report: Reporter) -> None:
 
 
 def factors(
-    tables: Sequence[Mapping[str, Any] | None], raw: Sequence[object], engine: str | None, report: Reporter
+    tables: Sequence[Mapping[str, Any] | None], raw: Sequence[object], instruments: Sensors, report: Reporter
 ) -> list[Factor | None]:
     """Factors of the tables, None for those that are wrong; ``raw``: the same tables as written."""
     made: list[Factor | None] = []
@@ -144,41 +144,114 @@ def factors(
             written = raw[index]
             name, unit = (written.get("name"), written.get("unit", "")) if isinstance(written, dict) else (None, "")
             if isinstance(name, str) and isinstance(unit, str):
-                _check_parameter(path, {"name": name, "unit": unit}, engine, report)
+                _check_parameter(path, {"name": name, "unit": unit}, instruments, report)
             made.append(None)
             continue
-        _check_parameter(path, table, engine, report)
-        factor = _make_factor(path, table, engine, report)
+        _check_parameter(path, table, instruments, report)
+        factor = _make_factor(path, table, instruments, report)
         made.append(factor if len(report.problems) == before else None)
     return made
 
 
-def _parameter(name: str, engine: str | None) -> Parameter | None:
-    """The engine's parameter of this name; without an engine, one of Table 1 whose name does not tell its unit."""
-    if engine is not None and engine in SENSORS:
-        return find(SENSORS[engine], name)
-    rows = (table.get(name) for table in SENSORS.values())
-    return next((row for row in rows if row is not None and row.name != row.field), None)
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """What ``[simulator]`` says of its sensors, as written; it may be wrong.
+
+    Attributes
+    ----------
+    engine : str or None
+        That of members which name no other; None without a simulator, or with an unknown engine.
+    members : Mapping
+        What members have of their own.
+    """
+
+    engine: str | None
+    members: Mapping[str, Mapping[str, Any]]
+
+    def table(self, member: str) -> Mapping[str, Parameter]:
+        """Parameters of a member's sensor; "": of every sensor that there is, the main one's first."""
+        if self.engine is None:
+            return {}
+        if member:
+            return SENSORS.get(str(self.members.get(member, {}).get("engine", self.engine)), {})
+        others = (SENSORS.get(str(own.get("engine", self.engine)), {}) for own in self.members.values())
+        return {name: row for table in (*others, SENSORS[self.engine]) for name, row in table.items()}
+
+    def parameter(self, name: str) -> Parameter | None:
+        """The parameter that a factor is; without an engine, one of Table 1 whose name does not tell its unit."""
+        if self.engine is not None:
+            member, _, own = name.rpartition(".")
+            return find(self.table(member), own)
+        rows = (table.get(name) for table in SENSORS.values())
+        return next((row for row in rows if row is not None and row.name != row.field), None)
 
 
-def _check_parameter(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> None:
+def sensors(table: object) -> Sensors:
+    """The sensors of ``[simulator]`` as written, so that factors are checked even where another key of it is wrong."""
+    written = table if isinstance(table, dict) else {}
+    engine, members = written.get("engine"), written.get("members")
+    own = {k: v for k, v in members.items() if isinstance(v, dict)} if isinstance(members, dict) else {}
+    return Sensors(engine if engine in SENSORS else None, own)
+
+
+def members(instruments: Sensors, raw: Mapping[str, Any], report: Reporter) -> None:
+    """Every member's table is of parameters that its sensor has; names before a dot are those of members."""
+    if instruments.engine is None:
+        return
+    fixed = raw["simulator"].get("fixed")
+    fixed = fixed if isinstance(fixed, dict) else {}
+    factors = [f for f in raw.get("factor", []) if isinstance(f, dict) and isinstance(f.get("name"), str)]
+    sets = [level for f in factors if f["name"] == "frequency" for level in f.get("levels") or ()]
+    sets += [fixed[key] for key in ("frequency", "frequency_ghz") if isinstance(fixed.get(key), str)]
+    known = {part.strip() for level in sets for part in str(level).split("+")}
+    path: Path
+    for name, own in instruments.members.items():
+        path = ("simulator", "members", name)
+        if name not in known:
+            remedy = 'Name it in the levels of the factor frequency, or in [simulator.fixed] frequency, as in "L+C".'
+            report.add(path, "no set has this member", remedy, name)
+        engine = str(own.get("engine", instruments.engine))
+        if engine not in SENSORS:
+            report.add((*path, "engine"), "there is no such engine", f"Known: {', '.join(SENSORS)}.", engine)
+            continue
+        for key in own:
+            if key != "engine" and find(SENSORS[engine], key) is None:
+                near = difflib.get_close_matches(key, SENSORS[engine], n=1)
+                remedy = f"Did you mean '{near[0]}'?" if near else f"`seqrsm parameters {engine}` lists those it has."
+                report.add((*path, key), f"the engine '{engine}' has no such sensor parameter", remedy, key)
+    places: list[tuple[Path, str]] = [(("factor", i, "name"), f["name"]) for i, f in enumerate(factors)]
+    for path, name in (*places, *((("simulator", "fixed", key), key) for key in fixed)):
+        member, dot, own_name = name.rpartition(".")
+        if dot and member not in known:
+            remedy = f"Members are {', '.join(sorted(known))}." if known else 'Let frequency name a set, as in "L+C".'
+            report.add(path, f"'{member}' is no member of a set", remedy, name)
+        elif path[0] == "simulator" and dot and find(instruments.table(member), own_name) is None:
+            report.add(path, f"the member '{member}' has no such sensor parameter", "Leave it out.", name)
+
+
+def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors, report: Reporter) -> None:
     name = table["name"]
     if name in RESERVED:
         report.add((*path, "name"), "a column of the scores file has this name", "Choose another name.", name)
         return
-    parameter = _parameter(name, engine)
+    parameter = instruments.parameter(name)
     if parameter is not None and parameter.numeric and table["unit"] not in ("", parameter.unit):
         remedy = f'Write unit = "{parameter.unit}" and give the range in it.' if parameter.unit else "Leave it out."
         report.add((*path, "unit"), f"'{name}' is given in another unit than the sensor's", remedy, table["unit"])
-    if engine is None or engine not in SENSORS:
+    if instruments.engine is None:
         return
+    member, dot, own = name.rpartition(".")
     if parameter is None:
-        near = difflib.get_close_matches(name, SENSORS[engine], n=1)
-        remedy = f"Did you mean '{near[0]}'?" if near else f"`seqrsm parameters {engine}` lists those it has."
-        report.add((*path, "name"), f"the engine '{engine}' has no such sensor parameter", remedy, name)
-    elif name != parameter.name:
-        remedy = f"Write '{parameter.name}'."
+        near = difflib.get_close_matches(own, instruments.table(member), n=1)
+        lists = f"`seqrsm parameters {instruments.engine}` lists those it has."
+        remedy = f"Did you mean '{member}{dot}{near[0]}'?" if near else lists
+        report.add((*path, "name"), f"the engine '{instruments.engine}' has no such sensor parameter", remedy, name)
+    elif own != parameter.name:
+        remedy = f"Write '{member}{dot}{parameter.name}'."
         report.add((*path, "name"), "a factor bears its parameter's name in this file", remedy, name)
+    elif dot and own == "frequency":
+        remedy = "Let the levels of the factor frequency name its members."
+        report.add((*path, "name"), "a member's frequency says which member it is", remedy, name)
     elif parameter.why_fixed:
         remedy = f"Give it under [simulator.fixed]. {parameter.why_fixed}."
         report.add((*path, "name"), "this parameter cannot be a factor", remedy, name)
@@ -206,9 +279,22 @@ def _check_levels(path: Path, table: Mapping[str, Any], parameter: Parameter, re
                 report.add(place, f"this is the same set of channels as '{same}'", "Drop one.", value)
 
 
-def _make_factor(path: Path, table: Mapping[str, Any], engine: str | None, report: Reporter) -> Factor | None:
+def _check_sets(path: Path, levels: Sequence[str], instruments: Sensors, report: Reporter) -> None:
+    """Every level of the factor frequency is a set of sensors, and no two are the same."""
+    seen: dict[frozenset[str], str] = {}
+    for index, level in enumerate(levels):
+        place = (*path, "levels", index)
+        problem = set_problem(level, instruments.members)
+        if problem is not None:
+            report.add(place, problem.message, f"{problem.remedy}.", level)
+        same = seen.setdefault(frozenset(level.split("+")), level)
+        if same != level:
+            report.add(place, f"this is the same set of sensors as '{same}'", "Drop one.", level)
+
+
+def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, report: Reporter) -> Factor | None:
     name, scale = table["name"], table["scale"]
-    parameter = _parameter(name, engine)
+    parameter = instruments.parameter(name)
     unit = table["unit"] or ("" if parameter is None else parameter.unit)
     given = [key for key in ("low", "high", "values", "levels") if table[key] is not None]
     if given not in (["low", "high"], ["values"], ["levels"]):
@@ -232,8 +318,11 @@ def _make_factor(path: Path, table: Mapping[str, Any], engine: str | None, repor
             key = _key_of(problem, given)
             report.add((*path, key), problem.message, problem.remedy, problem.value)
         return None
-    if parameter is not None and parameter.name == name and not parameter.why_fixed and engine in SENSORS:
-        _check_levels(path, table, parameter, report)
+    if parameter is not None and parameter.name == name.rpartition(".")[2] and not parameter.why_fixed:
+        if instruments.engine is not None and name == "frequency" and table["levels"] is not None:
+            _check_sets(path, table["levels"], instruments, report)
+        elif instruments.engine is not None:
+            _check_levels(path, table, parameter, report)
     return factor
 
 
@@ -375,7 +464,7 @@ def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence
             remedy = f"Give its path from the campaign's folder{more}."
             report.add(("simulator", key), "there is no such file", remedy, file)
     for key, value in fixed.items() if isinstance(fixed, dict) else ():
-        parameter = find(SENSORS.get(str(table.get("engine")), {}), key)
+        parameter = sensors(table).parameter(key)
         for name in factor_names:
             if name == key or (parameter is not None and name in (parameter.name, parameter.field)):
                 message = f"'{name}' is a factor and fixed at once"

@@ -52,7 +52,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
     each run meets an occasion of its own): so many runs, at least 2, share an occasion and all its random numbers, and
     are a random block of the fit, whose effect changes smoothly with the settings (beside flights, a constant);
     settings are then compared more sharply, see ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is
-    no factor.
+    no factor; ``members``: where ``frequency`` names a set such as "L+C", what a member of it has of its own, as in
+    ``[simulator.members.C]``, its ``engine`` among it. ``C.resolution`` as a factor belongs to that member; see
+    :mod:`seqrsm.sensor.sets`.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
 ``[stop]``
@@ -87,6 +89,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.sensor.parameters import find
+from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
 from seqrsm.spec.checks import Reporter
 from seqrsm.spec.tables import (
@@ -323,16 +326,18 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     simulator: SimulatorSpec | None = single.get("simulator")
     applications = repeated["application"]
     tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
-    factors = spec_checks.factors(tables, _as_list(raw.get("factor")), _engine_name(raw), report)
+    sensors = spec_checks.sensors(raw.get("simulator"))
+    factors = spec_checks.factors(tables, _as_list(raw.get("factor")), sensors, report)
     constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
     for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
     if isinstance(raw.get("simulator"), dict):
         factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
         spec_checks.simulator(folder, raw["simulator"], factor_names, report)
+        spec_checks.members(sensors, raw, report)
     spec_checks.goals(applications, report)
     spec_checks.desirabilities("application", applications, report)
-    spec_checks.catalogued(applications, _engine_name(raw), report)
+    spec_checks.catalogued(applications, sensors.engine, report)
     spec_checks.desirabilities("consideration", repeated["consideration"], report)
     texts = [None if table is None else table.expr for table in repeated["consideration"]]
     spec_checks.expressions(texts, [factor for factor in factors if factor is not None], report)
@@ -382,13 +387,6 @@ def _as_list(value: object) -> list[object]:
     return value if isinstance(value, list) else []
 
 
-def _engine_name(raw: Mapping[str, Any]) -> str | None:
-    """Engine as written, so that factors are checked even where another key of [simulator] is wrong."""
-    table = raw.get("simulator")
-    engine = table.get("engine") if isinstance(table, dict) else None
-    return engine if isinstance(engine, str) else None
-
-
 def _all_present(applications: Sequence[ApplicationSpec | None]) -> tuple[ApplicationSpec, ...]:
     return tuple(application for application in applications if application is not None)
 
@@ -398,7 +396,7 @@ def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
     file, written = spec.folder / SPEC_NAME, str(problem.field)
     lines = key_lines(file.read_text(encoding="utf-8-sig"))
     if spec.simulator is not None:
-        table = spec_checks.SENSORS[spec.simulator.engine]
+        table = SENSORS[spec.simulator.engine]
         parameter = find(table, written)
         same = (name for name in spec.simulator.fixed if parameter is not None and find(table, name) is parameter)
         written = next(same, written)

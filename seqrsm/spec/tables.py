@@ -275,8 +275,9 @@ class SimulatorSpec(Table):
     fidelity: Literal["auto", "F0", "F1", "F2", "F3", "F4"] = "auto"
     common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
     fixed: dict[str, Number | str] = Field(default_factory=dict)
+    members: dict[str, dict[str, Number | str]] = Field(default_factory=dict)
 
-    LATER = ("common_random_numbers",)
+    LATER = ("common_random_numbers", "members")
 
 
 class CostSpec(Table):

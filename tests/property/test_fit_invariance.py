@@ -31,7 +31,7 @@ def campaign(
     model, region = QuadraticModel(chosen), Region(chosen)
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(1, 3, 30), 10 ** rng.uniform(0, 2, 30)
-    c = np.array(list("uvw"))[rng.integers(3, size=30)]
+    c = rng.permutation(np.repeat(list("uvw"), 10))  # a level without runs of its own would leave the fit no full rank
     u, v = a - 2, np.log10(b) - 1
     y = 60 - 5 * (u - 0.3) ** 2 - 4 * (v + 0.2) ** 2 + u * v + 2.0 * (c == "v") + rng.normal(size=30)
     settings = [{"a": shift + scale * p, "b": q, "c": r} for p, q, r in zip(a, b, c.tolist(), strict=True)]

@@ -156,8 +156,19 @@ def test_a_constraint_is_text(value):
 
 
 def test_the_message_says_where():
-    with pytest.raises(RegionError, match="'Attribute' is not allowed at column 5"):
-        Constraint("x < y.real")
+    with pytest.raises(RegionError, match="'Lambda' is not allowed at column 6"):
+        Constraint("x < (lambda: 3)")
+
+
+def test_a_dot_stands_between_a_sensor_and_its_parameter():
+    wide, fine = ContinuousFactor("L.resolution", 5.0, 50.0), ContinuousFactor("C.resolution", 5.0, 50.0)
+    region = Region((wide, fine), (Constraint("C.resolution <= L.resolution"),))
+    assert region.feasible(region.code([{"L.resolution": 20.0, "C.resolution": 10.0}]))[0]
+    assert not region.feasible(region.code([{"L.resolution": 10.0, "C.resolution": 20.0}]))[0]
+    with pytest.raises(RegionError, match=r"C\.looks"):
+        Region((wide, fine), (Constraint("C.looks <= 3"),))
+    with pytest.raises(RegionError, match="one dot at most"):
+        Constraint("a.b.c < 3")
 
 
 def test_design_in_an_oblique_sliver_ends_near_the_best() -> None:

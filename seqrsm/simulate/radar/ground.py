@@ -94,9 +94,11 @@ def look_up(
 
     RH and RV, circular waves received at H and V, are half the sum of HH or VV and HV, whose echoes are independent.
     """
-    snow: dict[str, float | str] = {}
+    more: dict[str, float | str] = {}
+    if day is not None:
+        more["day"] = day
     if radar.snow != "none":
-        snow = {"snow": radar.snow, "snow_depth_cm": radar.snow_depth_cm}
+        more |= {"snow": radar.snow, "snow_depth_cm": radar.snow_depth_cm}
 
     def find(channel: str) -> Sigma0Lookup:
         lookup: Callable[..., Sigma0Lookup] = table.lookup
@@ -107,8 +109,7 @@ def look_up(
             season=radar.season,
             wind_m_s=ground_state[1],
             soil_moisture=ground_state[0],
-            day=day,
-            **snow,
+            **more,
         )
 
     found = []

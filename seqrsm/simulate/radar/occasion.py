@@ -17,7 +17,7 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scattering.calendar import DAYS, Course
 from seqrsm.scattering.readers import POLARIZATIONS
-from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
 from seqrsm.simulate.visits import (
     Visit,
     deviates,
@@ -132,12 +132,14 @@ def draw_occasion(
     field_offset = np.empty((len(lookups), len(field_category)))
     for c, (channel, lookup) in enumerate(zip(radar.channels, lookups, strict=True)):
         draw = _Draws(seed, run_id, radar.frequency_ghz, GROUND_OF[channel], float(lookup.channel_correlation))
-        if lookup.course is None or visit.day is None:
+        if visit.day is None or lookup.course is None:
             class_offset[c] = lookup.date_sd_db * draw("date backscatter", n_categories)
             deviation = lookup.field_sd_db[category] * draw("field backscatter", category.size)
         else:
             class_offset[c], deviation = _dated(draw, lookup, lookup.course, category, visit, visit.day)
         field_offset[c] = np.where(known, deviation, 0.0)
+    calibration = generator(seed, run_id, visit.purpose("calibration")).standard_normal(len(CHANNELS))
+    class_offset += radar.calibration_sd_db * calibration[[CHANNELS.index(c) for c in radar.channels], None]
     return Occasion(ground_state[0], ground_state[1], class_offset, field_offset)
 
 

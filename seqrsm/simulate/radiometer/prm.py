@@ -149,8 +149,9 @@ def meet_radiometer(
     n, m = frame.elevation_m.shape
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
     printed = radiometer.mode == "report"
+    dated = {} if visit.day is None else {"day": visit.day}
     lookups = [
-        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed, day=visit.day)
+        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed, **dated)
         for channel in radiometer.channels
     ]
     if random_occasion:

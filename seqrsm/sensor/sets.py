@@ -1,0 +1,192 @@
+"""Sets of sensors that look at one ground together, and the dates on which they do.
+
+A set is written as the frequency of a configuration: ``L+C`` names two members, ``1.25+9.6`` two others. A member is a
+band letter, a number of gigahertz, or a name for which ``[simulator.members.NAME]`` gives what that member has of its
+own, its engine among it. What is given without a name holds for every member that has such a parameter;
+``C.resolution`` belongs to the member C. A member's own table goes before a factor without a name, a factor with its
+name before both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from seqrsm.errors import ConfigurationError, Problem
+from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, Parameter, configured, find
+
+SENSORS: Final[Mapping[str, Mapping[str, Parameter]]] = {
+    "psm": {**RADAR, **CALENDAR},
+    "prm": {**RADIOMETER, **CALENDAR},
+}
+"""Parameters by engine, those of the dates among them."""
+
+BANDS: Final[Mapping[str, float]] = {
+    "P": 0.435, "L": 1.25, "S": 3.2, "C": 5.4, "X": 9.65, "Ku": 13.6, "K": 18.7, "Ka": 35.0,
+}  # fmt: skip
+"""Frequency that a band's letter stands for [GHz]."""
+
+LAST_DAY: Final = 365.0
+
+Values = Mapping[str, float | str]
+
+
+@dataclass(frozen=True, slots=True)
+class Dates:
+    """When a sensor looks.
+
+    Attributes
+    ----------
+    dates : int
+        How many times.
+    first_day : float or None
+        Day of the year of the first; None: no day at all, the season stands for it.
+    interval_days : float
+        Between one date and the next [d].
+    days : str
+        The days themselves, as in ``120+150+200``, in place of the three.
+
+    Raises
+    ------
+    ConfigurationError
+        Dates without a day, beyond the year, or given twice.
+    """
+
+    dates: int = 1
+    first_day: float | None = None
+    interval_days: float = 12.0
+    days: str = ""
+
+    def __post_init__(self) -> None:
+        if self.days and (self.dates != 1 or self.first_day is not None):
+            text = "the days are given twice"
+            raise ConfigurationError(Problem(text, "Give days, or dates and first_day", field="days", value=self.days))
+        if not self.days and self.first_day is None and self.dates != 1:
+            text = "several dates need a day on which they begin"
+            raise ConfigurationError(Problem(text, "Give first_day", field="dates", value=self.dates))
+        for day in self.on:
+            if not 1.0 <= day <= LAST_DAY:
+                text = f"a date on day {day:g} lies beyond the year"
+                remedy = "Keep all dates within days 1 to 365: fewer dates, a shorter interval or an earlier first day"
+                field = "days" if self.days else "first_day"
+                raise ConfigurationError(Problem(text, remedy, field=field, value=self.days or self.first_day))
+
+    @property
+    def on(self) -> tuple[float, ...]:
+        """Days of the year, rising; empty where the season stands for them."""
+        if self.days:
+            try:
+                found = sorted({float(day) for day in self.days.split("+")})
+            except ValueError:
+                found = [math.nan]
+            return tuple(found)
+        if self.first_day is None:
+            return ()
+        return tuple(self.first_day + k * self.interval_days for k in range(self.dates))
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One sensor of a set.
+
+    Attributes
+    ----------
+    name : str
+        "" where there is only one.
+    engine : str
+    settings, fixed : Mapping
+        Its parameters, those of the dates left out.
+    dates : Dates
+    """
+
+    name: str
+    engine: str
+    settings: Values
+    fixed: Values
+    dates: Dates
+
+
+def frequency_of(name: str, members: Mapping[str, Values]) -> float | None:
+    """Frequency [GHz] of a member by its table, band letter or number; None: no such member."""
+    own = members.get(name, {})
+    written = own.get("frequency", own.get("frequency_ghz"))
+    if written is not None:
+        return _ghz(written)
+    return _ghz(name)
+
+
+def _ghz(written: float | str) -> float | None:
+    if isinstance(written, str) and written in BANDS:
+        return BANDS[written]
+    try:
+        return float(written)
+    except ValueError:
+        return None
+
+
+def set_problem(written: float | str, members: Mapping[str, Values]) -> Problem | None:
+    """What makes a set of frequencies impossible, such as an unknown or doubled member; None: nothing."""
+    names = [part.strip() for part in str(written).split("+")]
+    for name in names:
+        if frequency_of(name, members) is None:
+            known = ", ".join([*BANDS, *members])
+            remedy = f"A member is a number of GHz, a band or a [simulator.members] of yours: {known}"
+            return Problem("no such member of a set", remedy, field="frequency", value=name)
+    if len(set(names)) < len(names):
+        return Problem("a member stands twice in the set", "Write it once", field="frequency", value=written)
+    return None
+
+
+def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> tuple[Member, ...]:
+    """The sensors of a configuration, each with what is its own.
+
+    Parameters
+    ----------
+    engine : str
+        Of members that do not name another.
+    settings, fixed : Mapping
+        Levels of the factors, and what is no factor.
+    members : Mapping
+        What members have of their own, by name.
+
+    Raises
+    ------
+    ConfigurationError
+        Unknown or doubled members, impossible dates.
+    """
+    written = settings.get("frequency", fixed.get("frequency", fixed.get("frequency_ghz", "")))
+    names = [part.strip() for part in written.split("+")] if isinstance(written, str) and written else [""]
+    if names == [""] or (len(names) == 1 and not members and not any("." in name for name in (*settings, *fixed))):
+        band = {"frequency": BANDS[names[0]]} if names[0] in BANDS else {}
+        plain = {**settings, **band} if "frequency" in settings else settings
+        rest = {**fixed, **band} if "frequency" in fixed else fixed
+        dates, (plain, rest) = _apart(plain, rest)
+        return (Member("", engine, plain, rest, dates),)
+    problem = set_problem(written, members)
+    if problem is not None:
+        raise ConfigurationError(problem)
+    return tuple(_member(name, engine, settings, fixed, members) for name in names)
+
+
+def _member(name: str, engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> Member:
+    own = dict(members.get(name, {}))
+    own_engine = str(own.pop("engine", engine))
+    table = SENSORS[own_engine]
+    given: dict[str, Any] = {}
+    for values in (fixed, settings):
+        given |= {row.name: v for key, v in values.items() if (row := find(table, key)) is not None}
+    given |= {row.name if (row := find(table, key)) is not None else key: v for key, v in own.items()}
+    for values in (fixed, settings):
+        given |= {key.partition(".")[2]: v for key, v in values.items() if key.partition(".")[0] == name and "." in key}
+    given["frequency"] = frequency_of(name, members)
+    dates, (given, _) = _apart(given, {})
+    return Member(name, own_engine, given, {}, dates)
+
+
+def _apart(settings: Values, fixed: Values) -> tuple[Dates, tuple[dict[str, Any], dict[str, Any]]]:
+    """The dates, and settings and fixed parameters without them."""
+    when = [{k: v for k, v in values.items() if k in CALENDAR} for values in (settings, fixed)]
+    rest = [{k: v for k, v in values.items() if k not in CALENDAR} for values in (settings, fixed)]
+    return configured("calendar", Dates, CALENDAR, *when), (rest[0], rest[1])
