@@ -13,6 +13,7 @@
     │   ├── DesignError            a design that cannot be made
     │   ├── FitError               too few or unusable scores
     │   └── StoreError             the campaign's data base
+    ├── OvertakenError             another process decided meanwhile; look again
     └── ConvergenceError           the sampler did not reach its rule; carries what was reached
 """
 
@@ -108,6 +109,10 @@ class FitError(UserError):
 
 class StoreError(UserError):
     """The campaign's data base cannot be used."""
+
+
+class OvertakenError(SeqrsmError):
+    """What was to be written rests on a state of the campaign that another process has changed; nothing was written."""
 
 
 class ConvergenceError(SeqrsmError):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -24,10 +25,10 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import Problem, StoreError, UserError
+from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
-from seqrsm.spec.read import CampaignSpec, load_spec
-from seqrsm.store.records import NewRun, RunRecord
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.store.records import WAITING, NewRun, RunRecord
 from seqrsm.store.store import Store, heartbeat
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from seqrsm.campaign.simulation import SimulationTask
 
 Progress = Callable[[int, int], None]
-WAITING = ("proposed", "issued", "running")
 MAX_ATTEMPTS = 3
 """How often a simulated run is begun that fails through no fault of its settings."""
 
@@ -120,7 +120,13 @@ class Campaign:
         return campaign_compromise(self.spec, self.analyse_all() if analyses is None else analyses)
 
     def look(self) -> tuple[Analysis, ...]:
-        """Analyse what is there and record it once: a second look at the same runs is not a look."""
+        """Analyse what is there and record it once: a second look at the same runs is not a look.
+
+        Raises
+        ------
+        OvertakenError
+            Another process decided meanwhile.
+        """
         analyses = self.analyse_all(n_draws=1000)
         self._record_looks(analyses)
         return analyses
@@ -157,7 +163,7 @@ class Campaign:
         Raises
         ------
         UserError
-            Unknown source, a form that exists already, or too few scores and none to wait for.
+            Unknown source, a form that exists already, too few scores and none to wait for, or a budget that is spent.
         """
         if source not in ("simulation", "flight", "best"):
             raise UserError(
@@ -167,18 +173,49 @@ class Campaign:
             raise UserError(Problem("the file exists already", "Name a new file.", file=str(csv)))
         if csv is not None and not os.access(csv.absolute().parent, os.W_OK):  # known before any run is issued
             raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
-        made = self.store.runs()
-        proposed = self._proposals(made, n or self.spec.batch, source, analyses)
-        runs = in_random_order(proposed, self.spec.seed, len(made))
-        size, region = self.spec.runs_an_occasion, self.spec.region
-        deal = None if size is None else partial(share_occasions, size=size, region=region)
-        ids = self.store.add_batch(runs, issue=True, deal=deal)
-        records = tuple(run for run in self.store.runs() if run.run_id in set(ids))
+        records = self._issue(n, source, analyses)
         if csv is not None:
             from seqrsm.campaign.form import write_form
 
             write_form(csv, self.spec, records)
         return records
+
+    def _issue(self, n: int | None, source: str, analyses: Sequence[Analysis] | None) -> tuple[RunRecord, ...]:
+        """Choose and issue; where another process decided meanwhile, choose again from what there is now."""
+        while True:
+            self.store.mark()
+            with suppress(OvertakenError):
+                return self.decide(n, source, self.spec.stop.max_runs, analyses)
+            analyses = None
+
+    def decide(
+        self,
+        n: int | None = None,
+        source: str = "simulation",
+        budget: int | None = None,
+        analyses: Sequence[Analysis] | None = None,
+    ) -> tuple[RunRecord, ...]:
+        """Issue the next runs, as `propose`, from the state that the store has marked.
+
+        Raises
+        ------
+        OvertakenError
+            Another process decided meanwhile; nothing was issued.
+        """
+        if load_spec(self.folder).spec_hash != self.spec.spec_hash:
+            message = "the specification was changed while this command worked with the one before"
+            raise SpecError(Problem(message, "Give the command again.", file=str(self.folder / SPEC_NAME)))
+        made, budget = self.store.runs(), budget or self.spec.stop.max_runs
+        left = budget - self.store.n_used()
+        if left <= 0:
+            message = f"the budget of {budget} runs is spent"
+            raise StoreError(Problem(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME)))
+        proposed = self._proposals(made, min(n or self.spec.batch, left), source, analyses)[:left]
+        runs = in_random_order(proposed, self.spec.seed, len(made))
+        size, region = self.spec.runs_an_occasion, self.spec.region
+        deal = None if size is None else partial(share_occasions, size=size, region=region)
+        ids = self.store.add_batch(runs, issue=True, deal=deal, budget=budget)
+        return tuple(run for run in self.store.runs() if run.run_id in set(ids))
 
     def _proposals(
         self, runs: Sequence[RunRecord], n: int, source: str, analyses: Sequence[Analysis] | None
@@ -219,21 +256,17 @@ class Campaign:
             The runs carried out in this call, failed ones included.
         """
         self.store.release_stale()
-        proposed = [run.run_id for run in self.store.runs("proposed", source="simulation")]
-        if proposed:
-            self.store.issue(proposed)
-        waiting = {run.run_id: run for run in self.store.runs("issued", source="simulation")}
+        self._repeat_doubtful()
         carried: set[int] = set()
-        waiting |= self._repeat_doubtful()
-        while waiting:
-            try:
-                claimed = self.store.claim(waiting)
+        try:
+            while claimed := self.store.claim():
                 carried |= {run.run_id for run in claimed}
-                again = self._carry_out(claimed, workers, cluster, on_progress)
-            finally:
-                self.store.release(waiting)
-            waiting = {run.run_id: run for run in again} | self._repeat_doubtful()
-        self._measure_ground(workers, cluster)
+                self._carry_out(claimed, workers, cluster, on_progress)
+                self._repeat_doubtful()
+        finally:
+            self.store.release()
+        if not self.store.runs("running", source="simulation"):  # the last to finish knows all scores
+            self._measure_ground(workers, cluster)
         return tuple(run for run in self.store.runs() if run.run_id in carried)
 
     def _measure_ground(self, workers: int, cluster: str | None) -> None:
@@ -259,7 +292,7 @@ class Campaign:
             whole = whole[np.isfinite(whole).all(axis=1)]
             if len(whole) > 1:
                 detail = {"application": application.name, "settings": dict(settings), "scores": whole.tolist()}
-                self.store.add_event(MEASURED, detail)
+                self.store.add_event(MEASURED, detail, once=("application",))
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
         """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended."""
@@ -280,7 +313,7 @@ class Campaign:
             ]
             unit = "dB" if self.spec.simulator is not None and self.spec.simulator.engine == "psm" else ""
             detail = {"application": analysis.application, "settings": dict(settings), "unit": unit, "values": values}
-            self.store.add_event(RANKED, detail)
+            self.store.add_event(RANKED, detail, once=("application", "settings"))
 
     @staticmethod
     def _scores_of(tasks: Sequence[SimulationTask], application: str, workers: int, cluster: str | None) -> FloatArray:
@@ -296,26 +329,21 @@ class Campaign:
                     found[index] = one.score
         return found
 
-    def _repeat_doubtful(self) -> dict[int, RunRecord]:
+    def _repeat_doubtful(self) -> None:
         """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""
         widening = widening_of(self.store.events(kind=VIOLATED))
         ids = to_repeat(self.spec, self.store.runs("scored"), widening) if widening else ()
-        if not ids:
-            return {}
-        made = self.store.repeat(ids, "a check found the bound of its simulation's error too small")
-        return {run.run_id: run for run in self.store.runs("issued") if run.run_id in made}
+        if ids:
+            self.store.repeat(ids, "a check found the bound of its simulation's error too small")
 
     def _carry_out(
         self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
-    ) -> list[RunRecord]:
-        """Simulate runs that this process holds; those that failed through no fault of theirs are to be tried again."""
+    ) -> None:
+        """Simulate runs that this process holds; those that failed through no fault of theirs are issued again."""
         from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
         from seqrsm.simulate.lost import Lost
         from seqrsm.simulate.runner import run_many
 
-        again: list[RunRecord] = []
-        if not claimed:
-            return again
         widening = widening_of(self.store.events(kind=VIOLATED))
         tasks = [
             task_of(self.spec, run.run_id, run.proposed, widening, occasion_of(run.source, run.block))
@@ -335,8 +363,6 @@ class Campaign:
                     self.store.fail(run.run_id, result.failure)
                     if result.again and run.attempts < MAX_ATTEMPTS:
                         self.store.issue([run.run_id])
-                        again.append(run)
-        return again
 
     def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:
         """Take in files of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""

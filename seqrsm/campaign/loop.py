@@ -14,15 +14,17 @@ from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
-from seqrsm.campaign.campaign import WAITING, Campaign, Progress, n_fitted, silent
+from seqrsm.campaign.campaign import Campaign, Progress, n_fitted, silent
 from seqrsm.campaign.next_runs import rounded_settings, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import Problem, StoreError, UserError
-from seqrsm.store.records import CONFIRMATION, NewRun, RunRecord
+from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
+from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
 
 Ending = Literal["stop", "budget spent", "futility"]
+WAIT_S = 1.0
+"""How often runs in the hands of another process are looked at [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,54 +143,75 @@ class _ClosedLoop:
         self._refuse_less_than_a_start(budget)
         if spec.simulator is None and not campaign.store.runs(source="simulation"):
             check_simulator(spec)
-        while True:
-            with self._timed("simulate"):
-                made = self.simulate()
-            self._refuse_hopeless(made)
-            if self._n_used() == 0:
-                self.say("checking the simulator with one image at the centre of the region")
-                check_simulator(spec)
-                self.say("searching the start design")
-                with self._timed("propose"):
-                    runs = campaign.propose()
-                self.say(f"start design of {len(runs)} runs")
-                continue
-            left = budget - self._n_used()
-            if self._too_few() and left > 0:
-                self.say("too few scores for a fit; going on with the start design")
-                with self._timed("propose"):
-                    campaign.propose()
-                continue
-            with self._timed("fit"):
-                analyses = campaign.look()
-            for analysis in analyses:
-                self.on_look(analysis)
-            if all(analysis.decision.held for analysis in analyses):
-                analyses = self._confirmed(analyses)
-                # Fresh runs that contradict the model are evidence against it: they enter the fit with the next ones.
-                if left <= 0 or not any(analysis.contradicted for analysis in analyses):
-                    return self._finish("stop")
-                self.say("the fresh runs contradict the model; going on")
-            if any(analysis.decision.wants_confirmation for analysis in analyses):
-                self._add_confirmation(analyses)
-                continue
-            if left <= 0:
-                return self._finish("budget spent")
-            if spec.stop.futility == "stop" and self._futile(analyses):
-                return self._finish("futility")
+        ending: Ending | None = None
+        while ending is None:
+            self._refuse_hopeless(self._simulated())
+            campaign.store.mark()
+            try:
+                ending = self._step(budget, batch)
+            except OvertakenError:
+                self.say("another command went on with this campaign meanwhile; looking again")
+        return self._finish(ending)
+
+    def _step(self, budget: int, batch: int) -> Ending | None:
+        """Look at what is scored, and issue what is to come next, or tell how the campaign ends.
+
+        Raises
+        ------
+        OvertakenError
+            Another process decided meanwhile.
+        """
+        campaign, spec = self.campaign, self.campaign.spec
+        left = budget - campaign.store.n_used()
+        if left == budget:
+            self.say("checking the simulator with one image at the centre of the region")
+            check_simulator(spec)
+            self.say("searching the start design")
             with self._timed("propose"):
-                campaign.propose(min(batch, left), analyses=analyses)
+                runs = campaign.decide(budget=budget)
+            self.say(f"start design of {len(runs)} runs")
+            return None
+        if self._too_few() and left > 0:
+            self.say("too few scores for a fit; going on with the start design")
+            with self._timed("propose"):
+                campaign.decide(budget=budget)
+            return None
+        with self._timed("fit"):
+            analyses = campaign.look()
+        for analysis in analyses:
+            self.on_look(analysis)
+        if all(analysis.decision.held for analysis in analyses):
+            analyses = self._confirmed(analyses)
+            # Fresh runs that contradict the model are evidence against it: they enter the fit with the next ones.
+            if left <= 0 or not any(analysis.contradicted for analysis in analyses):
+                return "stop"
+            self.say("the fresh runs contradict the model; going on")
+        if any(analysis.decision.wants_confirmation for analysis in analyses):
+            self._add_confirmation(analyses)
+            return None
+        if left <= 0:
+            return "budget spent"
+        if spec.stop.futility == "stop" and self._futile(analyses):
+            return "futility"
+        with self._timed("propose"):
+            campaign.decide(batch, budget=budget, analyses=analyses)
+        return None
+
+    def _simulated(self) -> list[RunRecord]:
+        """Carry out what is issued, and wait for what others carry out; the runs carried out here."""
+        with self._timed("simulate"):
+            made = list(self.simulate())
+            while others := self.campaign.store.runs("running", source="simulation"):
+                self.say(f"waiting for {len(others)} runs that another command carries out")
+                time.sleep(WAIT_S)
+                made += self.simulate()
+        return made
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
         since = time.perf_counter()
         yield
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
-
-    def _n_used(self) -> int:
-        """Runs that count against the budget."""
-        runs = self.campaign.store.runs()
-        return sum(run.state in (*WAITING, "scored") and run.purpose != CONFIRMATION for run in runs)
 
     def _too_few(self) -> bool:
         """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
@@ -215,7 +238,7 @@ class _ClosedLoop:
         """A smaller budget for one call ends the campaign early, and nothing else; the start design is made whole."""
         spec = self.campaign.spec
         least = start_size(QuadraticModel(spec.factors, spec.model.order), spec)
-        if budget < least and self._n_used() == 0:
+        if budget < least and self.campaign.store.n_used() == 0:
             remedy = f"Give {least} or more, or leave it out."
             raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
 
@@ -248,8 +271,7 @@ class _ClosedLoop:
         if self.campaign.spec.simulator is None or all(a.confirmation is not None for a in analyses):
             return analyses
         self._add_confirmation(analyses)
-        with self._timed("simulate"):
-            self.simulate()
+        self._simulated()
         return self.campaign.analyse_all(n_draws=1000)
 
     def _finish(self, kind: Ending) -> Outcome:
@@ -259,8 +281,7 @@ class _ClosedLoop:
         with self._timed("sample"):
             analyses = campaign.analyse_all(sampler="emcee")
         n_scored = len(store.runs("scored"))
-        if not any(event.detail.get("n_scored") == n_scored for event in store.events(kind=kind)):
-            store.add_event(kind, {"n_scored": n_scored})
+        store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
         rests = {}
         if campaign.spec.simulator is not None:
             told = [event.detail["settings"] for event in store.events(kind=RANKED)]

@@ -14,6 +14,8 @@ from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
 from seqrsm.store.database import utc_now
 from seqrsm.store.records import (
+    CONFIRMATION,
+    WAITING,
     EventRecord,
     FileRecord,
     LookRecord,
@@ -49,6 +51,16 @@ class Ledger:
     def next_id(self) -> int:
         """Id of the next run: one more than the last."""
         return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.id), 0))).scalar_one()) + 1
+
+    def last_event(self, apart: Sequence[str] = ()) -> int:
+        """Number of the latest event, those of some kinds apart; 0 before the first."""
+        query = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.id), 0)).where(EVENTS.c.kind.not_in(apart))
+        return int(self.connection.execute(query).scalar_one())
+
+    def n_used(self) -> int:
+        """Runs that count against the budget: scored or to be scored, confirmation runs apart."""
+        counts = (RUNS.c.state.in_((*WAITING, "scored")), RUNS.c.purpose != CONFIRMATION)
+        return int(self.connection.execute(sa.select(sa.func.count()).select_from(RUNS).where(*counts)).scalar_one())
 
     def last_batch(self) -> int:
         """Number of the latest batch, 0 before the first."""

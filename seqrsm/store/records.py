@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 
 Settings: TypeAlias = dict[str, float | str]
 
+WAITING = ("proposed", "issued", "running")
+"""States of runs that are still to be scored."""
+
 CONFIRMATION = "confirmation"
 """Purpose of the fresh runs at the recommended settings; they stay out of the fit."""
 

@@ -3,6 +3,10 @@
 States: proposed -> issued -> running -> scored | failed; any -> void. Nothing is ever deleted. Each method is one short
 transaction; when it returns, what it recorded survives a crash.
 
+Decisions (batches, looks) rest on what was read before. `Store.mark` says from where on; a decision is refused with
+`OvertakenError` when another process has decided since: of several that decide at once one comes through, and the
+others look again.
+
 Importing this module imports SQLAlchemy; commands that do not open a store should not import it.
 """
 
@@ -22,7 +26,7 @@ from typing import Any, Self
 
 import sqlalchemy as sa
 
-from seqrsm.errors import Problem, StoreError
+from seqrsm.errors import OvertakenError, Problem, StoreError
 from seqrsm.plain import plain
 from seqrsm.store.database import Database, utc_now
 from seqrsm.store.ledger import Ledger, restore
@@ -62,6 +66,8 @@ STORE_NAME = "campaign.db"
 LEASE_S = 900.0
 """A process of another host that was not heard of for so long [s] has lost its runs; the hosts' clocks agree better."""
 _TOKEN = secrets.token_hex(4)
+_NO_DECISIONS = ("running", "released", "scored")
+"""Kinds of events that overtake no decision: runs on their way, which were pending when it was made."""
 
 
 class _DryRunError(Exception):
@@ -86,6 +92,7 @@ class Store:
         self.seed = seed
         self.campaign = database.campaign
         self.label = database.label
+        self._mark: int | None = None
 
     @classmethod
     def open(
@@ -140,8 +147,9 @@ class Store:
         *,
         issue: bool = False,
         deal: Callable[[Sequence[NewRun], Sequence[RunRecord]], Sequence[NewRun]] | None = None,
+        budget: int | None = None,
     ) -> tuple[int, ...]:
-        """Store proposals as one batch; all or none.
+        """Store proposals as one batch; all or none. A decision, see `mark`.
 
         Parameters
         ----------
@@ -151,15 +159,28 @@ class Store:
             Issue them at once.
         deal : callable, optional
             Given the runs and all that are there, returns the runs with their blocks; nobody else writes meanwhile.
+        budget : int, optional
+            Runs of the whole campaign, confirmation runs apart, that must not be passed.
 
         Returns
         -------
         tuple of int
             Run ids in the order given.
+
+        Raises
+        ------
+        OvertakenError
+        StoreError
+            The budget would be passed; nothing was changed.
         """
         if not runs:
             return ()
-        with self._write() as ledger:
+        with self._decide() as ledger:
+            if budget is not None and ledger.n_used() + len(runs) > budget:
+                message = (
+                    f"{ledger.n_used()} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
+                )
+                raise StoreError(Problem(message, "Raise [stop] max_runs.", field="max_runs", value=budget))
             if deal is not None:
                 runs = deal(runs, ledger.runs(sa.true()))
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
@@ -172,12 +193,12 @@ class Store:
     def claim(
         self, run_ids: Iterable[int] | None = None, *, limit: int | None = None, source: str = "simulation"
     ) -> tuple[RunRecord, ...]:
-        """Take issued runs for this process to carry out; no two processes get the same run.
+        """Take proposed or issued runs for this process to carry out; no two processes get the same run.
 
         Parameters
         ----------
         run_ids : iterable of int, optional
-            Only these; any issued run otherwise. Those another process holds already are left out.
+            Only these; any otherwise. Those another process holds already are left out.
         limit : int, optional
             At most so many, lowest ids first.
         source : {"simulation", "flight"}
@@ -188,7 +209,8 @@ class Store:
         tuple of RunRecord
             The runs, now in state "running".
         """
-        query = sa.select(RUNS.c.id).where(RUNS.c.state == "issued", RUNS.c.source == source).order_by(RUNS.c.id)
+        free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == source)
+        query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id)
         if limit is not None:
             query = query.limit(limit)
         with self._write() as ledger:
@@ -254,25 +276,24 @@ class Store:
         Returns
         -------
         tuple of int
-            Ids of the new runs, in the order given.
+            Ids of the new runs, in the order of the old; none in the place of those that are void already.
         """
         _need_reason(why)
         with self._write() as ledger:
-            old = {run.run_id: run for run in ledger.runs(RUNS.c.id.in_(tuple(run_ids)))}
-            ledger.move(run_ids, "void", {"reason": why}, detail={"reason": why})
+            old = ledger.runs(sa.and_(RUNS.c.id.in_(tuple(run_ids)), RUNS.c.state != "void"))
+            ledger.move([run.run_id for run in old], "void", {"reason": why}, detail={"reason": why})
             made = []
-            for run_id in run_ids:
-                run = old[run_id]
+            for run in old:
                 fresh = NewRun(run.proposed, run.purpose, run.why, run.source, run.cost, run.block)
                 (new_id,) = ledger.add_runs([fresh], batch=run.batch, issue=True)
-                ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == new_id).values(replaces=run_id))
+                ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == new_id).values(replaces=run.run_id))
                 made.append(new_id)
             return tuple(made)
 
-    def release(self, run_ids: Iterable[int]) -> tuple[int, ...]:
-        """Issue again those of the runs that this process still holds; returns their ids."""
+    def release(self) -> tuple[int, ...]:
+        """Issue again the runs that this process still holds; returns their ids."""
         with self._write() as ledger:
-            held = (RUNS.c.id.in_(tuple(run_ids)), RUNS.c.state == "running", RUNS.c.owner == _this_process())
+            held = (RUNS.c.state == "running", RUNS.c.owner == _this_process())
             ids = tuple(ledger.connection.execute(sa.select(RUNS.c.id).where(*held).order_by(RUNS.c.id)).scalars())
             ledger.move(ids, "issued", {"owner": ""}, kind="released")
             return ids
@@ -360,8 +381,11 @@ class Store:
     # -- looks and events -----------------------------------------------------------------------------------------
 
     def record_look(self, after_run: int, application: str, summary: Mapping[str, Any]) -> int:
-        """Record what a look at the data found; returns its number. ``after_run``: scored runs it was based on."""
-        with self._write() as ledger:
+        """Record what a look at the data found; returns its number. A decision, see `mark`.
+
+        ``after_run``: scored runs it was based on.
+        """
+        with self._decide() as ledger:
             row = {"after_run": after_run, "application": application, "summary": plain(summary)}
             result = ledger.connection.execute(
                 sa.insert(LOOKS).values(**row, looked_at=utc_now()).returning(LOOKS.c.id)
@@ -370,10 +394,23 @@ class Store:
             ledger.log("look", [(None, {"look": number, **row, "summary": None})])
             return number
 
-    def add_event(self, kind: str, detail: Mapping[str, Any] | None = None, run_id: int | None = None) -> None:
-        """Note something that is no change of a run: a stop, a report, an interruption."""
+    def add_event(
+        self, kind: str, detail: Mapping[str, Any], run_id: int | None = None, *, once: Sequence[str] = ()
+    ) -> None:
+        """Note something that is no change of a run: a stop, a report, an interruption.
+
+        ``once``: keys of the detail; where an event of this kind has the same values of them, none is added.
+        """
+        detail = plain(detail)
         with self._write() as ledger:
-            ledger.log(kind, [(run_id, dict(detail or {}))])
+            told = ledger.connection.execute(sa.select(EVENTS.c.detail).where(EVENTS.c.kind == kind)).scalars()
+            if not (once and any(all(old.get(key) == detail[key] for key in once) for old in told)):
+                ledger.log(kind, [(run_id, detail)])
+
+    def mark(self) -> None:
+        """From here on what is read is what the next decision rests on; own decisions move the mark."""
+        with self._read() as ledger:
+            self._mark = ledger.last_event(_NO_DECISIONS)
 
     # -- reading --------------------------------------------------------------------------------------------------
 
@@ -426,7 +463,12 @@ class Store:
     def last_event(self) -> int:
         """Number of the latest event; 0 before the first."""
         with self._read() as ledger:
-            return int(ledger.connection.execute(sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.id), 0))).scalar_one())
+            return ledger.last_event()
+
+    def n_used(self) -> int:
+        """Runs that count against the budget: scored or to be scored, confirmation runs apart."""
+        with self._read() as ledger:
+            return ledger.n_used()
 
     def files(self) -> tuple[FileRecord, ...]:
         """Files taken in, in order."""
@@ -455,6 +497,17 @@ class Store:
     def _write(self) -> Iterator[Ledger]:
         with self._database.write() as connection:
             yield Ledger(connection, self.seed)
+
+    @contextmanager
+    def _decide(self) -> Iterator[Ledger]:
+        """Write what rests on the state at the mark, if it is still the state but for this process's own decisions."""
+        with self._write() as ledger:
+            if self._mark not in (None, ledger.last_event(_NO_DECISIONS)):
+                raise OvertakenError
+            yield ledger
+            made = ledger.last_event(_NO_DECISIONS)
+        if self._mark is not None:
+            self._mark = made
 
 
 def _need_reason(why: str) -> None:

@@ -49,7 +49,7 @@ def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
     with monkeypatch.context() as elsewhere:
         elsewhere.setattr(store_module.socket, "gethostname", lambda: "elsewhere")
         store.claim([ids[2]])
-    assert store.release(ids) == (ids[1],)
+    assert store.release() == (ids[1],)
     assert [run.state for run in store.runs()] == ["scored", "issued", "running"]
 
 
@@ -140,8 +140,8 @@ def test_an_interrupt_before_the_first_simulation_gives_them_back_too(campaign, 
     opened = campaign()
     claim = opened.store.claim
 
-    def interrupted(ids):
-        claim(ids)
+    def interrupted():
+        claim()
         raise KeyboardInterrupt
 
     monkeypatch.setattr(opened.store, "claim", interrupted)

@@ -143,12 +143,12 @@ def test_void_needs_a_reason_and_keeps_the_score(store):
     assert (store.run(run_id).reason, len(store.run(run_id).scores)) == ("cloud", 1)
 
 
-def test_claim_takes_issued_runs_of_its_source_only(store):
+def test_claim_takes_waiting_runs_of_its_source_only(store):
     ids = store.add_batch([RUN, RUN, NewRun(HERE, source="flight"), RUN], issue=True)
-    bring(store, "proposed")
+    later = bring(store, "proposed")
     assert [run.run_id for run in store.claim(limit=1)] == [ids[0]]
     assert [run.run_id for run in store.claim([ids[0], ids[3]])] == [ids[3]]
-    assert [run.run_id for run in store.claim()] == [ids[1]]
+    assert [run.run_id for run in store.claim()] == [ids[1], later]
     assert store.claim() == ()
     assert [run.run_id for run in store.claim(source="flight")] == [ids[2]]
     with pytest.raises(StoreError, match="no such run"):
