@@ -36,8 +36,10 @@ if TYPE_CHECKING:
     from seqrsm.campaign.simulation import SimulationTask
 
 Progress = Callable[[int, int], None]
-MAX_ATTEMPTS = 3
-"""How often a simulated run is begun that fails through no fault of its settings."""
+TRIES = 3
+"""How often one command begins a run that the machine fails."""
+MAX_ATTEMPTS = 9
+"""How often commands begin a run that fails through no fault of its settings, before somebody asks for more."""
 
 
 def silent(*_: object) -> None:
@@ -223,7 +225,7 @@ class Campaign:
         active = [run for run in evidence(runs) if run.state in (*WAITING, "scored")]
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
         fitted = n_fitted(self.spec, runs)
-        failed = [run for run in runs if run.state == "failed"]
+        failed = [run for run in runs if run.state == "failed" and run.fault != "machine"]
         cheaper = "simulation" if self.spec.simulator is not None else "flight"
         start_source = cheaper if source == "best" else source
         if not active:
@@ -256,6 +258,7 @@ class Campaign:
             The runs carried out in this call, failed ones included.
         """
         self.store.release_stale()
+        self.store.retry(attempts=MAX_ATTEMPTS)
         self._repeat_doubtful()
         carried: set[int] = set()
         try:
@@ -360,8 +363,8 @@ class Campaign:
                     if result.check is not None and result.check.violated:
                         self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
                 else:
-                    self.store.fail(run.run_id, result.failure)
-                    if result.again and run.attempts < MAX_ATTEMPTS:
+                    self.store.fail(run.run_id, result.failure, result.fault)
+                    if result.fault == "machine" and run.attempts % TRIES:
                         self.store.issue([run.run_id])
 
     def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:

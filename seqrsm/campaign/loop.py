@@ -14,7 +14,7 @@ from seqrsm.analysis.fitted import confirmation_reason
 from seqrsm.analysis.ground import RANKED
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
-from seqrsm.campaign.campaign import Campaign, Progress, n_fitted, silent
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign, Progress, n_fitted, silent
 from seqrsm.campaign.next_runs import rounded_settings, start_size
 from seqrsm.campaign.rests_on import rests_on
 from seqrsm.campaign.simulation import check_simulator
@@ -243,7 +243,12 @@ class _ClosedLoop:
             raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
 
     def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
-        """Batches without a single score would be proposed again for ever."""
+        """No others replace runs that the machine failed; batches without a single score would come for ever."""
+        broken = [run for run in self.campaign.store.runs("failed") if run.fault == "machine"]
+        if broken:
+            text = f"the machine failed {len(broken)} runs, which are not given up: {broken[-1].reason}"
+            remedy = f"Mend it and give the command again; after {MAX_ATTEMPTS} attempts, `seqrsm retry` first."
+            raise UserError(Problem(text, remedy))
         if not made or any(run.state != "failed" for run in made):
             return
         attempts = self.campaign.spec.attempts

@@ -136,11 +136,11 @@ def _run(row: Mapping[str, Any]) -> RunRecord:
 def _record(kind: type[Record], row: Mapping[str, Any]) -> Record:
     """A record whose values have the types that it asks for."""
     hints = get_type_hints(kind)
-    if set(row) != set(hints):
+    if not set(row) <= set(hints):
         raise ValueError(f"{kind.__name__} has the fields {sorted(row)}")
-    for name, hint in hints.items():
-        if not _fits(row[name], hint):
-            raise TypeError(f"{name} of {kind.__name__} is {row[name]!r}")
+    for name, value in row.items():
+        if not _fits(value, hints[name]):
+            raise TypeError(f"{name} of {kind.__name__} is {value!r}")
     return kind(**row)
 
 

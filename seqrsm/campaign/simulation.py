@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -115,14 +116,14 @@ class FidelityCheck:
 class SimulationResult:
     """Scores of a run, or the reason why there are none; ``seconds`` is what it took, the check left out.
 
-    ``again``: the failure was the machine's (memory, disk) and not the sensor's; another attempt may do better.
+    ``fault``: where a failure lies, `seqrsm.store.schema.FAULTS`.
     """
 
     run_id: int
     scores: tuple[NewScore, ...]
     failure: str
     seconds: float
-    again: bool = False
+    fault: str = ""
     check: FidelityCheck | None = None
 
 
@@ -241,11 +242,9 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         check = None
         if other is not None:
             check = _compare(plan.chosen, other, scores, _scores(task, other, make, scene, sensor))
-    except UserError as error:
-        return SimulationResult(task.run_id, (), str(error), time.perf_counter() - start)
-    except (MemoryError, OSError) as error:
-        reason = f"{type(error).__name__}: {error}"
-        return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, again=True)
+    except (UserError, MemoryError, OSError) as error:
+        reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, _fault(error, task))
     record = {**plan.record(), "seconds": round(seconds, 4)}
     if plan.chosen.rung in task.demand.widening:
         record["widening"] = task.demand.widening[plan.chosen.rung]
@@ -255,6 +254,18 @@ def carry_out(task: SimulationTask) -> SimulationResult:
     return SimulationResult(
         task.run_id, tuple(_new_score(*score, record, more) for score in scores), "", seconds, check=check
     )
+
+
+def _fault(error: Exception, task: SimulationTask) -> str:
+    """Where a failure lies: with the machine where files are gone, nobody knows where with code of the user's own."""
+    try:
+        scene_at(task.scene)
+        readable = all(os.path.isfile(path) for path in files_of(task))
+    except (UserError, OSError):
+        readable = False
+    if not readable or isinstance(error, MemoryError | OSError):
+        return "machine"
+    return "unknown" if isinstance(error, SpecError) else "settings"
 
 
 def files_of(task: SimulationTask) -> frozenset[str]:

@@ -59,7 +59,9 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "common_random_numbers": dict(zip(("runs", "occasions"), sharing(runs), strict=True)),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
-        "failed": [{"run_id": run.run_id, "reason": run.reason} for run in runs if run.state == "failed"],
+        "failed": [
+            {"run_id": run.run_id, "reason": run.reason, "fault": run.fault} for run in runs if run.state == "failed"
+        ],
     }
     if history:
         result["history"] = [asdict(event) for event in events]

@@ -282,6 +282,20 @@ def void(
 
 @app.command()
 @guarded
+def retry(
+    folder: Folder,
+    runs: Annotated[
+        list[int] | None,
+        typer.Argument(metavar="[RUN_ID...]", help="Default: all that failed, but not by their settings."),
+    ] = None,
+) -> None:
+    """Issue failed runs again, their attempts counted anew; the next `run` or `simulate` carries them out."""
+    ids = _opened(folder).store.retry(runs or ())
+    say(f"issued again: {', '.join(map(str, ids)) or 'no run'}")
+
+
+@app.command()
+@guarded
 def fit(
     folder: Folder,
     application: Annotated[str | None, typer.Option(help="Which application, where there are several.")] = None,

@@ -172,7 +172,7 @@ class Ledger:
     def add_scores(self, run_id: int, scores: Sequence[NewScore], values: Mapping[str, Any]) -> None:
         """Insert scores and make the run scored; ``values``: other columns of the run to set."""
         self.insert_scores([(run_id, score) for score in scores])
-        update = {"state": "scored", "ended_at": utc_now(), "owner": "", "reason": "", **values}
+        update = {"state": "scored", "ended_at": utc_now(), "owner": "", "reason": "", "fault": "", **values}
         self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(**update))
 
     def insert_scores(self, scores: Sequence[tuple[int, NewScore]]) -> None:
@@ -195,6 +195,7 @@ def _run_row(run: NewRun) -> dict[str, Any]:
         "block": run.block,
         "cost": float(run.cost),
         "reason": "",
+        "fault": "",
         "attempts": 0,
         "owner": "",
         "replaces": None,

@@ -108,6 +108,8 @@ class RunRecord:
         Settings asked for, and those really flown or simulated where they were recorded.
     reason : str
         Why it failed or was made void.
+    fault : str
+        Where a failure lies: "settings", "machine" or "unknown"; "" where it did not fail, and of older failures.
     attempts : int
         How often it was begun.
     owner : str
@@ -139,6 +141,7 @@ class RunRecord:
     started_at: str | None
     ended_at: str | None
     seen_at: str | None = None
+    fault: str = ""
     scores: tuple[ScoreRecord, ...] = ()
 
     @property
@@ -178,7 +181,10 @@ class LookRecord:
 
 @dataclass(frozen=True, slots=True)
 class EventRecord:
-    """One change: number from 1, time (UTC, ISO 8601), program version, campaign seed, run, kind, and details."""
+    """One change: number from 1, time (UTC, ISO 8601), program version, campaign seed, run, kind, details, and hash.
+
+    The hash is that of the event and the one before; see `seqrsm.store.chain`.
+    """
 
     event: int
     at: str
@@ -187,6 +193,7 @@ class EventRecord:
     run_id: int | None
     kind: str
     detail: dict[str, Any]
+    hash: str = ""
 
 
 @dataclass(frozen=True, slots=True)

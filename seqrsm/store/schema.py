@@ -9,7 +9,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 #: Schema versions in order; the last one is what this program writes.
-REVISIONS = ("0001", "0002")
+REVISIONS = ("0001", "0002", "0003")
 HEAD = REVISIONS[-1]
 
 #: States of a run, and the states that each may pass into.
@@ -23,6 +23,8 @@ TRANSITIONS: dict[str, frozenset[str]] = {
 }
 STATES = tuple(TRANSITIONS)
 SOURCES = ("simulation", "flight")
+FAULTS = ("settings", "machine", "unknown")
+"""Where a failure lies; only one of the settings is final."""
 
 METADATA = sa.MetaData(
     naming_convention={
@@ -64,6 +66,7 @@ RUNS = sa.Table(
     sa.Column("started_at", sa.String(32)),
     sa.Column("ended_at", sa.String(32)),
     sa.Column("seen_at", sa.String(32)),
+    sa.Column("fault", sa.String(16), nullable=False, server_default=""),
     sa.CheckConstraint("id >= 1", name="id"),
 )
 
@@ -123,6 +126,7 @@ EVENTS = sa.Table(
     sa.Column("run_id", sa.Integer, sa.ForeignKey("runs.id")),
     sa.Column("kind", sa.String(64), nullable=False),
     sa.Column("detail", sa.JSON, nullable=False),
+    sa.Column("hash", sa.String(64), nullable=False, server_default=""),
 )
 
 FILES = sa.Table(

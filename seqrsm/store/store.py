@@ -43,7 +43,7 @@ from seqrsm.store.records import (
     RunRecord,
     ScoreRecord,
 )
-from seqrsm.store.schema import EVENTS, FILES, LOOKS, META, RUNS, STATES
+from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
 from seqrsm.store.take_in import ingest_files, rescore_without, stored_rankings, void_ranking
 
 __all__ = [
@@ -68,6 +68,8 @@ LEASE_S = 900.0
 _TOKEN = secrets.token_hex(4)
 _NO_DECISIONS = ("running", "released", "scored")
 """Kinds of events that overtake no decision: runs on their way, which were pending when it was made."""
+
+_ISSUED = {"owner": "", "reason": "", "fault": ""}
 
 
 class _DryRunError(Exception):
@@ -188,7 +190,37 @@ class Store:
     def issue(self, run_ids: Iterable[int]) -> None:
         """Hand proposed (or failed, for another attempt) runs out to be carried out."""
         with self._write() as ledger:
-            ledger.move(run_ids, "issued", {"issued_at": utc_now(), "owner": "", "reason": ""})
+            ledger.move(run_ids, "issued", _ISSUED | {"issued_at": utc_now()})
+
+    def retry(self, run_ids: Sequence[int] = (), attempts: int | None = None) -> tuple[int, ...]:
+        """Issue failed runs again: those named, or all whose failure did not lie with their settings.
+
+        Parameters
+        ----------
+        run_ids : sequence of int
+        attempts : int, optional
+            Only those that were begun less often; otherwise attempts are counted anew.
+
+        Returns
+        -------
+        tuple of int
+            Their ids.
+
+        Raises
+        ------
+        StoreError
+            A run that is named did not fail.
+        """
+        failed = [RUNS.c.state == "failed", RUNS.c.fault != "settings"]
+        if attempts is not None:
+            failed.append(RUNS.c.attempts < attempts)
+        with self._write() as ledger:
+            query = sa.select(RUNS.c.id).where(*failed).order_by(RUNS.c.id)
+            ids = tuple(run_ids) or tuple(ledger.connection.execute(query).scalars())
+            if wrong := [i for i, state in ledger.states(ids).items() if state != "failed"]:
+                raise StoreError(*(Problem("this run did not fail", field="run", value=i) for i in wrong))
+            ledger.move(ids, "issued", _ISSUED | ({"attempts": 0} if attempts is None else {}), kind="retried")
+            return ids
 
     def claim(
         self, run_ids: Iterable[int] | None = None, *, limit: int | None = None, source: str = "simulation"
@@ -257,11 +289,12 @@ class Store:
                 ledger.add_scores(run_id, fresh, values)
             return bool(fresh)
 
-    def fail(self, run_id: int, reason: str) -> None:
-        """Note that an issued or running run could not be carried out."""
+    def fail(self, run_id: int, reason: str, fault: str = "unknown") -> None:
+        """Note that an issued or running run could not be carried out, and where that lies (`FAULTS`)."""
+        assert fault in FAULTS
         with self._write() as ledger:
-            values = {"ended_at": utc_now(), "reason": reason, "owner": ""}
-            ledger.move([run_id], "failed", values, detail={"reason": reason})
+            values = {"ended_at": utc_now(), "reason": reason, "fault": fault, "owner": ""}
+            ledger.move([run_id], "failed", values, detail={"reason": reason, "fault": fault})
 
     def void(self, run_id: int, why: str) -> None:
         """Take a run out of the fit; its scores stay in the store."""

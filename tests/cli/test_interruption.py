@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 from tiny_campaign import TINY, make_tiny
+from typer.testing import CliRunner
 
 from seqrsm.analysis.ground import MEASURED
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.cli.app import app
 
 
 def _heed_interrupts() -> None:
@@ -104,6 +106,21 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
     assert "Traceback" not in err
     # no run is left in the hands of the process that is gone
     assert "running" not in {run[4] for run in result(folder)}
+
+
+def test_a_scene_that_was_away_changes_nothing(tmp_path, tiny_scene) -> None:
+    """Its settings are not given up, and no others take their place: the end is that of an undisturbed campaign."""
+    calm, folder = make_tiny(tmp_path / "calm", tiny_scene), make_tiny(tmp_path / "tiny", tiny_scene)
+    assert CliRunner().invoke(app, ["run", str(calm)]).exit_code == 0
+    assert CliRunner().invoke(app, ["propose", str(folder)]).exit_code == 0
+    (folder / "scene.npz").rename(folder / "away.npz")
+    for _ in range(2):
+        away = CliRunner().invoke(app, ["run", str(folder)])
+        assert away.exit_code == 2, away.output
+        assert "scene.npz" in away.output
+    (folder / "away.npz").rename(folder / "scene.npz")
+    assert CliRunner().invoke(app, ["run", str(folder)]).exit_code == 0
+    assert result(folder) == result(calm)
 
 
 def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny_scene, monkeypatch) -> None:

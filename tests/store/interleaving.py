@@ -55,7 +55,7 @@ def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     def carry(_function: Any, tasks: Any, *_: Any) -> Iterator[tuple[int, Any]]:
         for index, task in enumerate(tasks):
             scores = (NewScore("score", bowl(task.settings, task.run_id)),)
-            yield index, SimpleNamespace(run_id=task.run_id, scores=scores, failure="", again=False, check=None)
+            yield index, SimpleNamespace(run_id=task.run_id, scores=scores, failure="", fault="", check=None)
 
     monkeypatch.setattr(runner, "run_many", carry)
     monkeypatch.setattr(loop, "check_simulator", lambda spec: None)

@@ -8,8 +8,9 @@ import pytest
 import sqlalchemy as sa
 
 from seqrsm.campaign import simulation
-from seqrsm.campaign.campaign import MAX_ATTEMPTS, Campaign
+from seqrsm.campaign.campaign import MAX_ATTEMPTS, TRIES, Campaign
 from seqrsm.campaign.simulation import SimulationResult
+from seqrsm.errors import StoreError
 from seqrsm.simulate import runner
 from seqrsm.simulate.lost import Lost
 from seqrsm.store import store as store_module
@@ -96,29 +97,49 @@ def campaign(tmp_path, monkeypatch):
     return make
 
 
-def result(failure="", again=False):
-    return SimulationResult(1, () if failure else (NewScore("crops", 1.0),), failure, 0.1, again)
+def result(failure="", fault=""):
+    return SimulationResult(1, () if failure else (NewScore("crops", 1.0),), failure, 0.1, fault)
+
+
+FULL = result("OSError: no space", "machine")
 
 
 def test_a_failure_of_the_machine_is_tried_again(campaign):
-    opened = campaign(result("MemoryError: ", again=True), result())
+    opened = campaign(result("MemoryError: ", "machine"), result())
     (run,) = opened.simulate()
-    assert (run.state, run.attempts, run.reason) == ("scored", 2, "")
+    assert (run.state, run.attempts, run.reason, run.fault) == ("scored", 2, "", "")
     assert [event.detail["reason"] for event in opened.store.events(kind="failed")] == ["MemoryError: "]
 
 
-def test_but_not_for_ever(campaign):
-    opened = campaign(*[result("OSError: no space", again=True)] * (MAX_ATTEMPTS + 1))
-    (run,) = opened.simulate()
-    assert (run.state, run.attempts, run.reason) == ("failed", MAX_ATTEMPTS, "OSError: no space")
+def test_by_each_command_but_not_for_ever(campaign):
+    opened = campaign(*[FULL] * (MAX_ATTEMPTS + 1), result())
+    for attempts in (TRIES, 2 * TRIES, MAX_ATTEMPTS):
+        (run,) = opened.simulate()
+        assert (run.state, run.attempts, run.reason, run.fault) == ("failed", attempts, "OSError: no space", "machine")
     assert opened.simulate() == ()
+    assert opened.store.retry() == (1,)
+    (run,) = opened.simulate()
+    assert (run.state, run.attempts) == ("scored", 2)
 
 
-@pytest.mark.parametrize("end", [result("the sensor cannot fly"), Lost("its processes died")])
-def test_other_failures_are_final(campaign, end):
-    (run,) = campaign(end).simulate()
-    assert (run.state, run.attempts) == ("failed", 1)
-    assert run.reason in ("the sensor cannot fly", "its processes died")
+def test_what_nobody_knows_is_tried_once_by_each_command(campaign):
+    opened = campaign(Lost("its processes died"), result())
+    (run,) = opened.simulate()
+    assert (run.state, run.attempts, run.reason, run.fault) == ("failed", 1, "its processes died", "unknown")
+    (run,) = opened.simulate()
+    assert (run.state, run.attempts) == ("scored", 2)
+
+
+def test_a_failure_of_the_settings_is_final_until_somebody_names_the_run(campaign):
+    opened = campaign(result("the sensor cannot fly", "settings"), result())
+    (run,) = opened.simulate()
+    assert (run.state, run.attempts, run.reason) == ("failed", 1, "the sensor cannot fly")
+    assert opened.simulate() == ()
+    assert opened.store.retry() == ()
+    assert opened.store.retry([1]) == (1,)
+    assert opened.simulate()[0].state == "scored"
+    with pytest.raises(StoreError, match="did not fail"):
+        opened.store.retry([1])
 
 
 def test_an_interrupt_gives_the_runs_back(campaign, monkeypatch):

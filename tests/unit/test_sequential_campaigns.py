@@ -61,7 +61,7 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
                 scores = () if failure else tuple(NewScore(name, float(one)) for name, one in named.items())
                 yield (
                     index,
-                    SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, again=False, check=None),
+                    SimpleNamespace(run_id=task.run_id, scores=scores, failure=failure, fault="settings", check=None),
                 )
 
         monkeypatch.setattr(runner, "run_many", carry)
