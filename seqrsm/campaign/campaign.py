@@ -83,6 +83,11 @@ class Campaign:
         """
         spec = load_spec(folder)
         store = Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed)
+        try:
+            store.verify()
+        except BaseException:
+            store.close()
+            raise
         return cls(spec, store)
 
     # -- looking --------------------------------------------------------------------------------------------------

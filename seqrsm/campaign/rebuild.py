@@ -10,14 +10,13 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 from seqrsm.campaign.export import FORMAT
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.spec.read import SPEC_NAME, load_spec
 from seqrsm.spec.templates import new_folder
-from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
+from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord, misfit
 from seqrsm.store.schema import STATES
 from seqrsm.store.store import Store
 
@@ -134,26 +133,7 @@ def _run(row: Mapping[str, Any]) -> RunRecord:
 
 
 def _record(kind: type[Record], row: Mapping[str, Any]) -> Record:
-    """A record whose values have the types that it asks for."""
-    hints = get_type_hints(kind)
-    if not set(row) <= set(hints):
-        raise ValueError(f"{kind.__name__} has the fields {sorted(row)}")
-    for name, value in row.items():
-        if not _fits(value, hints[name]):
-            raise TypeError(f"{name} of {kind.__name__} is {value!r}")
-    return kind(**row)
-
-
-def _fits(value: object, hint: Any) -> bool:
-    origin = get_origin(hint)
-    if origin is UnionType:
-        return any(_fits(value, part) for part in get_args(hint))
-    if origin is Literal:
-        return value in get_args(hint)
-    if hint in (None, NoneType):
-        return value is None
-    if hint is float:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63
-    return isinstance(value, origin or hint)
+    record = kind(**row)
+    if name := misfit(record):
+        raise TypeError(f"{name} of {kind.__name__} is {row[name]!r}")
+    return record

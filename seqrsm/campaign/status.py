@@ -40,6 +40,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     """
     spec = load_spec(folder)
     with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
+        store.verify()
         runs, looks = store.runs(), store.looks()
         events = store.events() if history else ()
         violations = store.events(kind=VIOLATED)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.analysis.ground import RANKED
@@ -105,8 +105,12 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     for event in result.get("history", ()):
         run_id = "" if event["run_id"] is None else f" run {event['run_id']}"
         stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
-        detail = ", ".join(f"{name} {value}" for name, value in (event["detail"] or {}).items())
+        detail = ", ".join(f"{name} {value}" for name, value in _told(event["detail"] or {}))
         line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
+
+
+def _told(detail: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    return ((name, value) for name, value in detail.items() if not name.endswith("_digest"))
 
 
 def _simulated_by(found: Mapping[str, Any]) -> str:

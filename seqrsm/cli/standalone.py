@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from seqrsm.cli.console import AsJson, display, guarded, print_json
+from seqrsm.cli.console import AsJson, display, guarded, print_json, say
 from seqrsm.errors import Problem, UserError
 
 
@@ -106,11 +106,20 @@ def parameters(
 
 
 @guarded
-def doctor(as_json: AsJson = False) -> None:
-    """Check the environment and warm the compiled kernels up."""
+def doctor(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="A campaign whose data base is checked as well.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check the environment, and a campaign's data base, and warm the compiled kernels up."""
+    from seqrsm.campaign.campaign import Campaign
     from seqrsm.campaign.doctor import examine
     from seqrsm.cli.show import show_doctor
 
+    if folder is not None:
+        Campaign.open(folder).store.close()
+        say(f"{folder}: every run, score, look and event is what was written")
     with display("compiling the kernels"):
         result = examine()
     print_json(result) if as_json else show_doctor(result)

@@ -228,7 +228,7 @@ class Database:
             raise StoreError(
                 Problem(f"the data base refused ({text})", "Nothing was changed; try again.", file=self.label)
             ) from error
-        except json.JSONDecodeError as error:
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise StoreError(
                 Problem(f"the data base holds damaged text ({error})", _RESTORE, file=self.label)
             ) from error

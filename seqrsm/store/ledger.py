@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from seqrsm import __version__
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
+from seqrsm.store.chain import event_hash, run_digest, score_digest
 from seqrsm.store.database import utc_now
 from seqrsm.store.records import (
     CONFIRMATION,
@@ -99,6 +100,11 @@ class Ledger:
         if entries:
             common = {"at": utc_now(), "version": __version__, "seed": self.seed, "kind": kind}
             rows = [{**common, "run_id": run_id, "detail": plain(detail)} for run_id, detail in entries]
+            newest = sa.select(EVENTS.c.id, EVENTS.c.hash).order_by(EVENTS.c.id.desc()).limit(1)
+            number, before = self.connection.execute(newest).first() or (0, "")
+            for row in rows:
+                row["id"] = number = number + 1
+                row["hash"] = before = event_hash(before, row)
             self.connection.execute(sa.insert(EVENTS), rows)
 
     def add_runs(
@@ -124,7 +130,10 @@ class Ledger:
             for i, run in enumerate(runs)
         ]
         self.connection.execute(sa.insert(RUNS), rows)
-        self.log("proposed", [(row["id"], {"batch": batch, "purpose": row["purpose"]}) for row in rows])
+        told = ("batch", "purpose")
+        self.log(
+            "proposed", [(row["id"], {**{n: row[n] for n in told}, "run_digest": run_digest(row)}) for row in rows]
+        )
         if issue:
             self.log("issued", [(row["id"], {"from": "proposed"}) for row in rows])
         return tuple(row["id"] for row in rows)
@@ -171,16 +180,29 @@ class Ledger:
 
     def add_scores(self, run_id: int, scores: Sequence[NewScore], values: Mapping[str, Any]) -> None:
         """Insert scores and make the run scored; ``values``: other columns of the run to set."""
-        self.insert_scores([(run_id, score) for score in scores])
         update = {"state": "scored", "ended_at": utc_now(), "owner": "", "reason": "", "fault": "", **values}
         self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(**update))
+        self.insert_scores([(run_id, score) for score in scores])
+
+    def log_settings(self, run_id: int, settings: Mapping[str, Any]) -> None:
+        """Note the settings at which a run was carried out."""
+        self.connection.execute(sa.update(RUNS).where(RUNS.c.id == run_id).values(executed=plain(settings)))
+        self.log("flown", [(run_id, {"run_digest": self._digests([run_id])[run_id]})])
+
+    def _digests(self, run_ids: Iterable[int]) -> dict[int, str]:
+        query = sa.select(RUNS).where(RUNS.c.id.in_(tuple(run_ids)))
+        return {row["id"]: run_digest(dict(row)) for row in self.connection.execute(query).mappings()}
 
     def insert_scores(self, scores: Sequence[tuple[int, NewScore]]) -> None:
         """Insert scores by run id, with an event each; the state of the runs is the caller's."""
         now = utc_now()
         rows = [{**_score_row(score), "run_id": run_id, "scored_at": now} for run_id, score in scores]
         self.connection.execute(sa.insert(SCORES), rows)
-        self.log("scored", [(run_id, _scored_detail(score)) for run_id, score in scores])
+        digests = self._digests({row["run_id"] for row in rows})
+        self.log(
+            "scored",
+            [(row["run_id"], {**_scored_detail(row), "run_digest": digests[row["run_id"]]}) for row in rows],
+        )
 
 
 def _run_row(run: NewRun) -> dict[str, Any]:
@@ -215,10 +237,10 @@ def _score_row(score: NewScore) -> dict[str, Any]:
     }
 
 
-def _scored_detail(score: NewScore) -> dict[str, Any]:
+def _scored_detail(row: Mapping[str, Any]) -> dict[str, Any]:
     """What an event tells of a score; of a measured one also the file and its line."""
-    detail: dict[str, Any] = {"application": score.application, "score": score.score, "se": score.se}
-    return {**detail, "file": score.source_file, "line": score.source_row} if score.source_file else detail
+    detail = {**{name: row[name] for name in ("application", "score", "se")}, "score_digest": score_digest(row)}
+    return {**detail, "file": row["source_file"], "line": row["source_row"]} if row["source_file"] else detail
 
 
 def _illegal(run_id: int, old: str, new: str) -> Problem:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from functools import lru_cache
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args, get_origin, get_type_hints
 
 if TYPE_CHECKING:
     from seqrsm.score.ranking_file import MeasuredRanking
@@ -341,3 +343,26 @@ class IngestOutcome:
     rankings: tuple[int, ...] = ()
     ranked: tuple[RankingSummary, ...] = ()
     already: FileRecord | None = None
+
+
+@lru_cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def misfit(record: Any) -> str:
+    """Name of a field whose value is not of the type that the record asks for; "" where all are."""
+    return next((name for name, hint in _hints(record.__class__).items() if not _fits(getattr(record, name), hint)), "")
+
+
+def _fits(value: object, hint: Any) -> bool:
+    origin = get_origin(hint)
+    if origin is UnionType:
+        return any(_fits(value, part) for part in get_args(hint))
+    if hint is NoneType:
+        return value is None
+    if hint is float:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63
+    return isinstance(value, origin or hint)

@@ -28,6 +28,7 @@ import sqlalchemy as sa
 
 from seqrsm.errors import OvertakenError, Problem, StoreError
 from seqrsm.plain import plain
+from seqrsm.store.chain import changes, look_digest
 from seqrsm.store.database import Database, utc_now
 from seqrsm.store.ledger import Ledger, restore
 from seqrsm.store.records import (
@@ -44,7 +45,7 @@ from seqrsm.store.records import (
     ScoreRecord,
 )
 from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
-from seqrsm.store.take_in import ingest_files, rescore_without, stored_rankings, void_ranking
+from seqrsm.store.take_in import DERIVED, ingest_files, rescore_without, stored_rankings, void_ranking
 
 __all__ = [
     "STORE_NAME",
@@ -424,7 +425,8 @@ class Store:
                 sa.insert(LOOKS).values(**row, looked_at=utc_now()).returning(LOOKS.c.id)
             )
             number = int(result.scalar_one())
-            ledger.log("look", [(None, {"look": number, **row, "summary": None})])
+            told = {name: row[name] for name in ("after_run", "application")}
+            ledger.log("look", [(None, {"look": number, **told, "look_digest": look_digest(plain(summary))})])
             return number
 
     def add_event(
@@ -513,6 +515,22 @@ class Store:
         """Every rank that an interpreter gave, in order, those that do not count included."""
         with self._read() as ledger:
             return stored_rankings(ledger)
+
+    def verify(self) -> None:
+        """See that runs, scores and events are what was written.
+
+        Raises
+        ------
+        StoreError
+            What was changed behind the program's back.
+        """
+        with self._read() as ledger:
+            events = (EventRecord(*row) for row in ledger.connection.execute(sa.select(EVENTS).order_by(EVENTS.c.id)))
+            looks = [LookRecord(*row) for row in ledger.connection.execute(sa.select(LOOKS))]
+            found = list(changes(ledger.runs(sa.true()), looks, events, DERIVED))
+        if found:
+            remedy = "Restore the data base from a copy."
+            raise StoreError(*(Problem(text, remedy, file=self.label) for text in found[:5]))
 
     def info(self) -> dict[str, str]:
         """``campaign``, ``created_at`` and ``created_version``."""

@@ -369,8 +369,7 @@ def _settings_flown(ledger: Ledger, ranking: MeasuredRanking, name: str, problem
         if image.settings is None:
             continue
         if found[0].executed is None:
-            values = {"executed": plain(image.settings)}
-            ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == image.run_id).values(**values))
+            ledger.log_settings(image.run_id, image.settings)
         elif dict(image.settings) != found[0].executed:
             message = f"run {image.run_id} was carried out with other settings"
             problems.append(Problem(message, VOID_FIRST, name, image.line, value=found[0].executed))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import resource
 import shutil
 import sqlite3
@@ -191,7 +192,9 @@ def test_a_migration_is_preceded_by_a_copy_that_must_fit_on_the_disk(folder):
     """Where there is no room for the copy, the old data base is left as it was."""
     with sqlite3.connect(folder / STORE_NAME) as connection:
         connection.execute("DROP TABLE rankings")
-        connection.execute("ALTER TABLE runs DROP COLUMN seen_at")
+        for column in ("seen_at", "fault"):
+            connection.execute(f"ALTER TABLE runs DROP COLUMN {column}")
+        connection.execute("ALTER TABLE events DROP COLUMN hash")
         connection.execute("UPDATE alembic_version SET version_num = '0001'")
         before = connection.execute("SELECT * FROM runs").fetchall()
     connection.close()
@@ -214,3 +217,28 @@ def test_a_migration_is_preceded_by_a_copy_that_must_fit_on_the_disk(folder):
     with sqlite3.connect(backup) as connection:
         assert connection.execute("SELECT * FROM runs").fetchall() == before
     connection.close()
+
+
+def flipped(folder: Path, seed: int) -> str:
+    """What ``status`` says when one bit of the data base is another; the same as before, or an error in words."""
+    shutil.rmtree(folder / "fits", ignore_errors=True)
+    for log in folder.glob(f"{STORE_NAME}-*"):
+        log.unlink()
+    content = (folder / STORE_NAME).read_bytes()
+    rng = random.Random(seed)
+    damaged = bytearray(content)
+    damaged[rng.choice([i for i, byte in enumerate(content) if byte])] ^= 1 << rng.randrange(8)
+    (folder / STORE_NAME).write_bytes(damaged)
+    result = CliRunner().invoke(app, ["status", str(folder), "--json"])
+    (folder / STORE_NAME).write_bytes(content)
+    assert result.exit_code in (0, 2), (seed, result.output, result.exc_info)
+    return "" if result.exit_code else result.stdout
+
+
+def test_flipped_bits_tell_no_other_scores(folder):
+    expected = call("status", folder, "--json")
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    connection.close()
+    said = {flipped(folder, seed) for seed in range(60)}
+    assert said == {expected, ""}

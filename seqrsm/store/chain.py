@@ -1,0 +1,114 @@
+"""What changed behind the program's back: each event carries a hash of itself and of the one before, and tells digests.
+
+The hashes show that an event was changed, lost or put in; the digests that a run or a score is no longer what its
+events say. Events of versions that kept neither are passed over.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from seqrsm.plain import shallow
+from seqrsm.store.records import EventRecord, LookRecord, RunRecord, misfit
+
+_RUN = ("batch", "purpose", "why", "source", "proposed", "executed", "block", "cost")
+_SCORE = ("application", "score", "se", "n", "correct", "metadata", "source_file", "source_row")
+_STATES = {"released": "issued", "retried": "issued"} | {
+    kind: kind for kind in ("proposed", "issued", "running", "scored", "failed", "void")
+}
+
+
+def event_hash(before: str, event: Mapping[str, Any]) -> str:
+    """SHA-256 of an event, by its columns, and of the hash of the one before."""
+    columns = [event[name] for name in ("id", "at", "version", "seed", "run_id", "kind", "detail")]
+    return hashlib.sha256(f"{before}{_text(columns)}".encode()).hexdigest()
+
+
+def run_digest(run: Mapping[str, Any]) -> str:
+    """Digest of what a run is, its state and times apart; of its columns."""
+    return _digest([run[name] for name in _RUN])
+
+
+def score_digest(score: Mapping[str, Any]) -> str:
+    """Digest of a score, the time apart; of its columns."""
+    return _digest([score[name] for name in _SCORE])
+
+
+def look_digest(summary: Mapping[str, Any]) -> str:
+    """Digest of what a look found."""
+    return _digest([summary])
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, ensure_ascii=False, allow_nan=False)
+
+
+def _digest(values: Sequence[Any]) -> str:
+    return hashlib.sha256(_text(values).encode()).hexdigest()[:16]
+
+
+@dataclass(slots=True)
+class _Told:
+    """What the events say of a run: its state ("" where they do not), its digest, and those of its scores."""
+
+    state: str = ""
+    run: str = ""
+    scores: dict[str, str] = field(default_factory=dict)
+
+    def hear(self, event: EventRecord) -> None:
+        self.state = "" if event.kind == "unscored" else _STATES.get(event.kind, self.state)
+        self.run = event.detail.get("run_digest", self.run)
+        if event.kind == "unscored":
+            self.scores.pop(event.detail["application"], None)
+        elif "score_digest" in event.detail:
+            self.scores[event.detail["application"]] = event.detail["score_digest"]
+
+
+def changes(
+    runs: Iterable[RunRecord], looks: Iterable[LookRecord], events: Iterable[EventRecord], derived: str
+) -> Iterator[str]:
+    """What is not as it was written, in words; ``derived``: mark of scores that are no measurements but results."""
+    before = ""
+    told: dict[int, _Told] = {}
+    seen: dict[int, str] = {}
+    for event in events:
+        if (before or event.hash) and event.hash != event_hash(before, {**shallow(event), "id": event.event}):
+            yield f"event {event.event} ({event.kind}) or one before it was changed, lost or put in"
+            return
+        before = event.hash
+        if name := misfit(event):
+            yield f"{name} of event {event.event} is {getattr(event, name)!r}"
+            return
+        if event.kind == "look" and before:
+            seen[event.detail["look"]] = event.detail["look_digest"]
+        if event.run_id is not None and before:
+            told.setdefault(event.run_id, _Told()).hear(event)
+    for look in looks:
+        if misfit(look) or seen.get(look.look, look_digest(look.summary)) != look_digest(look.summary):
+            yield f"look {look.look} is not the one that was recorded"
+    for run in runs:
+        for record in (run, *run.scores):
+            if name := misfit(record):
+                yield f"{name} of run {run.run_id} is {getattr(record, name)!r}"
+                return
+        mine = told.pop(run.run_id, _Told())
+        if mine.run:
+            yield from _changes_of(run, mine, derived)
+    yield from (f"run {run_id} was lost" for run_id, mine in told.items() if mine.run)
+
+
+def _changes_of(run: RunRecord, told: _Told, derived: str) -> Iterator[str]:
+    if told.run != run_digest(shallow(run)):
+        yield f"run {run.run_id} is not what was proposed and carried out"
+    if told.state not in ("", run.state):
+        yield f"run {run.run_id} is {run.state}, and was {told.state}"
+    scores = {score.application: score for score in run.scores}
+    if lost := told.scores.keys() - scores.keys():
+        yield f"run {run.run_id} has lost its score of '{min(lost)}'"
+    for name, score in scores.items():
+        if score.metadata.get("derived") != derived and told.scores.get(name) != score_digest(shallow(score)):
+            yield f"the score of run {run.run_id} for '{name}' is not the one that was recorded"
