@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from seqrsm.analysis.runs import ScoredRuns, shared_loadings
+from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import FloatArray
@@ -65,7 +65,6 @@ class Departure:
 def weigh_departure(
     model: QuadraticModel,
     data: ScoredRuns,
-    scale: ResponseScale,
     fit: LeastSquaresFit,
     surface: Surface,
     goal: Goal,
@@ -90,8 +89,8 @@ def weigh_departure(
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
     rng = generator(seed, n, "process")
-    nuisance, (shared, _) = fit.Z[:, surface.estimate.size :], shared_loadings(data, scale)
-    process = Process(model, data.points, fit.y, fit.weights, nuisance, shared, sign_of(goal), rng)
+    nuisance = fit.Z[:, surface.estimate.size :]
+    process = Process(model, data.points, fit.y, fit.weights, nuisance, sign_of(goal), rng)
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)

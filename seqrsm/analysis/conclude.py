@@ -16,7 +16,7 @@ from seqrsm.analysis.posterior import (
     summarise_posterior,
 )
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
-from seqrsm.analysis.runs import block_labels, evidence, shared_loadings
+from seqrsm.analysis.runs import block_labels, evidence
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
@@ -321,12 +321,6 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         )
     if surface.note:
         found.append(surface.note)
-    _, rungs = shared_loadings(data, fitted.scale)
-    if rungs and data.model_bias is not None:
-        found.append(
-            f"Simulated scores of {' and '.join(rungs)} may be off together, by {2.0 * np.max(data.model_bias):.2g} at "
-            f"most: {surface.shared_error}."
-        )
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
         found.append("The optimum is an extrapolation: it lies further from the runs than any run does.")
     found += [

@@ -17,11 +17,9 @@ from seqrsm.analysis.runs import (
     response_scale,
     scored_runs,
     setting_ids,
-    stretch,
 )
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
-from seqrsm.arrays import FloatArray
 from seqrsm.decide.intervals import independent_runs
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
@@ -109,16 +107,8 @@ def fit_application(
         spec = replace(spec, model=spec.model.model_copy(update=worlds))
     surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
-    departure = weigh_departure(
-        whole, data, scale, fit, surface, application.goal, spec.seed, spec.states_prior(application)
-    )
+    departure = weigh_departure(whole, data, fit, surface, application.goal, spec.seed, spec.states_prior(application))
     return Fitted(application, region, model, data, scale, fit, surface, departure, dropped, ground_in(data, ground))
-
-
-def _weights(spec: CampaignSpec, Z: FloatArray, scale: ResponseScale, data: ScoredRuns) -> FloatArray:
-    """Relative weights: by the scale, by the errors, and less for runs whose simulation has an error of its own."""
-    own = None if data.model_sd is None else np.square(data.model_sd * stretch(scale, data))
-    return spec.errors.weights(Z, scale.values, scale.weights, own)
 
 
 def fit_surface(
@@ -142,7 +132,7 @@ def fit_surface(
         Z,
         scale.values,
         [*model.terms, *names],
-        weights=_weights(spec, Z, scale, data),
+        weights=spec.errors.weights(Z, scale.values, scale.weights),
         setting_ids=setting_ids(data.points),
         block_ids=labels,
         crossed_blocks=occasions_shared(data) > 0,
@@ -187,7 +177,11 @@ def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, sc
     columns, names = block_columns(block_labels(spec, data))
     Z = np.hstack([model.matrix(data.points), columns])
     found = average_models(
-        Z, scale.values, [*model.terms, *names], weights=_weights(spec, Z, scale, data), seed=spec.seed
+        Z,
+        scale.values,
+        [*model.terms, *names],
+        weights=spec.errors.weights(Z, scale.values, scale.weights),
+        seed=spec.seed,
     )
     chosen = {0}
     for unit, present in zip(found.units, found.median_model.tolist(), strict=True):

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -55,12 +54,6 @@ class ScoredRuns:
         "simulation" or "flight"; why the run was made; block label ("" where none).
     trials, correct : ndarray (n,), optional
         Binomial counts; nan where none were given.
-    model_sd : ndarray (n,), optional
-        Standard deviation of what looking at a part of the ground adds to a score, in score units; 0 for others.
-    model_bias : ndarray (n,), optional
-        Standard deviation of the error that a score shares with the others of its rung, in score units.
-    rungs : tuple of str
-        Rung of the ladder of models that made each score, "" for others.
     """
 
     run_ids: IntArray
@@ -72,9 +65,6 @@ class ScoredRuns:
     blocks: tuple[str, ...]
     trials: FloatArray | None = None
     correct: FloatArray | None = None
-    model_sd: FloatArray | None = None
-    model_bias: FloatArray | None = None
-    rungs: tuple[str, ...] = ()
 
 
 def evidence(runs: Sequence[RunRecord]) -> list[RunRecord]:
@@ -93,7 +83,6 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         for run in evidence(runs)
         if run.state == "scored" and (score := run.score_of(application)) is not None
     ]
-    errors = [_model_error(score.metadata) for _, score in used]
     return ScoredRuns(
         run_ids=np.array([run.run_id for run, _ in used], dtype=np.int64),
         points=region.code([run.settings for run, _ in used]) if used else np.empty((0, region.k)),
@@ -104,23 +93,7 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         blocks=tuple(run.block for run, _ in used),
         trials=_counts([score.n for _, score in used]),
         correct=_counts([score.correct for _, score in used]),
-        model_sd=np.array([part for part, _, _ in errors], dtype=np.float64),
-        model_bias=np.array([bias for _, bias, _ in errors], dtype=np.float64),
-        rungs=tuple(rung for _, _, rung in errors),
     )
-
-
-def _model_error(metadata: Mapping[str, Any]) -> tuple[float, float, str]:
-    """Errors of a score's simulation [score units]: of looking at a part of the ground, shared in its rung; the rung.
-
-    The bound of what a rung leaves out counts as two standard deviations.
-    """
-    fidelity = metadata.get("fidelity")
-    if not isinstance(fidelity, Mapping):
-        return 0.0, 0.0, ""
-    sampling = metadata.get("sampling_se")
-    part = float(sampling) if isinstance(sampling, float) and np.isfinite(sampling) else 0.0
-    return part, 0.5 * float(fidelity.get("bias_bound", 0.0)), str(fidelity.get("rung", ""))
 
 
 def _counts(values: Sequence[int | None]) -> FloatArray:
@@ -225,24 +198,6 @@ def counts_of(data: ScoredRuns, what: str) -> tuple[FloatArray, FloatArray]:
 def _run_list(ids: IntArray) -> str:
     shown = ", ".join(str(int(run)) for run in ids[:LISTED_RUNS])
     return f"runs {shown}" + (", ..." if len(ids) > LISTED_RUNS else "")
-
-
-def stretch(scale: ResponseScale, data: ScoredRuns) -> FloatArray:
-    """Unit of the scale of the fit for one of each score (n,)."""
-    if scale.kind == "identity":
-        return np.ones(len(data.scores))
-    inner = np.clip(data.scores, 0.5, 99.5)
-    return np.asarray(100.0 / (inner * (100.0 - inner)))
-
-
-def shared_loadings(data: ScoredRuns, scale: ResponseScale) -> tuple[FloatArray, tuple[str, ...]]:
-    """Error that the scores of each rung share, and the rungs: prior standard deviations (n, r) on the fit's scale."""
-    if data.model_bias is None or not np.any(data.model_bias > 0.0):
-        return np.zeros((len(data.scores), 0)), ()
-    own = data.model_bias * stretch(scale, data)
-    made = np.array(data.rungs)
-    rungs = tuple(sorted(set(made[own > 0.0].tolist())))
-    return np.column_stack([np.where(made == rung, own, 0.0) for rung in rungs]), rungs
 
 
 def sharing(runs: Sequence[RunRecord]) -> tuple[int, int]:

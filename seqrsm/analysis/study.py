@@ -34,7 +34,7 @@ from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import block_columns, extrapolated, influential_runs, normal_plot
 from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal, optimum
-from seqrsm.fit.optimum_interval import SearchedInterval, searched_from_draws, searched_interval
+from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import PowerProfile, box_cox_profile, logit_profile
 from seqrsm.propose.steepest import ascent_path
@@ -104,21 +104,12 @@ def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
     except FitError as error:
         return error.problems[0].message
     ends = fitted.scale.to_score(np.array([one.mean, one.mean - one.optimism]))
-    of_one, of_several = _with_shared(fitted, one), _with_shared(fitted, several)
     return SearchedOptimum(
         optimism=float(ends[0] - ends[1]),
-        confidence=_in_scores(fitted, of_one.confidence),
-        prediction=_in_scores(fitted, of_one.prediction),
-        prediction_mean=_in_scores(fitted, of_several.prediction),
+        confidence=fitted.scale.in_scores(*one.confidence),
+        prediction=fitted.scale.in_scores(*one.prediction),
+        prediction_mean=fitted.scale.in_scores(*several.prediction),
     )
-
-
-def _with_shared(fitted: Fitted, found: SearchedInterval) -> Prediction:
-    """On the scale of the fit, with the error counted that the scores of a rung share."""
-    confidence, prediction = (ArrayInterval(*np.array(ends)[:, None]) for ends in (found.confidence, found.prediction))
-    mean, unknown = np.array([found.mean]), np.full(1, np.nan)
-    plain = Prediction(mean, confidence, prediction, unknown, unknown, found.level, "")
-    return fitted.surface.with_shared(plain, fitted.surface.rows(found.point[None, :]))
 
 
 def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
@@ -248,7 +239,7 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
     else:
         if days is None:
             return None
-        new = response("new", surface.with_shared(days.predict(row, level, weight=weight), row))
+        new = response("new", days.predict(row, level, weight=weight))
         sigma, sigma_block, note = days.reml.sigma, days.reml.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
     known = [(name, surface.in_block(name, labels, row, level, weight)) for name in names]

@@ -19,7 +19,6 @@ from seqrsm.analysis.runs import (
     columns_within_sources,
     counts_of,
     occasions_shared,
-    shared_loadings,
     similarity,
 )
 from seqrsm.analysis.scale import Interval, ResponseScale
@@ -32,7 +31,6 @@ from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, 
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
-from seqrsm.fit.weights import SharedError, shared_error
 from seqrsm.spec.read import CampaignSpec
 
 
@@ -107,9 +105,6 @@ class Surface(Protocol):
     ) -> Prediction:
         """Mean, confidence interval, and prediction interval of the mean of ``replicates`` future runs of a weight."""
 
-    def with_shared(self, found: Prediction, rows: FloatArray) -> Prediction:
-        """A prediction at rows (m, c) that does not count the error that the scores of a rung share, with it."""
-
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """Variance (m,) of the mean, in units of ``s`` squared."""
 
@@ -128,10 +123,6 @@ class Surface(Protocol):
     @property
     def fixed_blocks(self) -> bool:
         """Blocks, where there are some, differ by constants."""
-
-    @property
-    def shared_error(self) -> str:
-        """What counts an error that the scores of a rung share."""
 
     @property
     def note(self) -> str:
@@ -155,7 +146,7 @@ class Quadratic:
 
     Attributes
     ----------
-    errors, estimate, s, df_residual, n_terms, shared_error, note
+    errors, estimate, s, df_residual, n_terms, note
         See `Surface`.
     model : QuadraticModel
     data : ScoredRuns
@@ -173,7 +164,6 @@ class Quadratic:
     s: float
     df_residual: int
     n_terms: int
-    shared_error: str
     note: str
 
     fixed_blocks: ClassVar[bool] = True
@@ -190,9 +180,6 @@ class Quadratic:
         cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
     ) -> Quadratic:
         """The surface that these runs call for."""
-        intervals = "the posterior counts that, and all intervals, which are made of it"
-        if spec.errors.exact:
-            intervals = "the posterior and the intervals at the optimum count that"
         return Quadratic(
             errors=spec.errors,
             model=model,
@@ -203,7 +190,6 @@ class Quadratic:
             s=fit.s,
             df_residual=fit.df_residual,
             n_terms=fit.n_terms,
-            shared_error=intervals,
             note="",
         )
 
@@ -215,33 +201,22 @@ class Quadratic:
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
         """Of the average block."""
-        return self.with_shared(self.fit.predict(rows, level, weight, replicates), rows)
-
-    def with_shared(self, found: Prediction, rows: FloatArray) -> Prediction:
-        """See `Surface`."""
-        shared = self._shared(rows)
-        return found if shared is None else found.with_error(shared.shift, shared.variance, self.df_residual)
+        return self.fit.predict(rows, level, weight, replicates)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
-        return self.fit.variance_unscaled(rows) + self._shared_unscaled(rows)
+        return self.fit.variance_unscaled(rows)
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
-        """By the errors; without a stated prior a flat one where the runs can carry it: credible and t intervals agree.
-
-        An error that the scores of each rung share has a column of its own, of prior standard deviation 1.
-        """
+        """By the errors; without a stated prior a flat one where runs can carry it: credible and t intervals agree."""
         p, fit = self.model.p, self.fit
         prior: Prior = Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
         if stated is not None:
             prior = with_further(stated, p, np.zeros(fit.n_terms - p))
-        loadings = self._loadings()
-        if shared := loadings.shape[1]:
-            prior = with_further(prior, fit.n_terms, np.full(shared, fit.s**2))
         weights = self.errors.sampled_weights(fit.weights, self.scale.weights)
-        runs = self._runs(np.hstack([fit.Z, loadings]), weights, prior, stated)
+        runs = self._runs(fit.Z, weights, prior, stated)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
     def limits(self, what: str) -> str:
@@ -263,22 +238,7 @@ class Quadratic:
         """By the block's constant."""
         contrast = self.fit.Z[labels.index(block), self.model.p :]
         here = np.hstack([row, contrast[None, :]])
-        return self.with_shared(self.fit.predict(here, level, weight), here)
-
-    def _shared(self, rows: FloatArray) -> SharedError | None:
-        """What the error that the scores of each rung share does to the mean; None where there is none."""
-        loadings, fit = self._loadings(), self.fit
-        if not loadings.shape[1]:
-            return None
-        return shared_error(fit.Z, fit.y, fit.weights, loadings, fit.rows_with_mean_block(rows))
-
-    def _shared_unscaled(self, rows: FloatArray) -> FloatArray:
-        shared = self._shared(rows)
-        return np.zeros(len(rows)) if shared is None else shared.variance / self.s**2
-
-    def _loadings(self) -> FloatArray:
-        """See `shared_loadings`; none without scatter, beside which they could be weighed."""
-        return shared_loadings(self.data, self.scale)[0][:, : None if self.fit.s > 0.0 else 0]
+        return self.fit.predict(here, level, weight)
 
     def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
         fit, p = self.fit, self.model.p
@@ -332,7 +292,6 @@ class RandomBlocks(Quadratic):
             s=found.s_new_day,
             df_residual=int(found.df),
             n_terms=model.p,  # random blocks are no terms
-            shared_error="the intervals at the optimum count that, the posterior does not",
             note=f"{found.reason[:1].upper()}{found.reason[1:]}." if found.reason else "",
             posterior=found,
             apart=occasions_shared(data) > 0,
@@ -344,11 +303,11 @@ class RandomBlocks(Quadratic):
         """Of the average block, and of runs in a new one."""
         w = float(np.mean(weight))
         found = self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
-        return self.with_shared(found, rows)
+        return found
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
-        return self.posterior.variance(rows) / self.s**2 + self._shared_unscaled(rows)
+        return self.posterior.variance(rows) / self.s**2
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
@@ -375,7 +334,7 @@ class RandomBlocks(Quadratic):
         del labels
         if self.apart:
             return None
-        return self.with_shared(self.posterior.predict(row, level, day=block, weight=weight), row)
+        return self.posterior.predict(row, level, day=block, weight=weight)
 
 
 @dataclass(frozen=True, slots=True)
@@ -425,9 +384,6 @@ class TwoSources(Quadratic):
             s=found.s,
             df_residual=int(found.df_residual),
             n_terms=fit.n_terms,
-            shared_error=(
-                "that is part of the difference between flight and simulation, whose prior is [model] discrepancy_sd"
-            ),
             note=note if found.prior_driven else "",
             both=found,
         )
@@ -437,11 +393,6 @@ class TwoSources(Quadratic):
     ) -> Prediction:
         """Of flights."""
         return self.both.predict(rows, level, weight, replicates)
-
-    def with_shared(self, found: Prediction, rows: FloatArray) -> Prediction:
-        """It is part of the difference between flight and simulation."""
-        del rows
-        return found
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""

@@ -22,7 +22,6 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import block_labels, evidence, occasion_of, occasions_shared, scored_runs, share_occasions
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.fidelity_watch import VIOLATED, to_repeat, violation, widening_of
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
@@ -264,13 +263,11 @@ class Campaign:
         """
         self.store.release_stale()
         self.store.retry(attempts=MAX_ATTEMPTS)
-        self._repeat_doubtful()
         carried: set[int] = set()
         try:
             while claimed := self.store.claim():
                 carried |= {run.run_id for run in claimed}
                 self._carry_out(claimed, workers, cluster, on_progress)
-                self._repeat_doubtful()
         finally:
             self.store.release()
         if not self.store.runs("running", source="simulation"):  # the last to finish knows all scores
@@ -295,7 +292,9 @@ class Campaign:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
             pick = max if application.goal == "maximize" else min
             settings = pick(found, key=lambda one: one[0])[1].settings
-            scores = self._scores_of(bundle_tasks(self.spec, settings), application.name, workers, cluster)
+            scores = self._scores_of(
+                bundle_tasks(self.spec, settings, self._cells_of_ground()), application.name, workers, cluster
+            )
             whole = scores.reshape(N_WORLDS, OCCASIONS)
             whole = whole[np.isfinite(whole).all(axis=1)]
             if len(whole) > 1:
@@ -310,7 +309,7 @@ class Campaign:
         for analysis in analyses:
             settings = analysis.optimum.settings
             sds = mean_sds(self.spec, settings)
-            tasks = one_away_tasks(self.spec, settings, list(sds))
+            tasks = one_away_tasks(self.spec, settings, list(sds), self._cells_of_ground())
             scores = self._scores_of(tasks, analysis.application, workers, cluster)
             change = np.mean(scores.reshape(-1, OCCASIONS), axis=1)
             change = (change[1:] - change[0]).reshape(-1, 2)
@@ -337,12 +336,22 @@ class Campaign:
                     found[index] = one.score
         return found
 
-    def _repeat_doubtful(self) -> None:
-        """Issue again, for a safer model, the simulated runs whose error may pass the tolerance after all."""
-        widening = widening_of(self.store.events(kind=VIOLATED))
-        ids = to_repeat(self.spec, self.store.runs("scored"), widening) if widening else ()
-        if ids:
-            self.store.repeat(ids, "a check found the bound of its simulation's error too small")
+    def _cells_of_ground(self) -> int:
+        """Cells of a coarser data base along a side of a pixel at least; 0: as it is. Measured once, and kept.
+
+        See `seqrsm.campaign.tradeoff.coarsest_within`.
+        """
+        if self.spec.simulator is None or self.spec.simulator.tolerance == 0.0:
+            return 0
+        from seqrsm.campaign.tradeoff import COARSENED, coarsest_within
+
+        known = [event.detail for event in self.store.events(kind=COARSENED)]
+        tolerance = self.spec.simulator.tolerance
+        found = next((detail for detail in known if detail["tolerance"] == tolerance), None)
+        if found is None:
+            found = coarsest_within(self.spec)
+            self.store.add_event(COARSENED, found, once=("tolerance",))
+        return int(found["cells"])
 
     def _carry_out(
         self, claimed: Sequence[RunRecord], workers: int, cluster: str | None, on_progress: Progress
@@ -352,10 +361,9 @@ class Campaign:
         from seqrsm.simulate.lost import Lost
         from seqrsm.simulate.runner import run_many
 
-        widening = widening_of(self.store.events(kind=VIOLATED))
+        cells = self._cells_of_ground()
         tasks = [
-            task_of(self.spec, run.run_id, run.proposed, widening, occasion_of(run.source, run.block))
-            for run in claimed
+            task_of(self.spec, run.run_id, run.proposed, occasion_of(run.source, run.block), cells) for run in claimed
         ]
         files = files_of(tasks[0]) if cluster is not None else ()
         with heartbeat(self.store):
@@ -365,8 +373,6 @@ class Campaign:
                     self.store.fail(run.run_id, result.reason)
                 elif not result.failure:
                     self.store.record_scores(run.run_id, result.scores)
-                    if result.check is not None and result.check.violated:
-                        self.store.add_event(VIOLATED, violation(result.check, widening), run.run_id)
                 else:
                     self.store.fail(run.run_id, result.failure, result.fault)
                     if result.fault == "machine" and run.attempts % TRIES:

@@ -12,11 +12,9 @@ from seqrsm import __version__
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, explain_image, report_pictures, truth_panel
+from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, report_pictures, truth_panel
 from seqrsm.campaign.rests_on import rests_on
-from seqrsm.campaign.simulation import NO_RUN
 from seqrsm.campaign.tradeoff import read_tradeoff
-from seqrsm.errors import UserError
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 
@@ -52,8 +50,6 @@ class Dossier:
         Of several applications, or of one with other considerations.
     tradeoff : Mapping or None
         What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
-    plan : Mapping or None
-        What the fidelity planner says of the recommended settings, see `seqrsm.campaign.images.explain_image`.
     rests : Mapping
         What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`.
     """
@@ -70,7 +66,6 @@ class Dossier:
     reproduce: tuple[str, ...]
     compromise: CompromiseEstimate | None = None
     tradeoff: Mapping[str, Any] | None = None
-    plan: Mapping[str, Any] | None = None
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
@@ -110,19 +105,8 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         reproduce=_reproduce(campaign),
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
-        plan=_plan(campaign),
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
     )
-
-
-def _plan(campaign: Campaign) -> Mapping[str, Any] | None:
-    """The planner's verdicts at the recommended settings; None without a simulator, or where it cannot work there."""
-    if campaign.spec.simulator is None:
-        return None
-    try:
-        return explain_image(campaign, (), NO_RUN)
-    except UserError:
-        return None
 
 
 def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,27 +18,20 @@ from seqrsm.own_code import own_function
 from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.scene.statistics import SceneStatistics, scene_statistics
 from seqrsm.score.classification import UtilityScore
-from seqrsm.score.utilities import of_images, of_samples
+from seqrsm.score.utilities import of_images
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
-from seqrsm.simulate.fidelity import Plan, RungPlan
-from seqrsm.simulate.radar.fidelity import plan_radar
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar
 from seqrsm.simulate.radar.receiver import named_function, transfer_function
 from seqrsm.simulate.radar.result import RadarImage
-from seqrsm.simulate.radar.sample import meet, radar_record, radar_sample
 from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
-from seqrsm.simulate.radiometer.fidelity import plan_radiometer
-from seqrsm.simulate.radiometer.prm import check_radiometer, meet_radiometer, simulate_radiometer
+from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
-from seqrsm.simulate.radiometer.sample import radiometer_sample
-from seqrsm.simulate.sample import Sample
 
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration
@@ -50,41 +43,6 @@ class Utility(Protocol):
 
     def __call__(self, image: Any, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
         """Score the image."""
-
-
-class SampledUtility(Protocol):
-    """The same measure of a sample of an image's pixels: a mean over pixels, which every rung admits."""
-
-    def __call__(self, sample: Sample, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
-        """Score the sample."""
-
-
-class Planner(Protocol):
-    """Choice of the rung of one run, and the sample of it."""
-
-    def __call__(
-        self, scene: Scene, sensor: Any, table: Any, seed: int, run_id: int, utilities: Sequence[str], demand: Demand
-    ) -> tuple[Plan, Callable[[RungPlan], Sample]]:
-        """Plan the run; the function makes the sample of any rung below the top."""
-
-
-@dataclass(frozen=True, slots=True)
-class Demand:
-    """What a campaign asks of the fidelity of its simulations.
-
-    Attributes
-    ----------
-    tolerance : float
-        Accepted error of a score [score units].
-    fidelity : str
-        "auto" or a rung.
-    widening : Mapping
-        Factor of a rung's bound that the online check found to be too small.
-    """
-
-    tolerance: float = 0.5
-    fidelity: str = "auto"
-    widening: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,10 +64,8 @@ class Engine:
         What is kept with a score.
     utilities : Mapping
         Utility measures by the names of ``campaign.toml``.
-    plan : Planner
-        Chooses the cheapest sufficient model of a run.
-    sampled : Mapping
-        Those of the utilities that are means over pixels, for a sample of them; others need the whole image.
+    detail_m : callable
+        Sensor -> side of what it tells apart [m]; 0 where the data base must stay as it is.
     parameters : Mapping
         The sensor's, by their names in ``campaign.toml``.
     threads : bool
@@ -124,8 +80,7 @@ class Engine:
     examine: Callable[[Scene, Any, Any], tuple[str, ...]]
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
-    plan: Planner
-    sampled: Mapping[str, SampledUtility]
+    detail_m: Callable[[Any], float]
     parameters: Mapping[str, Parameter]
     threads: bool = False
     masks: tuple[str, ...] = ()
@@ -240,74 +195,16 @@ def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: Em
 
 
 def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:
-    return radar_record(image.radar, scene, image.looks, image.noise_equivalent_sigma0, image.occasion)
+    return dict(image.record(scene.categories))
 
 
-@lru_cache(maxsize=4)
-def statistics_of(scene: Scene) -> SceneStatistics:
-    """Statistics of a scene, computed once."""
-    return scene_statistics(scene)
+def _radar_detail_m(sensor: RadarConfiguration) -> float:
+    # Cultural targets lie in cells of the data base as it is.
+    return 0.0 if sensor.targets_file else sensor.pixel_spacing_m
 
 
-def _plan_radar(
-    scene: Scene,
-    sensor: RadarConfiguration,
-    table: Sigma0Table,
-    seed: int,
-    run_id: int,
-    utilities: Sequence[str],
-    demand: Demand,
-) -> tuple[Plan, Callable[[RungPlan], Sample]]:
-    lookups, occasion = meet(scene, sensor, table, seed, run_id)
-    plan = plan_radar(
-        scene,
-        statistics_of(scene),
-        sensor,
-        lookups,
-        tolerance=demand.tolerance,
-        pixelwise=all(name in _SAMPLED_RADAR for name in utilities),
-        fidelity=demand.fidelity,
-        widening=demand.widening,
-    )
-
-    def make(rung: RungPlan) -> Sample:
-        return radar_sample(scene, sensor, lookups, occasion, rung, seed=seed, run_id=run_id)
-
-    return plan, make
-
-
-_SAMPLED_RADAR: Mapping[str, SampledUtility] = of_samples("psm")
-
-
-def _plan_radiometer(
-    scene: Scene,
-    sensor: RadiometerConfiguration,
-    table: EmissivityTable,
-    seed: int,
-    run_id: int,
-    utilities: Sequence[str],
-    demand: Demand,
-) -> tuple[Plan, Callable[[RungPlan], Sample]]:
-    met = meet_radiometer(scene, sensor, table, seed=seed, run_id=run_id)
-    plan = plan_radiometer(
-        scene,
-        statistics_of(scene),
-        sensor,
-        met,
-        tolerance=demand.tolerance,
-        utilities=utilities,
-        pixelwise=all(name in _SAMPLED_RADIOMETER for name in utilities),
-        fidelity=demand.fidelity,
-        widening=demand.widening,
-    )
-
-    def make(rung: RungPlan) -> Sample:
-        return radiometer_sample(scene, sensor, table, met, rung, seed=seed, run_id=run_id)
-
-    return plan, make
-
-
-_SAMPLED_RADIOMETER: Mapping[str, SampledUtility] = of_samples("prm")
+def _radiometer_detail_m(sensor: RadiometerConfiguration) -> float:
+    return sensor.resolution_m
 
 
 def _radiometer_record(image: RadiometerImage, scene: Scene) -> dict[str, Any]:
@@ -322,8 +219,7 @@ ENGINES: Mapping[str, Engine] = {
         examine=_examine_radar,
         record=_radar_record,
         utilities=of_images("psm"),
-        plan=_plan_radar,
-        sampled=_SAMPLED_RADAR,
+        detail_m=_radar_detail_m,
         parameters=RADAR,
         threads=True,
         masks=("shadow", "layover"),
@@ -335,8 +231,7 @@ ENGINES: Mapping[str, Engine] = {
         examine=_examine_radiometer,
         record=_radiometer_record,
         utilities=of_images("prm"),
-        plan=_plan_radiometer,
-        sampled=_SAMPLED_RADIOMETER,
+        detail_m=_radiometer_detail_m,
         parameters=RADIOMETER,
         masks=("blocked",),
     ),

@@ -12,7 +12,6 @@ import numpy as np
 from seqrsm.analysis.runs import occasion_of
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
-from seqrsm.campaign.fidelity_watch import VIOLATED, widening_of
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.pictures import (
     GreyScale,
@@ -25,7 +24,7 @@ from seqrsm.campaign.pictures import (
     write_npz,
     write_png,
 )
-from seqrsm.campaign.simulation import NO_RUN, plan_of, scene_at, simulate_image, task_of
+from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
@@ -127,25 +126,6 @@ def _remarks(picture: Picture, out: Path) -> list[str]:
                 f"of {power.min():.3g} to {power.max():.3g} W"
             )
     return remarks
-
-
-def explain_image(campaign: Campaign, assignments: Sequence[str], run_id: int) -> dict[str, Any]:
-    """How a run of some settings would be simulated, and why: the fidelity planner's decision.
-
-    Parameters
-    ----------
-    campaign, assignments, run_id
-        As in `write_image`.
-
-    Raises
-    ------
-    UserError
-        No simulator, an unknown factor or value, or a sensor that cannot be.
-    """
-    settings = _settings(campaign, assignments)
-    widening = widening_of(campaign.store.events(kind=VIOLATED))
-    plan, *_ = plan_of(task_of(campaign.spec, run_id, settings, widening, _occasion(campaign, run_id)))
-    return {"settings": settings, **plan.to_json()}
 
 
 def _occasion(campaign: Campaign, run_id: int) -> int | None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,17 +15,16 @@ import numpy as np
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray, Precision
-from seqrsm.campaign.engines import ENGINES, Demand, Image, Sensor, modified_ns
+from seqrsm.campaign.engines import ENGINES, Image, Sensor, modified_ns
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
 from seqrsm.scattering.worlds import OneAway, World
+from seqrsm.scene.coarse import cells_in_one, coarse_scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.simulate.cluster import local_file
-from seqrsm.simulate.fidelity import Plan, RungPlan, checked, largest_difference
-from seqrsm.simulate.sample import Sample
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore
 
@@ -51,8 +50,8 @@ class SimulationTask:
         Path of the user's table of sigma0 or emissivity, "" for the shipped one alone.
     utilities : tuple of (application, utility)
         What to score.
-    demand : Demand
-        How faithful the simulation must be.
+    cells : int
+        Of a coarser data base that are left along a side of a pixel at least; 0: the data base as it is.
     occasion : int or None
         Number of the occasion that runs share; None: one of its own.
     world : int, (str, float) or None
@@ -68,7 +67,7 @@ class SimulationTask:
     scene: str
     table: str
     utilities: tuple[tuple[str, str], ...]
-    demand: Demand = field(default_factory=Demand)
+    cells: int = 0
     occasion: int | None = None
     world: int | tuple[str, float] | None = None
 
@@ -87,34 +86,8 @@ class SimulationTask:
 
 
 @dataclass(frozen=True, slots=True)
-class FidelityCheck:
-    """What the next rung said of a run: the online check of the planner.
-
-    Attributes
-    ----------
-    rung, by : str
-        Rung of the score, and the rung that checked it.
-    application : str
-        The one whose scores differ most, against the limit.
-    difference, limit : float
-        Score less that of the checking rung, and how far they may differ [score units].
-    """
-
-    rung: str
-    by: str
-    application: str
-    difference: float
-    limit: float
-
-    @property
-    def violated(self) -> bool:
-        """Whether the bound was too small."""
-        return abs(self.difference) > self.limit
-
-
-@dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Scores of a run, or the reason why there are none; ``seconds`` is what it took, the check left out.
+    """Scores of a run, or the reason why there are none; ``seconds`` is what it took.
 
     ``fault``: where a failure lies, `seqrsm.store.schema.FAULTS`.
     """
@@ -124,20 +97,19 @@ class SimulationResult:
     failure: str
     seconds: float
     fault: str = ""
-    check: FidelityCheck | None = None
 
 
 def task_of(
     spec: CampaignSpec,
     run_id: int,
     settings: Mapping[str, float | str],
-    widening: Mapping[str, float] | None = None,
     occasion: int | None = None,
+    cells: int = 0,
 ) -> SimulationTask:
-    """Task of one run of a campaign; ``widening``: factors of the rungs' bounds, as the campaign found them.
+    """Task of one run of a campaign.
 
-    ``occasion``: number of the one that it shares with other runs. Every occasion lies in a world of its own; what is
-    no run meets the table's own means.
+    ``occasion``: number of the one that it shares with other runs; ``cells``: see `SimulationTask`. Every occasion
+    lies in a world of its own; what is no run meets the table's own means.
 
     Raises
     ------
@@ -164,28 +136,28 @@ def task_of(
         str(spec.scene_path),
         str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
         utilities,
-        Demand(spec.simulator.tolerance, spec.simulator.fidelity, dict(widening or {})),
+        cells,
         occasion,
     )
     return task if run_id == NO_RUN else replace(task, world=task.stream)
 
 
-def bundle_tasks(spec: CampaignSpec, settings: Mapping[str, float | str]) -> list[SimulationTask]:
+def bundle_tasks(spec: CampaignSpec, settings: Mapping[str, float | str], cells: int = 0) -> list[SimulationTask]:
     """Simulations of one setting on `OCCASIONS` occasions in each of `N_WORLDS` worlds, worlds in order."""
     return [
-        replace(task_of(spec, _BUNDLE + OCCASIONS * w + k, settings), world=_BUNDLE + w)
+        replace(task_of(spec, _BUNDLE + OCCASIONS * w + k, settings, cells=cells), world=_BUNDLE + w)
         for w in range(N_WORLDS)
         for k in range(OCCASIONS)
     ]
 
 
 def one_away_tasks(
-    spec: CampaignSpec, settings: Mapping[str, float | str], covers: Sequence[str]
+    spec: CampaignSpec, settings: Mapping[str, float | str], covers: Sequence[str], cells: int = 0
 ) -> list[SimulationTask]:
     """The table's own means, then each cover's mean a standard deviation up, and down; `OCCASIONS` the same of each."""
     worlds = [None, *((cover, sds) for cover in covers for sds in (1.0, -1.0))]
     ids = [_BUNDLE + k for k in range(OCCASIONS)]
-    return [replace(task_of(spec, i, settings), world=world) for world in worlds for i in ids]
+    return [replace(task_of(spec, i, settings, cells=cells), world=world) for world in worlds for i in ids]
 
 
 @lru_cache(maxsize=4)
@@ -222,38 +194,38 @@ def simulate_image(task: SimulationTask, precision: Precision = "float32", threa
     return image, scene
 
 
-def plan_of(task: SimulationTask) -> tuple[Plan, Callable[[RungPlan], Sample], Scene, Sensor]:
-    """The planner's decision on a task, what makes a rung's sample, and the scene and sensor it is about."""
-    scene, sensor, engine = scene_at(task.scene), configuration(task), ENGINES[task.engine]
-    names = [name for _, name in task.utilities]
-    plan, make = engine.plan(scene, sensor, task.scattering, task.seed, task.stream, names, task.demand)
-    return plan, make, scene, sensor
+def detail_of(task: SimulationTask) -> float:
+    """Side of what a task's sensor tells apart [m]; 0 where its data base must stay as it is."""
+    return ENGINES[task.engine].detail_m(configuration(task))
+
+
+def ground_of(task: SimulationTask) -> tuple[Scene, int]:
+    """The data base that a task is simulated on, and the cells along a side of the blocks that each of its cells is."""
+    scene = scene_at(task.scene)
+    detail_m = detail_of(task) if task.cells else 0.0
+    coarse = coarse_scene(scene, cells_in_one(scene.cell_m, detail_m, task.cells))
+    return coarse, round(coarse.cell_m / scene.cell_m)
 
 
 def carry_out(task: SimulationTask) -> SimulationResult:
     """Simulate and score; a sensor that cannot work is a failure with its reason, not an exception."""
     start = time.perf_counter()
     task = on_this_machine(task)
+    engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.stream}
     try:
-        plan, make, scene, sensor = plan_of(task)
-        scores = _scores(task, plan.chosen, make, scene, sensor)
-        seconds = time.perf_counter() - start
-        other = plan.next_rung() if checked(task.seed, task.run_id) else None
-        check = None
-        if other is not None:
-            check = _compare(plan.chosen, other, scores, _scores(task, other, make, scene, sensor))
+        scene, averaged = ground_of(task)
+        image = engine.simulate(scene, configuration(task), task.scattering, task.seed, task.stream)
+        found = [(name, engine.score(utility, image, scene, **key)) for name, utility in task.utilities]
     except (UserError, MemoryError, OSError) as error:
         reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, _fault(error, task))
-    record = {**plan.record(), "seconds": round(seconds, 4)}
-    if plan.chosen.rung in task.demand.widening:
-        record["widening"] = task.demand.widening[plan.chosen.rung]
-    if check is not None:
-        record["check"] = {"by": check.by, "difference": check.difference, "limit": check.limit}
-    more = {} if task.occasion is None else {"common_random_numbers": task.occasion}
-    return SimulationResult(
-        task.run_id, tuple(_new_score(*score, record, more) for score in scores), "", seconds, check=check
-    )
+    seconds = time.perf_counter() - start
+    record = {
+        **engine.record(image, scene),
+        **({} if task.occasion is None else {"common_random_numbers": task.occasion}),
+        "fidelity": {"averaged": averaged, "seconds": round(seconds, 4)},
+    }
+    return SimulationResult(task.run_id, tuple(_new_score(*one, record) for one in found), "", seconds)
 
 
 def _fault(error: Exception, task: SimulationTask) -> str:
@@ -292,48 +264,8 @@ def _local_function(name: str) -> str:
     return f"{local_file(file)}:{name.rpartition(':')[2]}" if file else name
 
 
-Scored = tuple[str, UtilityScore, dict[str, Any]]
-
-
-def score_by(task: SimulationTask, rung: str) -> tuple[dict[str, float], float]:
-    """Score of each application of a task by one rung, and the CPU time it took [s]; for studies of the ladder."""
-    start = time.process_time()
-    plan, make, scene, sensor = plan_of(replace(task, demand=replace(task.demand, fidelity=rung)))
-    scores = _scores(task, plan.chosen, make, scene, sensor)
-    return {application: score.value for application, score, _ in scores}, time.process_time() - start
-
-
-def _scores(
-    task: SimulationTask, rung: RungPlan, make: Callable[[RungPlan], Sample], scene: Scene, sensor: Sensor
-) -> list[Scored]:
-    """Application, score and record of the run by one rung."""
-    engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.stream}
-    if rung.rung == "F4":
-        image = engine.simulate(scene, sensor, task.scattering, task.seed, task.stream)
-        record = engine.record(image, scene)
-        return [(name, engine.score(utility, image, scene, **key), record) for name, utility in task.utilities]
-    sample = make(rung)
-    record = dict(sample.record)
-    return [(name, engine.sampled[utility](sample, scene, **key), record) for name, utility in task.utilities]
-
-
-def _compare(rung: RungPlan, other: RungPlan, scores: list[Scored], others: list[Scored]) -> FidelityCheck:
-    differences = {name: one.value - two.value for (name, one, _), (_, two, _) in zip(scores, others, strict=True)}
-    worst = max(differences, key=lambda name: abs(differences[name]))
-    return FidelityCheck(rung.rung, other.rung, worst, differences[worst], largest_difference(rung, other))
-
-
-def _new_score(
-    application: str, found: UtilityScore, record: dict[str, Any], fidelity: dict[str, Any], more: dict[str, Any]
-) -> NewScore:
-    metadata = {
-        **record,
-        **more,
-        "n_cells": found.n_cells,
-        "n_tiles": found.n_clusters,
-        **found.details,
-        "fidelity": fidelity,
-    }
+def _new_score(application: str, found: UtilityScore, record: Mapping[str, Any]) -> NewScore:
+    metadata = {**record, "n_cells": found.n_cells, "n_tiles": found.n_clusters, **found.details}
     return NewScore(application, found.value, se=found.se if found.se > 0.0 else None, metadata=metadata)
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from seqrsm import __version__
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import sharing
-from seqrsm.campaign.fidelity_watch import VIOLATED, simulated_by
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
 from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
@@ -43,7 +43,6 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         store.verify()
         runs, looks = store.runs(), store.looks()
         events = store.events() if history else ()
-        violations = store.events(kind=VIOLATED)
         applications = _remembered_looks(spec, runs, looks, store.last_event(), store.events(kind=MEASURED))
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
@@ -56,7 +55,7 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "level": spec.stop.level,
         "units": {factor.name: getattr(factor, "unit", "") for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
-        "simulated_by": simulated_by(runs, violations),
+        "simulated_by": simulated_by(runs),
         "common_random_numbers": dict(zip(("runs", "occasions"), sharing(runs), strict=True)),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
@@ -67,6 +66,24 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
     if history:
         result["history"] = [asdict(event) for event in events]
     return result
+
+
+def simulated_by(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
+    """On which data bases the scored runs were simulated, the finest first.
+
+    Returns
+    -------
+    list of dict
+        ``averaged``: cells along a side of the blocks that were one cell, 1 as it is, 0 of a sample of the ground, by
+        an earlier version; ``runs``: how many; ``seconds``: the median run took.
+    """
+    seconds: dict[int, list[float]] = {}
+    for run in runs:
+        kept = next((score.metadata["fidelity"] for score in run.scores if "fidelity" in score.metadata), None)
+        if run.state == "scored" and isinstance(kept, Mapping):
+            averaged = kept.get("averaged", 1 if kept.get("rung") == "F4" else 0)
+            seconds.setdefault(int(averaged), []).append(float(kept.get("seconds", 0.0)))
+    return [{"averaged": k, "runs": len(own), "seconds": median(own)} for k, own in sorted(seconds.items())]
 
 
 def campaigns_in(folder: Path) -> tuple[Path, ...]:

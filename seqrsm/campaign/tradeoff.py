@@ -1,16 +1,16 @@
 """``seqrsm tradeoff``: speed against accuracy of this campaign's own simulations and numbers, measured.
 
-Some configurations spread over the region are simulated on the same occasions by every rung of the fidelity ladder;
-what each rung loses against the full simulation is set against the time it saves. Each configuration is kept as soon as
-it is measured, in ``tradeoff.json`` of the campaign's folder: the same command goes on where it was interrupted.
+Some configurations spread over the region are simulated on the same occasions on the data base as it is and on coarser
+ones; what each of these loses is set against the time it saves. Each configuration is kept as soon as it is measured,
+in ``tradeoff.json`` of the campaign's folder: the same command goes on where it was interrupted.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,12 +19,11 @@ import numpy as np
 from seqrsm import __version__
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.simulation import plan_of, score_by, task_of
+from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
-from seqrsm.errors import FitError, UserError
+from seqrsm.errors import FitError
 from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.plain import plain
-from seqrsm.simulate.fidelity import MEANINGS, RUNGS
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.store import STORE_NAME, Store
 
@@ -36,8 +35,13 @@ FIRST_RUN: Final = 2**30
 RESTARTS: Final = (1, 2, 4)
 """Local searches in a design search that are compared: of few, each costs seconds."""
 
-AUTO: Final = "auto"
-"""In the place of a rung: what the planner chooses."""
+LEVELS: Final = (0, 8, 4, 2)
+"""Cells of the data base along a side of a pixel at least, where it is made coarser; 0: as it is."""
+
+COARSENED: Final = "coarser data base measured"
+"""Kind of the event that keeps which of them a campaign takes."""
+
+_CONSIDERED: Final = 60
 
 Progress = Callable[[int, int], None]
 
@@ -62,7 +66,7 @@ def measure_tradeoff(
     configurations : int
         Settings spread over the region, the centre among them.
     occasions : int
-        Occasions on which each is simulated by every rung, the same for all rungs and configurations.
+        Occasions on which each is simulated on every data base, the same for all.
     numerics : bool
         Sampler, single against double precision, and design search, too.
     progress : callable
@@ -132,101 +136,94 @@ def _write(path: Path, content: Mapping[str, Any]) -> None:
     os.replace(draft, path)
 
 
+def coarsest_within(spec: CampaignSpec, configurations: int = 4, occasions: int = 3) -> dict[str, Any]:
+    """The coarsest data base whose scores differ by no more than the campaign's tolerance, root mean square.
+
+    Measured at settings from the finest to the coarsest sensor, for which most cells are averaged.
+
+    Returns
+    -------
+    dict
+        ``cells``: of `LEVELS`; ``tolerance``; ``rms_error``: of each that was compared, the worst application's.
+    """
+    assert spec.simulator is not None
+    tolerance = spec.simulator.tolerance
+    by_detail = sorted(some_configurations(spec, _CONSIDERED), key=lambda own: detail_of(task_of(spec, NO_RUN, own)))
+    places = np.linspace(0, len(by_detail) - 1, configurations).astype(int)
+    rows = [_measured(spec, by_detail[k], occasions) for k in places]
+    good = [row for row in rows if not row["failure"]]
+    found = {
+        cells: max(_against_full(good, cells, one.name, one.goal)["rms_error"] for one in spec.applications)
+        for cells in (LEVELS[1:] if good else ())
+    }
+    kept = [cells for cells, error in found.items() if error <= tolerance]
+    errors = {str(cells): error for cells, error in found.items()}
+    return {"cells": min(kept, default=0), "tolerance": tolerance, "rms_error": errors}
+
+
 def _measured(spec: CampaignSpec, settings: Mapping[str, float | str], occasions: int) -> dict[str, Any]:
-    """Score and time of every rung at one configuration, on the same occasions; a refused rung has its reason."""
-    task = task_of(spec, FIRST_RUN, settings)
-    out: dict[str, Any] = {"settings": dict(settings), "rungs": {}, "refused": {}, "failure": ""}
-    try:
-        plan, *_ = plan_of(replace(task, demand=replace(task.demand, fidelity="auto")))
-    except UserError as error:
-        out["failure"] = str(error)
-        return out
-    out["chosen"], out["bounds"] = plan.chosen.rung, {p.rung: p.bound for p in plan.rungs if not p.refused}
-    for rung in RUNGS:
-        refused = plan.of(rung).refused
-        if refused:
-            out["refused"][rung] = refused
-            continue
-        score_by(task, rung)  # compiles and caches what is not to be timed
-        found = [score_by(replace(task, run_id=FIRST_RUN + k), rung) for k in range(occasions)]
-        out["rungs"][rung] = {"scores": [scores for scores, _ in found], "seconds": [seconds for _, seconds in found]}
+    """Scores, time and blocks of cells on every data base at one configuration, on the same occasions."""
+    out: dict[str, Any] = {"settings": dict(settings), "levels": {}, "failure": ""}
+    done: dict[int, dict[str, Any]] = {}
+    for cells in LEVELS:
+        tasks = [task_of(spec, FIRST_RUN + k, settings, cells=cells) for k in range(occasions)]
+        first = carry_out(tasks[0])  # compiles and caches what is not to be timed
+        if first.failure:
+            out["failure"] = first.failure
+            return out
+        averaged = ground_of(tasks[0])[1]
+        if averaged not in done:
+            scores, seconds = [], []
+            for task in tasks:
+                start = time.process_time()
+                found = carry_out(task)
+                seconds.append(time.process_time() - start)
+                scores.append({one.application: one.score for one in found.scores})
+            done[averaged] = {"averaged": averaged, "scores": scores, "seconds": seconds}
+        out["levels"][str(cells)] = done[averaged]
     return out
 
 
 def _summary(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Each rung and the planner's own choice against the full simulation, for every application."""
+    """Each coarser data base against the one as it is, for every application."""
     good = [row for row in rows if not row["failure"]]
-    shown = [
-        {"settings": row["settings"], "chosen": row["chosen"], "bounds": row["bounds"], "refused": row["refused"]}
-        for row in good
-    ]
-    applications = {
-        application.name: [
-            found
-            for rung in (*RUNGS, AUTO)
-            if (found := _against_top(good, rung, application.name, application.goal)) is not None
-        ]
-        for application in spec.applications
-    }
-    refused = {
-        rung: reasons[0]
-        for rung in RUNGS
-        if len(reasons := [row["refused"][rung] for row in good if rung in row["refused"]]) == len(good) and good
-    }
     assert spec.simulator is not None
     return {
         "tolerance": spec.simulator.tolerance,
-        "configurations": shown,
+        "configurations": [row["settings"] for row in good],
         "failures": [row["failure"] for row in rows if row["failure"]],
-        "applications": applications,
-        "refused": refused,
+        "applications": {
+            one.name: [_against_full(good, cells, one.name, one.goal) for cells in LEVELS] if good else []
+            for one in spec.applications
+        },
     }
 
 
-def _against_top(rows: Sequence[Mapping[str, Any]], rung: str, application: str, goal: Goal) -> dict[str, Any] | None:
-    """One rung against the top one over the configurations that admit it; None where none does."""
-    used = [row for row in rows if rung == AUTO or rung in row["rungs"]]
-    if not used:
-        return None
-    own = [row["chosen"] if rung == AUTO else rung for row in used]
-
-    def scores(rungs: Sequence[str]) -> FloatArray:
-        return np.array(
-            [[s[application] for s in row["rungs"][r]["scores"]] for row, r in zip(used, rungs, strict=True)]
-        )
-
-    def seconds(rungs: Sequence[str]) -> FloatArray:
-        return np.array([np.median(row["rungs"][r]["seconds"]) for row, r in zip(used, rungs, strict=True)])
-
-    top = ["F4"] * len(used)
-    cheap, full = scores(own), scores(top)
+def _against_full(rows: Sequence[Mapping[str, Any]], cells: int, application: str, goal: Goal) -> dict[str, Any]:
+    """One data base against the one as it is."""
+    own, top = ([row["levels"][str(level)] for row in rows] for level in (cells, 0))
+    cheap, full = (np.array([[s[application] for s in one["scores"]] for one in levels]) for levels in (own, top))
+    seconds, seconds_full = (np.array([np.median(one["seconds"]) for one in levels]) for levels in (own, top))
     difference = cheap - full
     n, m = difference.shape
-    means = difference.mean(axis=1)
     error = float(np.sqrt(difference.var(axis=1, ddof=1).sum() / m) / n) if m > 1 else float("nan")
     sign = sign_of(goal)
     true, seen = sign * full.mean(axis=1), sign * cheap.mean(axis=1)
-    best, picked = int(np.argmax(true)), int(np.argmax(seen))
-    lost = full[best] - full[picked]
-    spread = float(lost.std(ddof=1) / np.sqrt(m)) if m > 1 else float("nan")
-    bounds = [row["bounds"][r] for row, r in zip(used, own, strict=True)]
+    lost = full[int(np.argmax(true))] - full[int(np.argmax(seen))]
     return {
-        "rung": rung,
-        "meaning": "what the planner chooses" if rung == AUTO else MEANINGS[rung],
+        "cells": cells,
+        "averaged": sorted({one["averaged"] for one in own}),
         "configurations": n,
         "occasions": m,
-        "seconds": float(np.median(seconds(own))),
-        "time_ratio": float(np.median(seconds(own) / seconds(top))),
-        "total_time_ratio": float(seconds(own).sum() / seconds(top).sum()),
-        "bias": float(means.mean()),
+        "seconds": float(np.median(seconds)),
+        "time_ratio": float(seconds.sum() / seconds_full.sum()),
+        "bias": float(difference.mean()),
         "bias_se": error,
         "rms_error": float(np.sqrt(np.mean(difference**2))),
         "largest_error": float(np.abs(difference).max()),
-        "bound": float(max(bounds)),
         "rank_correlation": _rank_correlation(true, seen),
         "utility_lost": float(sign * lost.mean()) + 0.0,  # no negative zero
-        "utility_lost_se": spread,
-        "rungs_chosen": {r: own.count(r) for r in RUNGS if r in own},
+        "utility_lost_se": float(lost.std(ddof=1) / np.sqrt(m)) if m > 1 else float("nan"),
     }
 
 

@@ -374,7 +374,7 @@ def rehearse(
 def tradeoff(
     folder: Folder,
     configurations: Annotated[int, typer.Option(min=2, max=100, help="Settings spread over the region.")] = 8,
-    occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each by every rung.")] = 6,
+    occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each on every data base.")] = 6,
     numerics: Annotated[
         bool, typer.Option("--numerics/--no-numerics", help="Also sampler, precision and design search.")
     ] = True,
@@ -430,43 +430,22 @@ def report(
 @guarded
 def image(
     folder: Folder,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Image to write: .png, .tif (GeoTIFF) or .npz.")
-    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Image to write: .png, .tif (GeoTIFF) or .npz.")],
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A sensor setting.")] = None,
     run_id: Annotated[int, typer.Option(min=0, help="Whose random occasion to draw; 0 belongs to no run.")] = 0,
     mask: Annotated[
         str, typer.Option(metavar="NAME", help="Write this mask instead: shadow, layover or blocked.")
     ] = "",
     threads: Annotated[int, typer.Option(min=1, max=256, help="Threads for one radar image.")] = 1,
-    explain: Annotated[
-        bool, typer.Option("--explain", help="Say how faithfully a run of these settings is simulated, and why.")
-    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region."""
-    from seqrsm.campaign.images import explain_image, write_image
+    from seqrsm.campaign.images import write_image
 
-    if out is None and not explain:
-        raise UserError(Problem("there is nothing to do", "Give --out FILE, or --explain, or both.", field="--out"))
     campaign = _opened(folder)
-    result: dict[str, Any] = {}
-    if out is not None:
-        with display("simulating"):
-            result = write_image(campaign, settings or [], run_id, out, mask=mask, threads=threads)
-        if not as_json:
-            say(f"wrote {out}: {result['summary']}")
-    if explain:
-        from seqrsm.cli.blocks import show_blocks
-        from seqrsm.design.factors import settings_text
-        from seqrsm.report.sections.speed import plan_blocks
-
-        plan = result["fidelity"] = explain_image(campaign, settings or [], run_id)
-        if not as_json:
-            line(settings_text(campaign.spec.factors, plan["settings"]))
-            show_blocks(plan_blocks(plan, campaign.spec.applications[0].unit, "these settings"))
-    if as_json:
-        print_json(result)
+    with display("simulating"):
+        result = write_image(campaign, settings or [], run_id, out, mask=mask, threads=threads)
+    print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 
 app.command()(design)

@@ -17,7 +17,7 @@ from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import summary_section
-from seqrsm.report.wording import interval_names, parts_of_width, watched_interval
+from seqrsm.report.wording import ground_name, interval_names, parts_of_width, watched_interval
 
 if TYPE_CHECKING:
     from seqrsm.analysis.compromise import CompromiseEstimate
@@ -90,7 +90,7 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
             f"{watched_interval(spec.stop)}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
         ],
     ]
-    if result["simulated_by"] is not None:
+    if result["simulated_by"]:
         rows.append(["simulated by", _simulated_by(result["simulated_by"])])
     if (shared := result["common_random_numbers"])["runs"]:
         text = f"shared by {shared['runs']} runs, in {shared['occasions']} occasions that are blocks of the fit"
@@ -113,14 +113,9 @@ def _told(detail: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     return ((name, value) for name, value in detail.items() if not name.endswith("_digest"))
 
 
-def _simulated_by(found: Mapping[str, Any]) -> str:
-    """Runs of each rung with the largest bound, and the checks."""
-    parts = [
-        f"{rung} {own['runs']}" + (f" (error at most {own['bound']:.2g})" if own["bound"] > 0.0 else "")
-        for rung, own in found["rungs"].items()
-    ]
-    checks = f"{found['checks']} checked, {found['violations'] or 'no'} bound violated"
-    return f"{', '.join(parts)}; {checks}"
+def _simulated_by(found: Sequence[Mapping[str, Any]]) -> str:
+    """Runs on each data base."""
+    return ", ".join(f"{one['runs']} on {ground_name(one['averaged'])}" for one in found)
 
 
 def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application: Mapping[str, Any]) -> None:

@@ -20,7 +20,6 @@ from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, Prior, bounde
 from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.robust import STUDENT_DF, student_draws, student_weights
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
-from seqrsm.fit.weights import own_weights
 
 if TYPE_CHECKING:
     from seqrsm.fit.ensemble import Sampled
@@ -173,21 +172,16 @@ class ErrorModel:
         """Why a method for least squares, ``what``, does not apply; empty where it does."""
         return "" if self.exact else f"{what} is for normal errors, here they are {self.name}"
 
-    def weights(
-        self, Z: FloatArray, y: FloatArray, given: FloatArray, variance: FloatArray | None = None
-    ) -> FloatArray:
+    def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) for least squares.
 
         Parameters
         ----------
         Z, y, given : ndarray (n, p), (n,), (n,)
             Model matrix, scores on the scale of the fit, and relative weights from the scale.
-        variance : ndarray (n,), optional
-            Known variance of an error that each run has beside the common one, squared units of ``y``.
         """
-        if variance is None or not np.any(variance > 0.0):
-            return given
-        return own_weights(Z, y, variance, given)
+        del Z, y
+        return given
 
     def sampled_weights(self, fitted: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) of runs in the posterior, from those of least squares and those from the scale.
@@ -312,11 +306,8 @@ class StudentT(_Additive):
     words = f"Student-t with {STUDENT_DF:g} degrees of freedom"
     family = "student_t"
 
-    def weights(
-        self, Z: FloatArray, y: FloatArray, given: FloatArray, variance: FloatArray | None = None
-    ) -> FloatArray:
-        """Weights that make least squares the most likely fit; a known variance is not told from the tails."""
-        del variance
+    def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
+        """Weights that make least squares the most likely fit."""
         return student_weights(Z, y, given)
 
     def independent(

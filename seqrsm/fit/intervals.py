@@ -7,7 +7,7 @@ squares (PQ), residual, and the residual split into lack of fit and pure error.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr
@@ -27,13 +27,6 @@ class Interval:
     def half_width(self) -> FloatArray:
         """Half of ``high - low``."""
         return 0.5 * (self.high - self.low)
-
-    def with_error(self, mean: FloatArray, shift: FloatArray, variance: FloatArray, quantile: float) -> Interval:
-        """A t interval about ``mean`` that counts a further error: its expectation, its variance, the t factor."""
-        error = quantile * np.sqrt(variance)
-        return Interval(
-            mean + shift - np.hypot(mean - self.low, error), mean + shift + np.hypot(self.high - mean, error)
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +56,6 @@ class Prediction:
     se_prediction: FloatArray
     level: float
     reason: str
-
-    def with_error(self, shift: FloatArray, variance: FloatArray, df: float) -> Prediction:
-        """The same with an error of the mean counted that is not in yet: its expectation and variance (m,)."""
-        quantile = student_quantile(df, self.level)
-        return replace(
-            self,
-            mean=self.mean + shift,
-            confidence=self.confidence.with_error(self.mean, shift, variance, quantile),
-            prediction=self.prediction.with_error(self.mean, shift, variance, quantile),
-            se_mean=np.sqrt(self.se_mean**2 + variance),
-            se_prediction=np.sqrt(self.se_prediction**2 + variance),
-        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -141,7 +141,6 @@ class Process:
         y: FloatArray,
         weights: FloatArray,
         nuisance: FloatArray,
-        shared: FloatArray,
         goal_sign: float,
         rng: np.random.Generator,
     ) -> None:
@@ -159,8 +158,6 @@ class Process:
             Relative weights, > 0.
         nuisance : ndarray (n, e)
             Columns of effects that are no part of the surface (blocks); 0 in future runs.
-        shared : ndarray (n, r)
-            Errors that scores share: their prior standard deviations.
         goal_sign : float
             1 where the score is maximized, -1 where minimized.
         rng : numpy.random.Generator
@@ -171,7 +168,7 @@ class Process:
         self._y = (y - self.centre) / self.scatter
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
         constants = np.hstack([np.ones((n, 1)), nuisance])
-        self._vague = _VAGUE * constants @ constants.T + shared @ shared.T / self.scatter**2
+        self._vague = _VAGUE * constants @ constants.T
         self._base, self._columns = model.base(self._points), trend_columns(model)
         self._gap = np.zeros(n)
         chain = self._sample(rng)

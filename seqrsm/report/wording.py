@@ -414,3 +414,10 @@ def _effect_text(analysis: Analysis, bound: EffectBound) -> str:
     if math.isinf(low):
         return f"{name} changes the mean score by {ends[1]} or less"
     return f"{name} changes the mean score by {format_plain(low)} to {ends[1]}"
+
+
+def ground_name(averaged: int) -> str:
+    """On which data base a run was simulated, by the cells along a side of those that were one; 0: a part of it."""
+    if averaged < 1:
+        return "a sample of the ground (earlier version)"
+    return "the data base as it is" if averaged == 1 else f"{averaged} x {averaged} cells as one"

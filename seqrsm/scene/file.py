@@ -18,7 +18,6 @@ import numpy as np
 from seqrsm.arrays import AnyArray, Float32Array
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.scene import MAX_CELLS, Scene
-from seqrsm.scene.statistics import statistics_text
 
 SCHEMA: Final = 1
 """Version of the scene file."""
@@ -54,7 +53,6 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "name": np.array(scene.name),
         "licence": np.array(scene.licence),
         "provenance": np.array(scene.provenance),
-        "statistics": np.array(statistics_text(scene)),
     }
     if scene.temperature_k is not None:
         members["temperature_k"] = scene.temperature_k
@@ -165,7 +163,6 @@ def _scene_of(members: Mapping[str, AnyArray], file: str) -> Scene:
             category_notes={name: note for name, note in zip(names, notes, strict=True) if note},
             temperature_k=members.get("temperature_k"),
             soil_moisture=members.get("soil_moisture"),
-            kept_statistics=str(members.get("statistics", "")),
         )
     except SceneError as error:
         raise SceneError(*(replace(problem, file=file) for problem in error.problems)) from None

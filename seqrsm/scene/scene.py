@@ -54,8 +54,6 @@ class Scene:
         Physical temperature of the ground [K], 150 to 500, known in every valid cell; None: not in this data base.
     soil_moisture : float32 array (rows, cols) or None
         Volumetric moisture of the soil [m3/m3], 0 to 0.6, known in every valid cell; None: the same everywhere.
-    kept_statistics : str
-        What `seqrsm.scene.statistics.scene_statistics` found when the file was written, and of which layers.
 
     Raises
     ------
@@ -77,7 +75,6 @@ class Scene:
     category_notes: Mapping[str, str] = field(default_factory=dict)
     temperature_k: Float32Array | None = None
     soil_moisture: Float32Array | None = None
-    kept_statistics: str = ""
 
     def __post_init__(self) -> None:
         problems = [*_layer_problems(self), *_grid_problems(self)]

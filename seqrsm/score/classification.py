@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.rng import generator
+from seqrsm.score import kernels_classify
 from seqrsm.score.kernels_classify import count_classes
 
 if TYPE_CHECKING:
@@ -100,30 +101,20 @@ def percent_correct(
     SceneError
         No scored cell lies in the image.
     """
-    n_classes = len(scene.categories)
     _, n_range, n_azimuth = image.intensity.shape
-    counts = count_classes(image.pixel_of_cell, scene.cover, scene.scored, n_range * n_azimuth, n_classes)
-    used = np.flatnonzero(counts.any(axis=1))
-    if used.size == 0:
-        raise SceneError(
-            Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
-        )
-    if used.size < len(counts):
-        counts = counts[used]
-    row, column = np.divmod(used, n_azimuth)
-    across, along = image.place_m(row, column)
+    counts = count_classes(image.pixel_of_cell, scene.cover, scene.scored, n_range * n_azimuth, len(scene.categories))
     ground = image.ground_range_m
+    # Rows and columns of a strip are straight lines on the ground, so their places are not spread over the image.
+    across, along = image.place_m(*np.indices((n_range, n_azimuth), sparse=True))
     if image.radar.scan == "slar":
-        across, extent = (
-            across - ground[0],
-            (float(ground[-1] - ground[0]), (n_azimuth - 0.5) * image.azimuth_spacing_m),
-        )
+        across = across - ground[0]
+        extent = (float(ground[-1] - ground[0]), (n_azimuth - 0.5) * image.azimuth_spacing_m)
     else:
         reach = float(ground[-1])
         across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
     tile, keys = tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
-    power = image.apparent_sigma0().reshape(len(image.intensity), -1)[:, used].T.astype(np.float64)
-    return with_names(score_pixels(power, counts, tile, seed=seed, run_id=run_id, tile_keys=keys), scene.categories)
+    features = decibels(image.apparent_sigma0().reshape(len(image.intensity), -1), counts)
+    return with_names(score_pixels(features, counts, tile, keys), scene.categories)
 
 
 def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:
@@ -139,83 +130,88 @@ def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:
 
 
 def score_pixels(
-    power: FloatArray,
-    counts: AnyArray,
-    tile: IntArray,
-    *,
-    seed: int,
-    run_id: int,
-    scale: Literal["decibel", "linear"] = "decibel",
-    covariates: FloatArray | None = None,
-    tile_keys: FloatArray | None = None,
+    features: FloatArray, counts: AnyArray, tile: IntArray, keys: FloatArray, covariates: int = 0
 ) -> UtilityScore:
     """`percent_correct` on bare arrays: pixels with the cells of each class in them.
 
     Parameters
     ----------
-    power : float64 array (n_pixels, n_channels)
-        Linear power, >= 0.
+    features : float64 array (d, n_pixels)
+        What the Gaussian law of a class is about: decibels, brightness; finite where a pixel has cells.
     counts : int array (n_pixels, n_classes)
-        Scored cells of each class.
+        Scored cells of each class; a pixel without any counts for nothing.
     tile : int64 array (n_pixels,)
-        Tile number, 0 .. n_tiles - 1 without gaps.
-    seed, run_id
-        As in `percent_correct`.
-    scale : {"decibel", "linear"}
-        What the Gaussian law sees of `power`: its decibels, or the numbers as they are (brightness in kelvin).
-    covariates : float64 array (n_pixels, n_covariates), optional
-        Known for each pixel and no evidence of its class, such as the look angle: the Gaussian law of each class is
-        conditional on them, its mean a straight line in each.
-    tile_keys : float64 array (n_tiles,), optional
-        The half of the tiles with the smaller keys is one half; drawn if not given.
+        Tile of each pixel.
+    keys : float64 array (n_tiles,)
+        The half of the tiles with the smaller keys is one half, among those that hold scored cells.
+    covariates : int
+        So many of the last features are known for each pixel and no evidence of its class, such as the look angle: the
+        law of each class is conditional on them, its mean a straight line in each.
 
     Returns
     -------
     UtilityScore
         Classes by number in `details`.
+
+    Raises
+    ------
+    SceneError
+        No pixel holds a scored cell.
     """
-    n_classes = counts.shape[1]
-    n_tiles = int(tile.max()) + 1
-    if tile_keys is None:
-        order = generator(seed, run_id, "training tiles").permutation(n_tiles)
-        tile_keys = np.argsort(order).astype(np.float64)
-    half = halves(tile_keys)[tile]
-    named = np.zeros(len(tile), dtype=np.int64)
-    taught = np.zeros(n_classes, dtype=bool)
-    features = power if scale == "linear" else decibels(power)
-    # A conditional Gaussian is the joint one over that of the covariates alone.
-    joint = features if covariates is None else np.column_stack([features, covariates])
-    for tested in (0, 1):
-        test = half == tested
-        # With a single tile there is no other ground to learn from.
-        train = test if n_tiles == 1 else ~test
-        if not test.any():
-            continue
-        weights = _training_weights(counts[train], TRAINING_PURITY)
-        known = weights.any(axis=0)
-        taught |= known
-        log_likelihood = _gaussian_log_likelihood(joint[train], weights, joint[test])
-        if covariates is not None:
-            log_likelihood -= _gaussian_log_likelihood(covariates[train], weights, covariates[test])
-        log_likelihood[:, ~known] = -np.inf
-        named[test] = np.argmax(log_likelihood, axis=1)
-        del weights, log_likelihood  # of a large image they fill as much memory as all the rest
-    correct = counts[np.arange(len(tile)), named]
-    value, se = cluster_ratio(correct, counts.sum(axis=1), tile)
-    confusion = np.zeros((n_classes, n_classes), dtype=np.int64)
-    for k in range(n_classes):
-        confusion[:, k] = counts[named == k].sum(axis=0)
-    details = class_details(confusion, taught)
-    return UtilityScore(100.0 * value, 100.0 * se, int(confusion.sum()), n_tiles, confusion, details)
-
-
-def class_details(confusion: IntArray, taught: AnyArray) -> dict[str, object]:
-    """Share correct by class, and the classes that nothing taught, by number."""
+    cells = kernels_classify.cells_of_tiles(counts, tile, len(keys))
+    seen = cells > 0
+    n_tiles = int(seen.sum())
+    if n_tiles == 0:
+        raise SceneError(
+            Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")
+        )
+    half = np.zeros(len(keys), dtype=np.int64)
+    half[seen] = halves(keys[seen])
+    # With a single tile there is no other ground to learn from.
+    laws, taught = _laws(features, counts, tile, half, covariates, alone=n_tiles == 1)
+    correct, confusion = kernels_classify.name_classes(features, counts, tile, half, *laws)
+    value, se = cluster_ratio(correct[seen], cells[seen], np.arange(n_tiles))
     total = confusion.sum(axis=1)
-    return {
+    details: dict[str, object] = {
         "not_predicted": tuple(int(k) for k in np.flatnonzero(~taught & (total > 0))),
         "per_class_percent": {k: 100.0 * float(confusion[k, k]) / float(n) for k, n in enumerate(total) if n},
     }
+    return UtilityScore(100.0 * value, 100.0 * se, int(total.sum()), n_tiles, confusion, details)
+
+
+def _laws(
+    features: FloatArray, counts: AnyArray, tile: IntArray, half: IntArray, covariates: int, *, alone: bool
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], AnyArray]:
+    """The classes' laws by the half that they test, for `kernels_classify.name_classes`, and which are taught at all.
+
+    ``alone``: a single tile teaches itself.
+    """
+    weight, mean, second = kernels_classify.teach(features, counts, tile, half, TRAINING_PURITY)
+    n_classes, d = mean.shape[2:]
+    centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
+    known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)
+    for tested in (0, 1):
+        taught_by = tested if alone else 1 - tested
+        few = _effective_pixels(*weight[taught_by, 0].T) < ENOUGH_PIXELS
+        total, first, square = (
+            a[taught_by, 0] + np.where(few.reshape(-1, *[1] * (a.ndim - 3)), a[taught_by, 1], 0.0)
+            for a in (weight, mean, second)
+        )
+        cells = total[:, 0]
+        if not cells.any():
+            continue
+        safe = np.where(cells > 0.0, cells, 1.0)
+        first, square, effective = first / safe[:, None], square / safe[:, None, None], _effective_pixels(*total.T)
+        roots = _covariance_roots(cells, first, square, effective)
+        centre[tested], scale[tested] = first, np.linalg.inv(roots)
+        constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        if covariates:
+            own = slice(d - covariates, None)
+            roots = _covariance_roots(cells, first[:, own], square[:, own, own], effective)
+            known_scale[tested] = np.linalg.inv(roots)
+            constant[tested] += np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        constant[tested, cells == 0.0] = -np.inf
+    return (centre, scale, known_scale, constant), np.isfinite(constant).any(axis=0)
 
 
 def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tuple[float, float]:
@@ -246,65 +242,30 @@ def cluster_ratio(correct: AnyArray, cells: AnyArray, cluster: IntArray) -> tupl
     return share, math.sqrt(n / (n - 1.0) * float(residual @ residual)) / float(size.sum())
 
 
-def systematic_se(correct: AnyArray, cells: AnyArray, group: IntArray) -> float:
-    """Standard error of the share of correct cells in a systematic sample of groups, such as every tenth column.
-
-    Successive differences of the groups' residuals, eq. (8.3) of Wolter (2007), Introduction to Variance Estimation,
-    2nd ed.; without finite population correction; nan with fewer than two groups.
-    """
-    right, size = np.bincount(group, weights=correct), np.bincount(group, weights=cells)
-    n = len(size)
-    if n < 2:
-        return math.nan
-    residual = right - float(right.sum() / size.sum()) * size
-    return math.sqrt(n / (2.0 * (n - 1.0)) * float(np.square(np.diff(residual)).sum())) / float(size.sum())
-
-
 def tiles(
-    across_m: FloatArray,
-    along_m: FloatArray,
-    extent_m: tuple[float, float],
-    tile_m: float,
-    *,
-    seed: int,
-    run_id: int,
-    sample: bool = False,
+    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float, *, seed: int, run_id: int
 ) -> tuple[IntArray, FloatArray]:
     """Square tile of ground that each pixel belongs to, and the key by which the tiles are split into halves.
 
-    The keys are those of all tiles of the image, whichever are asked for: a part of an image is split as the whole. For
-    that the narrow tiles at the far edges count, too, which a sample may pass over: without them the middle key is
-    another, and tiles change sides.
-
     Parameters
     ----------
-    across_m, along_m : float64 array (n_pixels,)
-        Centre of each pixel [m].
+    across_m, along_m : float64 arrays that broadcast to (rows, columns)
+        Centres of the pixels [m].
     extent_m : tuple of float
         Largest value of either in the whole image [m].
     tile_m : float
         Side of a tile [m].
     seed, run_id : int
-    sample : bool
-        The pixels are some in equal steps of all that the tiles hold.
 
     Returns
     -------
-    tile : int64 array (n_pixels,)
-        Numbered without gaps, but for tiles that a sample passes over.
+    tile : int64 array (rows * columns,)
     keys : float64 array (n_tiles,)
     """
     wide, long = (max(math.floor(size / tile_m), 0) + 1 for size in extent_m)
     away = np.clip(np.floor(across_m / tile_m).astype(np.int64), 0, wide - 1)
     ahead = np.clip(np.floor(along_m / tile_m).astype(np.int64), 0, long - 1)
-    code = away * long + ahead
-    seen = np.bincount(code, minlength=wide * long).reshape(wide, long) > 0
-    for lines in (seen, seen.T) if sample else ():
-        # Where there are five lines, both halves keep tiles with pixels.
-        if len(lines) >= 5 and not lines[-1].any():
-            lines[-1] = lines[-2]
-    keys = generator(seed, run_id, "training tiles").random(wide * long)
-    return (np.cumsum(seen) - 1)[code], keys[seen.ravel()]
+    return np.ravel(away * long + ahead), generator(seed, run_id, "training tiles").random(wide * long)
 
 
 def halves(tile_keys: FloatArray) -> IntArray:
@@ -314,53 +275,23 @@ def halves(tile_keys: FloatArray) -> IntArray:
     return half
 
 
-def _training_weights(counts: AnyArray, purity: float) -> FloatArray:
-    """Cells with which each pixel teaches each class (n_pixels, n_classes)."""
-    cells = counts.astype(np.float64)
-    pure = np.where(cells >= purity * cells.sum(axis=1, keepdims=True), cells, 0.0)
-    few = _effective_pixels(pure) < ENOUGH_PIXELS
-    pure[:, few] = cells[:, few]
-    return pure
-
-
-def _effective_pixels(weights: FloatArray) -> FloatArray:
-    """`effective_pixels` of weights (n_pixels, n_classes)."""
-    return effective_pixels(weights.sum(axis=0), (weights**2).sum(axis=0))
-
-
-def effective_pixels(total: FloatArray, squares: FloatArray) -> FloatArray:
+def _effective_pixels(total: FloatArray, squares: FloatArray) -> FloatArray:
     """Number of equally weighted pixels that carry as much, from the sums of the weights and of their squares."""
     return np.asarray(total**2 / np.where(squares > 0.0, squares, 1.0))
 
 
-def decibels(power: FloatArray, axis: int | tuple[int, ...] = 0, pixels: IntArray | None = None) -> FloatArray:
-    """Decibels; exact zeros, which only a noiseless radar has, take the least positive value of their channel.
+def decibels(power: FloatArray, counts: AnyArray) -> FloatArray:
+    """Decibels of linear power (n_channels, n_pixels); zeros, which only a noiseless radar has, are the darkest.
 
-    ``axis``: all axes but the channels'; ``pixels``: along the last axis, those among which that value is looked for.
+    They take the least positive value of their channel among the pixels that hold cells: ``counts`` (n_pixels, n).
     """
-    if power.min() > 0.0:
+    if power.min(initial=1.0) > 0.0:
         return np.asarray(10.0 * np.log10(power))
-    seen = power if pixels is None else power[..., pixels]
-    floor = np.where(seen > 0.0, seen, np.inf).min(axis=axis, keepdims=True)
+    floor = np.min(power, axis=1, keepdims=True, where=(power > 0.0) & counts.any(axis=1), initial=np.inf)
     return np.asarray(10.0 * np.log10(np.maximum(power, np.where(np.isfinite(floor), floor, 1.0))))
 
 
-def _gaussian_log_likelihood(train: FloatArray, weights: FloatArray, test: FloatArray) -> FloatArray:
-    """Log likelihood (n_test, n_classes) under each class's Gaussian, its moments weighted by cells."""
-    n_classes = weights.shape[1]
-    total = weights.sum(axis=0)
-    safe = np.where(total > 0.0, total, 1.0)
-    mean = (weights.T @ train) / safe[:, None]
-    second = np.einsum("nk,ni,nj->kij", weights, train, train, optimize=True) / safe[:, None, None]
-    roots = covariance_roots(total, mean, second, _effective_pixels(weights))
-    out = np.empty((len(test), n_classes))
-    for k in range(n_classes):
-        scaled = np.linalg.solve(roots[k], (test - mean[k]).T)
-        out[:, k] = -0.5 * np.einsum("in,in->n", scaled, scaled) - np.log(np.diag(roots[k])).sum()
-    return out
-
-
-def covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, pixels: FloatArray) -> FloatArray:
+def _covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, pixels: FloatArray) -> FloatArray:
     """Cholesky roots (n_classes, d, d) of the covariances of classes.
 
     A covariance from few pixels is drawn towards the pooled one, as if the pooled one rested on 2 (d + 1) pixels, d

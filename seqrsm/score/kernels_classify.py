@@ -37,80 +37,74 @@ def count_classes(pixel: AnyArray, cover: AnyArray, scored: AnyArray, n_pixels: 
 
 
 @kernel
-def cells_of_pixels(counts: AnyArray, values: AnyArray) -> AnyArray:
-    """Scored cells of each pixel; 0 where the first draw of a channel is not finite.
+def cells_of_tiles(counts: AnyArray, tile: AnyArray, n_tiles: int) -> AnyArray:
+    """Scored cells in each tile.
 
     Parameters
     ----------
     counts : int array (n_pixels, n_classes)
-    values : float64 array (n_draws, n_channels, n_pixels)
+    tile : int64 array (n_pixels,)
+        0 .. n_tiles - 1.
+    n_tiles : int
 
     Returns
     -------
-    float64 array (n_pixels,)
+    int64 array (n_tiles,)
     """
-    out = np.zeros(counts.shape[0])
+    out = np.zeros(n_tiles, dtype=np.int64)
     for n in range(counts.shape[0]):
-        total = 0
         for k in range(counts.shape[1]):
-            total += counts[n, k]
-        for c in range(values.shape[1]):
-            if not np.isfinite(values[0, c, n]):
-                total = 0
-        out[n] = total
+            out[tile[n]] += counts[n, k]
     return out
 
 
 @kernel
 def teach(
-    features: AnyArray, covariates: AnyArray, counts: AnyArray, cells: AnyArray, half: AnyArray, purity: float
+    features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Sums over the pixels of each half and class, of those that the class fills to a purity and of the others.
 
     Parameters
     ----------
-    features : float64 array (n_draws, n_channels, n_pixels)
-    covariates : float64 array (n_pixels, n_covariates)
+    features : float64 array (d, n_pixels)
     counts : int array (n_pixels, n_classes)
-    cells : float64 array (n_pixels,)
-        Of `cells_of_pixels`; pixels with 0 are left out.
-    half : int64 array (n_pixels,)
+    tile : int64 array (n_pixels,)
+    half : int64 array (n_tiles,)
         0 or 1.
     purity : float
 
     Returns
     -------
     weight, mean, second : float64 arrays (2, 2, n_classes, 2), (2, 2, n_classes, d), (2, 2, n_classes, d, d)
-        By half, by pure or not, by class: sums of the cells and of their squares; of the cells times each feature and
-        covariate; of the cells times the product of each two.
+        By half, by pure or not, by class: sums of the cells and of their squares; of the cells times each feature; of
+        the cells times the product of each two.
     """
-    n_draws, n_channels, n_pixels = features.shape
-    n_classes, n_more = counts.shape[1], covariates.shape[1]
-    d = n_channels + n_more
+    d, n_pixels = features.shape
+    n_classes = counts.shape[1]
     weight = np.zeros((2, 2, n_classes, 2))
     mean = np.zeros((2, 2, n_classes, d))
     second = np.zeros((2, 2, n_classes, d, d))
     x = np.empty(d)
     for n in range(n_pixels):
-        if cells[n] <= 0.0:
+        cells = 0
+        for k in range(n_classes):
+            cells += counts[n, k]
+        if cells == 0:
             continue
-        h, least = half[n], purity * cells[n]
-        for c in range(n_more):
-            x[n_channels + c] = covariates[n, c]
-        for draw in range(n_draws):
-            for c in range(n_channels):
-                x[c] = features[draw, c, n]
-            for k in range(n_classes):
-                w = float(counts[n, k])
-                if w > 0.0:
-                    s = 0 if w >= least else 1
-                    weight[h, s, k, 0] += w
-                    weight[h, s, k, 1] += w * w
-                    for i in range(d):
-                        wx = w * x[i]
-                        mean[h, s, k, i] += wx
-                        for j in range(i + 1):
-                            second[h, s, k, i, j] += wx * x[j]
+        h, least = half[tile[n]], purity * cells
+        for i in range(d):
+            x[i] = features[i, n]
+        for k in range(n_classes):
+            w = float(counts[n, k])
+            if w > 0.0:
+                s = 0 if w >= least else 1
+                weight[h, s, k, 0] += w
+                weight[h, s, k, 1] += w * w
+                for i in range(d):
+                    wx = w * x[i]
+                    mean[h, s, k, i] += wx
+                    for j in range(i + 1):
+                        second[h, s, k, i, j] += wx * x[j]
     for h in range(2):
         for s in range(2):
             for k in range(n_classes):
@@ -121,23 +115,71 @@ def teach(
 
 
 @kernel
+def _likeliest(
+    x: AnyArray,
+    m: int,
+    own: int,
+    centre: AnyArray,
+    scale: AnyArray,
+    known_scale: AnyArray,
+    constant: AnyArray,
+    square: AnyArray,
+    z: AnyArray,
+    best: AnyArray,
+    named: AnyArray,
+) -> None:
+    """Class of each of the first ``m`` columns of ``x`` (d, n), by the laws of one half; written to ``named``.
+
+    ``own``: the first of the features that are no evidence. Loops over pixels inside, so that they become vectors.
+    """
+    d = x.shape[0]
+    best[:m] = -np.inf
+    named[:m] = 0
+    for k in range(centre.shape[0]):
+        if constant[k] == -np.inf:
+            continue
+        square[:m] = 0.0
+        for i in range(d):
+            z[:m] = 0.0
+            for j in range(i + 1):
+                a, c = scale[k, i, j], centre[k, j]
+                for n in range(m):
+                    z[n] += a * (x[j, n] - c)
+            for n in range(m):
+                square[n] += z[n] * z[n]
+        # A conditional Gaussian is the joint one over that of the covariates alone.
+        for i in range(d - own):
+            z[:m] = 0.0
+            for j in range(i + 1):
+                a, c = known_scale[k, i, j], centre[k, own + j]
+                for n in range(m):
+                    z[n] += a * (x[own + j, n] - c)
+            for n in range(m):
+                square[n] -= z[n] * z[n]
+        for n in range(m):
+            likely = constant[k] - 0.5 * square[n]
+            better = likely > best[n]
+            best[n] = likely if better else best[n]
+            named[n] = k if better else named[n]
+
+
+@kernel
 def name_classes(
     features: AnyArray,
-    covariates: AnyArray,
     counts: AnyArray,
-    cells: AnyArray,
+    tile: AnyArray,
     half: AnyArray,
     centre: AnyArray,
     scale: AnyArray,
     known_scale: AnyArray,
     constant: AnyArray,
 ) -> tuple[AnyArray, AnyArray]:
-    """Give each draw of each pixel the class under whose law it is likeliest, and count what is right.
+    """Give each pixel the class under whose law it is likeliest, and count what is right.
 
     Parameters
     ----------
-    features, covariates, counts, cells, half
-        As in `teach`.
+    features, counts, tile, half
+        As in `teach`; the last of the features may be covariates, which are no evidence of a class.
     centre : float64 array (2, n_classes, d)
         By the half that is tested.
     scale : float64 array (2, n_classes, d, d)
@@ -149,47 +191,43 @@ def name_classes(
 
     Returns
     -------
-    correct : float64 array (n_pixels,)
-        Cells of the class named, summed over the draws.
+    correct : int64 array (n_tiles,)
+        Cells of the class named.
     confusion : int64 array (n_classes, n_classes)
-        Cells of class (row) that were given class (column), summed over the draws.
+        Cells of class (row) that were given class (column).
     """
-    n_draws, n_channels, n_pixels = features.shape
-    n_classes, n_more = counts.shape[1], covariates.shape[1]
-    d = n_channels + n_more
-    correct = np.zeros(n_pixels)
+    d, n_pixels = features.shape
+    n_classes, own = counts.shape[1], d - known_scale.shape[2]
+    block = 128
+    correct = np.zeros(half.shape[0], dtype=np.int64)
     confusion = np.zeros((n_classes, n_classes), dtype=np.int64)
-    x, away, base = np.empty(d), np.empty(d), np.empty(n_classes)
-    for n in range(n_pixels):
-        if cells[n] <= 0.0:
-            continue
-        h = half[n]
-        for c in range(n_more):
-            x[n_channels + c] = covariates[n, c]
-        for k in range(n_classes):
-            square = 0.0
-            for i in range(n_more):
-                z = 0.0
-                for j in range(i + 1):
-                    z += known_scale[h, k, i, j] * (x[n_channels + j] - centre[h, k, n_channels + j])
-                square += z * z
-            base[k] = constant[h, k] + 0.5 * square
-        for draw in range(n_draws):
-            for c in range(n_channels):
-                x[c] = features[draw, c, n]
-            best, named = -np.inf, 0
+    # A block of pixels of each half is gathered before it is named.
+    x, pixel, filled = np.empty((2, d, block)), np.empty((2, block), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    square, z, best = np.empty(block), np.empty(block), np.empty(block)
+    named = np.empty(block, dtype=np.int64)
+    for n in range(n_pixels + 2):
+        # Past the last pixel, what is left of either half.
+        h = n - n_pixels
+        if n < n_pixels:
+            cells = 0
             for k in range(n_classes):
-                square = 0.0
-                for i in range(d):
-                    away[i] = x[i] - centre[h, k, i]
-                    z = 0.0
-                    for j in range(i + 1):
-                        z += scale[h, k, i, j] * away[j]
-                    square += z * z
-                likely = base[k] - 0.5 * square
-                if likely > best:
-                    best, named = likely, k
-            correct[n] += counts[n, named]
+                cells += counts[n, k]
+            if cells == 0:
+                continue
+            h = half[tile[n]]
+            at = filled[h]
+            for i in range(d):
+                x[h, i, at] = features[i, n]
+            pixel[h, at] = n
+            filled[h] = at + 1
+            if filled[h] < block:
+                continue
+        m = filled[h]
+        _likeliest(x[h], m, own, centre[h], scale[h], known_scale[h], constant[h], square, z, best, named)
+        filled[h] = 0
+        for i in range(m):
+            p, name = pixel[h, i], named[i]
+            correct[tile[p]] += counts[p, name]
             for k in range(n_classes):
-                confusion[k, named] += counts[n, k]
+                confusion[k, name] += counts[p, k]
     return correct, confusion

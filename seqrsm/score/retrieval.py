@@ -13,7 +13,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem, SceneError
-from seqrsm.score.classification import UtilityScore, cluster_ratio, score_pixels, tiles, with_names
+from seqrsm.score.classification import UtilityScore, cluster_ratio, halves, score_pixels, tiles, with_names
 from seqrsm.score.kernels_classify import count_classes
 
 if TYPE_CHECKING:
@@ -64,23 +64,10 @@ def percent_correct_radiometer(
     n_samples, n_lines = image.brightness_k.shape[1:]
     pixel = _seen_pixels(image)
     counts = count_classes(pixel, scene.cover, scene.scored, n_samples * n_lines, n_classes)
-    used = np.flatnonzero(counts.any(axis=1))
-    if used.size == 0:
-        raise SceneError(Problem("no scored cell lies in the image", "Scan wider", field="scored"))
-    brightness = image.brightness_k.reshape(len(image.brightness_k), -1)[:, used].T.astype(np.float64)
-    sample, line = np.divmod(used, n_lines)
-    tile, keys = _tiles(image, scene, sample, line, tile_m, seed, run_id)
-    score = score_pixels(
-        brightness,
-        counts[used],
-        tile,
-        seed=seed,
-        run_id=run_id,
-        scale="linear",
-        covariates=np.square(image.scan.look_rad[sample])[:, None],
-        tile_keys=keys,
-    )
-    return with_names(score, scene.categories)
+    angle = np.repeat(np.square(image.scan.look_rad), n_lines)
+    features = np.vstack([image.brightness_k.reshape(-1, angle.size), angle], dtype=np.float64)
+    tile, keys = _tiles(image, scene, np.arange(n_samples)[:, None], np.arange(n_lines), tile_m, seed, run_id)
+    return with_names(score_pixels(features, counts, tile, keys, covariates=1), scene.categories)
 
 
 def soil_moisture_error(image: RadiometerImage, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
@@ -144,12 +131,16 @@ def retrieval_error(
         raise SceneError(Problem(f"no scored cell tells of {quantity}", "Choose another utility", field="utility"))
     where = pixel[asked]
     value = truth[asked]
-    used, index = np.unique(where, return_inverse=True)
-    cells = np.bincount(index).astype(np.float64)
+    count = np.bincount(where)
+    used = np.flatnonzero(count)
+    index = (np.cumsum(count > 0) - 1)[where]
+    cells = count[used].astype(np.float64)
     mean = np.bincount(index, weights=value) / cells
     n_lines = image.brightness_k.shape[2]
     sample, line = np.divmod(used, n_lines)
     tile, keys = _tiles(image, scene, sample, line, tile_m, seed, run_id)
+    seen = np.bincount(tile, minlength=len(keys)) > 0
+    tile, keys = (np.cumsum(seen) - 1)[tile], keys[seen]
     brightness = image.brightness_k.reshape(len(image.brightness_k), -1)[:, used].T.astype(np.float64)
     retrieved = retrieve(brightness, np.square(image.scan.look_rad[sample]), mean, cells, tile, keys)
     low, high = (0.0, 100.0) if quantity == "water_fraction" else (float(mean.min()), float(mean.max()))
@@ -262,9 +253,9 @@ def _crossed_fit(
 ) -> FloatArray:
     """Target of each footprint, retrieved by the fit to the other half of the tiles; weights are cells."""
     n_tiles = len(keys)
-    half = np.isin(tile, np.argsort(keys)[: n_tiles // 2])
+    half = halves(keys)[tile]
     out = np.full(len(target), float(np.average(target, weights=cells)))
-    for tested in (True, False):
+    for tested in (0, 1):
         test = half == tested
         train = test if n_tiles == 1 else ~test
         if not test.any() or not train.any():

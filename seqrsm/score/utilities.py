@@ -25,16 +25,14 @@ class Utility:
         Scores are percentages from 0 to 100.
     is_error : bool
         Scores are errors, which are made small.
-    of_image, of_sample : Mapping
-        "module:function" by engine, of a whole image and, for means over pixels, of a sample of its pixels; none of
-        what is measured only.
+    of_image : Mapping
+        "module:function" by engine; none of what is measured only.
     """
 
     unit: str = ""
     is_percent: bool = False
     is_error: bool = False
     of_image: Mapping[str, str] = field(default_factory=dict)
-    of_sample: Mapping[str, str] = field(default_factory=dict)
 
 
 UTILITIES: Final[Mapping[str, Utility]] = {
@@ -45,16 +43,11 @@ UTILITIES: Final[Mapping[str, Utility]] = {
             "psm": "seqrsm.score.classification:percent_correct",
             "prm": "seqrsm.score.retrieval:percent_correct_radiometer",
         },
-        of_sample={
-            "psm": "seqrsm.score.sampled:percent_correct_radar",
-            "prm": "seqrsm.score.sampled:percent_correct_radiometer",
-        },
     ),
     "retrieval_error": Utility(
         "percent",
         is_error=True,
         of_image={"prm": "seqrsm.score.retrieval:soil_moisture_error"},
-        of_sample={"prm": "seqrsm.score.sampled:soil_moisture_error"},
     ),
     "correlation": Utility(),
     "rank": Utility(),
@@ -67,10 +60,5 @@ OF_THE_USER: Final = Utility()
 
 
 def of_images(engine: str) -> dict[str, Callable[..., Any]]:
-    """Functions that score a whole image of an engine, by utility."""
+    """Functions that score an image of an engine, by utility."""
     return {name: own_function(row.of_image[engine]) for name, row in UTILITIES.items() if engine in row.of_image}
-
-
-def of_samples(engine: str) -> dict[str, Callable[..., Any]]:
-    """Functions that score a sample of an image's pixels, by utility."""
-    return {name: own_function(row.of_sample[engine]) for name, row in UTILITIES.items() if engine in row.of_sample}

@@ -266,18 +266,18 @@ class ModelSpec(Table):
 
 
 class SimulatorSpec(Table):
-    """The engine, its files (paths from the campaign's folder), tolerance in score units, rung, fixed parameters."""
+    """The engine, its files (paths from the campaign's folder), tolerance in score units, fixed parameters."""
 
     engine: Literal["psm", "prm"]
     scene: Annotated[str, Field(min_length=1)]
     table: str = ""
-    tolerance: PositiveNumber = 0.5
-    fidelity: Literal["auto", "F0", "F1", "F2", "F3", "F4"] = "auto"
+    tolerance: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
     common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
     fixed: dict[str, Number | str] = Field(default_factory=dict)
     members: dict[str, dict[str, Number | str]] = Field(default_factory=dict)
 
     LATER = ("common_random_numbers", "members")
+    GONE = {"fidelity": ("auto", "Remove it: every run is simulated in full, or as `tolerance` allows.")}
 
 
 class CostSpec(Table):

@@ -304,26 +304,6 @@ class Store:
             ledger.move([run_id], "void", {"reason": why}, detail={"reason": why})
             rescore_without(ledger, run_id)
 
-    def repeat(self, run_ids: Sequence[int], why: str) -> tuple[int, ...]:
-        """Make runs void and issue runs with the same settings, purpose and batch in their place; all or none.
-
-        Returns
-        -------
-        tuple of int
-            Ids of the new runs, in the order of the old; none in the place of those that are void already.
-        """
-        _need_reason(why)
-        with self._write() as ledger:
-            old = ledger.runs(sa.and_(RUNS.c.id.in_(tuple(run_ids)), RUNS.c.state != "void"))
-            ledger.move([run.run_id for run in old], "void", {"reason": why}, detail={"reason": why})
-            made = []
-            for run in old:
-                fresh = NewRun(run.proposed, run.purpose, run.why, run.source, run.cost, run.block)
-                (new_id,) = ledger.add_runs([fresh], batch=run.batch, issue=True)
-                ledger.connection.execute(sa.update(RUNS).where(RUNS.c.id == new_id).values(replaces=run.run_id))
-                made.append(new_id)
-            return tuple(made)
-
     def release(self) -> tuple[int, ...]:
         """Issue again the runs that this process still holds; returns their ids."""
         with self._write() as ledger:

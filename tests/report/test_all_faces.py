@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from report_dossiers import flight_dossier
 from report_texts import html_text, of_blocks, of_sections, pdf_text, squeezed
-from test_speed_section import KEPT, MEASURED, PLAN, with_fidelity
+from test_speed_section import MEASURED, with_fidelity
 from typer.testing import CliRunner
 
 import seqrsm.report.sections
@@ -55,7 +55,7 @@ from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.check import check_sections, rehearsal_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.optimum import optimum_section
-from seqrsm.report.sections.speed import plan_blocks, speed_section, tradeoff_blocks
+from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.store.records import EventRecord
 
@@ -85,11 +85,6 @@ block = "day"
 [stop]
 half_width = 2.0
 """
-
-RUNG = {
-    "rung": "F2", "meaning": "strips of the image", "refused": "", "left_out": ["cast shadow"], "bound": 0.43,
-    "effort": 0.017,
-}  # fmt: skip
 
 OF_EACH_KIND: tuple[Block, ...] = (
     Paragraph("A finding of 12.5 dB.", "warning", " It rests on 3 words of method."),
@@ -255,26 +250,22 @@ def test_what_fit_prints_stands_in_the_report(two_uses: Path) -> None:
     assert [number for number in numbers if number not in text] == []
 
 
-def test_what_is_measured_and_planned_is_in_all_faces(simulated, capsys) -> None:
-    plan = {**PLAN, "rungs": [RUNG, {**RUNG, "rung": "F1", "refused": "a pixel is too small", "bound": None}]}
+def test_what_is_measured_is_in_all_faces(simulated, capsys) -> None:
     measured = {
         **MEASURED,
         "simulation": {**MEASURED["simulation"], "failures": ["no line of sight"]},
         "numerics": {**MEASURED["numerics"], "sampler": {"why": "no scores yet"}},
     }
-    dossier = with_fidelity(simulated, KEPT)
-    section = speed_section(dataclasses.replace(dossier, plan=plan, tradeoff=measured))
+    section = speed_section(dataclasses.replace(with_fidelity(simulated, 2, 1), tradeoff=measured))
     in_all_faces(without_pictures((section,)), capsys)
     told = " ".join(of_blocks(section.blocks, terminal=True))
-    for text in ("a pixel is too small", "0.43", "no line of sight", "no scores yet", "F1 cannot be used"):
+    for text in ("2 x 2 cells as one", "no line of sight", "no scores yet"):
         assert text in told
     blocks = (
         *tradeoff_blocks(measured, "percent"),
         *tradeoff_blocks({"simulation": None, "why": "no simulator", "numerics": {}}, ""),
-        *plan_blocks({**plan, "effects": []}, "percent", "these settings"),
     )
     in_all_faces(without_pictures((Section("s", "S", blocks),)), capsys)
-    assert PLAN["why"] in " ".join(of_blocks(blocks, terminal=True))
 
 
 def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> None:
@@ -319,7 +310,7 @@ BY_REPORT = {
     "term_blocks",
 }  # fmt: skip
 BY_NAME = {
-    "check_sections", "measure_section", "plan_blocks", "rehearsal_section", "speed_section", "term_test_table",
+    "check_sections", "measure_section", "rehearsal_section", "speed_section", "term_test_table",
     "tradeoff_blocks",
 }  # fmt: skip
 

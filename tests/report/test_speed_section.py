@@ -7,27 +7,23 @@ from pathlib import Path
 
 from report_dossiers import flight_dossier, simulated_dossier
 
-from seqrsm.campaign.fidelity_watch import VIOLATED
+from seqrsm.campaign.tradeoff import COARSENED
 from seqrsm.report.blocks import FigureBlock, Paragraph, Table
-from seqrsm.report.sections.speed import pareto, speed_section
+from seqrsm.report.sections.speed import speed_section
 from seqrsm.store.records import EventRecord
 
-KEPT = {"rung": "F2", "bound": 0.42, "left_out": ["ground between the strips"], "tolerance": 0.5}
-CHECK = {"by": "F3", "difference": -0.31, "limit": 1.5}
 
-
-def row(rung: str, ratio: float, rms: float) -> dict:
+def row(cells: int, ratio: float, rms: float) -> dict:
     return {
-        "rung": rung, "meaning": "", "configurations": 8, "occasions": 6, "seconds": 0.1, "time_ratio": ratio,
-        "bias": 0.1, "bias_se": 0.05, "rms_error": rms, "largest_error": 2 * rms, "bound": 1.0,
+        "cells": cells, "averaged": [1, 2] if cells else [1], "configurations": 8, "occasions": 6, "seconds": 0.1,
+        "time_ratio": ratio, "bias": 0.1, "bias_se": 0.05, "rms_error": rms, "largest_error": 2 * rms,
         "rank_correlation": None, "utility_lost": 0.0, "utility_lost_se": 0.1,
     }  # fmt: skip
 
 
 MEASURED = {
     "simulation": {
-        "applications": {"ground-cover": [row("F2", 0.1, 0.3), row("F4", 1.0, 0.0), row("auto", 0.1, 0.3)]},
-        "refused": {"F1": "the data base is too small"},
+        "applications": {"ground-cover": [row(0, 1.0, 0.0), row(2, 0.1, 0.3)]},
         "failures": [],
         "tolerance": 0.5,
     },
@@ -46,24 +42,14 @@ MEASURED = {
     },
 }  # fmt: skip
 
-PLAN = {
-    "rungs": [],
-    "why": "F2, strips: error at most 0.4 of 0.5 accepted",
-    "effects": [
-        {"name": "cast shadow", "verdict": "exact", "bound": 0.0, "text": "no step exceeds 0.3"},
-        {"name": "fading", "verdict": "needed", "bound": 1.93, "text": "171 looks"},
-        {"name": "curvature of the Earth", "verdict": "needed", "bound": None, "text": "4.7 m"},
-    ],
-}
 
-
-def with_fidelity(dossier, kept):
-    """The dossier with the planner's record beside the first scores."""
-    runs = []
-    for number, run in enumerate(dossier.runs):
-        own = {**kept, "check": CHECK} if number == 0 else kept
+def with_fidelity(dossier, *averaged):
+    """The dossier with what each of the first runs was simulated on."""
+    runs = list(dossier.runs)
+    for number, (run, k) in enumerate(zip(dossier.runs, averaged, strict=False)):
+        own = {"averaged": k, "seconds": 0.25}
         scores = tuple(replace(score, metadata={**score.metadata, "fidelity": own}) for score in run.scores)
-        runs.append(replace(run, scores=scores))
+        runs[number] = replace(run, scores=scores)
     return replace(dossier, runs=tuple(runs))
 
 
@@ -71,42 +57,43 @@ def text_of(section) -> str:
     return " ".join(block.text for block in section.blocks if isinstance(block, Paragraph))
 
 
-def test_rungs_checks_and_tradeoff_are_told(tmp_path: Path) -> None:
-    dossier = replace(with_fidelity(simulated_dossier(tmp_path), KEPT), tradeoff=MEASURED)
-    section = speed_section(dossier)
+def test_data_bases_and_tradeoff_are_told(tmp_path: Path) -> None:
+    dossier = replace(with_fidelity(simulated_dossier(tmp_path), 1, 2, 2), tradeoff=MEASURED)
+    dossier = replace(dossier, runs=dossier.runs[:3])
+    event = EventRecord(99, "", "", None, 1, COARSENED, {"cells": 2, "tolerance": 0.5, "rms_error": {"2": 0.31}})
+    section = speed_section(replace(dossier, events=(*dossier.events, event)))
     tables = [block for block in section.blocks if isinstance(block, Table)]
-    scored = sum(run.state == "scored" for run in dossier.runs)
-    assert [cell.text for cell in tables[0].rows[0]][2:] == [str(scored), "0.42", "ground between the strips"]
+    assert [[cell.text for cell in line] for line in tables[0].rows] == [
+        ["the data base as it is", "1"],
+        ["2 x 2 cells as one", "2"],
+    ]
     assert "0.31" in text_of(section)
-    assert "No bound was violated" in text_of(section)
-    assert [line[0].text for line in tables[1].rows] == ["F2", "F4", "planner"]
+    assert [line[0].text for line in tables[1].rows] == ["all", "2 cells"]
+    assert tables[1].rows[1][1].text == "1 x 1 and 2 x 2"
     (figure,) = [block for block in section.blocks if isinstance(block, FigureBlock)]
     assert "<svg" in figure.panels[0].svg
-    assert figure.panels[0].data().rows[0][:2] == ("F2", 0.1)
+    assert figure.panels[0].data().rows[1][:2] == (2, 0.1)
 
 
-def test_a_violated_bound_is_a_warning(tmp_path: Path) -> None:
-    dossier = with_fidelity(simulated_dossier(tmp_path), KEPT)
-    event = EventRecord(99, "", "", None, 1, VIOLATED, {"rung": "F2", "factor": 2.0})
-    section = speed_section(replace(dossier, events=(*dossier.events, event)))
-    (warning,) = [block for block in section.blocks if isinstance(block, Paragraph) and block.tone == "warning"]
-    assert "F2 by a factor of 2" in warning.text
+def test_runs_of_earlier_versions_are_told_apart(tmp_path: Path) -> None:
+    old = with_fidelity(simulated_dossier(tmp_path), 1, 1)
+    first, second = old.runs[:2]
+    scores = [
+        tuple(replace(s, metadata={"fidelity": {"rung": rung}}) for s in run.scores)
+        for run, rung in ((first, "F2"), (second, "F4"))
+    ]
+    runs = (replace(first, scores=scores[0]), replace(second, scores=scores[1]))
+    section = speed_section(replace(old, runs=runs))
+    (told,) = [block for block in section.blocks if isinstance(block, Table)]
+    assert [line[0].text for line in told.rows] == [
+        "a sample of the ground (earlier version)",
+        "the data base as it is",
+    ]
     assert "was not run" in text_of(section)
 
 
 def test_no_section_without_a_simulator(tmp_path: Path) -> None:
     assert speed_section(flight_dossier(tmp_path)) is None
-
-
-def test_verdicts_on_the_effects_are_told_in_words(tmp_path: Path) -> None:
-    section = speed_section(replace(simulated_dossier(tmp_path), plan=PLAN))
-    (table,) = [block for block in section.blocks if isinstance(block, Table)]
-    assert [[cell.text for cell in line] for line in table.rows] == [
-        ["cast shadow", "proven to change nothing", "0", "no step exceeds 0.3"],
-        ["fading", "needed", "1.9", "171 looks"],
-        ["curvature of the Earth", "needed", "no bound", "4.7 m"],
-    ]
-    assert PLAN["why"] in table.caption
 
 
 def test_sampler_precision_and_design_search_are_told(tmp_path: Path) -> None:
@@ -125,8 +112,3 @@ def test_a_campaign_of_flights_has_the_tables_of_its_numbers(tmp_path: Path) -> 
     }
     section = speed_section(replace(flight_dossier(tmp_path), tradeoff=measured))
     assert len([block for block in section.blocks if isinstance(block, Table)]) == 2
-
-
-def test_models_that_another_beats_are_off_the_front() -> None:
-    rows = [row("F0", 0.1, 2.0), row("F1", 0.3, 3.0), row("F2", 0.4, 0.5), row("F3", 1.5, 0.1), row("F4", 1.0, 0.0)]
-    assert [one["rung"] for one in pareto([*rows, row("auto", 0.05, 0.01)])] == ["F0", "F2", "F4"]

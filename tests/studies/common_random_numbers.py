@@ -18,10 +18,10 @@ from tempfile import gettempdir
 
 import numpy as np
 import speed_accuracy_study as study
-from speed_accuracy_study import CROPS, LAND, PASSIVE, PERCENT, RADAR, RADAR_FACTORS, RADIOMETER, Site, synthetic
+from speed_accuracy_study import CROPS, LAND, PASSIVE, RADAR, RADAR_FACTORS, RADIOMETER, Site, synthetic
 
 from seqrsm.analysis.runs import REACH, occasion_of, share_occasions, similarity
-from seqrsm.campaign.simulation import score_by
+from seqrsm.campaign.simulation import carry_out
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.blocks import fit_random_blocks
@@ -33,9 +33,9 @@ KEPT = Path(gettempdir()) / f"seqrsm-study-{os.getuid()}-common-random-numbers.j
 """What was simulated so far: interrupted, the same command goes on."""
 OCCASIONS, RUNS, SIZE, CAMPAIGNS, LEVEL, SEVERAL = 1000, 32, 8, 4000, 0.95, 5
 SITES = (
-    Site("fields", "flat", "psm", PERCENT, (1.0,), RADAR_FACTORS, RADAR,
+    Site("fields", "psm", RADAR_FACTORS, RADAR,
          synthetic=synthetic(200, 5.0, CROPS, 3.0, 100.0)),
-    Site("land", "flat", "prm", PERCENT, (1.0,), PASSIVE, RADIOMETER,
+    Site("land", "prm", PASSIVE, RADIOMETER,
          synthetic=synthetic(200, 15.0, LAND, 3.0, 300.0)),
 )  # fmt: skip
 WAYS = (
@@ -61,7 +61,7 @@ def measured(site: Site, kept: dict[str, list[list[float]]]) -> np.ndarray:
     rows = kept.setdefault(site.name, [])
     while len(rows) < OCCASIONS:
         for stream in range(len(rows) + 1, len(rows) + 51):
-            rows.append([score_by(study.task(site, own, 7, stream, 1.0, "F4"), "F4")[0]["a"] for own in settings])
+            rows.append([carry_out(study.task(site, own, 7, stream)).scores[0].score for own in settings])
         KEPT.write_text(json.dumps(kept))
         print(site.name, len(rows), flush=True)
     scores = np.array(rows)

@@ -43,7 +43,6 @@ def fitted(
     levels: tuple[int, ...] = (),
     weights: np.ndarray | None = None,
     nuisance: np.ndarray | None = None,
-    shared: np.ndarray | None = None,
     sign: float = 1.0,
     seed: int = 5,
 ) -> Process:
@@ -55,7 +54,6 @@ def fitted(
         y,
         np.ones(n) if weights is None else weights,
         np.zeros((n, 0)) if nuisance is None else nuisance,
-        np.zeros((n, 0)) if shared is None else shared,
         sign,
         np.random.default_rng(seed),
     )

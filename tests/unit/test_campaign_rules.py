@@ -1,4 +1,4 @@
-"""Small rules of a campaign, each with an example worked by hand: which runs to repeat, looks, intervals, ranks."""
+"""Small rules of a campaign, each with an example worked by hand: looks, intervals, ranks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import pytest
 from scipy import stats
 
 from seqrsm.analysis.conclude import analyse
-from seqrsm.campaign.fidelity_watch import to_repeat
 from seqrsm.campaign.ingest import ingest_files
 from seqrsm.campaign.next_runs import _ties_wanted, in_random_order
 from seqrsm.campaign.tradeoff import _rank_correlation
@@ -21,31 +20,6 @@ from seqrsm.spec.read import load_spec
 from seqrsm.store.database import _cut_off
 from seqrsm.store.records import NewRun
 from seqrsm.store.store import Store
-
-
-def scored(run_id: int, rung: str, bound: float, *, source: str = "simulation", state: str = "scored", **more: float):
-    fidelity = {"rung": rung, "bound": bound, **more}
-    return SimpleNamespace(
-        run_id=run_id, source=source, state=state, scores=(SimpleNamespace(metadata={"fidelity": fidelity}),)
-    )
-
-
-def test_runs_to_repeat() -> None:
-    """Tolerance 2, bounds of F2 found 1.5 times too small: repeated is what passes 2 for that reason alone."""
-    spec = SimpleNamespace(simulator=SimpleNamespace(fidelity="auto", tolerance=2.0))
-    runs = [
-        scored(1, "F2", 1.4),  # 2.1
-        scored(2, "F2", 1.3),  # 1.95
-        scored(3, "F4", 9.0),  # the full simulation, past the tolerance before and after
-        scored(4, "F2", 1.9, widening=1.5),  # planned when this was known
-        scored(5, "F2", 1.9, widening=1.2),  # when only some of it was: 2.375
-        scored(6, "F2", 1.9, source="flight"),
-        scored(7, "F2", 1.9, state="void"),
-    ]
-    assert to_repeat(spec, runs, {"F2": 1.5}) == (1, 5)
-    assert to_repeat(spec, runs, {}) == ()
-    spec.simulator.fidelity = "F2"
-    assert to_repeat(spec, runs, {"F2": 1.5}) == ()
 
 
 @pytest.mark.parametrize("page_size", [512, 4096, 65536])

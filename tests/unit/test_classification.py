@@ -7,9 +7,18 @@ import math
 import numpy as np
 import pytest
 from scipy import special
+from scipy.stats import multivariate_normal
 
-from seqrsm.score.classification import cluster_ratio, score_pixels
+from seqrsm.rng import generator
+from seqrsm.score import classification
+from seqrsm.score.classification import cluster_ratio, decibels, halves, tiles
 from seqrsm.score.kernels_classify import count_classes
+
+
+def score_pixels(power, counts, tile, *, seed, run_id):
+    """Score of powers (n_pixels, n_channels), the halves drawn tile by tile."""
+    keys = generator(seed, run_id, "test").random(int(tile.max()) + 1)
+    return classification.score_pixels(decibels(power.T, counts), counts, tile, keys)
 
 
 def two_classes(distance_db, n=40_000, seed=0, sd=1.0, d=1):
@@ -137,3 +146,91 @@ def test_counts_leave_out_what_is_not_scored_not_known_or_not_seen():
     cover = np.array([[0, 1, 1], [255, 0, 0]], dtype=np.uint8)
     scored = np.array([[True, True, True], [True, True, False]])
     np.testing.assert_array_equal(count_classes(pixel, cover, scored, 2, 2), [[1, 1], [0, 1]])
+
+
+def mixed_pixels(n=3000, n_channels=2, n_classes=5, covariates=0, rare=False):
+    """Pixels of nine cells, one in four of which holds two classes; some without any scored cell."""
+    rng = np.random.default_rng(0)
+    own = rng.integers(0, n_classes, n)
+    if rare:
+        own = np.where(rng.random(n) < 0.002, n_classes - 1, own % (n_classes - 1))
+    other, part = rng.integers(0, n_classes, n), np.where(rng.random(n) < 0.25, rng.integers(1, 9, n), 9)
+    centre = rng.normal(-10.0, 4.0, (n_channels, n_classes))
+    features = (part * centre[:, own] + (9 - part) * centre[:, other]) / 9.0 + rng.normal(0.0, 2.0, (n_channels, n))
+    known = rng.uniform(0.0, 1.0, (covariates, n))
+    counts = np.zeros((n, n_classes), dtype=np.int32)
+    np.add.at(counts, (np.arange(n), own), part)
+    np.add.at(counts, (np.arange(n), other), 9 - part)
+    counts[rng.random(n) < 0.05] = 0
+    return np.vstack([features, known]), counts, rng.integers(0, 60, n), rng.random(60)
+
+
+def cells_named(features, counts, tile, keys, covariates):
+    """Confusion by the laws of scipy, class by class, half by half: what the compiled classifier must give."""
+    used = counts.any(axis=1)
+    x, cells, half = features[:, used].T, counts[used], halves(keys)[tile[used]]
+    d, confusion = x.shape[1], np.zeros((counts.shape[1], counts.shape[1]), dtype=np.int64)
+    for tested in (0, 1):
+        taught = np.flatnonzero(half != tested)
+        weights = np.where(cells[taught] >= 0.8 * cells[taught].sum(axis=1, keepdims=True), cells[taught], 0.0)
+        few = weights.sum(axis=0) ** 2 < 10.0 * (weights**2).sum(axis=0)
+        weights[:, few | (weights.sum(axis=0) == 0.0)] = cells[taught][:, few | (weights.sum(axis=0) == 0.0)]
+        total, known = weights.sum(axis=0), np.flatnonzero(weights.any(axis=0))
+        mean = {k: np.average(x[taught], axis=0, weights=weights[:, k]) for k in known}
+        own = {k: np.cov(x[taught].T, aweights=weights[:, k], ddof=0).reshape(d, d) for k in known}
+        test, likely = x[half == tested], np.full((int((half == tested).sum()), len(total)), -np.inf)
+        for size in (d, covariates):
+            at = slice(d - size, d)
+            pooled = sum(total[k] * own[k][at, at] for k in known) / total.sum() + 1e-6 * np.eye(size)
+            for k in known if size else ():
+                n, prior = total[k] ** 2 / (weights[:, k] ** 2).sum(), 2.0 * (size + 1)
+                law = multivariate_normal(mean[k][at], (n * own[k][at, at] + prior * pooled) / (n + prior))
+                sign = 1.0 if size == d else -1.0
+                likely[:, k] = (0.0 if size == d else likely[:, k]) + sign * law.logpdf(test[:, at])
+        named = likely.argmax(axis=1)
+        np.add.at(confusion.T, named, cells[half == tested])
+    return confusion
+
+
+@pytest.mark.parametrize("rare", [False, True])
+@pytest.mark.parametrize(("n_channels", "covariates"), [(1, 0), (2, 0), (3, 1), (2, 2)])
+def test_every_cell_is_named_as_by_the_laws_of_scipy(n_channels, covariates, rare):
+    features, counts, tile, keys = mixed_pixels(n_channels=n_channels, covariates=covariates, rare=rare)
+    blind = np.where(counts.any(axis=1), features, np.nan)  # what lies in pixels without cells does not matter
+    found = classification.score_pixels(blind, counts, tile, keys, covariates)
+    wanted = cells_named(features, counts, tile, keys, covariates)
+    np.testing.assert_array_equal(found.confusion, wanted)
+    assert found.value == pytest.approx(100.0 * np.trace(wanted) / wanted.sum(), rel=1e-12)
+    assert 30.0 < found.value < 99.0
+
+
+def test_halves_are_cut_among_the_tiles_that_hold_cells():
+    features, counts, tile, keys = mixed_pixels()
+    empty = np.isin(tile, np.argsort(keys)[:20])
+    counts[empty] = 0
+    found = classification.score_pixels(features, counts, tile, keys)
+    kept = np.flatnonzero(~np.isin(np.arange(60), np.argsort(keys)[:20]))
+    renumbered = np.full(60, -1)
+    renumbered[kept] = np.arange(40)
+    again = classification.score_pixels(features[:, ~empty], counts[~empty], renumbered[tile[~empty]], keys[kept])
+    assert found.n_clusters == again.n_clusters == 40
+    assert (found.value, found.se) == (again.value, again.se)
+
+
+def test_tiles_of_rows_and_columns_are_those_of_their_pixels():
+    across, along = np.arange(7)[:, None] * 100.0, (np.arange(9) + 0.5) * 130.0
+    key = {"extent_m": (600.0, 1105.0), "tile_m": 250.0, "seed": 1, "run_id": 2}
+    tile, keys = tiles(across, along, **key)
+    spread = [x.ravel() for x in np.broadcast_arrays(across, along)]
+    assert np.array_equal(tiles(*spread, **key)[0], tile)
+    assert len(keys) == 3 * 5
+    assert np.array_equal(tile, (spread[0] // 250).astype(int) * 5 + (spread[1] // 250).astype(int))
+
+
+def test_zeros_take_the_least_power_among_the_pixels_with_cells():
+    """In decibels, channel by channel; a pixel without cells does not set the floor."""
+    power = np.array([[1.0, 0.0, 10.0, 1e-9], [100.0, 1000.0, 0.0, 1e-9]])
+    counts = np.array([[1, 0], [0, 2], [3, 0], [0, 0]])
+    found = decibels(power, counts)
+    np.testing.assert_allclose(found, [[0.0, 0.0, 10.0, 0.0], [20.0, 30.0, 20.0, 20.0]])
+    np.testing.assert_allclose(decibels(np.array([[0.01, 10.0]]), counts[:2]), [[-20.0, 10.0]])

@@ -156,9 +156,7 @@ def test_runs_are_settings_of_the_region(region: Region) -> None:
     rng = np.random.default_rng(6)
     made = region.sample(30, rng)
     y = hard_scores(made if region.k == 3 else np.column_stack([np.zeros(30), made])) + rng.normal(size=30)
-    process = Process(
-        QuadraticModel(region.factors), made, y, np.ones(30), np.empty((30, 0)), np.empty((30, 0)), 1.0, rng
-    )
+    process = Process(QuadraticModel(region.factors), made, y, np.ones(30), np.empty((30, 0)), 1.0, rng)
     best = made[int(np.argmax(y))]
     found = propose_from_process(process, region, best, made, np.zeros(30, dtype=bool), 8, seed=2)
     points = np.array([one.point for one in found])

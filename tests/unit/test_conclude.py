@@ -15,8 +15,8 @@ from scored_campaigns import analysed, campaign, numeric, specification
 from seqrsm.analysis import compromise
 from seqrsm.analysis.conclude import _within_percent, analyse
 from seqrsm.analysis.results import Analysis, OptimumEstimate
-from seqrsm.analysis.runs import block_labels, evidence, response_scale, stretch
-from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.runs import block_labels, evidence, response_scale
+from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
@@ -154,15 +154,6 @@ def test_scores_without_a_standard_error_are_named_where_they_would_count_by_it(
     se[[3, 7]] = np.nan
     with pytest.raises(FitError, match="runs 4, 8 have no standard error"):
         response_scale(spec, replace(narrow.data, score_se=se))
-
-
-def test_one_percent_is_more_of_a_logit_near_the_ends(narrow: Analysis) -> None:
-    scores = np.array([0.0, 0.5, 10.0, 50.0, 99.5, 100.0])
-    data = replace(narrow.data, scores=scores)
-    slope = 100.0 / (scores[1:5] * (100.0 - scores[1:5]))  # of the logit
-    found = stretch(ResponseScale.of("logit", scores), data)
-    np.testing.assert_allclose(found, [slope[0], *slope, slope[-1]])
-    assert stretch(ResponseScale.of("identity", scores), data).tolist() == [1.0] * 6
 
 
 def test_a_look_enters_few_modules(made: Campaign, narrow: Analysis) -> None:

@@ -22,12 +22,11 @@ CASES = {
 
 
 def made(k: int, levels: tuple[int, ...], n: int, seed: int = 2) -> tuple[Process, dict[str, np.ndarray]]:
-    """With weights, two blocks and an error that a third of the scores share."""
+    """With weights and two blocks."""
     rng, points = np.random.default_rng(seed), spread(n, k, levels)
     given = {
         "weights": np.exp(rng.normal(size=n)),
         "nuisance": np.where(np.arange(n) % 2, 1.0, -1.0)[:, None],
-        "shared": np.where(np.arange(n) % 3 == 0, 1.5, 0.0)[:, None],
     }
     y = hill(points[:, :k]) + (2.0 * points[:, -1] if levels else 0.0) + rng.normal(size=n)
     return fitted(points, y, levels=levels, **given), given | {"points": points, "y": y}
@@ -43,7 +42,6 @@ def of_scores(process: Process, theta: np.ndarray, given: dict, k: int, levels: 
     """Covariance of the scores, in units of their scatter."""
     found = prior_covariance(theta, given["points"], given["points"], k, levels)
     found += VAGUE * given["nuisance"] @ given["nuisance"].T
-    found += given["shared"] @ given["shared"].T / np.var(given["y"])
     return found + noise_covariance(theta, process._gap, given["weights"])
 
 

@@ -76,15 +76,15 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     angle = rng.uniform(0.0, 1.0, (n, 1))
     x = label + 20.0 * angle[:, 0] + rng.normal(0.0, 0.1, n)
     counts = np.stack([1 - label, label], axis=1)
-    arguments = (x[:, None], counts, np.arange(n) // 50)
-    blind = score_pixels(*arguments, seed=1, run_id=1, scale="linear").value
-    told = score_pixels(*arguments, seed=1, run_id=1, scale="linear", covariates=angle).value
+    where = (counts, np.arange(n) // 50, rng.random(n // 50 + 1))
+    blind = score_pixels(x[None], *where).value
+    told = score_pixels(np.vstack([x, angle[:, 0]]), *where, covariates=1).value
     assert with_angle > 85.0
     assert blind < 60.0
     assert told > 99.0
     # A covariate that gives the class away is not used as evidence of it.
-    useless = score_pixels(rng.normal(size=(n, 1)), counts, np.arange(n) // 50, seed=1, run_id=1,
-                           scale="linear", covariates=label[:, None] + rng.normal(0.0, 0.3, (n, 1))).value  # fmt: skip
+    given_away = np.vstack([rng.normal(size=n), label + rng.normal(0.0, 0.3, n)])
+    useless = score_pixels(given_away, *where, covariates=1).value
     assert useless < 60.0
 
 

@@ -5,22 +5,20 @@ from __future__ import annotations
 import pytest
 
 from seqrsm.campaign.engines import ENGINES
-from seqrsm.score.utilities import UTILITIES, of_images, of_samples
+from seqrsm.score.utilities import UTILITIES, of_images
 from seqrsm.spec.tables import ApplicationSpec
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_engines_score_by_the_functions_that_the_rows_name(engine: str) -> None:
     assert ENGINES[engine].utilities == of_images(engine)
-    assert ENGINES[engine].sampled == of_samples(engine)
-    assert {name for name, row in UTILITIES.items() if engine in row.of_sample} <= set(of_images(engine))
-    for name, function in {**of_images(engine), **of_samples(engine)}.items():
+    for name, function in of_images(engine).items():
         assert function.__module__.startswith("seqrsm.score."), name
 
 
 def test_every_row_names_engines_that_are() -> None:
     for row in UTILITIES.values():
-        assert set(row.of_sample) <= set(row.of_image) <= set(ENGINES)
+        assert set(row.of_image) <= set(ENGINES)
 
 
 @pytest.mark.parametrize("name", [*UTILITIES, "mine:worth"])

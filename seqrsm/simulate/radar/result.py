@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,6 +13,7 @@ from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.occasion import Occasion
+from seqrsm.units import linear_to_db
 
 _POINTS: Final = 3
 """Points a side at which a pixel of the rectangular picture looks up the polar image."""
@@ -87,6 +88,16 @@ class RadarImage:
     def layover(self) -> BoolArray:
         """Cells of the scene (rows, cols) whose echo is mixed with other ground in range."""
         return np.asarray((self.registration()[1] & np.uint8(kernels.LAYOVER)) != 0)
+
+    def record(self, categories: Sequence[str]) -> Mapping[str, object]:
+        """What is kept with a score: plain numbers and names."""
+        noise_db = linear_to_db(self.noise_equivalent_sigma0)
+        return {
+            "engine": "psm",
+            "looks": [float(self.looks.min()), float(self.looks.max())],
+            "noise_equivalent_sigma0_db": [round(float(noise_db.min()), 2), round(float(noise_db.max()), 2)],
+            "occasion": dict(self.occasion.record(self.radar.channels, categories)),
+        }
 
     def apparent_sigma0(self) -> AnyArray:
         """Intensity over what flat ground of sigma0 = 1 would return: calibrated, noise left in, linear."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, Float32Array, FloatArray, IntArray
+from seqrsm.arrays import AnyArray, Float32Array, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene import kernels
@@ -84,7 +84,6 @@ def surface_temperature_k(
     radiometer: RadiometerConfiguration,
     lookup: EmissivityLookup,
     occasion: RadiometerOccasion,
-    at: IntArray | None = None,
 ) -> AnyArray:
     """Physical temperature of every element in the frame [K], with the occasion's departures.
 
@@ -92,8 +91,6 @@ def surface_temperature_k(
     ----------
     scene, frame, radiometer, lookup, occasion
         As in `simulate_radiometer`; the report's mode heats every cover alike.
-    at : int64 array (n, m), optional
-        Numbers, row by row, of the cells of a whole frame that `frame` holds, where it holds some only.
 
     Returns
     -------
@@ -107,7 +104,6 @@ def surface_temperature_k(
     if radiometer.temperature == "layer":
         layer = temperature_layer(scene)
         base = np.rot90(np.where(np.isfinite(layer), layer, np.nanmean(layer)), frame.quarter_turns)
-        base = base if at is None else np.take(base, at)
     elif radiometer.temperature == "constant":
         base = np.full(frame.elevation_m.shape, radiometer.temperature_low_k)
     else:
@@ -117,7 +113,7 @@ def surface_temperature_k(
         if radiometer.mode == "full":
             heating[: len(lookup.heating)] = lookup.heating
         base = physical_temperature_k(
-            exposure if at is None else np.take(exposure, at),
+            exposure,
             np.take(heating, frame.cover),
             radiometer.temperature_low_k,
             radiometer.temperature_high_k,

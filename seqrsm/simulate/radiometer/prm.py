@@ -45,8 +45,6 @@ from seqrsm.simulate.visits import ONCE, Visit
 _CHEBYSHEV_NODES = np.cos(np.pi * (np.arange(200) + 0.5) / 200)
 _CHEBYSHEV = np.linalg.pinv(np.polynomial.chebyshev.chebvander(_CHEBYSHEV_NODES, 9))
 
-_LOOKS = 129
-
 LUT_STEPS = 1024
 """Steps of the tables of emissivity and sky in sin(theta/2): 0.06 to 0.11 deg each."""
 
@@ -255,13 +253,8 @@ def radiation_map(
     return antenna, offset, state
 
 
-def row_geometry(
-    across_m: FloatArray, frame: RadiometerFrame, air: Atmosphere, *, scattered: bool = False
-) -> FloatArray:
-    """Geometry (n, 5) of rows at distances from nadir, as `kernels_prm.emit_cells` takes it.
-
-    ``scattered``: many directions; the air's radiation is taken between some of them, to 0.1 mK.
-    """
+def row_geometry(across_m: FloatArray, frame: RadiometerFrame, air: Atmosphere) -> FloatArray:
+    """Geometry (n, 5) of rows at distances from nadir, as `kernels_prm.emit_cells` takes it."""
     look = np.arctan2(np.abs(across_m), frame.height_m)
     towards_nadir = np.abs(across_m) - frame.cell_m
     geometry = np.empty((len(across_m), 5))
@@ -271,11 +264,7 @@ def row_geometry(
         towards_nadir > 0.25 * frame.cell_m, frame.cell_m / np.maximum(towards_nadir, 0.25 * frame.cell_m), 0.0
     )
     geometry[:, 2] = np.where(across_m >= 0.0, 1.0, -1.0)
-    if scattered:
-        known = np.linspace(0.0, float(look.max()), _LOOKS)
-        geometry[:, 3] = np.interp(look, known, air.upwelling_k(known, frame.height_m))
-    else:
-        geometry[:, 3] = air.upwelling_k(look, frame.height_m)
+    geometry[:, 3] = air.upwelling_k(look, frame.height_m)
     geometry[:, 4] = air.transmission(look, frame.height_m)
     return geometry
 

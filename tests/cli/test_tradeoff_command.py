@@ -1,0 +1,102 @@
+"""Trade-off, and simulation on a coarser data base, through the command line and the campaign."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from tiny_campaign import TINY, make_tiny
+from typer.testing import CliRunner
+
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.tradeoff import COARSENED, FILE, read_tradeoff
+from seqrsm.cli.app import app
+
+WIDE = TINY.replace("low = 10.0", "low = 40.0").replace("high = 60.0", "high = 120.0")
+"""Cells of 10 m, so that 4 to 12 of them lie along a side of a pixel."""
+
+LOOSE = WIDE.replace('scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 50.0')
+
+
+def call(*arguments: object) -> tuple[int, str, str]:
+    found = CliRunner().invoke(app, [str(a) for a in arguments])
+    return found.exit_code, found.stdout, found.stderr
+
+
+def test_image_without_anything_to_do_is_refused(tiny: Path) -> None:
+    code, _, err = call("image", tiny)
+    assert code == 2
+    assert "--out" in err
+
+
+def test_a_tolerance_takes_the_coarsest_data_base_that_meets_it(tmp_path: Path, tiny_scene: Path) -> None:
+    campaign = Campaign.open(make_tiny(tmp_path / "loose", tiny_scene, LOOSE))
+    campaign.propose()
+    runs = campaign.simulate()
+    (event,) = campaign.store.events(kind=COARSENED)
+    assert event.detail["cells"] == 2
+    assert set(event.detail["rms_error"]) == {"8", "4", "2"}
+    for run in runs:
+        kept = run.scores[0].metadata["fidelity"]
+        assert kept["averaged"] == (4 if run.settings["resolution"] >= 80.0 else 2)
+        assert kept["seconds"] > 0.0
+    assert len({run.scores[0].metadata["fidelity"]["averaged"] for run in runs}) == 2
+    # What was measured once is measured no more.
+    campaign.propose(1)
+    campaign.simulate()
+    assert len(campaign.store.events(kind=COARSENED)) == 1
+    code, out, _ = call("status", campaign.folder)
+    assert code == 0
+    assert "2 x 2 cells as one" in out
+
+
+def test_a_tolerance_below_every_difference_keeps_the_data_base(tmp_path: Path, tiny_scene: Path) -> None:
+    text = LOOSE.replace("tolerance = 50.0", "tolerance = 1e-9")
+    campaign = Campaign.open(make_tiny(tmp_path / "tight", tiny_scene, text))
+    campaign.propose()
+    runs = campaign.simulate()
+    (event,) = campaign.store.events(kind=COARSENED)
+    assert event.detail["rms_error"]["2"] > event.detail["rms_error"]["8"] == 0.0
+    assert {run.scores[0].metadata["fidelity"]["averaged"] for run in runs} == {1}
+
+
+def test_a_key_of_earlier_versions_is_refused_with_what_to_do(tmp_path: Path, tiny_scene: Path) -> None:
+    text = TINY.replace('scene = "scene.npz"', 'scene = "scene.npz"\nfidelity = "F4"')
+    code, _, err = call("check", make_tiny(tmp_path / "old", tiny_scene, text))
+    assert code == 2
+    assert "Remove it" in err
+
+
+def test_tradeoff_measures_every_data_base_and_goes_on(tmp_path: Path, tiny_scene: Path) -> None:
+    tiny = make_tiny(tmp_path / "wide", tiny_scene, WIDE)
+    arguments = ("tradeoff", tiny, "--configurations", 3, "--occasions", 2, "--no-numerics", "--json")
+    code, out, _ = call(*arguments)
+    assert code == 0
+    found = json.loads(out)
+    rows = {row["cells"]: row for row in found["simulation"]["applications"]["cover"]}
+    assert list(rows) == [0, 8, 4, 2]
+    top = rows[0]
+    assert (top["time_ratio"], top["bias"], top["rms_error"], top["utility_lost"]) == (1.0, 0.0, 0.0, 0.0)
+    assert top["averaged"] == [1]
+    assert set(rows[2]["averaged"]) <= {2, 4}
+    assert rows[2]["largest_error"] >= rows[2]["rms_error"] > 0.0
+    assert read_tradeoff(tiny)["simulation"] == found["simulation"]
+    raw = json.loads((tiny / FILE).read_text())
+    # An interruption after the first configuration: it is not measured again.
+    raw["rows"], raw["simulation"] = raw["rows"][:1], None
+    raw["rows"][0]["levels"]["0"]["seconds"] = [7.0, 7.0]
+    (tiny / FILE).write_text(json.dumps(raw))
+    assert read_tradeoff(tiny) is None
+    code, _, _ = call(*arguments)
+    assert code == 0
+    after = json.loads((tiny / FILE).read_text())
+    assert after["rows"][0]["levels"]["0"]["seconds"] == [7.0, 7.0]
+    assert len(after["rows"]) == 3
+
+
+def test_tradeoff_without_a_simulator_says_so(tmp_path: Path) -> None:
+    folder = tmp_path / "flevoland"
+    assert call("init", folder, "--template", "flevoland")[0] == 0
+    code, out, _ = call("tradeoff", folder, "--no-numerics")
+    assert code == 0
+    assert "no simulator" in out
