@@ -45,6 +45,8 @@ def _opened(folder: Path) -> Campaign:
 
     campaign = Campaign.open(folder)
     at_end(campaign.store.close)
+    if campaign.store.note:
+        say(campaign.store.note)
     return campaign
 
 

@@ -67,7 +67,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     that the budget cannot reach the target); ``worlds`` ("count", the default: the target is for the whole interval; or
     "ignore": for its part by chance, what is not known of the ground left out).
 ``[store]``
-    ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default.
+    ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default. A relative
+    ``sqlite:///`` path counts from that folder; passwords of a server stand best in ``PGPASSWORD`` or ``~/.pgpass``.
 """
 
 from __future__ import annotations

@@ -2,17 +2,20 @@
 
 SQLite runs in WAL mode with synchronous FULL, so a score that was acknowledged survives a loss of power; PostgreSQL
 does the same by default. Writers take one lock each (``BEGIN IMMEDIATE``, or the row "campaign" of ``meta``), so that
-the same code is right on both.
+the same code is right on both. On a network file system, where the hosts cannot share WAL's memory, SQLite keeps a
+rollback journal. A file that may not be written is read as it is.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,10 @@ from seqrsm.plain import plain
 from seqrsm.store.schema import HEAD, META, METADATA, REVISIONS
 
 BUSY_TIMEOUT_S = 30.0
+RECONNECT_S = 60.0
+"""How long a server that was there may be away, as when it is started again, before a transaction is given up [s]."""
+_SERVER_LIMITS = f"-c lock_timeout={BUSY_TIMEOUT_S:.0f}s -c statement_timeout=120s"
+"""Further limits of a server: 10 s to connect, 60 s for what was sent to arrive."""
 MIGRATIONS = Path(__file__).parent / "migrations"
 # Identifies a campaign's file to `file` and to us; any constant does.
 _APPLICATION_ID = 0x52534D31
@@ -71,10 +78,17 @@ class Database:
         revisions: Sequence[str] = REVISIONS,
     ) -> None:
         self.path = location if isinstance(location, Path) else None
+        self.network, self.read_only = "", False
+        self._identity: tuple[int, int] | None = None
+        self._rescued = ""
         self._migrations = migrations
         self._revisions = tuple(revisions)
         if self.path is not None:
             _check_path(self.path, create)
+            with suppress(OSError):
+                mounts = _MOUNTS.read_text(encoding="utf-8", errors="replace")
+                self.network = network_file_system(self.path.parent.resolve(), mounts)
+            self.read_only = self.path.exists() and not (_may_write(self.path) and _may_write(self.path.parent))
         self.label = str(self.path) if self.path is not None else _hide_password(str(location))
         self._engine = self._make_engine(location)
         try:
@@ -83,6 +97,7 @@ class Database:
         except BaseException:
             self.close()
             raise
+        self._identity = self._found()
 
     def close(self) -> None:
         """Close all connections."""
@@ -91,7 +106,7 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[sa.Connection]:
         """A transaction that sees one consistent state."""
-        with self._explained(), self._engine.connect() as connection:
+        with self._explained(), self._connected() as connection:
             if connection.dialect.name == "postgresql":
                 connection = connection.execution_options(isolation_level="REPEATABLE READ")
             with connection.begin():
@@ -100,22 +115,66 @@ class Database:
     @contextmanager
     def write(self) -> Iterator[sa.Connection]:
         """A transaction that is alone in writing; durable when the block ends, undone when it raises."""
-        with self._explained(), self._engine.connect() as connection:
+        if self.read_only:
+            raise StoreError(Problem("the data base may not be written", _RIGHTS, file=self.label))
+        with self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
                 connection.execute(sa.select(META.c.value).where(META.c.key == "campaign").with_for_update())
                 yield connection
+            self._see_file()
+
+    @contextmanager
+    def _connected(self) -> Iterator[sa.Connection]:
+        """A connection; a server that was there and is not is waited for."""
+        self._see_file()
+        deadline = time.monotonic() + RECONNECT_S
+        while True:
+            try:
+                connection = self._engine.connect()
+                break
+            except exc.OperationalError:
+                if self.path is not None or time.monotonic() > deadline:
+                    raise
+                time.sleep(0.5)
+        with connection:
+            yield connection
+
+    def _found(self) -> tuple[int, int] | None:
+        """Device and number of the file at the data base's path."""
+        if self.path is None:
+            return None
+        with suppress(OSError):
+            found = self.path.stat()
+            return found.st_dev, found.st_ino
+        return (0, 0)
+
+    def _see_file(self) -> None:
+        """Refuse to go on where SQLite would write into a file that nobody finds again."""
+        if self._found() == self._identity:
+            return
+        assert self.path is not None
+        if not self._rescued and self.path.parent.is_dir():
+            place = self.path.with_name(f"{self.path.name}.{_stamp()}.rescued")
+            with suppress(exc.DBAPIError, sqlite3.Error), self._engine.connect() as connection:
+                _copy_into(connection, place)
+                self._rescued = f"What it held is in {place}."
+        message = "the data base is no longer the file that was opened: it was moved, deleted or replaced"
+        raise StoreError(Problem(message, f"Put it back. {self._rescued}".strip(), file=self.label))
 
     # -- opening --------------------------------------------------------------------------------------------------
 
     def _make_engine(self, location: Path | str) -> sa.Engine:
         if self.path is None:
             try:
-                engine = sa.create_engine(str(location), json_serializer=_to_json, pool_pre_ping=True)
-            except (exc.ArgumentError, exc.NoSuchModuleError) as error:
+                url = sa.make_url(str(location))
+                limits = {"connect_timeout": 10, "tcp_user_timeout": 60_000} | dict(url.query)
+                limits["options"] = f"{_SERVER_LIMITS} {url.query.get('options', '')}".strip()
+                engine = sa.create_engine(url, json_serializer=_to_json, pool_pre_ping=True, connect_args=limits)
+            except (exc.ArgumentError, exc.NoSuchModuleError, ValueError):
                 raise StoreError(
                     Problem(
-                        f"the address of the data base is not usable ({error})",
+                        "the address of the data base is not usable",
                         'Write url = "postgresql+psycopg://user@host/name".',
                         field="[store] url",
                         value=self.label,
@@ -126,10 +185,11 @@ class Database:
                     Problem(f"the driver of the data base is missing ({error})", 'Run: pip install "seqrsm[postgres]"')
                 ) from None
         else:
-            url = sa.URL.create("sqlite", database=str(self.path))
+            query = {"uri": "true"} | ({"mode": "ro", "immutable": "1"} if self.read_only else {"mode": "rw"})
+            url = sa.URL.create("sqlite", database=self.path.absolute().as_uri(), query=query)
             engine = sa.create_engine(url, json_serializer=_to_json, connect_args={"timeout": BUSY_TIMEOUT_S})
-        if engine.dialect.name == "sqlite":
-            event.listen(engine, "connect", _prepare_sqlite)
+            mode = "" if self.read_only else "DELETE" if self.network else "WAL"
+            event.listen(engine, "connect", partial(_prepare_sqlite, mode))
             event.listen(engine, "begin", _begin_sqlite)
         return engine
 
@@ -189,16 +249,11 @@ class Database:
         from alembic.config import Config
 
         if self.path is not None:
-            stamp = utc_now().replace(":", "").replace("-", "")
-            backup = self.path.with_name(f"{self.path.name}.schema-{version}.{stamp}.bak")
+            if self.read_only:
+                message = f"the data base has the older schema {version}, and may not be written"
+                raise StoreError(Problem(message, _RIGHTS, file=self.label))
             with self._engine.connect() as connection:
-                raw = connection.connection.driver_connection
-                assert isinstance(raw, sqlite3.Connection)
-                try:
-                    raw.execute("VACUUM INTO ?", (str(backup),))
-                except sqlite3.Error:
-                    backup.unlink(missing_ok=True)  # half a copy is none
-                    raise
+                _copy_into(connection, self.path.with_name(f"{self.path.name}.schema-{version}.{_stamp()}.bak"))
         config = Config()
         config.set_main_option("script_location", str(self._migrations).replace("%", "%%"))
         with self._engine.connect() as connection:
@@ -234,6 +289,7 @@ class Database:
             ) from error
 
 
+_RIGHTS = "Give yourself the right to write the file and its folder, or copy the folder to where you may."
 _ABSENT_REMEDY = "Make a campaign with `seqrsm init`, or start this one with `seqrsm run`."
 _RESTORE = "Restore the file from a copy; what can be read comes out with: sqlite3 campaign.db .recover"
 _EXPLANATIONS = (
@@ -241,9 +297,10 @@ _EXPLANATIONS = (
     ("malformed", "the data base is damaged", _RESTORE),
     ("disk i/o error", "the disk could not be read or written", "Check the disk and its free space, then try again."),
     ("disk is full", "the disk is full", "Free some space; nothing acknowledged was lost."),
-    ("readonly", "the data base may not be written", "Give yourself the right to write the file and its folder."),
+    ("readonly", "the data base may not be written", _RIGHTS),
     ("unable to open", "the data base cannot be opened", "Check that file and folder exist and may be written."),
     ("locked", f"another process held the data base for {BUSY_TIMEOUT_S:.0f} s", "Let it end, then try again."),
+    ("timeout", "the data base server did not answer in time", "Let others end, then try again."),
     ("no such table", "the data base lacks a table", _RESTORE),
     ("no such column", "the data base lacks a column", _RESTORE),
     ("connection failed", "the data base server does not answer", "Check host, name, user and network."),
@@ -262,27 +319,45 @@ def _check_path(path: Path, create: bool) -> None:
         raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
     if not create and not path.exists():
         raise StoreError(Problem("there is no data base yet", _ABSENT_REMEDY, file=str(path)))
+    if create and not path.exists():
+        try:
+            path.touch()  # an unfinished creation; SQLite makes no files, in the place of one that vanished
+        except OSError as error:
+            message = f"the data base cannot be made ({error.strerror})"
+            raise StoreError(Problem(message, "Check that its folder may be written.", file=str(path))) from None
     # Beside a write-ahead log the file may rightly be shorter than its header says.
     if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
         raise StoreError(
             Problem(f"the data base is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
         )
-    with suppress(OSError):
-        kind = network_file_system(path.parent.resolve(), _MOUNTS.read_text(encoding="utf-8", errors="replace"))
-        if kind:
-            raise StoreError(
-                Problem(
-                    f"the folder lies on a network file system ({kind}), where hosts would spoil each other's writing",
-                    'Keep the campaign on a local disk, or share it by [store] url = "postgresql+psycopg://...".',
-                    file=str(path.parent),
-                )
-            )
+    if not _may_write(path.parent) and _has_log(path) and path.with_name(path.name + "-wal").stat().st_size:
+        message = "the data base was not closed, and its last changes can only be read where its folder may be written"
+        raise StoreError(Problem(message, "Copy the folder to a place that may be written.", file=str(path)))
+
+
+def _may_write(path: Path) -> bool:
+    return os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
+
+
+def _stamp() -> str:
+    return utc_now().replace(":", "").replace("-", "")
+
+
+def _copy_into(connection: sa.Connection, place: Path) -> None:
+    """Copy an SQLite data base into a new file."""
+    raw = connection.connection.driver_connection
+    assert isinstance(raw, sqlite3.Connection)
+    try:
+        raw.execute("VACUUM INTO ?", (str(place),))
+    except sqlite3.Error:
+        place.unlink(missing_ok=True)  # half a copy is none
+        raise
 
 
 def network_file_system(folder: Path, mounts: str) -> str:
     """Kind of the network file system that holds a folder, by the lines of ``/proc/mounts``; "" for a local one.
 
-    SQLite's write-ahead log shares memory between processes, which hosts cannot do.
+    SQLite's write-ahead log shares memory between processes, which hosts cannot do: there it keeps a rollback journal.
     """
     kinds: dict[Path, str] = {}
     for line in mounts.splitlines():
@@ -317,36 +392,36 @@ def _cut_off(path: Path) -> int:
 def _hide_password(url: str) -> str:
     try:
         return sa.make_url(url).render_as_string(hide_password=True)
-    except exc.ArgumentError:
+    except (exc.ArgumentError, ValueError):
         return "(unreadable)"
 
 
-def _prepare_sqlite(connection: sqlite3.Connection, _record: object) -> None:
+def _prepare_sqlite(mode: str, connection: sqlite3.Connection, _record: object) -> None:
     # SQLAlchemy's `begin` event below decides how a transaction starts; the driver must not.
     connection.isolation_level = None
     cursor = connection.cursor()
     try:
         cursor.execute(f"PRAGMA busy_timeout = {int(BUSY_TIMEOUT_S * 1000)}")
         cursor.execute("PRAGMA foreign_keys = ON")
-        mode = _enter_wal(cursor)
+        found = _enter(cursor, mode) if mode else mode
         cursor.execute("PRAGMA synchronous = FULL")
     finally:
         cursor.close()
-    if mode not in ("wal", "memory"):
+    if found.upper() != mode:
         raise StoreError(
             Problem(
-                f"the file system does not support SQLite's write-ahead log (journal mode '{mode}')",
+                f"the file system does not support SQLite's journal {mode} (journal mode '{found}')",
                 'Keep the campaign on a local disk, or share it by [store] url = "postgresql+psycopg://...".',
             )
         )
 
 
-def _enter_wal(cursor: sqlite3.Cursor) -> str:
-    """Switch to WAL. Two processes that do so at once on a new file may meet a lock the busy timeout ignores."""
+def _enter(cursor: sqlite3.Cursor, mode: str) -> str:
+    """Switch to a journal mode. Two processes that do so at once on a new file may meet a lock no timeout heeds."""
     deadline = time.monotonic() + BUSY_TIMEOUT_S
     while True:
         try:
-            return str(cursor.execute("PRAGMA journal_mode = WAL").fetchone()[0])
+            return str(cursor.execute(f"PRAGMA journal_mode = {mode}").fetchone()[0])
         except sqlite3.OperationalError as error:
             if "locked" not in str(error) or time.monotonic() > deadline:
                 raise

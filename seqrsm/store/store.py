@@ -88,6 +88,8 @@ class Store:
         Written into every event.
     label : str
         File or address, for messages; without a password.
+    note : str
+        What is to be known of the place, "" mostly.
     """
 
     def __init__(self, database: Database, seed: int | None = None) -> None:
@@ -95,6 +97,9 @@ class Store:
         self.seed = seed
         self.campaign = database.campaign
         self.label = database.label
+        kind, self.note = database.network, ""
+        if kind:
+            self.note = f"the campaign lies on a network file system ({kind}): work on it from one host only"
         self._mark: int | None = None
 
     @classmethod
@@ -114,7 +119,7 @@ class Store:
         location : Path or str
             The campaign's folder; the store is its ``campaign.db``.
         url : str, optional
-            ``[store] url`` of campaign.toml; takes the place of the file.
+            ``[store] url`` of campaign.toml; takes the place of the file. An SQLite file's counts from the folder.
         create : bool
             Make the tables when there are none.
         campaign : str
@@ -127,7 +132,8 @@ class Store:
         StoreError
             Missing, not writable, damaged, written by a newer seqrsm, or another campaign's.
         """
-        place: Path | str = url if url is not None else Path(location) / STORE_NAME
+        file = STORE_NAME if url is None else url.removeprefix("sqlite:///") if url.startswith("sqlite:///") else ""
+        place = Path(location) / file if file else str(url)
         return cls(Database(place, create=create, campaign=campaign), seed)
 
     def close(self) -> None:

@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 from seqrsm.campaign.ingest import ingest_files
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
+from seqrsm.store import database
 from seqrsm.store.store import STORE_NAME, Store
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits and rights of Unix")
@@ -140,14 +141,33 @@ def readable(folder) -> Iterator[Path]:
     shutil.rmtree(place)
 
 
-@pytest.mark.parametrize("command", ["ingest", "void", "status", "fit"])
+@pytest.mark.parametrize("command", ["ingest", "void"])
 def test_a_folder_that_may_not_be_written(readable, command):
-    rest = {"ingest": [readable / "second.csv"], "void": [1, "--why", "clouds"]}.get(command, [])
+    rest = {"ingest": [readable / "second.csv"], "void": [1, "--why", "clouds"]}[command]
     content = (readable / STORE_NAME).read_bytes()
     with as_nobody():
         says = call(command, readable, *rest, code=2)
     assert "may not be written" in says or "may be written" in says
     assert (readable / STORE_NAME).read_bytes() == content
+
+
+def test_a_medium_that_cannot_be_written_can_be_read(folder, tmp_path, monkeypatch):
+    expected = {command: call(command, folder, "--json") for command in ("status", "fit")}
+    call("export", folder, tmp_path / "one.json")
+    shutil.rmtree(folder / "fits")
+    with sqlite3.connect(folder / STORE_NAME) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    connection.close()
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    monkeypatch.setattr(database, "_may_write", lambda path: path.parent != folder and path != folder)
+    for command, said in expected.items():
+        assert call(command, folder, "--json") == said
+    call("export", folder, tmp_path / "two.json")
+    assert (tmp_path / "two.json").read_bytes() == (tmp_path / "one.json").read_bytes()
+    call("report", folder, "--html", tmp_path / "report.html")
+    assert "may not be written" in call("void", folder, 1, "--why", "clouds", code=2)
+    after = {path.name: path.stat().st_mtime_ns for path in folder.iterdir() if path.name != "fits"}
+    assert after == before
 
 
 def test_a_new_campaign_in_a_folder_that_may_not_be_written(readable):

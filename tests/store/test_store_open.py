@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from postgres_server import restarted, wipe
 
 from seqrsm.errors import StoreError
 from seqrsm.store import database as store_connection
@@ -128,6 +129,8 @@ def test_read_only_folder(folder):
     ("url", "says"),
     [
         ("nonsense", "not usable"),
+        ("postgresql+psycopg://u:secret@h:port/n", "not usable"),
+        ("postgresql+psycopg://u:secret@h:5432:1/n", "not usable"),
         ("nodialect+x://u:secret@h/n", "not usable"),
         ("postgresql+psycopg://u:secret@127.0.0.1:1/n?connect_timeout=2", "server does not answer"),
     ],
@@ -293,5 +296,74 @@ def test_network_file_systems_are_recognised(folder, monkeypatch, tmp_path):
     assert found == places
     (tmp_path / "mounts").write_text(f"host:/x {folder.resolve()} nfs rw 0 0\n")
     monkeypatch.setattr("seqrsm.store.database._MOUNTS", tmp_path / "mounts")
-    with pytest.raises(StoreError, match=r"network file system \(nfs\)"):
-        Store.open(folder)
+    with Store.open(folder) as store, store._database.read() as connection:
+        assert "network file system (nfs): work on it from one host" in store.note
+        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar() == "delete"
+
+
+@pytest.mark.parametrize("how", ["deleted", "replaced", "moved with its folder"])
+def test_a_file_that_vanished_is_missed_at_once_and_what_it_held_is_kept(tmp_path, how):
+    place = tmp_path / "campaign"
+    place.mkdir()
+    with Store.open(place, create=True, campaign="test") as store:
+        store.add_batch([RUN] * 3)
+        if how == "moved with its folder":
+            place.rename(tmp_path / "moved")
+        for path in place.glob(f"{STORE_NAME}*"):
+            path.unlink()
+        if how == "replaced":
+            (place / STORE_NAME).touch()
+        for _ in range(2):
+            with pytest.raises(StoreError, match="no longer the file that was opened"):
+                store.add_batch([RUN])
+        with pytest.raises(StoreError, match="no longer the file"):
+            store.runs()
+    if how == "moved with its folder":
+        assert not place.exists()
+    else:
+        (kept,) = place.glob("*.rescued")
+        assert [path.name for path in place.iterdir() if path != kept] == [STORE_NAME] * (how == "replaced")
+        (tmp_path / "moved").mkdir()
+        kept.rename(tmp_path / "moved" / STORE_NAME)
+    with Store.open(tmp_path / "moved", campaign="test") as store:
+        assert len(store.runs()) == 3
+
+
+def test_what_was_written_into_a_file_that_vanished_is_not_acknowledged(folder):
+    def write_and_lose(store):
+        with store._write() as ledger:
+            (folder / STORE_NAME).unlink()
+            ledger.log("stop", [(None, {})])
+
+    with Store.open(folder) as store, pytest.raises(StoreError, match="no longer the file"):
+        write_and_lose(store)
+
+
+def test_the_address_of_a_file_counts_from_the_campaign(folder, monkeypatch):
+    (folder / STORE_NAME).rename(folder / "other.db")
+    for place in (folder, folder.parent):
+        monkeypatch.chdir(place)
+        with Store.open(folder, url="sqlite:///other.db") as store:
+            assert len(store.runs()) == 300
+    with Store.open(folder.parent, url=f"sqlite:///{folder / 'other.db'}") as store:
+        assert len(store.runs()) == 300
+
+
+def test_a_server_that_is_started_again_is_waited_for(tmp_path, postgres):
+    wipe(postgres)
+    with Store.open(tmp_path, url=postgres, create=True, campaign="test") as store:
+        store.add_batch([RUN])
+        with restarted(postgres):
+            assert store.add_batch([RUN]) == (2,)
+
+
+def test_a_server_that_another_holds_is_not_waited_for_for_ever(tmp_path, postgres, monkeypatch):
+    monkeypatch.setattr(store_connection, "_SERVER_LIMITS", "-c lock_timeout=200ms")
+    wipe(postgres)
+    with (
+        Store.open(tmp_path, url=postgres, create=True, campaign="test") as one,
+        Store.open(tmp_path, url=postgres, campaign="test") as other,
+        one._write(),
+        pytest.raises(StoreError, match="did not answer in time"),
+    ):
+        other.add_batch([RUN])
