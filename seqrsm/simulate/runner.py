@@ -1,10 +1,15 @@
-"""Many runs on the cores of one machine or on a cluster; results do not depend on how many or where."""
+"""Many runs on the cores of one machine or on a cluster; results do not depend on how many or where.
+
+The processes are kept from one call to the next, since a fresh one takes seconds to load what it needs.
+"""
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -71,11 +76,34 @@ def run_many(
     elif workers == 1 or len(arguments) <= 1:
         results = ((index, function(argument)) for index, argument in enumerate(arguments))
     else:
-        results = _run_in_pool(function, arguments, min(workers, len(arguments)))
+        results = _run_in_pool(function, arguments, workers)
     for finished, result in enumerate(results, start=1):
         if progress is not None:
             progress(finished, len(arguments))
         yield result
+
+
+def start_workers(module: str, workers: int) -> None:
+    """Begin to start processes that load a module, for `run_many` to come."""
+    if workers > 1:
+        pool = _kept_pool(workers)
+        for _ in range(workers):
+            pool.submit(importlib.import_module, module)
+
+
+_pools: dict[int, ProcessPoolExecutor] = {}
+
+
+def _kept_pool(workers: int) -> ProcessPoolExecutor:
+    """The pool of so many processes, begun at the first use; it ends with this process."""
+    if workers not in _pools:
+        _pools[workers] = _new_pool(workers)
+    return _pools[workers]
+
+
+def _new_pool(workers: int) -> ProcessPoolExecutor:
+    # spawn, never fork: numba and BLAS threads do not survive a fork.
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker)
 
 
 def _run_in_pool(function: Callable[[A], R], arguments: Sequence[A], workers: int) -> Iterator[tuple[int, R | Lost]]:
@@ -96,8 +124,7 @@ def _run_until_broken(
     function: Callable[[A], R], waiting: dict[int, A], workers: int
 ) -> Generator[tuple[int, R], None, tuple[int, ...]]:
     """Run what waits, taking out what is done; when a process dies, return the indices that were under way."""
-    # spawn, never fork: numba and BLAS threads do not survive a fork.
-    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker)
+    pool = _kept_pool(workers) if workers > 1 else _new_pool(workers)
     clean = False
     futures: dict[Future[R], int] = {}
     queue = iter(list(waiting.items()))
@@ -119,19 +146,29 @@ def _run_until_broken(
     except BrokenProcessPool:
         return tuple(sorted(index for index in futures.values()))
     finally:
-        if clean:
-            pool.shutdown()
-        else:
+        if not clean:
+            if workers > 1:
+                _pools.pop(workers, None)
             _stop(pool)
+        elif workers == 1:
+            pool.shutdown()
 
 
 def _start_worker() -> None:
-    """Keep each worker on one core and leave Ctrl-C to the parent."""
+    """Keep each worker on one core, leave Ctrl-C to the parent, and end with it, however it ends."""
     import signal
 
     os.environ["NUMBA_NUM_THREADS"] = "1"
     os.environ["OMP_NUM_THREADS"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:

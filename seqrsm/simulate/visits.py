@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from seqrsm.arrays import FloatArray
 from seqrsm.rng import generator
@@ -126,7 +126,7 @@ def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
     for gap, fresh in zip(np.diff(visit.days[: visit.number + 1]), draws[1:], strict=False):
         left = np.exp([-gap / _SLOW_DAYS, -gap / _FAST_DAYS])
         slow, fast = left * (slow, fast) + np.sqrt(1.0 - left**2) * fresh
-    return float(norm.cdf(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
+    return float(ndtr(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
 
 
 def year_shift_days(n_categories: int, *, seed: int, run_id: int) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 from seqrsm.errors import UserError
 from seqrsm.rng import generator
 from seqrsm.simulate.lost import Lost
-from seqrsm.simulate.runner import run_many
+from seqrsm.simulate.runner import run_many, start_workers
 
 
 def draw(run_id: int) -> float:
@@ -80,6 +81,37 @@ def test_leaving_a_parallel_run_stops_its_workers():
     while multiprocessing.active_children() and time.monotonic() - start < 30.0:
         time.sleep(0.05)
     assert not multiprocessing.active_children()
+
+
+def own_process(_: int) -> int:
+    time.sleep(0.05)
+    return os.getpid()
+
+
+def test_processes_are_kept_from_call_to_call():
+    start_workers("seqrsm.rng", 2)
+    first, second = ({pid for _, pid in run_many(own_process, range(6), workers=2)} for _ in range(2))
+    assert first | second <= {child.pid for child in multiprocessing.active_children()}
+    assert len(first | second) == 2
+    with pytest.raises(ValueError, match="two"):
+        list(run_many(fail_at_two, range(4), workers=2))
+    assert not {pid for _, pid in run_many(own_process, range(6), workers=2)} & (first | second)
+
+
+def test_processes_end_with_the_one_that_began_them():
+    code = (
+        "import os, signal; from seqrsm.simulate.runner import run_many\n"
+        "if __name__ == '__main__':\n"
+        "    print(*{pid for _, pid in run_many(os.path.realpath, ['/proc/self'] * 6, workers=2)}, flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    begun = [Path(path) for path in done.stdout.split()]
+    assert begun, done.stderr
+    end = time.monotonic() + 30.0
+    while any(path.exists() for path in begun) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not any(path.exists() for path in begun)
 
 
 def test_no_workers_is_refused():
