@@ -15,7 +15,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from seqrsm import __version__
-from seqrsm.cli.console import EXIT_BUDGET_SPENT, AsJson, at_end, display, guarded, line, print_json, say
+from seqrsm.cli.console import (
+    EXIT_BUDGET_SPENT,
+    AsJson,
+    StoppedError,
+    at_end,
+    display,
+    fail_stopped,
+    guarded,
+    line,
+    print_json,
+    say,
+    stop_on_signals,
+)
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, doctor, parameters
 from seqrsm.errors import Problem, UserError
@@ -56,7 +68,14 @@ def main() -> None:
     # make last digits depend on the machine's cores. Set before anything imports numpy; the user's own setting stays.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    app()
+    stop_on_signals()
+    try:
+        app()
+    except StoppedError:  # before a command began
+        try:
+            fail_stopped()
+        except typer.Exit as end:
+            sys.exit(end.exit_code)
 
 
 def _version(wanted: bool) -> None:

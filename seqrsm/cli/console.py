@@ -37,12 +37,21 @@ from seqrsm.progress import listening
 EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 _INTERRUPTED = "interrupted; every score so far is kept, and the same command goes on from here"
 _AGAIN_S = 0.1
 """After this time an interrupt comes again that a callback has swallowed."""
 
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
 """The option that every command with a result has."""
+
+
+class StoppedError(BaseException):
+    """SIGINT or SIGTERM; no KeyboardInterrupt, of which the parser of arguments would make an error of its own."""
+
+
+_signals: list[int] = []
+"""Signals that the program was asked to end with."""
 
 _said: list[str] = []
 """What the running command has written to stdout: no empty line goes before the first."""
@@ -91,17 +100,37 @@ def guarded(command: Callable[P, T]) -> Callable[P, T]:
         except MemoryError as error:
             what = f": {error}" if str(error) else ""
             fail(f"error: not enough memory{what}. Use a smaller scene, or a machine with more", EXIT_USER_ERROR)
-        except KeyboardInterrupt:
-            fail(_INTERRUPTED, EXIT_INTERRUPTED)
+        except (KeyboardInterrupt, StoppedError):
+            fail_stopped()
         except Exception:
             if swallowed:  # what the interrupt left half done has failed for want of the rest
-                fail(_INTERRUPTED, EXIT_INTERRUPTED)
+                fail_stopped()
             raise
         finally:
             while _to_do:
                 _to_do.pop()()
 
     return wrapper
+
+
+def fail_stopped() -> NoReturn:
+    """End as one who was asked to; a second Ctrl-C does not disturb that."""
+    if _signals:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+    fail(_INTERRUPTED, EXIT_TERMINATED if signal.SIGTERM in _signals else EXIT_INTERRUPTED)
+
+
+def stop_on_signals() -> None:
+    """From here on SIGINT and SIGTERM raise `StoppedError`; for a process that is a command and nothing else."""
+
+    def stop(number: int, _frame: Any) -> None:
+        _signals.append(number)
+        raise StoppedError
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # a shell's background job is deaf to SIGINT
+            signal.signal(number, stop)
 
 
 def _interrupt() -> None:
@@ -121,7 +150,7 @@ def _heeding_interrupts(swallowed: list[threading.Timer]) -> Iterator[None]:
     before = sys.unraisablehook
 
     def again(found: Any) -> None:
-        if not issubclass(found.exc_type, KeyboardInterrupt):
+        if not issubclass(found.exc_type, KeyboardInterrupt | StoppedError):
             before(found)
             return
         swallowed.append(threading.Timer(_AGAIN_S, _interrupt))

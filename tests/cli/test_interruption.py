@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -85,8 +87,7 @@ def result(folder: Path) -> list:
 
 
 def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
-    endless = TINY.replace("half_width = 16.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
-    folder = make_tiny(tmp_path / "tiny", tiny_scene, endless)
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, ENDLESS)
     process = start("run", folder)
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline and not (folder / "campaign.db").exists():
@@ -106,6 +107,73 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
     assert "Traceback" not in err
     # no run is left in the hands of the process that is gone
     assert "running" not in {run[4] for run in result(folder)}
+
+
+ENDLESS = TINY.replace("half_width = 16.0", "half_width = 3.5").replace("max_runs = 40", "max_runs = 2000")
+
+
+def children(pid: int) -> set[int]:
+    """Processes that a process has started; of Linux."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+            if int(parent) == pid and state != "Z":
+                found.add(int(stat.parent.name))
+    return found
+
+
+def is_alive(pid: int) -> bool:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def until(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + 120.0
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return condition()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_their_parent(tmp_path, tiny_scene, how) -> None:
+    folder = make_tiny(tmp_path / "tiny", tiny_scene, ENDLESS)
+    process = start("run", folder, "--workers", 2)
+    # two workers, and the tracker of what they share
+    assert until(lambda: len(children(process.pid)) >= 3 or process.poll() is not None)
+    mine = children(process.pid)
+    process.send_signal(how)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == (143 if how == signal.SIGTERM else -9), err
+    assert how == signal.SIGKILL or ("goes on from here" in err and "Traceback" not in err)
+    assert until(lambda: not any(map(is_alive, mine)))
+    if how == signal.SIGTERM:
+        assert "running" not in {run[4] for run in result(folder)}
+
+
+def test_an_interrupt_before_a_command_has_begun() -> None:
+    code = "import os, signal, seqrsm.cli.app as cli\n"
+    code += "cli.app = lambda: os.kill(os.getpid(), signal.SIGINT)\ncli.main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, "Traceback" in done.stderr) == (130, False), done.stderr
+
+
+def test_a_second_interrupt_does_not_disturb_the_end() -> None:
+    """On a busy machine the end takes long, and a person gives Ctrl-C again."""
+    code = "import os, signal, atexit, sys, seqrsm.cli.app as cli\nfrom seqrsm.cli.console import guarded\n"
+    code += "interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)\n"
+    code += "atexit.register(interrupt)\ncli.app.command('wait')(guarded(interrupt))\n"
+    code += "sys.argv = ['seqrsm', 'wait']\ncli.main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, "Traceback" in done.stderr) == (130, False), done.stderr
 
 
 def test_a_scene_that_was_away_changes_nothing(tmp_path, tiny_scene) -> None:
