@@ -181,10 +181,24 @@ class Campaign:
             raise UserError(Problem("cannot write into this folder", "Name another file.", file=str(csv)))
         records = self._issue(n, source, analyses)
         if csv is not None:
-            from seqrsm.campaign.form import write_form
-
-            write_form(csv, self.spec, records)
+            self.write_form(csv, records)
         return records
+
+    def write_form(self, file: Path, runs: Sequence[RunRecord] | None = None) -> int:
+        """Write the form of runs for a flight crew, by default of all flights that are issued; how many they are.
+
+        Raises
+        ------
+        UserError
+            There is none, or the file exists or cannot be written.
+        """
+        from seqrsm.campaign.form import write_form
+
+        wanted = self.store.runs("issued", source="flight") if runs is None else runs
+        if not wanted:
+            raise UserError(Problem("no flight is issued", "Issue some: seqrsm propose DIR --source flight"))
+        write_form(file, self.spec, wanted)
+        return len(wanted)
 
     def _issue(self, n: int | None, source: str, analyses: Sequence[Analysis] | None) -> tuple[RunRecord, ...]:
         """Choose and issue; where another process decided meanwhile, choose again from what there is now."""

@@ -8,6 +8,7 @@ import hashlib
 import io
 import json
 import os
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, astuple, fields
 from pathlib import Path
@@ -15,6 +16,7 @@ from pathlib import Path
 from seqrsm import __version__
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.errors import Problem, StoreError
+from seqrsm.own_code import file_of, located
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
 from seqrsm.store.store import Store
@@ -80,7 +82,7 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
         "campaign": store.info(),
         "seed": spec.seed,
         "spec_hash": spec.spec_hash,
-        "campaign_toml": (spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig"),
+        "campaign_toml": without_store((spec.folder / SPEC_NAME).read_bytes().decode("utf-8-sig")),
         "attached": [attached(spec.folder, path) for path in spec_files(spec)],
         "factors": [{"name": factor.name, "unit": getattr(factor, "unit", "")} for factor in spec.factors],
         "runs": [asdict(run) for run in store.runs()],
@@ -92,12 +94,26 @@ def _json_text(store: Store, spec: CampaignSpec) -> str:
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
+def without_store(text: str) -> str:
+    """A specification without its table ``[store]``: an export tells no address and no password, and obeys none."""
+    return re.sub(r"(?m)^[ \t]*\[[ \t]*store[ \t]*\][^\n]*\n?(?:(?![ \t]*\[)[^\n]*\n?)*", "", text)
+
+
+def own_functions(spec: CampaignSpec) -> tuple[str, ...]:
+    """Functions of the user's own, "module:function", that the campaign calls."""
+    names = [application.utility for application in spec.applications]
+    if spec.simulator is not None:
+        names += [str(spec.simulator.fixed.get(name, "")) for name in ENGINES[spec.simulator.engine].functions]
+    return tuple(dict.fromkeys(name for name in names if ":" in name))
+
+
 def spec_files(spec: CampaignSpec) -> tuple[Path, ...]:
-    """Files that the campaign's simulations read: scene, tables, beams; those that are there."""
+    """Files that the campaign's simulations read: scene, tables, beams, own code; those that are there."""
     if spec.simulator is None or spec.scene_path is None:
         return ()
     fixed = (spec.simulator.fixed.get(name) for name in ENGINES[spec.simulator.engine].files)
     paths = [spec.scene_path, *(spec.folder / str(name) for name in (spec.simulator.table, *fixed) if name)]
+    paths += [Path(file) for name in own_functions(spec) if (file := file_of(located(spec.folder, name)))]
     return tuple(dict.fromkeys(path for path in paths if path.is_file()))
 
 

@@ -46,7 +46,10 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
     block = spec.model.block or "block"
     own = [column for column in (block, "score", "se", "note") if column not in spec.region.names]
     try:
-        with path.open("x", newline="", encoding="utf-8") as stream:
+        if path.exists():
+            raise FileExistsError
+        part = path.with_name(f"{path.name}.part")  # a form is there whole or not at all
+        with part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow(["run_id", *(["application"] if several else []), *headers, *dict.fromkeys(own)])
             for run in runs:
@@ -56,6 +59,7 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
                     cells = {block: run.block, "note": run.why}
                     row = [run.run_id, *name, *settings, *(cells.get(column, "") for column in dict.fromkeys(own))]
                     writer.writerow([safe_cell(cell) for cell in row])
+        part.replace(path)
     except FileExistsError:
         raise UserError(Problem("the file exists already", "Name a new file.", file=str(path))) from None
     except OSError as error:

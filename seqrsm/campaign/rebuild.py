@@ -6,13 +6,12 @@ import base64
 import binascii
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
-from seqrsm.campaign.export import FORMAT
+from seqrsm.campaign.export import FORMAT, own_functions, without_store
 from seqrsm.errors import Problem, StoreError, UserError
 from seqrsm.spec.read import SPEC_NAME, load_spec
 from seqrsm.spec.templates import new_folder
@@ -26,8 +25,8 @@ _AGAIN = "Export the campaign again: seqrsm export DIR FILE.json"
 Record = TypeVar("Record", RunRecord, ScoreRecord, LookRecord, EventRecord, FileRecord, RankingRecord)
 
 
-def rebuild(source: Path, folder: Path) -> None:
-    """Make the campaign of an export in a new folder; all or nothing.
+def rebuild(source: Path, folder: Path, *, trust_code: bool = False) -> None:
+    """Make the campaign of an export in a new folder, its data base in there; all or nothing.
 
     Parameters
     ----------
@@ -35,21 +34,19 @@ def rebuild(source: Path, folder: Path) -> None:
         ``.json`` of `seqrsm.campaign.export`.
     folder : Path
         New, or empty.
+    trust_code : bool
+        Take code that comes with it, which an event then names by its hash.
 
     Raises
     ------
     UserError
-        The folder is not empty; a file that the export only names is not there or is another one.
+        The folder is not empty; a file that the export only names is not there or is another one; code is not trusted.
     StoreError
         The file is no export, or damaged.
     """
     document = _read(source)
-    new_folder(folder)
-    try:
-        _write(document, source, folder)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
+    with new_folder(folder) as part:
+        _write(document, source, part, trust_code)
 
 
 def _read(source: Path) -> Mapping[str, Any]:
@@ -68,11 +65,11 @@ def _read(source: Path) -> Mapping[str, Any]:
     return dict(document)
 
 
-def _write(document: Mapping[str, Any], source: Path, folder: Path) -> None:
+def _write(document: Mapping[str, Any], source: Path, folder: Path, trust_code: bool) -> None:
     where = str(source)
     try:
         text, attachments = document["campaign_toml"], document["attached"]
-        (folder / SPEC_NAME).write_text(text, encoding="utf-8", newline="")
+        (folder / SPEC_NAME).write_text(without_store(text), encoding="utf-8", newline="")
         for one in attachments:
             _attach(one, source, folder)
         runs = [_run(row) for row in document["runs"]]
@@ -88,14 +85,27 @@ def _write(document: Mapping[str, Any], source: Path, folder: Path) -> None:
     if spec.spec_hash != document.get("spec_hash"):
         message = "the specification in the export is not the one that its runs were made for"
         raise StoreError(Problem(message, _AGAIN, file=where, field="spec_hash"))
-    with Store.open(spec.folder, url=spec.store_url, create=True, campaign=spec.name, seed=spec.seed) as store:
+    if spec.store_url is not None:
+        message = "the specification in the export names a data base of its own"
+        raise StoreError(Problem(message, "Take [store] out of it.", file=where, field="campaign_toml"))
+    code = {str(one["path"]): str(one["sha256"]) for one in attachments if str(one["path"]).endswith(".py")}
+    code |= {name: code.get(f"{name.partition(':')[0].replace('.', '/')}.py", "") for name in own_functions(spec)}
+    if code and not trust_code:
+        told = ", ".join(f"{name} (SHA-256 {digest})" if digest else name for name, digest in code.items())
+        message = f"the campaign brings code, which check, run and image would run: {told}"
+        raise UserError(Problem(message, "Read it; if you trust it, add --trust-code.", file=where))
+    with Store.open(spec.folder, create=True, campaign=spec.name, seed=spec.seed) as store:
         store.restore(meta, runs, looks, events, files, rankings)
+        if code:
+            store.add_event("code trusted", {"code": code}, once=("code",))
 
 
 def _attach(one: Mapping[str, Any], source: Path, folder: Path) -> None:
     """Write a file of the campaign, or find it beside the export, by its hash; nothing is written outside."""
     name, digest, content = str(one["path"]), one["sha256"], one["base64"]
     place = PurePosixPath(name)
+    if name.startswith("campaign."):
+        raise ValueError(f"{name} is attached")
     inside = not place.is_absolute() and ".." not in place.parts and "\\" not in name and ":" not in name
     if not inside:
         if not Path(name).is_file() or _sha256(Path(name).read_bytes()) != digest:

@@ -106,6 +106,9 @@ def init(
     source: Annotated[
         Path | None, typer.Option("--from", metavar="FILE", help="Make it anew from the .json of `seqrsm export`.")
     ] = None,
+    trust_code: Annotated[
+        bool, typer.Option("--trust-code", help="Take the code that comes with the export: you have read it.")
+    ] = False,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
     """Make a campaign folder from a template, from what the literature asks for, or from an export."""
@@ -130,7 +133,7 @@ def init(
     if source is not None:
         from seqrsm.campaign.rebuild import rebuild
 
-        rebuild(source, folder)
+        rebuild(source, folder, trust_code=trust_code)
         say(f"made {folder} from {source}; next: seqrsm status {folder}")
         return
     if application is not None:
@@ -232,12 +235,18 @@ def propose(
     csv: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write them as the form a flight crew fills in.")
     ] = None,
+    form: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Issue none; write the form of the flights that are issued.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Issue the next runs."""
     from seqrsm.cli.show import run_row, show_proposals
 
     campaign = _opened(folder)
+    if form is not None:
+        say(f"wrote {form}: {campaign.write_form(form)} flights")
+        return
     measured_only = campaign.spec.simulator is None
     if measured_only and source in ("simulation", "best"):
         raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))

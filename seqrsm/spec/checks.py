@@ -80,7 +80,7 @@ class Reporter:
         for part in detail["loc"]:
             if (*location, part) in self.lines or detail["type"] in ("missing", "extra_forbidden"):
                 location = (*location, part)
-        kind, value = detail["type"], detail["input"]
+        kind, value = detail["type"], detail["input"] if detail["loc"][-1:] != ("url",) else "***"
         if any(p.line == line_of(self.lines, location) and p.field == self.words(location) for p in self.problems):
             return
         if kind == "extra_forbidden":

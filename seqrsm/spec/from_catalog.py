@@ -16,7 +16,6 @@ from pathlib import Path
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.catalog.search import words_of
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
-from seqrsm.errors import Problem, UserError
 from seqrsm.sensor.parameters import RADAR
 from seqrsm.spec.read import SPEC_NAME
 from seqrsm.spec.templates import new_folder, template_folder
@@ -75,15 +74,10 @@ def init_from_catalog(words: str, folder: Path) -> StartRanges:
     start = start_ranges(words, system="active")
     text = campaign_text(start)
     source = template_folder() / SCENE_TEMPLATE
-    new_folder(folder)
-    try:
+    with new_folder(folder) as part:
         for file in ("scene.npz", "SCENE.md"):
-            shutil.copyfile(source / file, folder / file)
-        (folder / SPEC_NAME).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UserError(
-            Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))
-        ) from error
+            shutil.copyfile(source / file, part / file)
+        (part / SPEC_NAME).write_text(text, encoding="utf-8")
     return start
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from seqrsm.errors import Problem, UserError
@@ -12,6 +14,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 #: What a campaign writes into its own folder; a template is copied without it.
 PRODUCTS = ("campaign.db*", "fits", "reports", "__pycache__")
+
+_LAST, _PART = "campaign.toml", ".init"
 
 
 def template_folder() -> Path:
@@ -42,28 +46,40 @@ def copy_template(name: str, folder: Path) -> None:
         raise UserError(
             Problem("no such template", f"Choose one of {', '.join(templates())}.", field="--template", value=name)
         )
-    new_folder(folder)
-    try:
-        shutil.copytree(template_folder() / name, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*PRODUCTS))
-    except OSError as error:
-        raise UserError(
-            Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))
-        ) from error
+    with new_folder(folder) as part:
+        source = template_folder() / name
+        shutil.copytree(source, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*PRODUCTS))
 
 
-def new_folder(folder: Path) -> None:
-    """Make ``folder``.
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Make ``folder``, of what the block puts into the place that it is given.
+
+    ``campaign.toml`` comes last: a folder that has one is whole, and one that a killed command left is made anew.
 
     Raises
     ------
     UserError
         It exists and is not empty, or cannot be made.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    part, is_new = folder / _PART, not folder.exists()
+    unfinished = part.exists() and not (folder / _LAST).exists()
+    if not is_new and (not folder.is_dir() or (any(folder.iterdir()) and not unfinished)):
         raise UserError(Problem("the folder exists and is not empty", "Name a new folder.", file=str(folder)))
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir(parents=True)
+        yield part
+        for path in sorted(part.iterdir(), key=lambda path: path.name == _LAST):
+            if path.is_dir():
+                shutil.rmtree(folder / path.name, ignore_errors=True)
+            path.replace(folder / path.name)
     except OSError as error:
         raise UserError(
             Problem(f"cannot make the folder: {error.strerror}", "Name another folder.", file=str(folder))
         ) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        if is_new:
+            with suppress(OSError):  # it stays where it is not empty
+                folder.rmdir()

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
+import os
+import sys
 from pathlib import Path
 
 import pytest
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
+from seqrsm.campaign.export import export
+from seqrsm.campaign.rebuild import rebuild
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import Store
 
 MEASURED = """\
 [campaign]
@@ -156,3 +163,121 @@ def test_a_folder_in_use_is_left_alone(flown, tmp_path, tiny_scene):
     before = sorted(path.name for path in other.iterdir())
     assert "not empty" in call("init", "--from", tmp_path / "all.json", other, code=2)
     assert sorted(path.name for path in other.iterdir()) == before
+
+
+# -- exports of strangers ---------------------------------------------------------------------------------------------
+
+SECRET = '[store]  # ours\nurl = "postgresql+psycopg://u:hunter2@127.0.0.1:1/n"\n'
+
+
+def exported(flown: Path, tmp_path: Path, **changes: object) -> Path:
+    call("export", flown, tmp_path / "all.json")
+    document = json.loads((tmp_path / "all.json").read_text(encoding="utf-8")) | changes
+    (tmp_path / "all.json").write_text(json.dumps(document), encoding="utf-8")
+    return tmp_path / "all.json"
+
+
+@pytest.mark.parametrize("rest", ["", "[cost]\nflight = 3.0\n"])
+def test_an_export_tells_no_address_and_no_password(flown, tmp_path, rest):
+    with Store.open(flown) as store:
+        toml = flown / "campaign.toml"
+        toml.write_text(toml.read_text(encoding="utf-8-sig") + SECRET + rest, encoding="utf-8")
+        export(store, load_spec(flown), tmp_path / "all.json")
+    text = (tmp_path / "all.json").read_text(encoding="utf-8")
+    assert "hunter2" not in text
+    assert "postgresql" not in text
+    call("init", "--from", tmp_path / "all.json", tmp_path / "again")
+    assert load_spec(tmp_path / "again").store_url is None
+    assert load_spec(tmp_path / "again").cost.flight == (3.0 if rest else 1.0)
+
+
+@pytest.mark.parametrize(
+    "more",
+    ['\n[store]\nurl = "sqlite:///{}"\n', '\n["store"]\nurl = "sqlite:///{}"\n', '\n[ store ]\nurl="sqlite:///{}"'],
+)
+def test_the_data_base_lies_in_the_folder_whatever_the_export_says(flown, tmp_path, more):
+    outside = tmp_path / "outside.db"
+    file = exported(flown, tmp_path, campaign_toml=MEASURED + more.format(outside))
+    quoted = '["store"]' in more
+    call("init", "--from", file, tmp_path / "again", code=2 if quoted else 0)
+    assert not outside.exists()
+    assert (tmp_path / "again" / "campaign.db").exists() is not quoted
+
+
+@pytest.mark.parametrize("place", ["campaign.db", "campaign.toml", "../x", "/tmp/x", "a/../../x"])
+def test_nothing_else_is_written_in_the_place_of_the_campaign(flown, tmp_path, place):
+    one = {"path": place, "sha256": hashlib.sha256(b"x").hexdigest(), "base64": base64.b64encode(b"x").decode()}
+    call("init", "--from", exported(flown, tmp_path, attached=[one]), tmp_path / "again", code=2)
+    assert not (tmp_path / "again").exists()
+    assert not (tmp_path / "x").exists()
+
+
+def test_code_that_comes_with_a_campaign_is_taken_when_it_is_trusted(tiny, tmp_path):
+    (tiny / "mine.py").write_text("def f(image, scene, *, seed, run_id):\n    return 5.0\n", encoding="utf-8")
+    toml = (tiny / "campaign.toml").read_text(encoding="utf-8").replace('"percent_correct"', '"mine:f"')
+    (tiny / "campaign.toml").write_text(toml, encoding="utf-8")
+    call("export", tiny, tmp_path / "all.json")
+    says = call("init", "--from", tmp_path / "all.json", tmp_path / "again", code=2)
+    digest = hashlib.sha256((tiny / "mine.py").read_bytes()).hexdigest()
+    assert all(word in says for word in ("mine.py", "mine:f", digest, "--trust-code"))
+    assert not (tmp_path / "again").exists()
+    call("init", "--from", tmp_path / "all.json", tmp_path / "again", "--trust-code")
+    assert (tmp_path / "again" / "mine.py").read_bytes() == (tiny / "mine.py").read_bytes()
+    with Store.open(tmp_path / "again") as store:
+        (event,) = store.events(kind="code trusted")
+    assert event.detail["code"] == {"mine.py": digest, "mine:f": digest}
+
+
+@pytest.mark.parametrize("address", ["postgres://u:hunter2@h/n", "postgresql+psycopg://u:hunter2@h:1x/n"])
+def test_a_mistyped_address_is_told_without_its_password(flown, address):
+    toml = (flown / "campaign.toml").read_text(encoding="utf-8-sig")
+    (flown / "campaign.toml").write_text(f'{toml}[store]\nurl = "{address}"\n', encoding="utf-8")
+    says = call("status", flown, code=2)
+    assert "url" in says
+    assert "hunter2" not in says
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_that_a_killed_init_left_is_made_anew(flown, tmp_path, there):
+    """Killed before each of its files comes to its place."""
+    call("export", flown, tmp_path / "all.json")
+    real = Path.replace
+    for moment in range(10):
+        again = tmp_path / f"again{moment}"
+        if there:
+            again.mkdir()
+        left = [moment]
+
+        def replace(self, target, left=left):
+            left[0] -= 1
+            if left[0] < 0:
+                os._exit(9)
+            return real(self, target)
+
+        child = os.fork()
+        if child == 0:
+            Path.replace = replace
+            try:
+                rebuild(tmp_path / "all.json", again)
+            finally:
+                os._exit(0)
+        ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        assert (again / "campaign.toml").exists() is (ended == 0)
+        if ended == 0:
+            break
+        call("init", "--from", tmp_path / "all.json", again)
+        call("export", again, tmp_path / "second.json")
+        assert (tmp_path / "second.json").read_bytes() == (tmp_path / "all.json").read_bytes()
+        assert not (again / ".init").exists()
+    assert moment > 0
+
+
+def test_the_form_of_flights_that_are_issued_is_written_again(flown, tmp_path):
+    call("propose", flown, "-n", 2, "--csv", tmp_path / "first.csv")
+    call("propose", flown, "--form", tmp_path / "all.csv")
+    lines = (tmp_path / "first.csv").read_text().splitlines()
+    assert (tmp_path / "all.csv").read_text().splitlines()[-len(lines) + 1 :] == lines[1:]
+    assert "exists already" in call("propose", flown, "--form", tmp_path / "all.csv", code=2)
+    assert not list(tmp_path.glob("*.part"))
