@@ -19,6 +19,7 @@ MAX_CELLS: Final = 100_000_000
 """Largest scene that is read (10 000 x 10 000 cells)."""
 
 _MIN_CELL_M: Final = 0.05
+_MAX_CELL_M: Final = 1e5
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 _COLDEST_K, _WARMEST_K = 150.0, 500.0
 _WETTEST = 0.6
@@ -148,6 +149,8 @@ def _grid_problems(scene: Scene) -> list[Problem]:
     degrees = "The grid seems to be in degrees: project it to metres (for instance to UTM)"
     if not np.isfinite(cell) or cell <= 0.0:
         problems.append(Problem("the cell size must be a positive number of metres", field="cell_m", value=cell))
+    elif cell > _MAX_CELL_M:
+        problems.append(Problem(f"a cell larger than {_MAX_CELL_M:g} m", "Give metres.", field="cell_m", value=cell))
     elif cell < _MIN_CELL_M:
         problems.append(Problem(f"a cell smaller than {_MIN_CELL_M} m", degrees, field="cell_m", value=cell))
     if scene.epsg is not None and 4000 < scene.epsg < 5000:

@@ -293,7 +293,7 @@ class StopSpec(Table):
     half_width: PositiveNumber
     interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
     replicates: Annotated[int, Field(ge=2)] = 5
-    level: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    level: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.95
     max_runs: Annotated[int, Field(ge=1)] = 80
     guard: Literal["runs", "confirmation", "anytime", "spending"] = "runs"
     confirmation_runs: Annotated[int, Field(ge=2)] = 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -29,6 +28,7 @@ from seqrsm.store.records import (
 from seqrsm.store.schema import EVENTS, FILES, LOOKS, META, METADATA, RANKINGS, RUNS, SCORES, SOURCES, TRANSITIONS
 
 _RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
+MAX_SCORE = 1e12
 VOID_FIRST = "Check the run id; to put another score in its place, first: seqrsm void DIR RUN_ID --why TEXT"
 
 
@@ -168,9 +168,8 @@ class Ledger:
         for new in scores:
             file, line = new.source_file or None, new.source_row
             old = present.get(new.application)
-            if not math.isfinite(new.score) or (new.se is not None and not 0.0 < new.se < math.inf):
-                message = f"the score of run {run_id} or its standard error is no usable number"
-                problems.append(Problem(message, file=file, line=line, value=(new.score, new.se)))
+            if fault := unusable(run_id, new):
+                problems.append(fault)
             elif old is None:
                 fresh.append(new)
             elif (old.score, old.se, old.n, old.correct) != (new.score, new.se, new.n, new.correct):
@@ -195,6 +194,8 @@ class Ledger:
 
     def insert_scores(self, scores: Sequence[tuple[int, NewScore]]) -> None:
         """Insert scores by run id, with an event each; the state of the runs is the caller's."""
+        if problems := [fault for run_id, score in scores if (fault := unusable(run_id, score))]:
+            raise StoreError(*problems[:10])
         now = utc_now()
         rows = [{**_score_row(score), "run_id": run_id, "scored_at": now} for run_id, score in scores]
         self.connection.execute(sa.insert(SCORES), rows)
@@ -203,6 +204,15 @@ class Ledger:
             "scored",
             [(row["run_id"], {**_scored_detail(row), "run_digest": digests[row["run_id"]]}) for row in rows],
         )
+
+
+def unusable(run_id: int, new: NewScore) -> Problem | None:
+    """What is wrong with the numbers of a score; squares of larger ones than `MAX_SCORE` would lose all digits."""
+    if abs(new.score) <= MAX_SCORE and (new.se is None or 0.0 < new.se <= MAX_SCORE):
+        return None
+    message = f"the score of run {run_id} or its standard error is no usable number"
+    remedy = f"Numbers up to {MAX_SCORE:g} are, and standard errors above 0: change the unit, or take an offset off."
+    return Problem(message, remedy, file=new.source_file or None, line=new.source_row, value=(new.score, new.se))
 
 
 def _run_row(run: NewRun) -> dict[str, Any]:

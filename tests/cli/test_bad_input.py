@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,9 @@ SPEC_ERRORS = {
     "unknown parameter": ("altitude_m = 4000.0", "altitude_m = 4000.0\nwings = 2", ["wings"]),
     "not TOML": ("[campaign]", "[campaign", ["campaign.toml:1"]),
     "impossible sensor": ("bandwidth = 60.0", "bandwidth = 1.0", ["resolution", "campaign.toml"]),
+    "nobody's level": ("half_width = 16.0", "half_width = 16.0\nlevel = 1e-300", ["level", "0.5"]),
+    "no frequency": ("frequency = 3.0", "frequency = 1e300", ["frequency", "0.1 to 100 GHz"]),
+    "signs that are no pictures": ('scene = "scene.npz"', 'scene = ":x:.npz"', [":x:.npz"]),
     "target below the noise": ("half_width = 16.0", "half_width = 0.01", ["half-width", "half_width"]),
 }
 
@@ -114,3 +118,48 @@ def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("propose", tiny, "--source", "balloon"), "balloon")
     refused(seqrsm("scene", "show", tmp_path / "no.npz"), "no.npz")
     refused(seqrsm("design", "--factors", 3, "--runs", 4))
+
+
+@pytest.mark.parametrize("row", ["1e308,1", "-1e13,1", "1,1e308", "1e15,"])
+def test_numbers_that_are_no_scores(tmp_path, row) -> None:
+    text = '[campaign]\nname = "m"\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
+    text += '[[application]]\nname = "worth"\nutility = "measured"\n[stop]\nhalf_width = 0.5\n'
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "s.csv").write_text(f"x,score,se\n0.5,3,1\n0.5,{row}\n", encoding="utf-8")
+    refused(seqrsm("ingest", tmp_path, tmp_path / "s.csv"), "s.csv:3", "no usable number")
+    assert "none yet" in seqrsm("status", tmp_path).output
+
+
+def test_a_large_offset_leaves_the_noise_as_it_is(tmp_path) -> None:
+    """Up to the largest scores that are taken."""
+    noise = np.random.default_rng(1).normal(size=21)
+    found = []
+    for offset in (0.0, 9e11):
+        folder = tmp_path / str(offset)
+        folder.mkdir()
+        text = '[campaign]\nname = "m"\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
+        text += '[[application]]\nname = "worth"\nutility = "measured"\n[stop]\nhalf_width = 0.5\n'
+        (folder / "campaign.toml").write_text(text, encoding="utf-8")
+        rows = [f"{k / 10 - 1},{offset + one!r}" for k, one in enumerate(noise.tolist())]
+        (folder / "s.csv").write_text("x,score\n" + "\n".join(rows) + "\n", encoding="utf-8")
+        assert seqrsm("ingest", folder, folder / "s.csv").exit_code == 0
+        found.append(json.loads(seqrsm("fit", folder, "--json").stdout)["s"])
+    assert found[1] == pytest.approx(found[0], rel=1e-4)
+
+
+def test_what_a_file_holds_that_is_none_of_ours_is_not_told(tiny) -> None:
+    secret = tiny.parent / "secret.txt"
+    secret.write_text("root:hunter2:0\n", encoding="utf-8")
+    path = tiny / "campaign.toml"
+    text = path.read_text(encoding="utf-8").replace("[stop]", f'targets_file = "{secret}"\n[stop]')
+    path.write_text(text, encoding="utf-8")
+    result = seqrsm("check", tiny)
+    refused(result, "targets", "secret.txt")
+    assert "hunter2" not in result.stderr
+
+
+def test_cells_wider_than_a_province(tiny) -> None:
+    with np.load(tiny / "scene.npz") as archive:
+        members = {name: archive[name] for name in archive.files} | {"cell_m": np.array(1e9)}
+    np.savez(tiny / "scene.npz", **members)
+    refused(seqrsm("check", tiny), "cell_m", "larger than 100000 m")

@@ -102,7 +102,7 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     unknown = [word for word in header if word not in _COLUMNS]
     missing = [word for word in _COLUMNS[:3] if word not in header]
     if unknown or missing or len(set(header)) < len(header):
-        text = f"columns {', '.join(header)} are not those of cultural targets" if header else "the file is empty"
+        text = "its columns are not those of cultural targets" if header else "the file is empty"
         remedy = f"Give {', '.join(_COLUMNS[:3])}, and where needed {', '.join(_COLUMNS[3:])}"
         raise SceneError(Problem(text, remedy, file=name, line=1))
     targets: list[CulturalTarget] = []
