@@ -76,13 +76,13 @@ def changes(
     told: dict[int, _Told] = {}
     seen: dict[int, str] = {}
     for event in events:
+        if name := misfit(event):
+            yield f"{name} of event {event.event} is {getattr(event, name)!r}"
+            return
         if (before or event.hash) and event.hash != event_hash(before, {**shallow(event), "id": event.event}):
             yield f"event {event.event} ({event.kind}) or one before it was changed, lost or put in"
             return
         before = event.hash
-        if name := misfit(event):
-            yield f"{name} of event {event.event} is {getattr(event, name)!r}"
-            return
         if event.kind == "look" and before:
             seen[event.detail["look"]] = event.detail["look_digest"]
         if event.run_id is not None and before:

@@ -7,6 +7,7 @@ import sqlalchemy as sa
 
 from seqrsm.errors import StoreError
 from seqrsm.store.records import IngestedFile, IngestedRun, NewRun, NewScore
+from seqrsm.store.store import Store
 
 
 @pytest.fixture
@@ -39,6 +40,7 @@ def filled(store):
         ("UPDATE runs SET state = 'issued' WHERE id = 3", "run 3 is issued, and was void"),
         ("UPDATE looks SET summary = '{\"half_width\": 2.0}'", "look 1 is not"),
         ("UPDATE events SET detail = '{}' WHERE id = 3", "event 3 (proposed) or one before it"),
+        ("UPDATE events SET at = 'flip' WHERE id = 4", "event 4"),
         ("DELETE FROM events WHERE id = 9", "event 10"),
         ("DELETE FROM events WHERE id = 1", "event 2"),
     ],
@@ -56,3 +58,13 @@ def test_events_without_hashes_are_those_of_an_older_version(filled):
         connection.execute(sa.text("UPDATE events SET hash = ''"))
     filled.add_event("stop", {})
     filled.verify()
+
+
+def test_text_that_became_bytes(tmp_path):
+    """What SQLite makes of one bit in the header of a row."""
+    with Store.open(tmp_path, create=True, campaign="test") as store:
+        store.add_batch([NewRun({"x": 1.0})])
+        with store._database.write() as connection:
+            connection.execute(sa.text("UPDATE events SET at = CAST(at AS BLOB)"))
+        with pytest.raises(StoreError, match="at of event 1 is b'"):
+            store.verify()

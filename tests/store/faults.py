@@ -1,0 +1,200 @@
+"""A command that is killed, or meets an error, before the n-th of its file or SQL operations; a fork for each.
+
+Operations are what opens a file to write, renames, removes or makes one (told by Python's audit hooks), each SQL
+statement, and each commit. What SQLite does inside a commit is its own: random kills (tests/cli/kill_episodes.py) and
+limits of the file system (tests/cli/test_bad_disks.py) meet it there.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from interleaving import SPEC, command, found, made
+from sqlalchemy import event
+from typer.testing import CliRunner
+
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.cli.app import app
+
+KILL = "kill"
+ERRORS = {"no space": errno.ENOSPC, "i/o": errno.EIO, "read-only": errno.EROFS}
+_SQL = {
+    "no space": "database or disk is full",
+    "i/o": "disk I/O error",
+    "read-only": "attempt to write a readonly database",
+}
+_FILES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
+
+
+class _Injection:
+    """Counts operations, and lets one of them fail."""
+
+    def __init__(self, moment: int, how: str, folder: Path) -> None:
+        self.moment, self.how, self.folder, self.count = moment, how, str(folder), 0
+        sys.addaudithook(self._audit)
+        event.listen(sa.Engine, "before_cursor_execute", lambda *_: self._operate(sqlite3.OperationalError))
+        event.listen(sa.Engine, "commit", lambda _: self._operate(sqlite3.OperationalError))
+
+    def _audit(self, name: str, arguments: tuple[Any, ...]) -> None:
+        writes = name == "open" and isinstance(arguments[2], int) and arguments[2] & (os.O_WRONLY | os.O_RDWR)
+        if (writes or name in _FILES) and str(arguments[0]).startswith(self.folder):
+            self._operate(OSError)
+
+    def _operate(self, kind: type[Exception]) -> None:
+        if threading.current_thread() is not threading.main_thread():
+            return
+        self.count += 1
+        if self.count != self.moment:
+            return
+        if self.how == KILL:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if kind is OSError:
+            raise OSError(ERRORS[self.how], os.strerror(ERRORS[self.how]))
+        raise kind(_SQL[self.how])
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command: how its folder is made, its arguments, whether it is done, and what is compared at the end."""
+
+    prepare: Callable[[Path], None]
+    arguments: Callable[[Path], list[object]]
+    done: Callable[[Path], bool]
+    result: Callable[[Path], Any]
+
+
+def _n_runs(folder: Path) -> int:
+    return len(found(folder / "c")[0])
+
+
+def _content(name: str) -> Callable[[Path], Any]:
+    def read(folder: Path) -> Any:
+        return (folder / name).read_text(encoding="utf-8")
+
+    return read
+
+
+def _campaign(folder: Path) -> None:
+    made(folder / "c", SPEC.replace("max_runs = 16", "max_runs = 11"))
+
+
+def _proposed(folder: Path) -> None:
+    _campaign(folder)
+    command("propose", folder / "c")
+
+
+def _scored(folder: Path) -> None:
+    _proposed(folder)
+    command("simulate", folder / "c")
+    (folder / "s.csv").write_text("x,score\n" + "".join(f"{k / 10},{k}\n" for k in range(2)), encoding="utf-8")
+
+
+def _exported(folder: Path) -> None:
+    _scored(folder)
+    campaign = Campaign.open(folder / "c")
+    campaign.export(folder / "all.json")
+    campaign.store.close()
+
+
+def _state(run: int, state: str) -> Callable[[Path], bool]:
+    return lambda folder: found(folder / "c")[0][run - 1][3] == state
+
+
+CASES = {
+    "run": Case(_campaign, lambda f: ["run", f / "c"], lambda f: False, lambda f: found(f / "c")),
+    "simulate": Case(_proposed, lambda f: ["simulate", f / "c"], lambda f: False, lambda f: found(f / "c")),
+    "propose": Case(
+        _campaign,
+        lambda f: ["propose", f / "c", "--source", "flight", "--csv", f / "form.csv"],
+        lambda f: _n_runs(f) > 0,
+        lambda f: found(f / "c"),
+    ),
+    "propose more": Case(
+        _scored, lambda f: ["propose", f / "c", "-n", 2, "--source", "flight"], lambda f: _n_runs(f) > 9,
+        lambda f: found(f / "c"),
+    ),
+    "ingest": Case(
+        _scored, lambda f: ["ingest", f / "c", f / "s.csv"], lambda f: False, lambda f: found(f / "c")
+    ),
+    "void": Case(
+        _scored, lambda f: ["void", f / "c", 3, "--why", "clouds"], _state(3, "void"), lambda f: found(f / "c")
+    ),
+    "init": Case(
+        _exported,
+        lambda f: ["init", "--from", f / "all.json", f / "new"],
+        lambda f: (f / "new" / "campaign.toml").exists(),
+        lambda f: found(f / "new"),
+    ),
+    "export": Case(
+        _scored, lambda f: ["export", f / "c", f / "all.csv"], lambda f: False, _content("all.csv")
+    ),
+    "report": Case(
+        _scored, lambda f: ["report", f / "c", "--html", f / "r.html"], lambda f: False,
+        lambda f: len(_content("r.html")(f)) > 10_000,
+    ),
+    "status": Case(_scored, lambda f: ["status", f / "c"], lambda f: False, lambda f: found(f / "c")),
+}  # fmt: skip
+
+
+def prepared(name: str, folder: Path) -> None:
+    """The state before a command, and that after it undisturbed, each in a folder of its own."""
+    for place in ("before", "calm"):
+        (folder / place).mkdir(parents=True)
+    CASES[name].prepare(folder / "before")
+    shutil.copytree(folder / "before", folder / "calm", dirs_exist_ok=True)
+    done = CliRunner().invoke(app, [str(one) for one in CASES[name].arguments(folder / "calm")])
+    assert done.exit_code in (0, 3), done.output
+
+
+def injected(name: str, folder: Path, moment: int, how: str) -> bool:
+    """Let the ``moment``-th operation of a command fail, see what must hold, and carry the command to its end.
+
+    False when the command has no so many operations.
+    """
+    case, place = CASES[name], folder / "now"
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(folder / "before", place)
+    code, count, said = _forked(case.arguments(place), moment, how, place)
+    met = count >= moment or code == -signal.SIGKILL
+    where = f"{name}, {how} before operation {moment}: {said}"
+    assert code in ((0, 3, -signal.SIGKILL) if how == KILL or not met else (0, 2, 3)), where
+    assert "Traceback" not in said, where
+    if (place / "c" / "campaign.db").exists() and (place / "c" / "campaign.db").stat().st_size:
+        Campaign.open(place / "c").store.close()  # sound, and every hash and digest is right
+    if not case.done(place):
+        code, _, said = _forked(case.arguments(place), 0, KILL, place)
+        assert code in (0, 3), f"{where}; again: {said}"
+    assert case.result(place) == case.result(folder / "calm"), where
+    return met
+
+
+def _forked(arguments: list[object], moment: int, how: str, place: Path) -> tuple[int, int, str]:
+    """Exit code of a command in a fork, the operations that it counted, and what it said."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(read)
+        injection = _Injection(moment, how, place)
+        result = CliRunner().invoke(app, [str(one) for one in arguments])
+        said = result.output + (f"Traceback {result.exc_info!r}" if result.exit_code == 1 else "")
+        with os.fdopen(write, "w", encoding="utf-8") as stream:
+            json.dump((injection.count, said), stream)
+        os._exit(result.exit_code)
+    os.close(write)
+    with os.fdopen(read, encoding="utf-8") as stream:
+        text = stream.read()
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    count, said = json.loads(text) if text else (0, "")
+    return code, count, said

@@ -1,0 +1,24 @@
+"""Each command, killed or met by an error before some of its operations; before all: tests/studies/hands_study.py."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from faults import CASES, ERRORS, KILL, injected, prepared
+from interleaving import without_engine
+
+pytestmark = [
+    pytest.mark.usefixtures("few_draws"),
+    pytest.mark.skipif(sys.platform == "win32", reason="forks"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_command_that_fails_at_any_operation_ends_as_one_that_did_not(tmp_path, monkeypatch, name):
+    without_engine(monkeypatch)
+    prepared(name, tmp_path)
+    hows = [KILL, *ERRORS]
+    met = [injected(name, tmp_path, 3 + 11 * k, hows[k % len(hows)]) for k in range(4)]
+    assert met[0]
