@@ -21,9 +21,10 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.score.utilities import of_images
 from seqrsm.sensor import radar, radiometer
-from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
+from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
+from seqrsm.sensor.sets import SENSORS
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar
@@ -32,6 +33,7 @@ from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
 from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
+from seqrsm.simulate.visits import ONCE, Visit
 
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration
@@ -154,10 +156,19 @@ def _radar_image(
     run_id: int,
     precision: Precision = "float32",
     threads: int = 1,
+    visit: Visit = ONCE,
 ) -> RadarImage:
     targets = _targets(sensor.targets_file)
     return simulate_radar(
-        scene, sensor, table, seed=seed, run_id=run_id, precision=precision, threads=threads, targets=targets
+        scene,
+        sensor,
+        table,
+        seed=seed,
+        run_id=run_id,
+        precision=precision,
+        threads=threads,
+        targets=targets,
+        visit=visit,
     )
 
 
@@ -173,8 +184,9 @@ def _radiometer_image(
     seed: int,
     run_id: int,
     precision: Precision = "float32",
+    visit: Visit = ONCE,
 ) -> RadiometerImage:
-    return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id, precision=precision)
+    return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id, precision=precision, visit=visit)
 
 
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> tuple[str, ...]:
@@ -220,7 +232,7 @@ ENGINES: Mapping[str, Engine] = {
         record=_radar_record,
         utilities=of_images("psm"),
         detail_m=_radar_detail_m,
-        parameters=RADAR,
+        parameters=SENSORS["psm"],
         threads=True,
         masks=("shadow", "layover"),
     ),
@@ -232,7 +244,7 @@ ENGINES: Mapping[str, Engine] = {
         record=_radiometer_record,
         utilities=of_images("prm"),
         detail_m=_radiometer_detail_m,
-        parameters=RADIOMETER,
+        parameters=SENSORS["prm"],
         masks=("blocked",),
     ),
 }

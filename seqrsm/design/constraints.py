@@ -23,7 +23,8 @@ MAX_NODES = 100
 MAX_EXPONENT = 10.0
 ALLOWED = (
     "Allowed are names of factors, numbers, + - * / **, < <= > >= (also chained), and, or, log log10 sqrt exp min max "
-    'abs, and for a categorical factor == != in with its levels, as in: polarization in ("HH", "VV").'
+    'abs, and for a categorical factor == != in with its levels, as in: polarization in ("HH", "VV"); count(frequency) '
+    "is the number of parts of its level, 2 at L+C."
 )
 
 Node: TypeAlias = tuple[Any, ...]
@@ -128,8 +129,13 @@ class _Parser:
 
     def call(self, node: ast.Call) -> Node:
         name = node.func.id if isinstance(node.func, ast.Name) else None
+        if name == "count" and len(node.args) == 1 and isinstance(node.args[0], ast.Name | ast.Attribute):
+            factor = self.name(node.args[0])
+            self.labels.append((factor, ()))
+            return ("count", factor)
         if name not in _FUNCTIONS or node.keywords:
-            raise self.fail("only log, log10, sqrt, exp, min, max and abs may be called, by plain arguments", node)
+            known = "log, log10, sqrt, exp, min, max, abs and count"
+            raise self.fail(f"only {known} may be called, by plain arguments", node)
         several = name in ("min", "max")
         if (len(node.args) < 2) if several else (len(node.args) != 1):
             raise self.fail(f"'{name}' takes {'two or more arguments' if several else 'one argument'}", node)
@@ -209,17 +215,20 @@ def _evaluate(node: Node, settings: Mapping[str, Any]) -> Sized:
     if kind == "name":
         value = np.asarray(settings[node[1]], dtype=np.float64)
         return value, np.abs(value)
+    if kind == "count":
+        parts = np.asarray(np.char.count(np.asarray(settings[node[1]], dtype=np.str_), "+") + 1, dtype=np.float64)
+        return parts, parts
     if kind == "**":
         (value, size), exponent = _evaluate(node[1], settings), node[2]
         result = np.power(value, exponent)
         slope = abs(exponent) * np.power(np.abs(value), exponent - 1.0)
         return result, np.fmax(np.abs(result), slope * size)
-    parts = [_evaluate(part, settings) for part in node[1:]]
+    sized = [_evaluate(part, settings) for part in node[1:]]
     if kind == "negative":
-        return -parts[0][0], parts[0][1]
+        return -sized[0][0], sized[0][1]
     if kind in _FUNCTIONS:
-        return _FUNCTIONS[kind](*parts)
-    (a, size_a), (b, size_b) = parts
+        return _FUNCTIONS[kind](*sized)
+    (a, size_a), (b, size_b) = sized
     if kind == "+":
         return a + b, size_a + size_b
     if kind == "-":

@@ -23,7 +23,7 @@ from seqrsm.errors import Problem, RegionError
 Scale: TypeAlias = Literal["linear", "log"]
 
 #: Functions a constraint may call; no factor may bear such a name.
-FUNCTION_NAMES = ("log", "log10", "sqrt", "exp", "min", "max", "abs")
+FUNCTION_NAMES = ("log", "log10", "sqrt", "exp", "min", "max", "abs", "count")
 
 # A dot stands between the name of a sensor and that of its parameter.
 _NAME = re.compile(r"(?:[A-Za-z_][A-Za-z0-9_]*\.)?[A-Za-z_][A-Za-z0-9_]*\Z")

@@ -57,7 +57,9 @@ def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constr
                 ]
             elif factor is not None:
                 problems.append(
-                    Problem("==, != and in are for categorical factors", "Use <= or >=.", field=place, value=name)
+                    Problem(
+                        "==, !=, in and count are for categorical factors", "Use <= or >=.", field=place, value=name
+                    )
                 )
     return problems
 

@@ -439,8 +439,9 @@ def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> N
 
 
 def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:
-    """Expressions of considerations: arithmetic in numeric factors."""
+    """Expressions of considerations: arithmetic in numeric factors, and in the parts of levels."""
     numeric = [factor.name for factor in factors if not isinstance(factor, CategoricalFactor)]
+    categorical = [factor.name for factor in factors if isinstance(factor, CategoricalFactor)]
     for index, text in enumerate(texts):
         if text is None:
             continue
@@ -451,8 +452,10 @@ def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: 
             for problem in error.problems:
                 report.add(path, problem.message, problem.remedy, text)
             continue
-        for name in sorted(found.names - set(numeric)):
+        for name in sorted(found.numeric_names - set(numeric)):
             report.add(path, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.", text)
+        for name in sorted({name for name, _ in found.labels} - set(categorical)):
+            report.add(path, f"'{name}' is no factor of levels", "count takes a factor of levels.", text)
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:

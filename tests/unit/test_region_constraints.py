@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seqrsm.design.constraints import Constraint
-from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -181,3 +181,12 @@ def test_design_in_an_oblique_sliver_ends_near_the_best() -> None:
     design = optimal_design(QuadraticModel(factors), region, 8, starts=6)
     assert np.all(region.feasible(design.points))
     assert design.d_value >= 0.99 * 0.0024533713
+
+
+def test_count_is_the_number_of_parts_of_a_level():
+    sets, dates = CategoricalFactor("frequency", ("L", "C", "L+C")), ContinuousFactor("dates", 1.0, 6.0)
+    region = Region((sets, dates), (Constraint("dates * count(frequency) <= 6"),))
+    settings = [{"frequency": level, "dates": 4.0} for level in sets.levels]
+    np.testing.assert_array_equal(region.feasible(region.code(settings)), [True, True, False])
+    with pytest.raises(RegionError, match="count are for categorical factors"):
+        Region((sets, dates), (Constraint("count(dates) <= 2"),))
