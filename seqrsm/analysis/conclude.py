@@ -18,6 +18,7 @@ from seqrsm.analysis.posterior import (
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
 from seqrsm.analysis.runs import block_labels, evidence
 from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.steps import steps_of
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
@@ -122,6 +123,9 @@ def analyse(
             _warnings(spec, application, fitted, best)
             + _other_sampler(sampler, draws)
             + effects_left_out(application, posterior)
+        ),
+        steps=steps_of(
+            belief, fitted.scale, best.point, spec.stop.level, draws, generator(spec.seed, fitted.fit.n_runs, "steps")
         ),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         study=study_fit(spec, fitted, described, stationary, draws) if thorough else None,

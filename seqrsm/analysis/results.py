@@ -15,6 +15,7 @@ from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.steps import Step
 from seqrsm.analysis.surfaces import SourceComparison
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.stopping import Decision
@@ -364,7 +365,7 @@ class Analysis:
     ``scale``; everything else is in score units. ``beta`` are the coefficients that the optimum belongs to: those of
     ``fit``, of the flight's surface where there are two sources, or of the average block where blocks are random.
     ``dropped`` names the terms that were left out by selection. ``of_quadratic`` is the optimum of the fitted quadratic
-    alone, ``optimum`` that of all that is believed.
+    alone, ``optimum`` that of all that is believed; ``steps``: what each value and level of a factor brings there.
     """
 
     application: str
@@ -379,6 +380,7 @@ class Analysis:
     decision: Decision
     confirmation: Confirmation | None
     warnings: tuple[str, ...]
+    steps: tuple[Step, ...] = ()
     sources: SourceComparison | None = None
     study: Study | None = None
 

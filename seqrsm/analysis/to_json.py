@@ -51,6 +51,7 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         "factors_importance": [fields_to_json(row) for row in analysis.importance],
         "stationary_point": _stationary(analysis),
         "departure": _departure(analysis),
+        "steps": [fields_to_json(step) for step in analysis.steps],
         "optimum": optimum_to_json(analysis),
         "posterior": _posterior(analysis),
         "diagnostics": _diagnostics(analysis),

@@ -11,7 +11,7 @@ import numpy as np
 from seqrsm.analysis.belief import PRIOR_LOG_ODDS
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import DiscreteFactor
+from seqrsm.design.factors import DiscreteFactor, setting_with_unit
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.report.blocks import (
     Block,
@@ -53,6 +53,7 @@ from seqrsm.report.wording import (
     optimum_setting_text,
     readable,
     readable_text,
+    score_decimals,
     score_text,
     setting_posterior,
     setting_range_text,
@@ -99,10 +100,34 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks += _steps(analysis)
     blocks += _departure(analysis)
     blocks += searched_blocks(analysis)
     blocks += _shape(analysis)
     return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+
+
+def _steps(analysis: Analysis) -> list[Block]:
+    """What each value or level of a factor brings, the others as recommended."""
+    if not analysis.steps:
+        return []
+    factors = {factor.name: factor for factor in analysis.region.factors}
+    rows = [
+        (
+            readable(step.factor),
+            f"{setting_with_unit(factors[step.factor], step.level)} over "
+            f"{setting_with_unit(factors[step.factor], step.over)}",
+            decimal_cell(step.mean, score_decimals(analysis)),
+            decimal_cell(step.gain, score_decimals(analysis)),
+            interval_text(analysis, step.interval),
+            format_share(step.better),
+        )
+        for step in analysis.steps
+    ]
+    unit = analysis.score_unit
+    columns = ("Parameter", "Step", right("Mean", unit), right("Gain", unit), "From, to", right("Is better"))
+    caption = f"What a step of one parameter brings, the others as recommended, {level_phrase(analysis)}"
+    return [table(caption, columns, rows)]
 
 
 def _departure(analysis: Analysis) -> list[Block]:

@@ -1,0 +1,108 @@
+"""What each step of a factor brings: the second date over the first, one set of sensors over another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from seqrsm.analysis.belief import Belief, mixed_quantiles
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor
+from seqrsm.fit.error_models import Draws
+from seqrsm.fit.optimum import sign_of
+
+_DRAWS = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One value or level of a factor against another, everything else as recommended.
+
+    Attributes
+    ----------
+    factor : str
+    level, over : float or str
+        The value and the next smaller one; or a level of a categorical factor and the recommended level.
+    mean : float
+        Score expected at ``level``.
+    gain : float
+        By which it exceeds that at ``over``; negative where scores fall.
+    interval : Interval
+        Of the gain, at the level of ``[stop]``.
+    better : float
+        Probability that the score at ``level`` is the better one.
+    """
+
+    factor: str
+    level: float | str
+    over: float | str
+    mean: float
+    gain: float
+    interval: Interval
+    better: float
+
+
+def steps_of(
+    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, draws: Draws, rng: np.random.Generator
+) -> tuple[Step, ...]:
+    """Steps of every factor with values or levels, from joint draws of the surface.
+
+    Parameters
+    ----------
+    belief : Belief
+    scale : ResponseScale
+    point : ndarray (k,)
+        Recommended settings, coded.
+    level : float
+        Of the intervals.
+    draws : Draws
+        Of the quadratic.
+    rng : Generator
+
+    Returns
+    -------
+    tuple of Step
+        None where a constraint forbids one of the two settings.
+    """
+    found: list[Step] = []
+    for j, factor in enumerate(belief.region.factors):
+        if isinstance(factor, DiscreteFactor):
+            values: tuple[float | str, ...] = factor.values
+            coded = factor.code(np.array(factor.values))
+            pairs = [(i, i - 1) for i in range(1, len(values))]
+        elif isinstance(factor, CategoricalFactor):
+            values, best = factor.levels, int(point[j])
+            coded = np.arange(len(values), dtype=np.float64)
+            pairs = [(i, best) for i in range(len(values)) if i != best]
+        else:
+            continue
+        points = np.repeat(point[None, :], len(values), axis=0)
+        points[:, j] = coded
+        feasible = belief.region.feasible(points)
+        parts = [(scale.to_score(one), share) for one, share in _joint(belief, points, draws, rng)]
+        mean = scale.to_score(belief.mean(points))
+        for i, over in pairs:
+            if feasible[i] and feasible[over]:
+                gains = [(one[:, i] - one[:, over], share) for one, share in parts]
+                interval = mixed_quantiles(gains, level)
+                better = sum(share * float(np.mean(sign_of(belief.goal) * gain > 0.0)) for gain, share in gains)
+                gain = float(mean[i] - mean[over])
+                found.append(Step(factor.name, values[i], values[over], float(mean[i]), gain, interval, better))
+    return tuple(found)
+
+
+def _joint(belief: Belief, points: FloatArray, draws: Draws, rng: np.random.Generator) -> list[tuple[AnyArray, float]]:
+    """Draws (n, m) of the surface at points (m, k), and the probability of each kind of surface."""
+    process, share = belief.departure.believed, belief.departure.probability
+    found = [(draws.first(_DRAWS).terms @ belief.surface.rows(points).T, 1.0 - share)]
+    if process is not None:
+        means, covariances = process.joint(points)
+        each = -(-_DRAWS // len(means))
+        of_process = [
+            rng.multivariate_normal(mean, covariance, each, check_valid="ignore", method="eigh")
+            for mean, covariance in zip(means, covariances, strict=True)
+        ]
+        found.append((np.vstack(of_process), share))
+    return [part for part in found if part[1] > 0.0]

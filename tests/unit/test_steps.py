@@ -1,0 +1,65 @@
+"""Gains from level to level against the t interval of a difference, and what constraints leave out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scored_campaigns import campaign, specification
+
+FACTORS = """
+[[factor]]
+name = "dates"
+values = [1.0, 2.0, 4.0]
+[[factor]]
+name = "angle"
+low = 20.0
+high = 50.0
+[[factor]]
+name = "bands"
+levels = ["L", "C", "L+C"]
+"""
+BANDS = np.array([0.0, -3.0, 5.0])
+
+
+def analysis(place, more="", order=1):
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.choice([-1.0, -1.0 / 3.0, 1.0], 36), rng.uniform(-1.0, 1.0, 36), np.arange(36) % 3])
+    dates = 2.5 + 1.5 * points[:, 0]
+    scores = 50.0 + 4.0 * dates + 1.5 * points[:, 1] + BANDS[points[:, 2].astype(int)] + rng.normal(scale=2.0, size=36)
+    text = specification(FACTORS + more, rest=f"[model]\norder = {order}\n")
+    return campaign(place / "c", text, points, scores).analyse_all(n_draws=4000)[0]
+
+
+def test_steps_are_the_t_intervals_of_differences(tmp_path) -> None:
+    found = analysis(tmp_path)
+    fit, model, region = found.fit, found.model, found.region
+    assert [(s.factor, s.level, s.over) for s in found.steps] == [
+        ("dates", 2.0, 1.0), ("dates", 4.0, 2.0), ("bands", "L", "L+C"), ("bands", "C", "L+C"),
+    ]  # fmt: skip
+    for step in found.steps:
+        best = found.optimum.settings
+        rows = model.matrix(region.code([{**best, step.factor: x} for x in (step.level, step.over)]))
+        row = rows[0] - rows[1]
+        gain, se = float(row @ fit.estimate), float(fit.s * np.sqrt(row @ fit.covariance_unscaled @ row))
+        half = float(stats.t.ppf(0.975, fit.df_residual)) * se
+        assert step.gain == pytest.approx(gain)
+        # 4000 draws: the ends of an interval are known to some 0.03 of its half-width.
+        assert (step.interval.low, step.interval.high) == pytest.approx((gain - half, gain + half), abs=0.1 * half)
+        assert step.better == pytest.approx(float(stats.t.cdf(gain / se, fit.df_residual)), abs=0.04)
+
+
+def test_with_a_process_gains_hold_the_truth(tmp_path) -> None:
+    found = analysis(tmp_path, order=2)
+    assert found.fitted.departure.process is not None
+    truth = {("dates", 2.0): 4.0, ("dates", 4.0): 8.0, ("bands", "L"): -5.0, ("bands", "C"): -8.0}
+    for step in found.steps:
+        low, high = step.interval.low, step.interval.high
+        assert low - 1.0 <= truth[step.factor, step.level] <= high + 1.0
+        assert low < step.gain < high
+
+
+def test_a_step_that_a_constraint_forbids_is_left_out(tmp_path) -> None:
+    found = analysis(tmp_path, more='[[constraint]]\nexpr = "dates * count(bands) <= 4"\n')
+    assert not any(step.factor == "bands" and step.level == "L+C" for step in found.steps)
+    assert all(step.level != 4.0 or found.optimum.settings["bands"] != "L+C" for step in found.steps)
