@@ -18,7 +18,7 @@ from seqrsm.analysis.posterior import (
 from seqrsm.analysis.results import Analysis, Confirmation, FactorImportance, OptimumEstimate
 from seqrsm.analysis.runs import block_labels, evidence
 from seqrsm.analysis.scale import Interval, ResponseScale
-from seqrsm.analysis.steps import steps_of
+from seqrsm.analysis.steps import Step, steps_of
 from seqrsm.analysis.study import study_fit
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.decide.intervals import Agreement, confirmation_agrees, confirmation_interval, counted_confirmation
@@ -83,7 +83,7 @@ def analyse(
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool
-        Add the study: regions of the optimum's place, averaging over models, paths and the rest.
+        Add the study: regions of the optimum's place, averaging over models, paths and the rest, and the steps.
 
     Raises
     ------
@@ -124,12 +124,15 @@ def analyse(
             + _other_sampler(sampler, draws)
             + effects_left_out(application, posterior)
         ),
-        steps=steps_of(
-            belief, fitted.scale, best.point, spec.stop.level, draws, generator(spec.seed, fitted.fit.n_runs, "steps")
-        ),
+        steps=_steps(spec, fitted, belief, best, draws) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         study=study_fit(spec, fitted, described, stationary, draws) if thorough else None,
     )
+
+
+def _steps(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> tuple[Step, ...]:
+    rng = generator(spec.seed, fitted.fit.n_runs, "steps")
+    return steps_of(belief, fitted.scale, best.point, spec.stop.level, draws, rng)
 
 
 def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> OptimumEstimate:

@@ -28,7 +28,7 @@ def analysis(place, more="", order=1):
     dates = 2.5 + 1.5 * points[:, 0]
     scores = 50.0 + 4.0 * dates + 1.5 * points[:, 1] + BANDS[points[:, 2].astype(int)] + rng.normal(scale=2.0, size=36)
     text = specification(FACTORS + more, rest=f"[model]\norder = {order}\n")
-    return campaign(place / "c", text, points, scores).analyse_all(n_draws=4000)[0]
+    return campaign(place / "c", text, points, scores).analyse_all(n_draws=4000, thorough=True)[0]
 
 
 def test_steps_are_the_t_intervals_of_differences(tmp_path) -> None:
