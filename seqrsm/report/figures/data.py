@@ -75,6 +75,21 @@ def slice_data(analysis: Analysis, line: Line) -> PanelData:
     return PanelData(columns, tuple(rows))
 
 
+def levels_data(analysis: Analysis, category: int, lines: tuple[Line, ...]) -> PanelData:
+    """Fitted mean and its interval along a numeric factor for each level of a categorical one."""
+    factor, levels = analysis.region.factors[lines[0].index], analysis.region.factors[category]
+    assert isinstance(levels, CategoricalFactor)
+    rows: list[Row] = [
+        (level, float(x), float(mean), float(low), float(high), "yes" if allowed else "no")
+        for level, one in zip(levels.levels, lines, strict=True)
+        for x, mean, low, high, allowed in zip(
+            one.x, one.mean, one.confidence_low, one.confidence_high, one.allowed, strict=True
+        )
+    ]
+    names = (score_column(analysis, name) for name in ("score", "confidence low", "confidence high"))
+    return PanelData((levels.name, factor_column(factor), *names, "allowed"), tuple(rows))
+
+
 def _natural(factor: Factor, values: FloatArray) -> list[float | str]:
     """Natural values of a factor; level names of a categorical one."""
     if isinstance(factor, CategoricalFactor):

@@ -23,6 +23,7 @@ BLUE = "#0072b2"
 ORANGE = "#d55e00"
 GREEN = "#009e73"
 PAPER = "#fefefe"
+SERIES = (BLUE, ORANGE, GREEN, INK, MUTED)
 
 PALETTE = {
     INK: "--ink",

@@ -104,6 +104,38 @@ def slice_panel(analysis: Analysis, line: Line) -> str:
     return drawing.draw(partial(_paint_levels if stepwise else _paint_bands, analysis, line))
 
 
+def levels_panel(analysis: Analysis, category: int, lines: tuple[Line, ...]) -> str:
+    """Draw the fitted mean along a numeric factor with its confidence intervals, a line for each level of another."""
+    return drawing.draw(partial(_paint_lines, analysis, category, lines))
+
+
+def _paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    factor = numeric_factor(analysis, lines[0].index)
+    levels = analysis.region.factors[category]
+    assert isinstance(levels, CategoricalFactor)
+    labels = level_labels(levels)
+    # Side by side, so that intervals can be told apart.
+    apart = 0.012 * (float(np.max(lines[0].x)) - float(np.min(lines[0].x)))
+    for place, (one, label) in enumerate(zip(lines, labels, strict=True)):
+        x = one.x + apart * (place - 0.5 * (len(lines) - 1))
+        color = drawing.SERIES[place % len(drawing.SERIES)]
+        mean = np.where(one.allowed, one.mean, np.nan)
+        if isinstance(factor, DiscreteFactor):
+            axes.vlines(x[one.allowed], one.confidence_low[one.allowed], one.confidence_high[one.allowed], color=color)
+        else:
+            axes.fill_between(
+                x, one.confidence_low, one.confidence_high, where=one.allowed, color=color, alpha=0.2, linewidth=0
+            )
+        marker = "o" if isinstance(factor, DiscreteFactor) else None
+        axes.plot(x, mean, color=color, marker=marker, markersize=3.5, label=shortened(label, 24))
+    set_numeric_axis(axes, "x", factor)
+    axes.set_xlabel(shortened(axis_label(factor), 44))
+    axes.set_ylabel(score_label(analysis))
+    axes.legend(frameon=False, fontsize=7)
+    drawing.light_grid(axes)
+
+
 def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
     axes = figure.add_subplot()
     factor = numeric_factor(analysis, line.index)

@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, NumericFactor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, NumericFactor
 from seqrsm.fit.canonical import ridge_path
 from seqrsm.fit.intervals import Prediction
 
@@ -149,6 +149,34 @@ def line(analysis: Analysis, index: int) -> Line:
         run_natural,
         to_score(analysis, runs.mean + analysis.fit.residuals),
     )
+
+
+def lines_by_level(analysis: Analysis, index: int, category: int) -> tuple[Line, ...]:
+    """`line` along a numeric factor for each level of a categorical one; without runs."""
+    factor, found = numeric_factor(analysis, index), []
+    coded = factor.coded_levels if isinstance(factor, DiscreteFactor) else np.linspace(-1.0, 1.0, LINE_POINTS)
+    nothing = np.empty(0)
+    levels = analysis.region.factors[category]
+    assert isinstance(levels, CategoricalFactor)
+    for level in range(len(levels.levels)):
+        points = _along(analysis, index, coded)
+        points[:, category] = level
+        shown = predict(analysis, points)
+        found.append(
+            Line(
+                index,
+                factor.decode(coded),
+                to_score(analysis, shown.mean),
+                to_score(analysis, shown.confidence.low),
+                to_score(analysis, shown.confidence.high),
+                to_score(analysis, shown.prediction.low),
+                to_score(analysis, shown.prediction.high),
+                np.asarray(analysis.region.slack(points) >= -1e-9),
+                nothing,
+                nothing,
+            )
+        )
+    return tuple(found)
 
 
 def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:

@@ -25,16 +25,34 @@ from seqrsm.report.blocks import (
     right,
     table,
 )
-from seqrsm.report.figures.data import contour_data, optimum_draws_data, optimum_values_data, ridge_data, slice_data
+from seqrsm.report.figures.data import (
+    contour_data,
+    levels_data,
+    optimum_draws_data,
+    optimum_values_data,
+    ridge_data,
+    slice_data,
+)
 from seqrsm.report.figures.optimum import (
     contour_panel,
+    levels_panel,
     optimum_posterior_panel,
     optimum_value_panel,
     ridge_score_panel,
     ridge_settings_panel,
     slice_panel,
 )
-from seqrsm.report.figures.surfaces import MAX_PAIRS, Ridge, Surface, chosen_pairs, line, numeric_factor, ridge, surface
+from seqrsm.report.figures.surfaces import (
+    MAX_PAIRS,
+    Ridge,
+    Surface,
+    chosen_pairs,
+    line,
+    lines_by_level,
+    numeric_factor,
+    ridge,
+    surface,
+)
 from seqrsm.report.rounding import format_number, format_plus_minus, format_share, format_significant
 from seqrsm.report.sections.study import searched_blocks
 from seqrsm.report.wording import (
@@ -209,6 +227,7 @@ def surface_section(analysis: Analysis, key: str) -> Section:
     if pairs:
         blocks.append(_contours(analysis, pairs))
     blocks.append(_slices(analysis))
+    blocks += _by_level(analysis)
     path = ridge(analysis)
     if path is not None and np.any(path.allowed[1:]):
         blocks.append(_ridge(analysis, path))
@@ -292,6 +311,32 @@ def _slices(analysis: Analysis) -> FigureBlock:
     if not analysis.region.is_box:
         caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
     return FigureBlock(tuple(panels), caption)
+
+
+def _by_level(analysis: Analysis) -> list[Block]:
+    """The mean against each number that has but some values, a line for each level of each factor of levels."""
+    factors = analysis.region.factors
+    pairs = [
+        (i, j)
+        for i in analysis.region.numeric
+        if isinstance(factors[i], DiscreteFactor)
+        for j in analysis.region.categorical
+    ]
+    panels = []
+    for i, j in pairs[:MAX_PAIRS]:
+        lines = lines_by_level(analysis, i, j)
+        title = f"{readable(factors[i].name)} by {readable(factors[j].name)}"
+        best = max(lines, key=lambda one: float(np.max(one.mean)))
+        alt = f"Fitted mean score against {title}, up to {score_text(analysis, float(np.max(best.mean)))}."
+        draw, data = partial(levels_panel, analysis, j, lines), partial(levels_data, analysis, j, lines)
+        panels.append(Panel(title, alt, draw, name=slug(title), data=data))
+    if not panels:
+        return []
+    caption = (
+        f"Fitted mean score with its confidence intervals ({level_phrase(analysis)}), all other parameters as "
+        "recommended; points of one value stand side by side."
+    )
+    return [FigureBlock(tuple(panels), caption)]
 
 
 def _ridge(analysis: Analysis, path: Ridge) -> FigureBlock:
