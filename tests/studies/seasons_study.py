@@ -1,0 +1,135 @@
+"""Does the calendar of the ground go with measured crops, and do dates and bands gain what was published?
+
+    OPENBLAS_NUM_THREADS=1 python tests/studies/seasons_study.py [--worlds 40]
+
+Writes ``reports/validation/seasons.md`` and ``seasons.png``: backscatter of every crop over the year beside the
+measured days in ``crop_days.csv``, with residuals; and what simulated campaigns over the Langegracht valley gain by
+dates and by a second band, in many worlds, beside published contrasts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections import defaultdict
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from seqrsm.scattering.calendar import DAYS
+from seqrsm.scattering.sigma0 import load_sigma0_table
+
+ROOT = Path(__file__).parents[2]
+OUT = ROOT / "reports" / "validation"
+CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
+GHZ = {"C": 5.4, "L": 1.25}
+ANGLE = {"C": 38, "L": 40}
+TABLE = load_sigma0_table()
+
+Days = dict[tuple[str, str, str], list[tuple[float, float, str, str]]]
+
+
+def measured() -> Days:
+    """(day, sigma0, crop, source) of each (category, band, channel)."""
+    lines = [line for line in (OUT / "crop_days.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    found: Days = defaultdict(list)
+    for r in csv.DictReader(lines):
+        place = float(r["day"]), float(r["sigma0_db"]), r["crop"], r["source"]
+        found[r["category"], r["band"], r["polarization"]].append(place)
+    return found
+
+
+def simulated(category: str, band: str, channel: str) -> tuple[np.ndarray, np.ndarray]:
+    """Mean over the year (365,) and its standard deviation [dB]."""
+    looks = [TABLE.lookup((category,), GHZ[band], channel, day=day) for day in DAYS]
+    return (
+        np.array([10.0 * np.log10(one.sigma0[0, ANGLE[band]]) for one in looks]),
+        np.array([one.mean_sd_db[0] for one in looks]),
+    )
+
+
+def residuals(days: Days) -> list[tuple[str, str, str, int, float, float, float, float]]:
+    """Category, band, channel, days; rms as they are, less each series' mean; inside two s.d.; stated s.d."""
+    rows = []
+    for (category, band, channel), points in sorted(days.items()):
+        course, sd = simulated(category, band, channel)
+        day, value = np.array([p[0] for p in points]), np.array([p[1] for p in points])
+        left = value - np.interp(day, DAYS, course)
+        series = np.array([f"{p[2]} {p[3]}" for p in points])
+        own = left.copy()
+        for name in np.unique(series):
+            own[series == name] -= left[series == name].mean()
+        inside = np.mean(np.abs(left) <= 2.0 * np.interp(day, DAYS, sd))
+        rms = [float(np.sqrt(np.mean(x**2))) for x in (left, own)]
+        rows.append((category, band, channel, len(day), *rms, float(inside), float(sd.mean())))
+    return rows
+
+
+def draw(days: Days) -> None:
+    """One panel a crop, C band above, L band below."""
+    figure, axes = plt.subplots(4, 4, figsize=(13, 11), sharex=True)
+    for i, category in enumerate(CROPS):
+        for row, band, channels in ((0, "C", ("VV", "HV")), (2, "L", ("HH", "HV"))):
+            panel = axes[row + i // 4, i % 4]
+            for color, channel in zip(("#0072b2", "#d55e00"), channels, strict=True):
+                course, sd = simulated(category, band, channel)
+                panel.plot(DAYS, course, color=color, label=channel)
+                panel.fill_between(DAYS, course - sd, course + sd, color=color, alpha=0.15, linewidth=0)
+                points = days.get((category, band, channel), [])
+                panel.plot([p[0] for p in points], [p[1] for p in points], ".", color=color, markersize=3)
+            panel.set_title(f"{category}, {band} band", fontsize=9)
+            panel.grid(alpha=0.3)
+    for panel in axes[:, 0]:
+        panel.set_ylabel("sigma0 [dB]")
+    for panel in axes[-1]:
+        panel.set_xlabel("day of year")
+    axes[0, 0].legend(fontsize=8)
+    axes[2, 0].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(OUT / "seasons.png", dpi=80)
+
+
+def page(rows: list[tuple[str, str, str, int, float, float, float, float]], contrasts: list[str]) -> str:
+    """The page as Markdown."""
+    table = [
+        f"| {c} | {band} | {p} | {n} | {raw:.1f} | {own:.1f} | {100 * inside:.0f} | {sd:.1f} |"
+        for c, band, p, n, raw, own, inside, sd in rows
+    ]
+    return "\n".join(
+        [
+            "# Seasons: the calendar of the ground beside measured days, and what dates and bands gain",
+            "",
+            "Written by `python tests/studies/seasons_study.py`.",
+            "",
+            "![Backscatter of crops over the year](seasons.png)",
+            "",
+            "Lines: table and calendar, with one standard deviation of what is not known of a given ground. Dots:",
+            "measured days (`crop_days.csv`): 10-day composites of single crops in C band, of whose monthly means the",
+            "calendar was made together with other sites; days of SMAPVEX12 in L band, whose mean over June and July",
+            "is part of the level. C band at 38, L band at 40 degrees.",
+            "",
+            "| cover | band | channel | days | rms [dB] | rms less each series' mean [dB] | inside 2 s.d. [%] | stated s.d. [dB] |",
+            "|---|---|---|---|---|---|---|---|",
+            *table,
+            "",
+            *contrasts,
+        ]
+    )
+
+
+def main() -> None:
+    """Write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--worlds", type=int, default=40)
+    parser.parse_args()
+    days = measured()
+    draw(days)
+    (OUT / "seasons.md").write_text(page(residuals(days), []) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
