@@ -16,7 +16,7 @@ from seqrsm.analysis.ground import MOST_SHARE, OCCASIONS, ground_of_scores
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.next_runs import start_size
-from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_image, task_of
+from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
@@ -166,7 +166,8 @@ def _probe(
     progress(0, len(tasks))
     # Levels rest on assumptions of their own; the first image also compiles the kernels, which is not to be timed.
     levels = [replace(tasks[0], settings=setting) for setting in settings]
-    notes = dict.fromkeys(note for task in levels for note in simulate_image(task)[0].notes)
+    made = (image for task in levels for image in simulate_images(task, scene_at(task.scene)))
+    notes = dict.fromkeys(note for image in made for note in image.notes)
     start = time.perf_counter()
     results = []
     for task in tasks:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,7 +19,7 @@ from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
-from seqrsm.score.utilities import of_images
+from seqrsm.score.utilities import UTILITIES, of_images
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.radar import RadarConfiguration
@@ -60,8 +60,8 @@ class Engine:
     simulate : callable
         Scene, sensor, table, seed, run id and, where it is not to be single, precision -> image.
     examine : callable
-        Scene, sensor and table -> what the combination of parameters does, each note as "kind: what"; raises UserError
-        where the sensor cannot image the scene, without imaging it.
+        Scene, sensor, table and day of the year -> what the combination of parameters does, each note as "kind: what";
+        raises UserError where the sensor cannot image the scene, without imaging it.
     record : callable
         What is kept with a score.
     utilities : Mapping
@@ -79,7 +79,7 @@ class Engine:
     configure: Callable[[Settings, Settings], Any]
     table: Callable[[str], Any]
     simulate: Callable[..., Any]
-    examine: Callable[[Scene, Any, Any], tuple[str, ...]]
+    examine: Callable[[Scene, Any, Any, float | None], tuple[str, ...]]
     record: Callable[[Any, Scene], dict[str, Any]]
     utilities: Mapping[str, Utility]
     detail_m: Callable[[Any], float]
@@ -189,7 +189,7 @@ def _radiometer_image(
     return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id, precision=precision, visit=visit)
 
 
-def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table) -> tuple[str, ...]:
+def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, day: float | None) -> tuple[str, ...]:
     frame = make_frame(scene, sensor, "float32")
     transfer_function(sensor, 1.0)
     if sensor.processing:
@@ -197,13 +197,15 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table)
     check_targets(_targets(sensor.targets_file), scene.shape)
     # Whatever wind and moisture a run draws lies between these.
     for state in ((sensor.soil_moisture_low, sensor.wind_low_m_s), (sensor.soil_moisture_high, sensor.wind_high_m_s)):
-        lookups = look_up(scene, sensor, table, state)
+        lookups = look_up(scene, sensor, table, state, day)
     notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
     return (*notes, *blind_channels(sensor, frame, lookups))
 
 
-def _examine_radiometer(scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable) -> tuple[str, ...]:
-    return check_radiometer(scene, sensor, table).notes
+def _examine_radiometer(
+    scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable, day: float | None
+) -> tuple[str, ...]:
+    return check_radiometer(scene, sensor, table, day).notes
 
 
 def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:
@@ -251,6 +253,36 @@ ENGINES: Mapping[str, Engine] = {
 
 
 _FIELD = "[[application]] utility"
+
+
+def check_set_utility(name: str) -> None:
+    """Refuse a utility that scores one image alone, where there are several.
+
+    Raises
+    ------
+    SpecError
+    """
+    row = UTILITIES.get(name)
+    if row is not None and not row.of_set:
+        able = ", ".join(f'"{known}"' for known, other in UTILITIES.items() if other.of_set)
+        remedy = f'Use {able} or "module:function" of a sequence of images, or let one sensor look once.'
+        raise SpecError(Problem("this utility scores one image, here are several", remedy, field=_FIELD, value=name))
+
+
+def score_of_set(name: str, images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
+    """Score of several images together by a utility that can; a function of the user's own is given all of them.
+
+    Raises
+    ------
+    SpecError
+        The utility scores one image.
+    """
+    check_set_utility(name)
+    row = UTILITIES.get(name)
+    if row is None:
+        return call_utility(name, images, scene, seed=seed, run_id=run_id)
+    score: UtilityScore = own_function(row.of_set)(images, scene, seed=seed, run_id=run_id)
+    return score
 
 
 def find_utility(name: str) -> Callable[..., Any]:

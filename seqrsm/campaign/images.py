@@ -24,7 +24,7 @@ from seqrsm.campaign.pictures import (
     write_npz,
     write_png,
 )
-from seqrsm.campaign.simulation import NO_RUN, scene_at, simulate_image, task_of
+from seqrsm.campaign.simulation import NO_RUN, scene_at, score_images, simulate_images, task_of
 from seqrsm.campaign.status import latest_look
 from seqrsm.design.factors import CategoricalFactor, settings_text, span
 from seqrsm.design.region import Region
@@ -41,7 +41,14 @@ SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
 
 def write_image(
-    campaign: Campaign, assignments: Sequence[str], run_id: int, out: Path, *, mask: str = "", threads: int = 1
+    campaign: Campaign,
+    assignments: Sequence[str],
+    run_id: int,
+    out: Path,
+    *,
+    mask: str = "",
+    threads: int = 1,
+    number: int = 1,
 ) -> dict[str, Any]:
     """Simulate one image and write it: greytone as PNG, decibels as GeoTIFF, everything as npz; or one of its masks.
 
@@ -59,6 +66,8 @@ def write_image(
         "shadow" or "layover" of a radar, "blocked" of a radiometer, on the scene's grid; "" for the image itself.
     threads : int
         Threads that share one image of a radar; it does not depend on their number.
+    number : int
+        Which image of a set or of several dates is written, from 1; all of them are scored.
 
     Raises
     ------
@@ -70,12 +79,18 @@ def write_image(
     spec = campaign.spec
     settings = _settings(campaign, assignments)
     task = task_of(spec, run_id, settings, occasion=_occasion(campaign, run_id))
-    engine = ENGINES[task.engine]
-    if mask and mask not in engine.masks:
-        remedy = f"This engine has {', '.join(engine.masks)}."
-        raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
     try:
-        image, scene = simulate_image(task, threads=threads)
+        made = task.acquisitions
+        if not 1 <= number <= len(made):
+            labels = ", ".join(f"{i} {one.label}".rstrip() for i, one in enumerate(made, start=1))
+            raise UserError(Problem("no such image", f"These settings make {labels}.", field="--number", value=number))
+        engine = ENGINES[made[number - 1].engine]
+        if mask and mask not in engine.masks:
+            remedy = f"This engine has {', '.join(engine.masks)}."
+            raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
+        scene = scene_at(task.scene)
+        images = simulate_images(task, scene, threads=threads)
+        image = images[number - 1]
     except (ConfigurationError, ScatteringDataError) as error:
         problems = (
             fixed_problem(spec, one) if one.file is None and one.field in task.fixed else one for one in error.problems
@@ -93,11 +108,10 @@ def write_image(
         remarks = "".join(f"; {remark}" for remark in _remarks(picture, out))
     shape = picture.values.shape
     del picture  # of a large scene, much memory that scoring can use
-    scores = {
-        name: engine.score(utility, image, scene, seed=task.seed, run_id=task.stream).value
-        for name, utility in task.utilities
-    }
+    scores = {name: score_images(task, utility, images, scene).value for name, utility in task.utilities}
     shown = settings_text(spec.factors, settings)
+    if made[number - 1].label:
+        shown += f"; image {number} of {len(made)}: {made[number - 1].label}"
     found = ", ".join(f"{name} {value:.2f} {spec.application(name).unit}".rstrip() for name, value in scores.items())
     return {
         "file": str(out),
@@ -263,9 +277,11 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
     for title, settings in chosen.items():
         tell("simulating pictures", len(made), len(chosen))
         task = task_of(spec, NO_RUN, settings)
-        image, scene = simulate_image(task)
-        score = ENGINES[task.engine].score(task.utilities[0][1], image, scene, seed=spec.seed, run_id=NO_RUN)
-        made.append((title, settings, picture_of(image), image.notes, score))
+        scene = scene_at(task.scene)
+        image, *others = images = simulate_images(task, scene)
+        score = score_images(task, task.utilities[0][1], images, scene)
+        which = f" (image 1 of {len(images)}, {task.acquisitions[0].label})" if others else ""
+        made.append((f"{title}{which}", settings, picture_of(image), image.notes, score))
         cell_m = scene.cell_m
     scales = grey_scales(picture for _, _, picture, _, _ in made)
     application = spec.applications[0]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.simulation import NO_RUN, configuration, scene_at, task_of
+from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.occasion import nominal_ground_state
@@ -50,10 +50,13 @@ def _looked_up(
 ) -> tuple[list[Any], FloatArray, tuple[str, ...]]:
     """Look-ups of all channels, share of each category in the scored area, and the categories' names."""
     task = task_of(spec, NO_RUN, settings)
-    scene, sensor, table = scene_at(task.scene), configuration(task), task.scattering
-    if isinstance(sensor, RadarConfiguration):
-        found: list[Any] = list(look_up(scene, sensor, table, nominal_ground_state(sensor)))
-    else:
-        found = [table.lookup(scene.categories, sensor.frequency_ghz, channel) for channel in sensor.channels]
+    scene = scene_at(task.scene)
+    found: list[Any] = []
+    for one in task.acquisitions:
+        sensor, table, day = one.sensor, task.scattering(one.engine), one.visit.day
+        if isinstance(sensor, RadarConfiguration):
+            found += look_up(scene, sensor, table, nominal_ground_state(sensor), day)
+        else:
+            found += [table.lookup(scene.categories, sensor.frequency_ghz, c, day=day) for c in sensor.channels]
     cells = np.bincount(scene.cover[scene.scored & scene.valid()], minlength=256)[: len(scene.categories)]
     return found, cells / max(int(cells.sum()), 1), scene.categories

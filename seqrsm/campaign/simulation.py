@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ import numpy as np
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray, Precision
-from seqrsm.campaign.engines import ENGINES, Image, Sensor, modified_ns
+from seqrsm.campaign.acquisitions import Acquisition, acquisitions_of
+from seqrsm.campaign.engines import ENGINES, Image, check_set_utility, modified_ns, score_of_set
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -54,6 +55,8 @@ class SimulationTask:
         Of a coarser data base that are left along a side of a pixel at least; 0: the data base as it is.
     occasion : int or None
         Number of the occasion that runs share; None: one of its own.
+    members : Mapping
+        What members of a set of sensors have of their own, by name.
     world : int, (str, float) or None
         Number of the world (`seqrsm.scattering.worlds`); a cover whose mean alone is off by so many of its standard
         deviations; None: the table's own means.
@@ -69,12 +72,23 @@ class SimulationTask:
     utilities: tuple[tuple[str, str], ...]
     cells: int = 0
     occasion: int | None = None
+    members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     world: int | tuple[str, float] | None = None
 
     @property
-    def scattering(self) -> Any:
-        """The table of sigma0 or emissivity in the task's world."""
-        table = ENGINES[self.engine].table(self.table)
+    def acquisitions(self) -> tuple[Acquisition, ...]:
+        """The images that the run makes.
+
+        Raises
+        ------
+        ConfigurationError
+            Parameters of a sensor contradict each other or physics.
+        """
+        return acquisitions_of(self.engine, self.settings, self.fixed, self.members)
+
+    def scattering(self, engine: str) -> Any:
+        """An engine's table of sigma0 or emissivity in the task's world; the user's own is for the main engine."""
+        table = ENGINES[engine].table(self.table if engine == self.engine else "")
         if self.world is None:
             return table
         return table.in_world(World(self.seed, self.world) if isinstance(self.world, int) else OneAway(*self.world))
@@ -138,6 +152,7 @@ def task_of(
         utilities,
         cells,
         occasion,
+        spec.simulator.members,
     )
     return task if run_id == NO_RUN else replace(task, world=task.stream)
 
@@ -171,32 +186,30 @@ def scene_at(path: str) -> Scene:
     return _scene(path, modified_ns(path))
 
 
-def configuration(task: SimulationTask) -> Sensor:
-    """The sensor that a task describes.
+def simulate_images(
+    task: SimulationTask, scene: Scene, precision: Precision = "float32", threads: int = 1
+) -> list[Image]:
+    """Images of a task over a scene, in the order of its acquisitions."""
+    images = []
+    for one in task.acquisitions:
+        engine = ENGINES[one.engine]
+        more = {"threads": threads} if engine.threads else {}
+        given = (scene, one.sensor, task.scattering(one.engine), task.seed, task.stream, precision)
+        images.append(engine.simulate(*given, visit=one.visit, **more))
+    return images
 
-    Raises
-    ------
-    ConfigurationError
-        Its parameters contradict each other or physics.
-    """
-    sensor: Sensor = ENGINES[task.engine].configure(task.settings, task.fixed)
-    return sensor
 
-
-def simulate_image(task: SimulationTask, precision: Precision = "float32", threads: int = 1) -> tuple[Image, Scene]:
-    """Image of a task, and the scene it shows."""
-    scene = scene_at(task.scene)
-    engine = ENGINES[task.engine]
-    more = {"threads": threads} if engine.threads else {}
-    image: Image = engine.simulate(
-        scene, configuration(task), task.scattering, task.seed, task.stream, precision, **more
-    )
-    return image, scene
+def score_images(task: SimulationTask, utility: str, images: Sequence[Image], scene: Scene) -> UtilityScore:
+    """Score of a task's images by a utility; several are scored together."""
+    key = {"seed": task.seed, "run_id": task.stream}
+    if len(images) == 1:
+        return ENGINES[task.acquisitions[0].engine].score(utility, images[0], scene, **key)
+    return score_of_set(utility, images, scene, **key)
 
 
 def detail_of(task: SimulationTask) -> float:
-    """Side of what a task's sensor tells apart [m]; 0 where its data base must stay as it is."""
-    return ENGINES[task.engine].detail_m(configuration(task))
+    """Side of the least that a task's sensors tell apart [m]; 0 where its data base must stay as it is."""
+    return min(ENGINES[one.engine].detail_m(one.sensor) for one in task.acquisitions)
 
 
 def ground_of(task: SimulationTask) -> tuple[Scene, int]:
@@ -211,17 +224,17 @@ def carry_out(task: SimulationTask) -> SimulationResult:
     """Simulate and score; a sensor that cannot work is a failure with its reason, not an exception."""
     start = time.perf_counter()
     task = on_this_machine(task)
-    engine, key = ENGINES[task.engine], {"seed": task.seed, "run_id": task.stream}
     try:
         scene, averaged = ground_of(task)
-        image = engine.simulate(scene, configuration(task), task.scattering, task.seed, task.stream)
-        found = [(name, engine.score(utility, image, scene, **key)) for name, utility in task.utilities]
+        made, images = task.acquisitions, simulate_images(task, scene)
+        found = [(name, score_images(task, utility, images, scene)) for name, utility in task.utilities]
     except (UserError, MemoryError, OSError) as error:
         reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, _fault(error, task))
     seconds = time.perf_counter() - start
     record = {
-        **engine.record(image, scene),
+        **ENGINES[made[0].engine].record(images[0], scene),
+        **({} if made[0].label == "" else {"images": [one.record() for one in made]}),
         **({} if task.occasion is None else {"common_random_numbers": task.occasion}),
         "fidelity": {"averaged": averaged, "seconds": round(seconds, 4)},
     }
@@ -324,8 +337,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
         shown = ", ".join(f"{f.name} = {setting_text(f, settings[f.name])}" for f in spec.factors)
         try:
             task = task_of(spec, 0, settings)
-            engine = ENGINES[task.engine]
-            for note in engine.examine(scene, configuration(task), engine.table(task.table)):
+            for note in _examine(task, scene):
                 met.setdefault(note.partition(":")[0], []).append(f"{note} (at {shown})")
         except UserError as error:
             for problem in error.problems:
@@ -337,6 +349,18 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
         f"{kind} at {len(notes)} of {len(points)} settings, for instance {notes[0].partition(': ')[2]}"
         for kind, notes in met.items()
     )
+
+
+def _examine(task: SimulationTask, scene: Scene) -> list[str]:
+    """What the parameters of a task's sensors do, each once; refuses what cannot be simulated, or scored together."""
+    made = task.acquisitions
+    for _, utility in task.utilities if len(made) > 1 else ():
+        check_set_utility(utility)
+    notes: list[str] = []
+    for one in made:
+        if one.visit.day == next(other.visit.day for other in made if other.member == one.member):
+            notes += ENGINES[one.engine].examine(scene, one.sensor, task.scattering(one.engine), one.visit.day)
+    return notes
 
 
 def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], n_points: int) -> Problem:

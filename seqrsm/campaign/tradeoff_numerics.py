@@ -17,9 +17,8 @@ import numpy as np
 from seqrsm.analysis.fitted import Fitted
 from seqrsm.analysis.posterior import draw_coefficients, future_scores
 from seqrsm.arrays import FloatArray, Precision
-from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import CENTRE_REPEATS, rounded_settings, start_size
-from seqrsm.campaign.simulation import NO_RUN, simulate_image, task_of
+from seqrsm.campaign.simulation import NO_RUN, scene_at, score_images, simulate_images, task_of
 from seqrsm.design.optimal import START_SEARCHES, START_SEARCHES_CONSTRAINED, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import DesignError, UserError
@@ -182,18 +181,18 @@ def precision_rows(
 
 def _precision_row(spec: CampaignSpec, settings: Mapping[str, float | str], repeats: int) -> dict[str, Any]:
     task = task_of(spec, NO_RUN, settings)
-    engine, utility = ENGINES[task.engine], task.utilities[0][1]
+    scene = scene_at(task.scene)
     precisions: tuple[Precision, ...] = ("float32", "float64")
     pixels, scores, seconds = [], [], []
     for precision in precisions:
         times = []
         for _ in range(max(repeats, 1)):
             start = time.process_time()
-            image, scene = simulate_image(task, precision)
+            images = simulate_images(task, scene, precision)
             times.append(time.process_time() - start)
-        values = image.brightness_k if isinstance(image, RadiometerImage) else image.intensity
-        pixels.append(np.asarray(values, dtype=np.float64))
-        scores.append(engine.score(utility, image, scene, seed=task.seed, run_id=task.run_id).value)
+        values = [one.brightness_k if isinstance(one, RadiometerImage) else one.intensity for one in images]
+        pixels.append(np.concatenate([np.asarray(one, dtype=np.float64).ravel() for one in values]))
+        scores.append(score_images(task, task.utilities[0][1], images, scene).value)
         seconds.append(min(times))
     single, double = pixels
     seen = np.isfinite(double) & (double != 0.0)

@@ -467,6 +467,7 @@ def image(
         str, typer.Option(metavar="NAME", help="Write this mask instead: shadow, layover or blocked.")
     ] = "",
     threads: Annotated[int, typer.Option(min=1, max=256, help="Threads for one radar image.")] = 1,
+    number: Annotated[int, typer.Option(help="Which image of several sensors or dates to write, from 1.")] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region."""
@@ -474,7 +475,7 @@ def image(
 
     campaign = _opened(folder)
     with display("simulating"):
-        result = write_image(campaign, settings or [], run_id, out, mask=mask, threads=threads)
+        result = write_image(campaign, settings or [], run_id, out, mask=mask, threads=threads, number=number)
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 

@@ -101,8 +101,18 @@ def percent_correct(
     SceneError
         No scored cell lies in the image.
     """
+    _, counts, tile, keys = pixels_of_radar(image, scene, seed=seed, run_id=run_id, tile_m=tile_m)
+    features = decibels(image.apparent_sigma0().reshape(len(image.intensity), -1), counts)
+    return with_names(score_pixels(features, counts, tile, keys), scene.categories)
+
+
+def pixels_of_radar(
+    image: RadarImage, scene: Scene, *, seed: int, run_id: int, tile_m: float = TILE_M
+) -> tuple[AnyArray, AnyArray, IntArray, FloatArray]:
+    """Pixel of each cell, scored cells of each class in each pixel, and tiles with their keys; see `score_pixels`."""
     _, n_range, n_azimuth = image.intensity.shape
-    counts = count_classes(image.pixel_of_cell, scene.cover, scene.scored, n_range * n_azimuth, len(scene.categories))
+    pixel = image.pixel_of_cell
+    counts = count_classes(pixel, scene.cover, scene.scored, n_range * n_azimuth, len(scene.categories))
     ground = image.ground_range_m
     # Rows and columns of a strip are straight lines on the ground, so their places are not spread over the image.
     across, along = image.place_m(*np.indices((n_range, n_azimuth), sparse=True))
@@ -112,9 +122,7 @@ def percent_correct(
     else:
         reach = float(ground[-1])
         across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
-    tile, keys = tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
-    features = decibels(image.apparent_sigma0().reshape(len(image.intensity), -1), counts)
-    return with_names(score_pixels(features, counts, tile, keys), scene.categories)
+    return pixel, counts, *tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
 
 
 def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:

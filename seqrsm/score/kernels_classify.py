@@ -37,6 +37,39 @@ def count_classes(pixel: AnyArray, cover: AnyArray, scored: AnyArray, n_pixels: 
 
 
 @kernel
+def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: int) -> AnyArray:
+    """What one image shows, averaged over the cells of another's pixels.
+
+    Parameters
+    ----------
+    unit, pixel : int32 arrays (rows, columns)
+        Pixel of each cell in the other image, and in this; -1 for none.
+    layers : float array (d, n_pixels)
+        Of this image; nan where it sees nothing.
+    n_units : int
+
+    Returns
+    -------
+    float64 array (d, n_units)
+        nan for a pixel of whose cells this image sees none.
+    """
+    d = layers.shape[0]
+    out, cells = np.zeros((d, n_units)), np.zeros(n_units)
+    rows, columns = unit.shape
+    for i in range(rows):
+        for j in range(columns):
+            u, p = unit[i, j], pixel[i, j]
+            if u >= 0 and p >= 0 and layers[0, p] == layers[0, p]:
+                cells[u] += 1.0
+                for c in range(d):
+                    out[c, u] += layers[c, p]
+    for u in range(n_units):
+        for c in range(d):
+            out[c, u] = out[c, u] / cells[u] if cells[u] > 0.0 else np.nan
+    return out
+
+
+@kernel
 def cells_of_tiles(counts: AnyArray, tile: AnyArray, n_tiles: int) -> AnyArray:
     """Scored cells in each tile.
 

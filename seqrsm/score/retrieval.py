@@ -60,14 +60,24 @@ def percent_correct_radiometer(
     SceneError
         No scored cell lies in the image.
     """
-    n_classes = len(scene.categories)
+    _, counts, tile, keys = pixels_of_radiometer(image, scene, seed=seed, run_id=run_id, tile_m=tile_m)
+    return with_names(score_pixels(brightness_and_angle(image), counts, tile, keys, covariates=1), scene.categories)
+
+
+def pixels_of_radiometer(
+    image: RadiometerImage, scene: Scene, *, seed: int, run_id: int, tile_m: float | None = None
+) -> tuple[AnyArray, AnyArray, IntArray, FloatArray]:
+    """`seqrsm.score.classification.pixels_of_radar` of footprints; -1 also where a footprint saw nothing."""
     n_samples, n_lines = image.brightness_k.shape[1:]
     pixel = _seen_pixels(image)
-    counts = count_classes(pixel, scene.cover, scene.scored, n_samples * n_lines, n_classes)
-    angle = np.repeat(np.square(image.scan.look_rad), n_lines)
-    features = np.vstack([image.brightness_k.reshape(-1, angle.size), angle], dtype=np.float64)
-    tile, keys = _tiles(image, scene, np.arange(n_samples)[:, None], np.arange(n_lines), tile_m, seed, run_id)
-    return with_names(score_pixels(features, counts, tile, keys, covariates=1), scene.categories)
+    counts = count_classes(pixel, scene.cover, scene.scored, n_samples * n_lines, len(scene.categories))
+    return pixel, counts, *_tiles(image, scene, np.arange(n_samples)[:, None], np.arange(n_lines), tile_m, seed, run_id)
+
+
+def brightness_and_angle(image: RadiometerImage) -> FloatArray:
+    """Brightness of each channel [K] and the square of the look angle [rad2], (n_channels + 1, n_pixels)."""
+    angle = np.repeat(np.square(image.scan.look_rad), image.brightness_k.shape[2])
+    return np.vstack([image.brightness_k.reshape(-1, angle.size), angle], dtype=np.float64)
 
 
 def soil_moisture_error(image: RadiometerImage, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:

@@ -27,12 +27,15 @@ class Utility:
         Scores are errors, which are made small.
     of_image : Mapping
         "module:function" by engine; none of what is measured only.
+    of_set : str
+        "module:function" of several images together; "" where the utility scores one alone.
     """
 
     unit: str = ""
     is_percent: bool = False
     is_error: bool = False
     of_image: Mapping[str, str] = field(default_factory=dict)
+    of_set: str = ""
 
 
 UTILITIES: Final[Mapping[str, Utility]] = {
@@ -43,6 +46,7 @@ UTILITIES: Final[Mapping[str, Utility]] = {
             "psm": "seqrsm.score.classification:percent_correct",
             "prm": "seqrsm.score.retrieval:percent_correct_radiometer",
         },
+        of_set="seqrsm.score.fusion:percent_correct_of_set",
     ),
     "retrieval_error": Utility(
         "percent",

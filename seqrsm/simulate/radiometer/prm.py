@@ -177,7 +177,9 @@ def meet_radiometer(
     return Meeting(frame, scan, lookups, occasion, air, planck_k)
 
 
-def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable) -> ScanGeometry:
+def check_radiometer(
+    scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None = None
+) -> ScanGeometry:
     """Refuse before any run what `simulate_radiometer` would refuse; costs next to nothing.
 
     Parameters
@@ -185,6 +187,8 @@ def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: E
     scene : Scene
     radiometer : RadiometerConfiguration
     table : EmissivityTable
+    day : float or None
+        Of the year.
 
     Returns
     -------
@@ -200,7 +204,9 @@ def check_radiometer(scene: Scene, radiometer: RadiometerConfiguration, table: E
     if radiometer.temperature == "layer":
         temperature_layer(scene)
     for channel in radiometer.channels:
-        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=radiometer.mode == "report")
+        table.lookup(
+            scene.categories, radiometer.frequency_ghz, channel, as_printed=radiometer.mode == "report", day=day
+        )
     turns = round((radiometer.heading_deg - 90.0) / 90.0)
     rows, columns = scene.shape if turns % 2 == 0 else scene.shape[::-1]
     return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)

@@ -1,0 +1,156 @@
+"""Several images scored together: against scipy's Gaussians, and against fields that forget themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import prm_cases
+import pytest
+from scipy.stats import multivariate_normal
+
+from seqrsm.campaign.acquisitions import acquisitions_of
+from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.scene import Scene
+from seqrsm.score.classification import decibels, halves, percent_correct, pixels_of_radar
+from seqrsm.score.fusion import percent_correct_of_set
+from seqrsm.score.kernels_classify import mean_of_pixels
+from seqrsm.sensor.radar import from_settings
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
+from seqrsm.simulate.visits import Visit
+
+CROPS = ("Wheat", "Corn", "Grass", "Vegetables")
+TABLE = load_sigma0_table()
+
+
+def fields(side: int = 8, n: int = 192) -> Scene:
+    """Square fields of four covers on flat ground, 10 m cells."""
+    place = np.arange(n) // side
+    number = (place[:, None] * (n // side) + place[None, :]).astype(np.int32)
+    cover = np.random.default_rng(4).integers(len(CROPS), size=number.max() + 1).astype(np.uint8)[number]
+    shape = (n, n)
+    return Scene(np.zeros(shape, np.float32), cover, CROPS, number, np.ones(shape, np.bool_), 10.0)
+
+
+SCENE = fields()
+
+
+def radar(frequency=5.4, polarization="VV+VH", resolution=20.0, **more):
+    settings = {"frequency": frequency, "polarization": polarization, "resolution": resolution, "bandwidth": 50.0}
+    return from_settings({**settings, "peak_power": 200.0, "depression_angle": 50.0}, {"altitude_m": 6000.0, **more})
+
+
+def image(configuration, visit, run_id=1, scene=SCENE):
+    return simulate_radar(scene, configuration, TABLE, seed=2, run_id=run_id, visit=visit)
+
+
+def dates(n, member=0, run_id=1, **more):
+    days = tuple(130.0 + 20.0 * k for k in range(n))
+    return [image(radar(**more), Visit(days, k, member), run_id) for k in range(n)]
+
+
+def score(images, run_id=1) -> float:
+    return percent_correct_of_set(images, SCENE, seed=2, run_id=run_id).value
+
+
+def test_a_set_of_one_is_the_image() -> None:
+    (alone,) = dates(1)
+    own = percent_correct(alone, SCENE, seed=2, run_id=1)
+    both = percent_correct_of_set([alone], SCENE, seed=2, run_id=1)
+    assert (both.value, both.se) == (own.value, own.se)
+    np.testing.assert_array_equal(both.confusion, own.confusion)
+
+
+def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
+    """Moments, shrinking and law written out by numpy and scipy."""
+    images = dates(3)
+    _, counts, tile, keys = pixels_of_radar(images[0], SCENE, seed=2, run_id=1)
+    x = np.vstack([decibels(i.apparent_sigma0().reshape(2, -1), counts) for i in images]).T.astype(np.float64)
+    cells = counts.sum(axis=1)
+    seen = np.bincount(tile, cells, minlength=len(keys)) > 0
+    half = np.zeros(len(keys), dtype=int)
+    half[seen] = halves(keys[seen])
+    own, right, d = half[tile], 0, x.shape[1]
+    for tested in (0, 1):
+        teach, test = (cells > 0) & (own != tested), (cells > 0) & (own == tested)
+        moments = []
+        for k in range(len(CROPS)):
+            w = np.where(counts[teach, k] >= 0.8 * cells[teach], counts[teach, k], 0).astype(float)
+            mean = w @ x[teach] / w.sum()
+            covariance = np.cov(x[teach].T, aweights=w, bias=True)
+            moments.append((w.sum(), mean, covariance, w.sum() ** 2 / (w**2).sum()))
+        total = sum(m[0] for m in moments)
+        pooled = sum(m[0] * m[2] for m in moments) / total + 1e-6 * np.eye(d)
+        prior = 2.0 * (d + 1)
+        laws = [
+            multivariate_normal(mean, (n * covariance + prior * pooled) / (n + prior)).logpdf(x[test])
+            for _, mean, covariance, n in moments
+        ]
+        named = np.argmax(laws, axis=0)
+        right += counts[test][np.arange(test.sum()), named].sum()
+    found = percent_correct_of_set(images, SCENE, seed=2, run_id=1)
+    assert found.value == pytest.approx(100.0 * right / cells.sum(), abs=0.02)
+
+
+def test_pixels_of_another_image_are_averaged_over_cells() -> None:
+    rng = np.random.default_rng(1)
+    unit = rng.integers(-1, 30, (40, 50)).astype(np.int32)
+    pixel = rng.integers(-1, 70, (40, 50)).astype(np.int32)
+    layers = rng.random((2, 70))
+    layers[:, 5] = np.nan
+    both = (unit >= 0) & (pixel >= 0) & (pixel != 5)
+    n = np.bincount(unit[both], minlength=31)
+    expected = [np.bincount(unit[both], row[pixel[both]], minlength=31) for row in layers]
+    found = mean_of_pixels(unit, pixel, layers, 31)
+    np.testing.assert_allclose(found[:, n > 0], np.array(expected)[:, n > 0] / n[n > 0])
+    assert np.isnan(found[:, n == 0]).all()
+
+
+def test_dates_and_bands_add_up_and_do_not_depend_on_their_order() -> None:
+    one, three = score(dates(1)), score(dates(3))
+    other = dates(3, member=1, frequency=1.25, polarization="HH+HV", resolution=40.0)
+    both = score([*dates(3), *other])
+    assert three > one + 3.0
+    assert both > max(three, score(other)) + 1.0
+    assert score([*other, *dates(3)]) == pytest.approx(both, abs=0.3)
+
+
+def test_fields_that_forget_themselves_would_make_dates_look_better() -> None:
+    """Grasslands, whose fields stay what they are: ground drawn anew each date would tell them apart by averaging."""
+    grass = replace(SCENE, categories=("Grass", "Hay", "Forage", "Scrub"))
+    days = tuple(130.0 + 20.0 * k for k in range(6))
+    even = radar(texture_db=0.0)
+    kept, anew = [], []
+    for run in range(1, 4):
+        same = [image(even, Visit(days, k), run, grass) for k in range(6)]
+        other = [image(even, Visit((day,)), 100 * run + k, grass) for k, day in enumerate(days)]
+        for found, images in ((kept, same), (anew, other)):
+            found.append(percent_correct_of_set(images, grass, seed=2, run_id=run).value)
+    assert np.mean(anew) > np.mean(kept) + 8.0
+
+
+def test_a_radiometer_beside_a_radar_scores_over_the_radars_pixels() -> None:
+    passive = simulate_radiometer(
+        SCENE,
+        prm_cases.radiometer(altitude_m=2000.0, resolution_m=100.0),
+        load_emissivity_table(),
+        seed=2,
+        run_id=1,
+        visit=Visit((150.0,), 0, 1),
+    )
+    active = image(radar(), Visit((150.0,), 0, 0))
+    both = percent_correct_of_set([passive, active], SCENE, seed=2, run_id=1)
+    alone = percent_correct(active, SCENE, seed=2, run_id=1)
+    assert both.n_cells == alone.n_cells
+    assert both.value > alone.value - 2.0
+
+
+def test_a_member_alone_meets_the_same_ground_as_in_the_set() -> None:
+    fixed = {"bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "depression_angle": 45.0, "first_day": 150.0}
+    settings = {"polarization": "HH+HV", "resolution": 20.0}
+    (alone,) = acquisitions_of("psm", {**settings, "frequency": "L"}, fixed, {})
+    together = acquisitions_of("psm", {**settings, "frequency": "L+C"}, fixed, {})
+    one, two = (image(a.sensor, a.visit) for a in (alone, together[0]))
+    np.testing.assert_array_equal(one.intensity, two.intensity)

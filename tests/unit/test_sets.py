@@ -1,0 +1,157 @@
+"""Sets of sensors and their dates: who gets which parameter, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from seqrsm.campaign.acquisitions import acquisitions_of
+from seqrsm.errors import ConfigurationError, SpecError
+from seqrsm.sensor.sets import BANDS, Dates, members_of
+from seqrsm.spec.read import load_spec
+
+FIXED = {"polarization": "HH+HV", "bandwidth": 50.0, "peak_power": 30.0, "altitude_m": 6000.0, "depression_angle": 45.0}
+
+
+def made(settings, members=None, **fixed):
+    return acquisitions_of("psm", settings, {**FIXED, **fixed}, members or {})
+
+
+def test_a_single_sensor_is_what_it_was() -> None:
+    (alone,) = made({"frequency": 5.4, "resolution": 20.0})
+    assert (alone.member, alone.visit.days, alone.sensor.frequency_ghz, alone.label) == ("", (), 5.4, "")
+    (by_letter,) = made({"frequency": "C", "resolution": 20.0})
+    assert by_letter.sensor == alone.sensor
+
+
+def test_each_member_has_its_own_before_what_holds_for_all() -> None:
+    members = {"C": {"polarization": "VV+VH", "peak_power": 90.0}}
+    settings = {"frequency": "L+C+9.6", "resolution": 20.0, "C.resolution": 10.0, "peak_power": 40.0}
+    low, middle, high = made(settings, members)
+    assert [one.member for one in (low, middle, high)] == ["L", "C", "9.6"]
+    assert [one.sensor.frequency_ghz for one in (low, middle, high)] == [BANDS["L"], BANDS["C"], 9.6]
+    assert [one.sensor.resolution_m for one in (low, middle, high)] == [20.0, 10.0, 20.0]
+    assert [one.sensor.peak_power_w for one in (low, middle, high)] == [40.0, 90.0, 40.0]
+    assert middle.sensor.channels == ("VV", "VH")
+    assert middle.sensor.n_transmit == 1
+    assert [one.visit.member for one in (low, middle, high)] == [0, 1, 2]
+
+
+def test_a_radiometer_beside_a_radar() -> None:
+    passive = {
+        "engine": "prm", "frequency": 1.4, "polarization": "H+V", "resolution": 300.0, "integration_time": 10.0,
+        "bandwidth": 20.0, "noise_temperature": 500.0, "scan_period": 1.0, "speed_m_s": 60.0,
+    }  # fmt: skip
+    radar, radiometer = made({"frequency": "C+passive", "resolution": 20.0}, {"passive": passive}, first_day=150.0)
+    assert (radar.engine, radiometer.engine) == ("psm", "prm")
+    assert (radiometer.sensor.resolution_m, radiometer.sensor.day_of_year) == (300.0, 150.0)
+    assert radiometer.visit.day == radar.visit.day == 150.0
+
+
+def test_days_of_all_members_are_one_calendar() -> None:
+    found = made(
+        {"frequency": "L+C", "resolution": 20.0, "dates": 2, "first_day": 120.0, "interval_days": 30.0},
+        {"C": {"dates": 3, "interval_days": 15.0}},
+    )
+    assert [(one.member, one.visit.day) for one in found] == [
+        ("L", 120.0), ("L", 150.0), ("C", 120.0), ("C", 135.0), ("C", 150.0),
+    ]  # fmt: skip
+    assert {one.visit.days for one in found} == {(120.0, 135.0, 150.0)}
+    assert found[1].label == "L, day 150"
+
+
+@pytest.mark.parametrize(
+    ("given", "days"),
+    [
+        ({}, ()),
+        ({"first_day": 100.0}, (100.0,)),
+        ({"dates": 3, "first_day": 100.0, "interval_days": 10.0}, (100.0, 110.0, 120.0)),
+        ({"days": "200+120+150.5"}, (120.0, 150.5, 200.0)),
+        ({"first_day": 365.0}, (365.0,)),
+    ],
+)
+def test_dates(given, days) -> None:
+    assert Dates(**given).on == days
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"dates": 2}, "need a day on which they begin"),
+        ({"dates": 12, "first_day": 200.0, "interval_days": 30.0}, "day 530 lies beyond the year|beyond the year"),
+        ({"days": "120", "first_day": 100.0}, "given twice"),
+        ({"days": "120+spring"}, "beyond the year"),
+        ({"days": "0"}, "beyond the year"),
+    ],
+)
+def test_impossible_dates_are_refused(given, words) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        Dates(**given)
+
+
+@pytest.mark.parametrize(
+    ("settings", "members", "words"),
+    [
+        ({"frequency": "L+Q"}, {}, "no such member of a set.*Q"),
+        ({"frequency": "L+L"}, {}, "stands twice"),
+        ({"frequency": "L+C", "C.first_day": 100.0}, {}, "the sensor L of the set has no date"),
+        ({"frequency": "C", "first_day": 100.0, "season": "winter"}, {}, "the season follows from the dates"),
+        ({"frequency": "L+C"}, {"C": {"resolution": 1.0, "antenna_length_m": 10.0}}, "sensor C of the set"),
+    ],
+)
+def test_impossible_sets_are_refused(settings, members, words) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        made({"resolution": 20.0, **settings}, members)
+
+
+def test_members_of_nothing_else_are_told_by_engine() -> None:
+    (one, two) = members_of("psm", {"frequency": "1.25+radio"}, {}, {"radio": {"engine": "prm", "frequency": 1.4}})
+    assert (one.engine, two.engine, two.settings["frequency"]) == ("psm", "prm", 1.4)
+
+
+TOML = """
+[campaign]
+name = "sets"
+[[factor]]
+name = "frequency"
+levels = ["L", "C", "L+C"]
+[[factor]]
+name = "{factor}"
+low = 10.0
+high = 40.0
+[[application]]
+name = "crops"
+utility = "percent_correct"
+[simulator]
+engine = "psm"
+scene = "s.npz"
+[simulator.fixed]
+polarization = "HH"
+{more}
+[stop]
+half_width = 3.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("factor", "more", "words"),
+    [
+        ("C.resolution", "", None),
+        ("resolution", '[simulator.members.C]\npolarization = "VV+VH"', None),
+        ("X.resolution", "", "'X' is no member of a set"),
+        ("C.resolutoin", "", "Did you mean 'C.resolution'"),
+        ("resolution", "[simulator.members.S]\nlooks = 4", "no set has this member"),
+        ("resolution", "[simulator.members.C]\nlocks = 4", "Did you mean 'looks'"),
+        ("resolution", '[simulator.members.C]\nengine = "lidar"', "there is no such engine"),
+        ("resolution", '"C.locks" = 4', "'C' has no such sensor parameter"),
+        ("C.frequency", "", "which member it is"),
+    ],
+)
+def test_what_a_file_says_of_a_set(tmp_path, factor, more, words) -> None:
+    (tmp_path / "s.npz").write_bytes(b"")
+    (tmp_path / "campaign.toml").write_text(TOML.format(factor=factor, more=more), encoding="utf-8")
+    if words is None:
+        assert load_spec(tmp_path).region.names == ("frequency", factor)
+        return
+    with pytest.raises(SpecError, match=words) as told:
+        load_spec(tmp_path)
+    assert told.value.problems[0].line
