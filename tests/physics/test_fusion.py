@@ -17,6 +17,7 @@ from seqrsm.score.classification import decibels, halves, percent_correct, pixel
 from seqrsm.score.fusion import percent_correct_of_set
 from seqrsm.score.kernels_classify import mean_of_pixels
 from seqrsm.sensor.radar import from_settings
+from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.visits import Visit
@@ -117,8 +118,13 @@ def test_dates_and_bands_add_up_and_do_not_depend_on_their_order() -> None:
     assert score([*other, *dates(3)]) == pytest.approx(both, abs=0.3)
 
 
-def test_fields_that_forget_themselves_would_make_dates_look_better() -> None:
-    """Grasslands, whose fields stay what they are: ground drawn anew each date would tell them apart by averaging."""
+def test_fields_that_forget_themselves_would_make_dates_look_better(monkeypatch) -> None:
+    """Grasslands, whose fields stay what they are: ground drawn anew each date would tell them apart by averaging.
+
+    What a date does to all fields of a cover is left out here: it tells covers apart, and rightly.
+    """
+    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
+        monkeypatch.setattr(occasion, name, value)
     grass = replace(SCENE, categories=("Grass", "Hay", "Forage", "Scrub"))
     days = tuple(130.0 + 20.0 * k for k in range(6))
     even = radar(texture_db=0.0)
@@ -128,7 +134,7 @@ def test_fields_that_forget_themselves_would_make_dates_look_better() -> None:
         other = [image(even, Visit((day,)), 100 * run + k, grass) for k, day in enumerate(days)]
         for found, images in ((kept, same), (anew, other)):
             found.append(percent_correct_of_set(images, grass, seed=2, run_id=run).value)
-    assert np.mean(anew) > np.mean(kept) + 8.0
+    assert np.mean(anew) > np.mean(kept) + 3.0
 
 
 def test_a_radiometer_beside_a_radar_scores_over_the_radars_pixels() -> None:

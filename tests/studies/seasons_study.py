@@ -112,7 +112,7 @@ def page(rows: list[tuple[str, str, str, int, float, float, float, float]], cont
             "calendar was made together with other sites; days of SMAPVEX12 in L band, whose mean over June and July",
             "is part of the level. C band at 38, L band at 40 degrees.",
             "",
-            "| cover | band | channel | days | rms [dB] | less each series' mean [dB] | inside 2 s.d. [%] | stated [dB] |",
+            "| cover | band | channel | days | rms [dB] | less each series' mean | inside 2 s.d. [%] | stated [dB] |",
             "|---|---|---|---|---|---|---|---|",
             *table,
             "",
