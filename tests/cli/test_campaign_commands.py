@@ -104,7 +104,7 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     one, other, none = (task_of(spec, run, settings) for run in (3, 4, NO_RUN))
     assert none.world is None
     assert one.world != other.world
-    levels = [task.scattering.lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in (one, other, none)]
+    levels = [task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in (one, other, none)]
     assert len(set(levels)) == 3
     bundle = bundle_tasks(spec, settings)
     worlds, streams = [task.world for task in bundle], {task.stream for task in bundle}
@@ -112,7 +112,7 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
     away = one_away_tasks(spec, settings, ["Wheat"])
-    plain, up, down = (task.scattering.lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[::2])
+    plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[::2])
     assert down < plain < up
     assert {task.stream for task in away[::2]} == {away[0].stream}
 

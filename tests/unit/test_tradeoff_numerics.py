@@ -8,7 +8,7 @@ from scipy import stats
 
 from seqrsm.analysis.fitted import fit_application
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.simulation import NO_RUN, configuration, scene_at, task_of
+from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
@@ -103,7 +103,12 @@ def test_precision_rows_are_those_of_the_images(campaign):
     task = task_of(spec, NO_RUN, settings[1])
     one, two = (
         simulate_radar(
-            scene_at(task.scene), configuration(task), load_sigma0_table(), seed=3, run_id=NO_RUN, precision=precision
+            scene_at(task.scene),
+            task.acquisitions[0].sensor,
+            load_sigma0_table(),
+            seed=3,
+            run_id=NO_RUN,
+            precision=precision,
         ).intensity
         for precision in ("float32", "float64")
     )
