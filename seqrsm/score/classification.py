@@ -17,7 +17,6 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.rng import generator
 from seqrsm.score import kernels_classify
-from seqrsm.score.kernels_classify import count_classes
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
@@ -112,7 +111,7 @@ def pixels_of_radar(
     """Pixel of each cell, scored cells of each class in each pixel, and tiles with their keys; see `score_pixels`."""
     _, n_range, n_azimuth = image.intensity.shape
     pixel = image.pixel_of_cell
-    counts = count_classes(pixel, scene.cover, scene.scored, n_range * n_azimuth, len(scene.categories))
+    counts = count_classes(pixel, scene, n_range * n_azimuth)
     ground = image.ground_range_m
     # Rows and columns of a strip are straight lines on the ground, so their places are not spread over the image.
     across, along = image.place_m(*np.indices((n_range, n_azimuth), sparse=True))
@@ -123,6 +122,17 @@ def pixels_of_radar(
         reach = float(ground[-1])
         across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
     return pixel, counts, *tiles(across, along, extent, tile_m, seed=seed, run_id=run_id)
+
+
+def count_classes(pixel: AnyArray, scene: Scene, n_pixels: int) -> AnyArray:
+    """Scored cells of each class in each pixel, int32 (n_pixels, n_classes).
+
+    ``pixel``: of each cell of the scene, -1 for none.
+    """
+    # Made here and not in the kernel: numpy asks for large pages, which a large image fills far sooner.
+    out = np.zeros((n_pixels, len(scene.categories)), dtype=np.int32)
+    kernels_classify.add_cells(pixel, scene.cover, scene.scored, out)
+    return out
 
 
 def with_names(score: UtilityScore, categories: Sequence[str]) -> UtilityScore:
@@ -194,22 +204,22 @@ def _laws(
 
     ``alone``: a single tile teaches itself.
     """
-    weight, mean, second = kernels_classify.teach(features, counts, tile, half, TRAINING_PURITY)
-    n_classes, d = mean.shape[2:]
+    sums = kernels_classify.teach(features, counts, tile, half, TRAINING_PURITY)
+    n_classes, d = sums.shape[2], len(features)
+    row, column = np.tril_indices(d)
     centre, scale = np.zeros((2, n_classes, d)), np.zeros((2, n_classes, d, d))
     known_scale, constant = np.zeros((2, n_classes, covariates, covariates)), np.full((2, n_classes), -np.inf)
     for tested in (0, 1):
         taught_by = tested if alone else 1 - tested
-        few = _effective_pixels(*weight[taught_by, 0].T) < ENOUGH_PIXELS
-        total, first, square = (
-            a[taught_by, 0] + np.where(few.reshape(-1, *[1] * (a.ndim - 3)), a[taught_by, 1], 0.0)
-            for a in (weight, mean, second)
-        )
-        cells = total[:, 0]
+        pure, mixed = sums[taught_by]
+        few = _effective_pixels(*pure[:, :2].T) < ENOUGH_PIXELS
+        total = pure + np.where(few[:, None], mixed, 0.0)
+        cells, effective = total[:, 0], _effective_pixels(*total[:, :2].T)
         if not cells.any():
             continue
-        safe = np.where(cells > 0.0, cells, 1.0)
-        first, square, effective = first / safe[:, None], square / safe[:, None, None], _effective_pixels(*total.T)
+        moments = total[:, 2:] / np.where(cells > 0.0, cells, 1.0)[:, None]
+        first, square = moments[:, :d], np.empty((n_classes, d, d))
+        square[:, row, column] = square[:, column, row] = moments[:, d:]
         roots = _covariance_roots(cells, first, square, effective)
         centre[tested], scale[tested] = first, np.linalg.inv(roots)
         constant[tested] = -np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
@@ -289,14 +299,16 @@ def _effective_pixels(total: FloatArray, squares: FloatArray) -> FloatArray:
 
 
 def decibels(power: FloatArray, counts: AnyArray) -> FloatArray:
-    """Decibels of linear power (n_channels, n_pixels); zeros, which only a noiseless radar has, are the darkest.
+    """Decibels of linear power (n_channels, n_pixels), in place; zeros, of a noiseless radar only, are the darkest.
 
     They take the least positive value of their channel among the pixels that hold cells: ``counts`` (n_pixels, n).
     """
-    if power.min(initial=1.0) > 0.0:
-        return np.asarray(10.0 * np.log10(power))
-    floor = np.min(power, axis=1, keepdims=True, where=(power > 0.0) & counts.any(axis=1), initial=np.inf)
-    return np.asarray(10.0 * np.log10(np.maximum(power, np.where(np.isfinite(floor), floor, 1.0))))
+    if not power.min(initial=1.0) > 0.0:
+        floor = np.min(power, axis=1, keepdims=True, where=(power > 0.0) & counts.any(axis=1), initial=np.inf)
+        np.maximum(power, np.where(np.isfinite(floor), floor, 1.0), out=power)
+    np.log10(power, out=power)
+    power *= 10.0
+    return power
 
 
 def _covariance_roots(total: FloatArray, mean: FloatArray, second: FloatArray, pixels: FloatArray) -> FloatArray:

@@ -9,8 +9,8 @@ from seqrsm.jit import kernel
 
 
 @kernel
-def count_classes(pixel: AnyArray, cover: AnyArray, scored: AnyArray, n_pixels: int, n_classes: int) -> AnyArray:
-    """Scored data-base cells of each class in each pixel.
+def add_cells(pixel: AnyArray, cover: AnyArray, scored: AnyArray, out: AnyArray) -> None:
+    """Count the scored data-base cells of each class in each pixel.
 
     Parameters
     ----------
@@ -19,21 +19,20 @@ def count_classes(pixel: AnyArray, cover: AnyArray, scored: AnyArray, n_pixels: 
     cover : uint8 array (rows, columns)
         Category, 255 for none.
     scored : bool array (rows, columns)
-    n_pixels, n_classes : int
-
-    Returns
-    -------
-    int32 array (n_pixels, n_classes)
+    out : int32 array (n_pixels, n_classes)
+        Added to.
     """
-    out = np.zeros((n_pixels, n_classes), dtype=np.int32)
     rows, columns = pixel.shape
-    for i in range(rows):
-        for j in range(columns):
-            kind = np.int64(cover[i, j])
-            k = np.int64(pixel[i, j])
-            if k >= 0 and kind < n_classes and scored[i, j]:
-                out[k, kind] += 1
-    return out
+    n_classes = out.shape[1]
+    # By blocks: where the image is turned against the data base, the pixels of a whole row are more than a cache holds.
+    side = 64
+    for top in range(0, rows, side):
+        for left in range(0, columns, side):
+            for i in range(top, min(top + side, rows)):
+                for j in range(left, min(left + side, columns)):
+                    kind, k = np.int64(cover[i, j]), np.int64(pixel[i, j])
+                    if k >= 0 and kind < n_classes and scored[i, j]:
+                        out[k, kind] += np.int32(1)
 
 
 @kernel
@@ -92,9 +91,7 @@ def cells_of_tiles(counts: AnyArray, tile: AnyArray, n_tiles: int) -> AnyArray:
 
 
 @kernel
-def teach(
-    features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float
-) -> tuple[AnyArray, AnyArray, AnyArray]:
+def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, purity: float) -> AnyArray:
     """Sums over the pixels of each half and class, of those that the class fills to a purity and of the others.
 
     Parameters
@@ -108,15 +105,13 @@ def teach(
 
     Returns
     -------
-    weight, mean, second : float64 arrays (2, 2, n_classes, 2), (2, 2, n_classes, d), (2, 2, n_classes, d, d)
+    float64 array (2, 2, n_classes, 2 + d + d (d + 1) / 2)
         By half, by pure or not, by class: sums of the cells and of their squares; of the cells times each feature; of
-        the cells times the product of each two.
+        the cells times the product of each two, by rows of the lower triangle.
     """
     d, n_pixels = features.shape
     n_classes = counts.shape[1]
-    weight = np.zeros((2, 2, n_classes, 2))
-    mean = np.zeros((2, 2, n_classes, d))
-    second = np.zeros((2, 2, n_classes, d, d))
+    out = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
     x = np.empty(d)
     for n in range(n_pixels):
         cells = 0
@@ -128,23 +123,20 @@ def teach(
         for i in range(d):
             x[i] = features[i, n]
         for k in range(n_classes):
+            if counts[n, k] == 0:
+                continue
             w = float(counts[n, k])
-            if w > 0.0:
-                s = 0 if w >= least else 1
-                weight[h, s, k, 0] += w
-                weight[h, s, k, 1] += w * w
-                for i in range(d):
-                    wx = w * x[i]
-                    mean[h, s, k, i] += wx
-                    for j in range(i + 1):
-                        second[h, s, k, i, j] += wx * x[j]
-    for h in range(2):
-        for s in range(2):
-            for k in range(n_classes):
-                for i in range(d):
-                    for j in range(i):
-                        second[h, s, k, j, i] = second[h, s, k, i, j]
-    return weight, mean, second
+            own = out[h, 0 if w >= least else 1, k]
+            own[0] += w
+            own[1] += w * w
+            at = 2 + d
+            for i in range(d):
+                wx = w * x[i]
+                own[2 + i] += wx
+                for j in range(i + 1):
+                    own[at] += wx * x[j]
+                    at += 1
+    return out
 
 
 @kernel
@@ -165,35 +157,44 @@ def _likeliest(
 
     ``own``: the first of the features that are no evidence. Loops over pixels inside, so that they become vectors.
     """
-    d = x.shape[0]
     best[:m] = -np.inf
     named[:m] = 0
     for k in range(centre.shape[0]):
         if constant[k] == -np.inf:
             continue
         square[:m] = 0.0
-        for i in range(d):
-            z[:m] = 0.0
-            for j in range(i + 1):
-                a, c = scale[k, i, j], centre[k, j]
-                for n in range(m):
-                    z[n] += a * (x[j, n] - c)
-            for n in range(m):
-                square[n] += z[n] * z[n]
+        _add_squares(x, m, centre[k], scale[k], 1.0, square, z)
         # A conditional Gaussian is the joint one over that of the covariates alone.
-        for i in range(d - own):
-            z[:m] = 0.0
-            for j in range(i + 1):
-                a, c = known_scale[k, i, j], centre[k, own + j]
-                for n in range(m):
-                    z[n] += a * (x[own + j, n] - c)
-            for n in range(m):
-                square[n] -= z[n] * z[n]
+        _add_squares(x[own:], m, centre[k, own:], known_scale[k], -1.0, square, z)
         for n in range(m):
             likely = constant[k] - 0.5 * square[n]
             better = likely > best[n]
             best[n] = likely if better else best[n]
             named[n] = k if better else named[n]
+
+
+@kernel
+def _add_squares(
+    x: AnyArray, m: int, centre: AnyArray, scale: AnyArray, sign: float, square: AnyArray, z: AnyArray
+) -> None:
+    """Add the squares of ``scale @ (x - centre)`` of each of the first ``m`` columns of ``x``."""
+    for i in range(x.shape[0]):
+        a, c = scale[i, 0], centre[0]
+        if i == 0:
+            for n in range(m):
+                y = a * (x[0, n] - c)
+                square[n] += sign * (y * y)
+            continue
+        for n in range(m):
+            z[n] = a * (x[0, n] - c)
+        for j in range(1, i):
+            a, c = scale[i, j], centre[j]
+            for n in range(m):
+                z[n] += a * (x[j, n] - c)
+        a, c = scale[i, i], centre[i]
+        for n in range(m):
+            y = z[n] + a * (x[i, n] - c)
+            square[n] += sign * (y * y)
 
 
 @kernel
@@ -262,5 +263,6 @@ def name_classes(
             p, name = pixel[h, i], named[i]
             correct[tile[p]] += counts[p, name]
             for k in range(n_classes):
-                confusion[k, name] += counts[p, k]
+                if counts[p, k] != 0:
+                    confusion[k, name] += counts[p, k]
     return correct, confusion

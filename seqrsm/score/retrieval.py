@@ -13,8 +13,15 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem, SceneError
-from seqrsm.score.classification import UtilityScore, cluster_ratio, halves, score_pixels, tiles, with_names
-from seqrsm.score.kernels_classify import count_classes
+from seqrsm.score.classification import (
+    UtilityScore,
+    cluster_ratio,
+    count_classes,
+    halves,
+    score_pixels,
+    tiles,
+    with_names,
+)
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
@@ -70,7 +77,7 @@ def pixels_of_radiometer(
     """`seqrsm.score.classification.pixels_of_radar` of footprints; -1 also where a footprint saw nothing."""
     n_samples, n_lines = image.brightness_k.shape[1:]
     pixel = _seen_pixels(image)
-    counts = count_classes(pixel, scene.cover, scene.scored, n_samples * n_lines, len(scene.categories))
+    counts = count_classes(pixel, scene, n_samples * n_lines)
     return pixel, counts, *_tiles(image, scene, np.arange(n_samples)[:, None], np.arange(n_lines), tile_m, seed, run_id)
 
 

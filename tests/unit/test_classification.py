@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,14 +12,13 @@ from scipy.stats import multivariate_normal
 
 from seqrsm.rng import generator
 from seqrsm.score import classification
-from seqrsm.score.classification import cluster_ratio, decibels, halves, tiles
-from seqrsm.score.kernels_classify import count_classes
+from seqrsm.score.classification import cluster_ratio, count_classes, decibels, halves, tiles
 
 
 def score_pixels(power, counts, tile, *, seed, run_id):
     """Score of powers (n_pixels, n_channels), the halves drawn tile by tile."""
     keys = generator(seed, run_id, "test").random(int(tile.max()) + 1)
-    return classification.score_pixels(decibels(power.T, counts), counts, tile, keys)
+    return classification.score_pixels(decibels(power.T.copy(), counts), counts, tile, keys)
 
 
 def two_classes(distance_db, n=40_000, seed=0, sd=1.0, d=1):
@@ -145,7 +145,8 @@ def test_counts_leave_out_what_is_not_scored_not_known_or_not_seen():
     pixel = np.array([[0, 0, 1], [1, -1, 1]], dtype=np.int32)
     cover = np.array([[0, 1, 1], [255, 0, 0]], dtype=np.uint8)
     scored = np.array([[True, True, True], [True, True, False]])
-    np.testing.assert_array_equal(count_classes(pixel, cover, scored, 2, 2), [[1, 1], [0, 1]])
+    scene = SimpleNamespace(cover=cover, scored=scored, categories=("a", "b"))
+    np.testing.assert_array_equal(count_classes(pixel, scene, 2), [[1, 1], [0, 1]])
 
 
 def mixed_pixels(n=3000, n_channels=2, n_classes=5, covariates=0, rare=False):

@@ -182,20 +182,15 @@ def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Rad
 
 
 def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], missing: int) -> AnyArray:
-    """Layer (n, m) of the frame in the scene's own extent and orientation; ``missing`` outside the swath."""
-    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
-    first = int(frame.source[frame.pad_near])
-    if frame.cell_of_scene is not None:
-        seen, m = layer[own].ravel(), layer.shape[1]
-        out = np.full(scene_shape, missing, dtype=layer.dtype)
-        for row, place in zip(out, frame.cell_of_scene.reshape(scene_shape), strict=True):
-            k = place - first * m
-            inside = (k >= 0) & (k < seen.size)
-            row[inside] = seen[k[inside]]
-        return out
-    whole = np.full(frame.elevation_m.shape, missing, dtype=layer.dtype)
-    whole[first : first + frame.n_rows] = layer[own]
-    return np.ascontiguousarray(np.rot90(whole, -frame.quarter_turns))
+    """Layer (rows, m) of the frame's layers in the scene's own extent and orientation; ``missing`` beyond them."""
+    if frame.cell_of_scene is None:
+        return np.ascontiguousarray(np.rot90(layer, -frame.quarter_turns))
+    seen = layer.ravel()
+    out = np.full(scene_shape, missing, dtype=layer.dtype)
+    for row, place in zip(out, frame.cell_of_scene.reshape(scene_shape), strict=True):
+        inside = (place >= 0) & (place < seen.size)
+        row[inside] = seen[place[inside]]
+    return out
 
 
 # The layers do not depend on the run, so the runs of a campaign share them.

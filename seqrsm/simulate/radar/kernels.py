@@ -768,36 +768,52 @@ def smear_range(image: AnyArray, width: AnyArray) -> None:
 
 @kernel
 def register_cells(
-    offset: AnyArray, base: AnyArray, state: AnyArray, first: int, n_bins: int, cells_a_pixel: float, n_pixels: int
-) -> AnyArray:
+    z: AnyArray,
+    cover: AnyArray,
+    none: int,
+    geometry: AnyArray,
+    base: AnyArray,
+    ground_format: bool,
+    first: int,
+    cells_a_pixel: float,
+    shape: tuple[int, int],
+    out: AnyArray,
+) -> None:
     """Pixel into which each element's own power falls (terrain-corrected registration).
 
     Parameters
     ----------
-    offset, base, first
-        As in `bin_range`, `base` without the two further rows.
-    state : uint8 array (n, m)
-    n_bins, n_pixels : int
-        Size of the image.
+    z : float array (n, m)
+        Elevation above the datum of the swath's own rows [m], no gaps.
+    cover : uint8 array (n, m)
+    none : int
+        Number of categories: `cover` from there on is none.
+    geometry, base : float64 arrays (n, 10), (n,)
+        As in `sum_echoes`, of those rows.
+    ground_format : bool
+    first : int
+        First range bin of the image.
     cells_a_pixel : float
         Azimuth cells in a pixel.
-
-    Returns
-    -------
-    int32 array (n, m)
-        ``bin * n_pixels + pixel``; -1 without data or outside the image.
+    shape : tuple of int
+        Bins and pixels of the image.
+    out : int32 array (n, m)
+        Written: ``bin * n_pixels + pixel``; -1 without data or outside the image.
     """
-    n, m = offset.shape
-    out = np.empty((n, m), dtype=np.int32)
+    n, m = z.shape
+    n_bins, n_pixels = np.int32(shape[0]), np.int32(shape[1])
     column = np.empty(m, dtype=np.int32)
     for j in range(m):
-        column[j] = min(int((j + 0.5) / cells_a_pixel), n_pixels - 1)
+        column[j] = np.int32(min(int((j + 0.5) / cells_a_pixel), shape[1] - 1))
+    line = np.empty(m, dtype=z.dtype)
     for i in range(n):
+        for j in range(m):
+            line[j] = z[i, j]
+        _offset_row(geometry, i, ground_format, _ZERO, np.uint64(m), line)
         origin = math.floor(base[i])
-        rest = offset.dtype.type(base[i] - origin)
+        rest = z.dtype.type(base[i] - origin)
         shift = np.int32(np.int64(origin) - first)
         for j in range(m):
-            k = np.int32(math.floor(rest + offset[i, j])) + shift
-            inside = 0 <= k < n_bins and (state[i, j] & np.uint8(NO_DATA)) == 0
-            out[i, j] = k * np.int32(n_pixels) + column[j] if inside else np.int32(-1)
-    return out
+            k = np.int32(_floor(rest + line[j]) + shift)
+            inside = np.int32(0) <= k and k < n_bins and cover[i, j] < none
+            out[i, j] = np.int32(k * n_pixels + column[j]) if inside else np.int32(-1)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from seqrsm.simulate.radar.occasion import (
     nominal_occasion,
 )
 from seqrsm.simulate.radar.receiver import received
-from seqrsm.simulate.radar.registration import register
+from seqrsm.simulate.radar.registration import pixels_of_cells, state_of_cells
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.row_law import row_law
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
@@ -145,6 +145,11 @@ def _form_image(
         kernels.smear_range(mean, law.range_width)
     looks, noise = law.looks, law.noise_w
     power = _faded(mean, noise, looks, radar, speckle, threads)
+    ground: dict[str, Any] = {
+        "ground_format": radar.range_format == "ground",
+        "scene_shape": scene.shape,
+        "n_categories": len(scene.categories),
+    }
     return RadarImage(
         intensity=received(power, radar, law.reference_w),
         mean_power=mean,
@@ -158,17 +163,9 @@ def _form_image(
         range_spacing_m=radar.range_spacing_m,
         azimuth_spacing_m=radar.pixel_spacing_m,
         registration=cache(
-            partial(
-                register,
-                frame,
-                grid,
-                ground_format=radar.range_format == "ground",
-                cells_a_pixel=cells_a_pixel,
-                n_azimuth=n_pixels,
-                scene_shape=scene.shape,
-                n_categories=len(scene.categories),
-            )
+            partial(pixels_of_cells, frame, grid, cells_a_pixel=cells_a_pixel, n_azimuth=n_pixels, **ground)
         ),
+        state=cache(partial(state_of_cells, frame, grid, **ground)),
         radar=radar,
         occasion=occasion,
         quarter_turns=frame.quarter_turns,

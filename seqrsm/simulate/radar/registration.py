@@ -10,7 +10,7 @@ from seqrsm.simulate.radar.echo import EchoGrid
 from seqrsm.simulate.radar.frame import RadarFrame, to_scene
 
 
-def register(
+def pixels_of_cells(
     frame: RadarFrame,
     grid: EchoGrid,
     *,
@@ -19,8 +19,8 @@ def register(
     n_azimuth: int,
     scene_shape: tuple[int, int],
     n_categories: int,
-) -> tuple[AnyArray, AnyArray]:
-    """Relation of a scene's cells to the pixels of one image.
+) -> AnyArray:
+    """Pixel of each cell of a scene: by its own elevation alone, so that nothing else need be known of the echo.
 
     Parameters
     ----------
@@ -39,51 +39,48 @@ def register(
 
     Returns
     -------
-    pixel : int32 array (rows, cols)
-        Pixel ``row * n_azimuth + column`` of each cell; -1 without data or outside the image.
-    state : uint8 array (rows, cols)
-        Bits of `kernels`: CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA.
+    int32 array (rows, cols)
+        Pixel ``row * n_azimuth + column``; -1 without data or outside the image.
     """
-    offset, state = place_cells(frame, grid, n_categories, ground_format=ground_format)
-    base = grid.base[1:-1]
-    kernels.mark_layover(offset, base, state)
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first = int(frame.source[frame.pad_near])
+    rows = slice(first, first + frame.n_rows)
     # The frame's columns of a plan-position indicator repeat a pixel's worth at either end.
     repeated = 1 if frame.wrapped else 0
     width = n_azimuth + 2 * repeated
-    pixel = kernels.register_cells(offset, base, state, grid.first, grid.n_bins, cells_a_pixel, width)
-    del offset
+    pixel = np.full(frame.elevation_m.shape, -1, dtype=np.int32)
+    kernels.register_cells(
+        frame.elevation_m[rows],
+        frame.cover[rows],
+        n_categories,
+        grid.geometry[own],
+        grid.base[1:-1][own],
+        ground_format,
+        grid.first,
+        cells_a_pixel,
+        (grid.n_bins, width),
+        pixel[rows],
+    )
     pixel = to_scene(pixel, frame, scene_shape, -1)
     if repeated:
         row, column = np.divmod(pixel, width)
         pixel = np.where(pixel < 0, pixel, row * n_azimuth + column - repeated)
-    return pixel, to_scene(state, frame, scene_shape, kernels.NO_DATA)
+    return pixel
 
 
-def place_cells(
-    frame: RadarFrame, grid: EchoGrid, n_categories: int, *, ground_format: bool
-) -> tuple[AnyArray, AnyArray]:
-    """Range position of every element less that of its row [bins], and its mask bits but for layover.
+def state_of_cells(
+    frame: RadarFrame, grid: EchoGrid, *, ground_format: bool, scene_shape: tuple[int, int], n_categories: int
+) -> AnyArray:
+    """Bits of `kernels` (CAST_SHADOW, SELF_SHADOW, LAYOVER, NO_DATA) of each cell of a scene, uint8 (rows, cols).
 
     Parameters
     ----------
-    frame : RadarFrame
-    grid : EchoGrid
-    n_categories : int
-        Categories of the scene.
-    ground_format : bool
-        Range format of the image.
-
-    Returns
-    -------
-    offset : float array (n, m)
-    state : uint8 array (n, m)
+    frame, grid, ground_format, scene_shape, n_categories
+        As in `pixels_of_cells`.
     """
     shape = (len(frame.source), frame.elevation_m.shape[1])
-    offset = np.empty(shape, dtype=frame.elevation_m.dtype)
-    state = np.empty(shape, dtype=np.uint8)
-    dtype = offset.dtype
-    # No channels: position and state alone.
-    table = np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64))
+    dtype = frame.elevation_m.dtype
+    offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
     kernels.power_cells(
         frame.elevation_m,
         frame.source,
@@ -92,7 +89,8 @@ def place_cells(
         grid.geometry,
         frame.cell_m,
         ground_format,
-        table,
+        # No channels: position and state alone.
+        np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64)),
         n_categories,
         np.empty((0, 0), dtype=dtype),
         np.empty(0, dtype=dtype),
@@ -100,4 +98,10 @@ def place_cells(
         offset,
         state,
     )
-    return offset, state
+    kernels.mark_layover(offset, grid.base[1:-1], state)
+    del offset
+    own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
+    first = int(frame.source[frame.pad_near])
+    whole = np.full(frame.elevation_m.shape, kernels.NO_DATA, dtype=np.uint8)
+    whole[first : first + frame.n_rows] = state[own]
+    return to_scene(whole, frame, scene_shape, kernels.NO_DATA)

@@ -42,8 +42,8 @@ class RadarImage:
     range_spacing_m, azimuth_spacing_m : float
         Spacing of pixels, in range in the unit of the range format [m]; of a plan-position indicator in azimuth that
         of its rectangular picture.
-    registration : callable
-        Gives what `register` does: pixel of each cell of the scene, and its state; made when asked for, and once.
+    registration, state : callable
+        Give what `pixels_of_cells` and `state_of_cells` do; made when asked for, and once.
     radar : RadarConfiguration
     occasion : Occasion
         State of the ground in this run.
@@ -66,7 +66,8 @@ class RadarImage:
     incidence_angle_deg: FloatArray
     range_spacing_m: float
     azimuth_spacing_m: float
-    registration: Callable[[], tuple[AnyArray, AnyArray]]
+    registration: Callable[[], AnyArray]
+    state: Callable[[], AnyArray]
     radar: RadarConfiguration
     occasion: Occasion
     quarter_turns: int
@@ -77,17 +78,17 @@ class RadarImage:
     @property
     def pixel_of_cell(self) -> AnyArray:
         """Pixel ``row * n_azimuth + column`` of each cell of the scene, int32 (rows, cols); -1 where there is none."""
-        return self.registration()[0]
+        return self.registration()
 
     @property
     def shadow(self) -> BoolArray:
         """Cells of the scene (rows, cols) that return nothing for geometry."""
-        return np.asarray((self.registration()[1] & np.uint8(kernels.CAST_SHADOW | kernels.SELF_SHADOW)) != 0)
+        return np.asarray((self.state() & np.uint8(kernels.CAST_SHADOW | kernels.SELF_SHADOW)) != 0)
 
     @property
     def layover(self) -> BoolArray:
         """Cells of the scene (rows, cols) whose echo is mixed with other ground in range."""
-        return np.asarray((self.registration()[1] & np.uint8(kernels.LAYOVER)) != 0)
+        return np.asarray((self.state() & np.uint8(kernels.LAYOVER)) != 0)
 
     def record(self, categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: plain numbers and names."""
