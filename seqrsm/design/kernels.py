@@ -579,6 +579,14 @@ def draw_start(X: FloatArray, G: FloatArray, F: FloatArray, R: FloatArray, W: Fl
 
 
 @kernel
+def copy_rows(X: FloatArray, out: FloatArray) -> None:
+    """Write ``X`` to ``out``; ``out[:] = X`` has numba compile a message of shapes that differ, for two seconds."""
+    for i in range(X.shape[0]):
+        for j in range(X.shape[1]):
+            out[i, j] = X[i, j]
+
+
+@kernel
 def search(seed: int, n: int, n_base: int, R: FloatArray, W: FloatArray, linear: bool, layout: Layout, chains: int,
            starts: int, moves: int, threshold: float, floor: float, done: IntArray,
            ) -> tuple[FloatArray, float, int]:  # fmt: skip
@@ -621,7 +629,7 @@ def search(seed: int, n: int, n_base: int, R: FloatArray, W: FloatArray, linear:
             chain_best = -np.inf
         needed, fine = chain_best, _FINE
         if last:
-            X[:] = best_X
+            copy_rows(best_X, X)
             needed, fine = -np.inf, _END
         elif step < starts:
             draw_start(X, G, F, R, W, layout, buffers, state, floor)
@@ -629,22 +637,22 @@ def search(seed: int, n: int, n_base: int, R: FloatArray, W: FloatArray, linear:
             # Wandering is cut short now and then by a return to the best.
             if (step - starts) % 60 == 0:
                 current = chain_best
-                current_X[:] = chain_X
-            X[:] = current_X
+                copy_rows(chain_X, current_X)
+            copy_rows(current_X, X)
             perturb(X, layout, state)
             needed = current - threshold
         value = local_search(X, G, F, R, W, linear, layout, buffers, needed, fine)
         if step >= starts and value > current - threshold:
             current = value
-            current_X[:] = X
+            copy_rows(X, current_X)
         if value > chain_best:
             chain_best = value
-            chain_X[:] = X
+            copy_rows(X, chain_X)
         if value > best - 1e-5 and not last:
             hits = hits + 1 if value <= best + 1e-5 else 1
         if value > best:
             best = value
-            best_X[:] = X
+            copy_rows(X, best_X)
     return best_X, best, hits
 
 
