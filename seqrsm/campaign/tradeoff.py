@@ -21,7 +21,7 @@ from seqrsm.analysis.fitted import fit_application
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, task_of
 from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
-from seqrsm.errors import FitError
+from seqrsm.errors import FitError, UserError
 from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.plain import plain
 from seqrsm.spec.read import CampaignSpec
@@ -136,7 +136,7 @@ def _write(path: Path, content: Mapping[str, Any]) -> None:
     os.replace(draft, path)
 
 
-def coarsest_within(spec: CampaignSpec, configurations: int = 4, occasions: int = 3) -> dict[str, Any]:
+def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int = 2) -> dict[str, Any]:
     """The coarsest data base whose scores differ by no more than the campaign's tolerance, root mean square.
 
     Measured at settings from the finest to the coarsest sensor, for which most cells are averaged.
@@ -150,7 +150,7 @@ def coarsest_within(spec: CampaignSpec, configurations: int = 4, occasions: int 
     tolerance = spec.simulator.tolerance
     by_detail = sorted(some_configurations(spec, _CONSIDERED), key=lambda own: detail_of(task_of(spec, NO_RUN, own)))
     places = np.linspace(0, len(by_detail) - 1, configurations).astype(int)
-    rows = [_measured(spec, by_detail[k], occasions) for k in places]
+    rows = [_measured(spec, by_detail[k], occasions, timed=False) for k in places]
     good = [row for row in rows if not row["failure"]]
     found = {
         cells: max(_against_full(good, cells, one.name, one.goal)["rms_error"] for one in spec.applications)
@@ -161,23 +161,31 @@ def coarsest_within(spec: CampaignSpec, configurations: int = 4, occasions: int 
     return {"cells": min(kept, default=0), "tolerance": tolerance, "rms_error": errors}
 
 
-def _measured(spec: CampaignSpec, settings: Mapping[str, float | str], occasions: int) -> dict[str, Any]:
-    """Scores, time and blocks of cells on every data base at one configuration, on the same occasions."""
+def _measured(
+    spec: CampaignSpec, settings: Mapping[str, float | str], occasions: int, *, timed: bool = True
+) -> dict[str, Any]:
+    """Scores, time and blocks of cells on every data base at one configuration, on the same occasions.
+
+    ``timed``: what is done once only, compiled or cached, is done before.
+    """
     out: dict[str, Any] = {"settings": dict(settings), "levels": {}, "failure": ""}
     done: dict[int, dict[str, Any]] = {}
     for cells in LEVELS:
         tasks = [task_of(spec, FIRST_RUN + k, settings, cells=cells) for k in range(occasions)]
-        first = carry_out(tasks[0])  # compiles and caches what is not to be timed
-        if first.failure:
-            out["failure"] = first.failure
-            return out
-        averaged = ground_of(tasks[0])[1]
+        try:
+            averaged = ground_of(tasks[0])[1]
+        except UserError as error:
+            return {**out, "failure": str(error)}
         if averaged not in done:
+            if timed:
+                carry_out(tasks[0])
             scores, seconds = [], []
             for task in tasks:
                 start = time.process_time()
                 found = carry_out(task)
                 seconds.append(time.process_time() - start)
+                if found.failure:
+                    return {**out, "failure": found.failure}
                 scores.append({one.application: one.score for one in found.scores})
             done[averaged] = {"averaged": averaged, "scores": scores, "seconds": seconds}
         out["levels"][str(cells)] = done[averaged]

@@ -149,7 +149,7 @@ def main() -> None:
     lines = [
         "# Whole runs and commands, before and now",
         "",
-        "Written by `python tests/benchmarks/bench_runs.py --before CHECKOUT --write`, before being commit 0a1c417: the "
+        "Written by `python tests/benchmarks/bench_runs.py --before CHECKOUT --write`, before being 0a1c417: the "
         f"least of {ROUNDS} rounds in which both took turns, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores.",
         "",
         "| what | before | now | now / before |",
