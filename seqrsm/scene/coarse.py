@@ -11,7 +11,8 @@ from seqrsm.arrays import Float32Array
 from seqrsm.scene.scene import Scene
 
 LARGEST = 16
-"""Cells along a side of the blocks that become one, at most."""
+"""Cells along a side of the blocks that become one, at most. With the data base as it is there are then five, and what
+is made of each once, such as parts of its fields, is kept for six."""
 
 _LEAST_SIDE = 8
 
@@ -34,7 +35,7 @@ def cells_in_one(cell_m: float, detail_m: float, cells: int) -> int:
     return factor
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=6)
 def coarse_scene(scene: Scene, factor: int) -> Scene:
     """Data base of ``factor`` times wider cells: what varies smoothly is averaged, the rest is that of the middle cell.
 

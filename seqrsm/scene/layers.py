@@ -49,7 +49,7 @@ def levelled(elevation_m: AnyArray, cover: AnyArray, mean_m: float) -> AnyArray:
     return np.where(gaps, np.uint8(NO_COVER), cover)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def moisture_of_fields(scene: Scene) -> FloatArray | None:
     """Mean soil moisture of each field's valid cells [m3/m3] (n_fields,), nan where it has none; None without layer."""
     if scene.soil_moisture is None:
@@ -61,7 +61,7 @@ def moisture_of_fields(scene: Scene) -> FloatArray | None:
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def categories_of_fields(scene: Scene) -> AnyArray:
     """Category of each field of a scene, uint8 (n_fields,)."""
     return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)

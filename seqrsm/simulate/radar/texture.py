@@ -29,7 +29,7 @@ _SEED: Final = 1979
 """Of the pieces' outlines, which are the same in every run; their backscatter is drawn anew."""
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def pieces(scene: Scene, texture_m: float) -> tuple[Scene, IntArray]:
     """Fields cut into Voronoi pieces of ``texture_m`` [m] on average a side, at least a cell.
 
