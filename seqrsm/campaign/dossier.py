@@ -13,7 +13,7 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, report_pictures, truth_panel
-from seqrsm.campaign.rests_on import rests_on
+from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
 from seqrsm.campaign.tradeoff import read_tradeoff
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord
@@ -52,6 +52,8 @@ class Dossier:
         What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
     rests : Mapping
         What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`.
+    calendar : CropCalendar or None
+        Of a campaign with dates, at the first application's recommended settings.
     """
 
     spec: CampaignSpec
@@ -67,6 +69,7 @@ class Dossier:
     compromise: CompromiseEstimate | None = None
     tradeoff: Mapping[str, Any] | None = None
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    calendar: CropCalendar | None = None
 
 
 def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None) -> Dossier:
@@ -106,6 +109,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
+        calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator and analyses else None,
     )
 
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
-from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.scattering.calendar import DAYS, Fields, fields_by_category
+from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.occasion import nominal_ground_state
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.units import linear_to_db
+
+_CROPS: Final = 6
+_EVEN: Final = Fields("even", (0.0, 0.0), (1.0, 1.0), 0.0, 0.0)
 
 
 def rests_on(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[str, float]:
@@ -43,6 +49,52 @@ def mean_sds(spec: CampaignSpec, settings: Mapping[str, float | str]) -> dict[st
     found, area, names = _looked_up(spec, settings)
     sd = np.mean([one.mean_sd_db if hasattr(one, "mean_sd_db") else one.mean_sd for one in found], axis=0)
     return {name: float(x) for name, x, share in zip(names, sd, area, strict=True) if share > 0.0 and x > 0.0}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CropCalendar:
+    """Backscatter of the crops of a scene over the year in the channels of a campaign's radars.
+
+    Attributes
+    ----------
+    crops : tuple of str
+        Covers of the scored area that change over the year, the largest first, six at most.
+    channels : tuple of str
+        Such as "C VV".
+    sigma0_db : float64 array (n_channels, n_crops, 365)
+        At 40 degrees [dB].
+    days : tuple of float
+        Of the images at the recommended settings.
+    """
+
+    crops: tuple[str, ...]
+    channels: tuple[str, ...]
+    sigma0_db: FloatArray
+    days: tuple[float, ...]
+
+
+def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> CropCalendar | None:
+    """Calendar of the crops that a campaign with dates looks at, one panel a channel; None without dates, or radars."""
+    task = task_of(spec, NO_RUN, settings)
+    scene, made = scene_at(task.scene), task.acquisitions
+    radars = {one.member: one for one in made if isinstance(one.sensor, RadarConfiguration) and one.visit.days}
+    cells = np.bincount(scene.cover[scene.scored & scene.valid()], minlength=256)[: len(scene.categories)]
+    known = fields_by_category()
+    grown = [k for k in np.argsort(-cells) if cells[k] and known.get(scene.categories[k], _EVEN).group != "even"]
+    crops = tuple(scene.categories[k] for k in grown[:_CROPS])
+    if not radars or not crops:
+        return None
+    channels, levels = [], []
+    for one in radars.values():
+        day = one.visit.days[one.visit.number]
+        for channel in one.sensor.channels:
+            find = task.scattering(one.engine).lookup
+            found = find(crops, one.sensor.frequency_ghz, GROUND_OF[channel], day=day)
+            at_day = linear_to_db(found.sigma0[:, 40])
+            today = [np.interp(day, DAYS, change) for change in found.course.change_db]
+            channels.append(f"{one.member or f'{one.sensor.frequency_ghz:.3g} GHz'} {channel}")
+            levels.append((at_day - np.array(today))[:, None] + found.course.change_db)
+    return CropCalendar(crops, tuple(channels), np.array(levels), made[0].visit.days)
 
 
 def _looked_up(

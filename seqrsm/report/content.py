@@ -10,7 +10,12 @@ from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.data import data_section, question_section, run_section
 from seqrsm.report.sections.literature import literature_section
 from seqrsm.report.sections.measure import measure_section
-from seqrsm.report.sections.sources import assumption_section, image_section, provenance_section
+from seqrsm.report.sections.sources import (
+    assumption_section,
+    calendar_section,
+    image_section,
+    provenance_section,
+)
 from seqrsm.report.sections.speed import speed_section
 from seqrsm.report.sections.summary import summary_section
 
@@ -44,6 +49,7 @@ def build_report(dossier: Dossier) -> Report:
             sections.append(Section(f"a{number}", f"Application {analysis.application}", (), parts, new_page=True))
     last = (
         None if dossier.compromise is None else compromise_section(spec.factors, dossier.compromise),
+        calendar_section(dossier),
         image_section(dossier),
         speed_section(dossier),
         literature_section(dossier),

@@ -9,6 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.campaign.rests_on import CropCalendar
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures.optimum import thinned
@@ -88,6 +89,12 @@ def levels_data(analysis: Analysis, category: int, lines: tuple[Line, ...]) -> P
     ]
     names = (score_column(analysis, name) for name in ("score", "confidence low", "confidence high"))
     return PanelData((levels.name, factor_column(factor), *names, "allowed"), tuple(rows))
+
+
+def calendar_data(calendar: CropCalendar, channel: int) -> PanelData:
+    """Backscatter of crops over the year in one channel."""
+    rows = zip(range(1, 366), *calendar.sigma0_db[channel].tolist(), strict=True)
+    return PanelData(("day", *(f"{crop} [dB]" for crop in calendar.crops)), tuple(rows))
 
 
 def _natural(factor: Factor, values: FloatArray) -> list[float | str]:

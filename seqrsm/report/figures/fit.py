@@ -11,6 +11,7 @@ from scipy.special import ndtri
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.campaign.rests_on import CropCalendar
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import run_texts, score_label, set_numeric_axis
@@ -23,6 +24,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_COEFFICIENTS = 40
+
+
+def calendar_panel(calendar: CropCalendar, channel: int) -> str:
+    """Draw backscatter of crops over the year in one channel, with the days on which they are looked at."""
+    return drawing.draw(partial(_paint_calendar, calendar, channel))
+
+
+def _paint_calendar(calendar: CropCalendar, channel: int, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    day = np.arange(1.0, 366.0)
+    for k, crop in enumerate(calendar.crops):
+        style = "-" if k < len(drawing.SERIES) else ":"
+        axes.plot(day, calendar.sigma0_db[channel, k], style, color=drawing.SERIES[k % len(drawing.SERIES)], label=crop)
+    for one in calendar.days:
+        axes.axvline(one, color=drawing.MUTED, linestyle="--", linewidth=0.8, zorder=1)
+    axes.set_xlim(1.0, 365.0)
+    axes.set_xlabel("day of the year")
+    axes.set_ylabel("sigma0 [dB]")
+    axes.legend(frameon=False, fontsize=6.5, ncol=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    drawing.light_grid(axes)
 
 
 def importance_panel(analysis: Analysis) -> str:

@@ -27,7 +27,8 @@ from seqrsm.report.blocks import (
     right,
     table,
 )
-from seqrsm.report.figures.data import picture_data
+from seqrsm.report.figures.data import calendar_data, picture_data
+from seqrsm.report.figures.fit import calendar_panel
 from seqrsm.report.images import (
     NO_DATA,
     bar_length_m,
@@ -59,6 +60,29 @@ LIMITS = (
     "Stopping on the width of an interval makes it a little too narrow on average; the guards of the stop rule limit "
     "this, and only fresh runs at the recommended settings give an interval of exact coverage.",
 )
+
+
+def calendar_section(dossier: Dossier) -> Section | None:
+    """Return backscatter of the crops over the year with the recommended dates; None for a campaign without dates."""
+    calendar = dossier.calendar
+    if calendar is None:
+        return None
+    days = listing([f"{day:.0f}" for day in calendar.days])
+    panels = tuple(
+        Panel(
+            channel,
+            f"{channel} of {listing(list(calendar.crops))} over the days of the year; dates on days {days}.",
+            partial(calendar_panel, calendar, k),
+            name=slug(f"calendar {channel}"),
+            data=partial(calendar_data, calendar, k),
+        )
+        for k, channel in enumerate(calendar.channels)
+    )
+    caption = (
+        f"Mean backscatter of the crops at 40 degrees by day of the year, as simulated; dashed: the recommended days "
+        f"{days}. Fields depart from it, and are early or late."
+    )
+    return Section("calendar", "Calendar of the crops", (FigureBlock(panels, caption),))
 
 
 def image_section(dossier: Dossier) -> Section | None:
