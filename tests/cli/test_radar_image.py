@@ -213,7 +213,7 @@ def test_a_file_of_cultural_targets(campaign):
     assert (gain > 1.5).sum() <= 4
     folder = campaign(QUIET + 'targets_file = "targets.csv"\n')
     for text, words in {
-        "row,column\n1,2\n": ["columns row, column", "cross_section_dbm2"],
+        "row,column\n1,2\n": ["its columns", "cross_section_dbm2"],
         "row,column,cross_section_dbm2\n1,2,3\n1,b,3\n": ["targets.csv:3", "1,b,3"],
         "row,column,cross_section_dbm2,lobe_deg\n1,2,3,0\n": ["targets.csv:2", "lobe"],
         "row,column,cross_section_dbm2\n1,2,500\n": ["targets.csv:2", "120 dBm2"],

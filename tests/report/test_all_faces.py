@@ -8,6 +8,7 @@ import inspect
 import pkgutil
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -26,6 +27,7 @@ from seqrsm.analysis.study import term_tests
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import CheckResult
 from seqrsm.campaign.dossier import assemble
+from seqrsm.campaign.rests_on import CropCalendar
 from seqrsm.cli.app import app
 from seqrsm.cli.blocks import show_blocks, show_sections
 from seqrsm.cli.console import ascii_signs
@@ -55,6 +57,7 @@ from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.check import check_sections, rehearsal_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.optimum import optimum_section
+from seqrsm.report.sections.sources import calendar_section
 from seqrsm.report.sections.speed import speed_section, tradeoff_blocks
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.store.records import EventRecord
@@ -302,6 +305,16 @@ def _measured(analysis: Analysis) -> Section:
     return found
 
 
+def test_the_calendar_of_crops_is_drawn() -> None:
+    calendar = CropCalendar(("Wheat", "Corn"), ("C VV",), np.zeros((1, 2, 365)) - 10.0, (120.0, 150.0))
+    found = calendar_section(SimpleNamespace(calendar=calendar))
+    assert found is not None
+    ((panel,),) = (block.panels for block in found.blocks)
+    assert "<svg" in panel.draw()
+    assert len(panel.data().rows) == 365
+    assert calendar_section(SimpleNamespace(calendar=None)) is None
+
+
 BY_REPORT = {
     "application_sections", "assumption_section", "compromise_section", "compromise_summary", "data_section",
     "diagnostics_section", "history_section", "image_section", "importance_section", "literature_section",
@@ -310,7 +323,7 @@ BY_REPORT = {
     "term_blocks",
 }  # fmt: skip
 BY_NAME = {
-    "check_sections", "measure_section", "rehearsal_section", "speed_section", "term_test_table",
+    "calendar_section", "check_sections", "measure_section", "rehearsal_section", "speed_section", "term_test_table",
     "tradeoff_blocks",
 }  # fmt: skip
 
