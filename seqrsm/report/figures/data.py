@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.campaign.rests_on import CropCalendar
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures.optimum import thinned
 from seqrsm.report.figures.surfaces import Line, Ridge, Surface, numeric_factor, to_score
 from seqrsm.report.history import Look
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.rests_on import CropCalendar
 
 Row = tuple[float | str, ...]
 

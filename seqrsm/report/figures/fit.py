@@ -11,7 +11,6 @@ from scipy.special import ndtri
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.campaign.rests_on import CropCalendar
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import run_texts, score_label, set_numeric_axis
@@ -22,6 +21,8 @@ from seqrsm.report.wording import axis_label, readable, readable_term, shortened
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+
+    from seqrsm.campaign.rests_on import CropCalendar
 
 MAX_COEFFICIENTS = 40
 
