@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import csv
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -20,8 +21,13 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from seqrsm.campaign.acquisitions import acquisitions_of
 from seqrsm.scattering.calendar import DAYS
 from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World
+from seqrsm.scene.file import load_scene
+from seqrsm.score.fusion import percent_correct_of_set
+from seqrsm.simulate.radar.psm import simulate_radar
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "validation"
@@ -29,6 +35,37 @@ CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "For
 GHZ = {"C": 5.4, "L": 1.25}
 ANGLE = {"C": 38, "L": 40}
 TABLE = load_sigma0_table()
+
+SCENE = ROOT / "campaigns" / "langegracht-dates" / "scene.npz"
+SCORED = ("Wheat", "Corn", "Oats", "Vegetables", "Forage", "Grass")
+FIXED = {"bandwidth": 50.0, "peak_power": 100.0, "altitude_m": 6000.0, "depression_angle": 45.0, "resolution": 20.0}
+QUAD, CROSS = "HH+HV+VV", "HV"
+SETTINGS = {  # frequency, polarization, days
+    "X, HH, 1 date": ("X", "HH", "180"),
+    "X, HH, 4 dates": ("X", "HH", "120+150+180+210"),
+    "Ku, HH+HV, 4 dates 10 days apart": ("Ku", "HH+HV", "160+170+180+190"),
+    "C, quad, 1 date": ("C", QUAD, "184"),
+    "L, quad, 1 date": ("L", QUAD, "184"),
+    "C+L, quad, 1 date": ("C+L", QUAD, "184"),
+    "C, VV+VH, monthly": ("C", "VV+VH", "105+135+165+195+225"),
+    "L, quad, monthly": ("L", QUAD, "105+135+165+195+225"),
+    "C+L, monthly": ("C+L", "VV+VH", "105+135+165+195+225"),
+    "C, cross, weekly": ("C", CROSS, "130+137+144+151+158+165+172+179+186+193+200"),
+    "L, cross, weekly": ("L", CROSS, "130+137+144+151+158+165+172+179+186+193+200"),
+    "C, VV+VH, 1 date": ("C", "VV+VH", "184"),
+    "C, VV+VH, 5 dates": ("C", "VV+VH", "120+145+170+195+220"),
+}
+CONTRASTS = (
+    ("several dates over one, X", "X, HH, 4 dates", "X, HH, 1 date", "+50 or more", "Hoogeboom 1983: 35 to over 85"),
+    ("both bands over C, one date", "C+L, quad, 1 date", "C, quad, 1 date", "+5.9", "Hoekman and Vissers 2003"),
+    ("both bands over L, one date", "C+L, quad, 1 date", "L, quad, 1 date", "+7.6", "Hoekman and Vissers 2003"),
+    ("C over L, one date", "C, quad, 1 date", "L, quad, 1 date", "+1.7", "Hoekman and Vissers 2003"),
+    ("both bands over C, season", "C+L, monthly", "C, VV+VH, monthly", "+5", "Skriver 2012"),
+    ("both bands over L, season", "C+L, monthly", "L, quad, monthly", "+5", "Skriver 2012"),
+    ("C over L, season", "C, VV+VH, monthly", "L, quad, monthly", "0", "Skriver 2012"),
+    ("C over L, cross, weekly", "C, cross, weekly", "L, cross, weekly", "0", "Skriver 2011 (AgriSAR)"),
+    ("five dates over one, C", "C, VV+VH, 5 dates", "C, VV+VH, 1 date", "positive", "as all of them say"),
+)  # fmt: skip
 
 Days = dict[tuple[str, str, str], list[tuple[float, float, str, str]]]
 
@@ -93,6 +130,50 @@ def draw(days: Days) -> None:
     figure.savefig(OUT / "seasons.png", dpi=80)
 
 
+def scores(n_worlds: int) -> dict[str, np.ndarray]:
+    """Score of each of `SETTINGS` in each world, crops and grass alone scored."""
+    scene = load_scene(SCENE)
+    asked = np.isin(scene.cover, [scene.categories.index(name) for name in SCORED])
+    scene = replace(scene, scored=scene.scored & asked)
+    found: dict[str, list[float]] = defaultdict(list)
+    for world in range(n_worlds):
+        table = TABLE.in_world(World(1983, world))
+        for name, (frequency, polarization, days) in SETTINGS.items():
+            settings = {"frequency": frequency, "polarization": polarization, "days": days}
+            images = [
+                simulate_radar(scene, one.sensor, table, seed=1983, run_id=world, visit=one.visit)
+                for one in acquisitions_of("psm", settings, FIXED, {})
+            ]
+            found[name].append(percent_correct_of_set(images, scene, seed=1983, run_id=world).value)
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def contrasts(found: dict[str, np.ndarray]) -> list[str]:
+    """Tables of scores and of contrasts, in Markdown."""
+    n = len(next(iter(found.values())))
+    rows = [f"| {name} | {x.mean():.1f} | {x.std(ddof=1):.1f} |" for name, x in found.items()]
+    compared = []
+    for what, one, other, published, source in CONTRASTS:
+        low, middle, high = np.quantile(found[one] - found[other], [0.025, 0.5, 0.975])
+        compared.append(f"| {what} | {published} | {low:+.1f} | {middle:+.1f} | {high:+.1f} | {source} |")
+    return [
+        "## What dates and bands gain",
+        "",
+        f"Crops and grass of the Langegracht valley, cells of 20 m, 45 degrees, {n} worlds, one season in each:",
+        "percent classified rightly, cell by cell, by one Gaussian law over all channels of all dates.",
+        "",
+        "| configuration | mean [%] | s.d. over worlds |",
+        "|---|---|---|",
+        *rows,
+        "",
+        "Beside published scores, which are of other crops, sites, classifiers and sizes of fields:",
+        "",
+        "| contrast | published | 2.5 % of worlds | median | 97.5 % | source |",
+        "|---|---|---|---|---|---|",
+        *compared,
+    ]
+
+
 def page(rows: list[tuple[str, str, str, int, float, float, float, float]], contrasts: list[str]) -> str:
     """The page as Markdown."""
     table = [
@@ -125,10 +206,10 @@ def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", type=int, default=40)
-    parser.parse_args()
+    given = parser.parse_args()
     days = measured()
     draw(days)
-    (OUT / "seasons.md").write_text(page(residuals(days), []) + "\n", encoding="utf-8")
+    (OUT / "seasons.md").write_text(page(residuals(days), contrasts(scores(given.worlds))) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
