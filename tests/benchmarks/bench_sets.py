@@ -1,0 +1,53 @@
+"""What five dates of two bands cost over one date of one band, images and score: CPU time, alternating.
+
+OPENBLAS_NUM_THREADS=1 python tests/benchmarks/bench_sets.py
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from seqrsm.campaign.acquisitions import acquisitions_of
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import Scene
+from seqrsm.score.fusion import percent_correct_of_set
+from seqrsm.simulate.radar.psm import simulate_radar
+
+SCENE = Path(__file__).parents[2] / "campaigns" / "langegracht-radar" / "scene.npz"
+FIXED = {"bandwidth": 50.0, "peak_power": 100.0, "altitude_m": 6000.0, "depression_angle": 45.0}
+ROUNDS = 5
+
+
+def seconds(scene: Scene, frequency: str, days: str, resolution: float) -> tuple[float, float]:
+    """CPU time of the images, and of their score [s]."""
+    table = load_sigma0_table()
+    settings = {"frequency": frequency, "polarization": "VV+VH", "days": days, "resolution": resolution}
+    start = time.process_time()
+    images = [
+        simulate_radar(scene, one.sensor, table, seed=1, run_id=1, visit=one.visit)
+        for one in acquisitions_of("psm", settings, FIXED, {})
+    ]
+    made = time.process_time()
+    percent_correct_of_set(images, scene, seed=1, run_id=1)
+    return made - start, time.process_time() - made
+
+
+def main() -> None:
+    """Print a row for each resolution."""
+    scene, season = load_scene(SCENE), "120+145+170+195+220"
+    for resolution in (40.0, 20.0, 10.0, 6.0):
+        seconds(scene, "C", "150", resolution)
+        rounds = [
+            (seconds(scene, "C", "150", resolution), seconds(scene, "L+C", season, resolution)) for _ in range(ROUNDS)
+        ]
+        one, ten = np.median(np.array(rounds), axis=0)
+        ratio = ten.sum() / one.sum()
+        print(f"{resolution:4.0f} m: one {one[0]:.3f} + {one[1]:.3f} s, ten {ten[0]:.3f} + {ten[1]:.3f} s: {ratio:.1f}")
+
+
+if __name__ == "__main__":
+    main()
