@@ -94,14 +94,15 @@ def parameters(
 ) -> None:
     """List the parameters of a sensor: factors of a campaign, or given under [simulator.fixed]."""
     from seqrsm.cli.show import show_parameters
-    from seqrsm.sensor.parameters import RADAR, RADIOMETER, listed
+    from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, listed
     from seqrsm.sensor.radar import RadarConfiguration
     from seqrsm.sensor.radiometer import RadiometerConfiguration
+    from seqrsm.sensor.sets import Dates
 
     sensors = {"psm": (RADAR, RadarConfiguration), "prm": (RADIOMETER, RadiometerConfiguration)}
     if engine not in sensors:
         raise UserError(Problem("no such engine", f"Use {' or '.join(sensors)}.", field="ENGINE", value=engine))
-    rows = listed(*sensors[engine])
+    rows = [*listed(*sensors[engine]), *listed(CALENDAR, Dates)]
     print_json(rows) if as_json else show_parameters(rows)
 
 

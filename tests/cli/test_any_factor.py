@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 
 from seqrsm.campaign.simulation import SimulationTask, carry_out, task_of
 from seqrsm.cli.app import app
+from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec.read import load_spec
 
 HEAD, TAIL = TINY[: TINY.index("[[factor]]")], TINY[TINY.index("[[application]]") :]
@@ -213,9 +214,7 @@ def test_a_radiometer_varies_weather_heading_and_receiver(tmp_path, tiny_scene):
 
 
 def test_every_parameter_is_listed():
-    from seqrsm.sensor.parameters import RADAR, RADIOMETER
-
-    for engine, table in (("psm", RADAR), ("prm", RADIOMETER)):
+    for engine, table in SENSORS.items():
         rows = told("parameters", engine)
         assert [row["name"] for row in rows] == list(table)
         altitude = next(row for row in rows if row["name"] == "altitude_m")

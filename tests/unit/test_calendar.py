@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import DAYS
+from seqrsm.scattering.calendar import DAYS, canopy_share
+from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
@@ -83,6 +84,28 @@ def test_worlds_differ_in_the_course_as_its_error_says():
     own = at(150, "VV").course
     np.testing.assert_allclose(draws.std(axis=0), own.sd_db, rtol=0.2)
     np.testing.assert_allclose(draws.mean(axis=0), own.change_db[:, 149], atol=0.45)
+
+
+def test_emissivity_follows_the_water_of_the_canopy():
+    """Bare maize ground is colder at L band than the crop in July, by what tau-omega says; grass does not change."""
+    table = load_emissivity_table()
+
+    def emissivity(name, day):
+        return float(table.lookup((name,), 1.4, "H", day=day).emissivity[0, 6, 40])  # soil moisture 0.2, 40 degrees
+
+    assert emissivity("Corn", 200) > emissivity("Corn", 100) + 0.02
+    assert emissivity("Wheat", 150) > emissivity("Wheat", 250) + 0.05
+    assert emissivity("Grass", 20) == pytest.approx(emissivity("Grass", 200))
+    season = table.lookup(("Corn",), 1.4, "H").emissivity
+    water = np.mean([canopy_share("Corn", day, "") for day in range(173, 201)])
+    assert water == pytest.approx(1.0, abs=0.02)
+    between = [table.lookup(("Corn",), 1.4, "H", day=day).emissivity[0, 6, 40] for day in (174, 200)]
+    assert min(between) < season[0, 6, 40] < max(between)
+    assert table.lookup(("Asphalt",), 1.4, "H", day=20).emissivity == pytest.approx(
+        table.lookup(("Asphalt",), 1.4, "H").emissivity
+    )
+    with pytest.raises(ScatteringDataError, match="no calendar"):
+        canopy_share("Hops", 100, "")
 
 
 def test_bands_near_each_other_see_nearly_the_same_fields():

@@ -1,0 +1,94 @@
+"""A campaign of dates and of sensors together, by its commands."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
+from tiny_campaign import make_tiny
+
+FACTORS = """
+[[factor]]
+name = "frequency"
+levels = ["L", "C", "L+C"]
+[[factor]]
+name = "dates"
+values = [1, 2, 3]
+[[factor]]
+name = "first_day"
+low = 100.0
+high = 180.0
+[[factor]]
+name = "C.resolution"
+low = 20.0
+high = 60.0
+
+"""
+FIXED = """polarization = "HH"
+resolution = 40.0
+interval_days = 20.0
+bandwidth = 60.0
+peak_power = 1000.0
+depression_angle = 45.0
+altitude_m = 6000.0
+
+[simulator.members.C]
+polarization = "VV+VH"
+
+"""
+
+
+def text(tail: str = TAIL) -> str:
+    tail = tail.replace("max_runs = 40", "max_runs = 21")
+    return HEAD + FACTORS + SMALL + re.sub(r"(?s)(\[simulator.fixed\]\n).*?\n\n", lambda found: found[1] + FIXED, tail)
+
+
+@pytest.fixture
+def folder(tmp_path, tiny_scene):
+    return make_tiny(tmp_path / "sets", tiny_scene, text())
+
+
+def test_a_campaign_of_dates_and_sets_runs_and_reports(folder) -> None:
+    assert told("check", folder)["n_factors"] == 4
+    assert seqrsm("run", folder).exit_code in (0, 3)
+    found = told("fit", folder)
+    steps = {(step["factor"], step["level"]) for step in found["steps"]}
+    assert {("dates", 2.0), ("dates", 3.0)} <= steps
+    assert len([factor for factor, _ in steps if factor == "frequency"]) == 2
+    out = folder / "all.json"
+    assert seqrsm("export", folder, out).exit_code == 0
+    runs: list[dict[str, Any]] = json.loads(out.read_text(encoding="utf-8"))["runs"]
+    for run in (run for run in runs if run["state"] == "scored"):
+        made = run["scores"][0]["metadata"]["images"]
+        settings = run["executed"] or run["proposed"]
+        assert len(made) == settings["dates"] * (2 if settings["frequency"] == "L+C" else 1)
+        assert made[0]["day"] == pytest.approx(settings["first_day"])
+    page = folder / "r.html"
+    assert seqrsm("report", folder, "--html", page).exit_code == 0
+    shown = page.read_text(encoding="utf-8")
+    assert "Calendar of the crops" in shown
+    assert "What a step of one parameter brings" in shown
+
+
+def test_any_image_of_a_run_is_written(folder) -> None:
+    chosen = ("--set", "frequency=L+C", "--set", "dates=2", "--set", "first_day=120", "--set", "C.resolution=20")
+    shapes = []
+    for number, member in ((1, "L, day 120"), (4, "C, day 140")):
+        made = told("image", folder, *chosen, "--number", number, "--out", folder / f"{number}.npz")
+        assert f"image {number} of 4: {member}" in made["summary"]
+        shapes.append(made["shape"])
+    assert shapes[1][1] > 1.5 * shapes[0][1]  # pixels of 20 m and of 40 m
+    beyond = seqrsm("image", folder, *chosen, "--number", 5, "--out", folder / "5.npz")
+    assert beyond.exit_code == 2
+    assert "3 C, day 120, 4 C, day 140" in " ".join(beyond.stderr.split())
+
+
+def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:
+    late = text().replace("low = 100.0\nhigh = 180.0", "low = 300.0\nhigh = 350.0")
+    folder = make_tiny(tmp_path / "late", tiny_scene, late)
+    found = seqrsm("check", folder)
+    assert found.exit_code == 2
+    assert "lies beyond the year" in found.stderr
