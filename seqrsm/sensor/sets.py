@@ -156,18 +156,23 @@ def members_of(engine: str, settings: Values, fixed: Values, members: Mapping[st
     ConfigurationError
         Unknown or doubled members, impossible dates.
     """
-    written = settings.get("frequency", fixed.get("frequency", fixed.get("frequency_ghz", "")))
-    names = [part.strip() for part in written.split("+")] if isinstance(written, str) and written else [""]
-    if names == [""] or (len(names) == 1 and not members and not any("." in name for name in (*settings, *fixed))):
-        band = {"frequency": BANDS[names[0]]} if names[0] in BANDS else {}
-        plain = {**settings, **band} if "frequency" in settings else settings
-        rest = {**fixed, **band} if "frequency" in fixed else fixed
-        dates, (plain, rest) = _apart(plain, rest)
+    written = settings.get("frequency", fixed.get("frequency", fixed.get("frequency_ghz", 0.0)))
+    own = bool(members) or any("." in name for name in (*settings, *fixed))
+    if not isinstance(written, str) or (not own and "+" not in written):
+        dates, plain, rest = _apart(_in_ghz(settings), _in_ghz(fixed))
         return (Member("", engine, plain, rest, dates),)
     problem = set_problem(written, members)
     if problem is not None:
         raise ConfigurationError(problem)
-    return tuple(_member(name, engine, settings, fixed, members) for name in names)
+    return tuple(_member(part.strip(), engine, settings, fixed, members) for part in written.split("+"))
+
+
+def _in_ghz(values: Values) -> Values:
+    """The same with a band's letter as its frequency."""
+    return {
+        key: BANDS.get(str(value), value) if key in ("frequency", "frequency_ghz") else value
+        for key, value in values.items()
+    }
 
 
 def _member(name: str, engine: str, settings: Values, fixed: Values, members: Mapping[str, Values]) -> Member:
@@ -181,12 +186,12 @@ def _member(name: str, engine: str, settings: Values, fixed: Values, members: Ma
     for values in (fixed, settings):
         given |= {key.partition(".")[2]: v for key, v in values.items() if key.partition(".")[0] == name and "." in key}
     given["frequency"] = frequency_of(name, members)
-    dates, (given, _) = _apart(given, {})
+    dates, given, _ = _apart(given, {})
     return Member(name, own_engine, given, {}, dates)
 
 
-def _apart(settings: Values, fixed: Values) -> tuple[Dates, tuple[dict[str, Any], dict[str, Any]]]:
+def _apart(settings: Values, fixed: Values) -> tuple[Dates, dict[str, Any], dict[str, Any]]:
     """The dates, and settings and fixed parameters without them."""
     when = [{k: v for k, v in values.items() if k in CALENDAR} for values in (settings, fixed)]
     rest = [{k: v for k, v in values.items() if k not in CALENDAR} for values in (settings, fixed)]
-    return configured("calendar", Dates, CALENDAR, *when), (rest[0], rest[1])
+    return configured("calendar", Dates, CALENDAR, *when), rest[0], rest[1]

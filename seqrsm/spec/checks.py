@@ -216,8 +216,7 @@ def members(instruments: Sensors, raw: Mapping[str, Any], report: Reporter) -> N
             continue
         for key in own:
             if key != "engine" and find(SENSORS[engine], key) is None:
-                near = difflib.get_close_matches(key, SENSORS[engine], n=1)
-                remedy = f"Did you mean '{near[0]}'?" if near else f"`seqrsm parameters {engine}` lists those it has."
+                remedy = _meant(key, SENSORS[engine], engine)
                 report.add((*path, key), f"the engine '{engine}' has no such sensor parameter", remedy, key)
     places: list[tuple[Path, str]] = [(("factor", i, "name"), f["name"]) for i, f in enumerate(factors)]
     for path, name in (*places, *((("simulator", "fixed", key), key) for key in fixed)):
@@ -225,8 +224,16 @@ def members(instruments: Sensors, raw: Mapping[str, Any], report: Reporter) -> N
         if dot and member not in known:
             remedy = f"Members are {', '.join(sorted(known))}." if known else 'Let frequency name a set, as in "L+C".'
             report.add(path, f"'{member}' is no member of a set", remedy, name)
-        elif path[0] == "simulator" and dot and find(instruments.table(member), own_name) is None:
-            report.add(path, f"the member '{member}' has no such sensor parameter", "Leave it out.", name)
+        elif path[0] == "simulator" and (dot or sets) and find(instruments.table(member), own_name) is None:
+            who = f"the member '{member}' has no" if dot else "no sensor of the set has"
+            remedy = _meant(own_name, instruments.table(member), instruments.engine, f"{member}{dot}")
+            report.add(path, f"{who} such sensor parameter", remedy, name)
+
+
+def _meant(name: str, table: Mapping[str, Parameter], engine: str, before: str = "") -> str:
+    """Which parameter of a table a wrong name may stand for; ``before``: a member's name and dot."""
+    near = difflib.get_close_matches(name, table, n=1)
+    return f"Did you mean '{before}{near[0]}'?" if near else f"`seqrsm parameters {engine}` lists those it has."
 
 
 def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors, report: Reporter) -> None:
@@ -242,9 +249,7 @@ def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors,
         return
     member, dot, own = name.rpartition(".")
     if parameter is None:
-        near = difflib.get_close_matches(own, instruments.table(member), n=1)
-        lists = f"`seqrsm parameters {instruments.engine}` lists those it has."
-        remedy = f"Did you mean '{member}{dot}{near[0]}'?" if near else lists
+        remedy = _meant(own, instruments.table(member), instruments.engine, f"{member}{dot}")
         report.add((*path, "name"), f"the engine '{instruments.engine}' has no such sensor parameter", remedy, name)
     elif own != parameter.name:
         remedy = f"Write '{member}{dot}{parameter.name}'."

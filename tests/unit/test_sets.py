@@ -21,6 +21,8 @@ def test_a_single_sensor_is_what_it_was() -> None:
     assert (alone.member, alone.visit.days, alone.sensor.frequency_ghz, alone.label) == ("", (), 5.4, "")
     (by_letter,) = made({"frequency": "C", "resolution": 20.0})
     assert by_letter.sensor == alone.sensor
+    (held,) = made({"resolution": 20.0}, frequency_ghz="C")
+    assert held.sensor == alone.sensor
 
 
 def test_each_member_has_its_own_before_what_holds_for_all() -> None:
@@ -143,6 +145,7 @@ half_width = 3.0
         ("resolution", "[simulator.members.C]\nlocks = 4", "Did you mean 'looks'"),
         ("resolution", '[simulator.members.C]\nengine = "lidar"', "there is no such engine"),
         ("resolution", '"C.locks" = 4', "'C' has no such sensor parameter"),
+        ("resolution", "heading_dge = 4", "no sensor of the set has such.*Did you mean 'heading_deg'"),
         ("C.frequency", "", "which member it is"),
     ],
 )
