@@ -11,10 +11,9 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.to_json import fields_to_json
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import FloatArray
 from seqrsm.decide.compromise import Compromise, Loss, Objective, compromise
 from seqrsm.design.constraints import Constraint, _evaluate
-from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.design.region import Region
 from seqrsm.plain import known, shallow
 from seqrsm.rng import generator
@@ -127,22 +126,13 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
 
 def _consideration(region: Region, table: ConsiderationSpec) -> Objective:
     tree = Constraint(f"0 <= ({table.expr})")._tree
-    used = [(j, name) for j, name in enumerate(region.names) if name in Constraint(f"0 <= ({table.expr})").names]
 
     def value(points: FloatArray) -> FloatArray:
-        settings = {name: _natural(region.factors[j], points[:, j]) for j, name in used}
         with np.errstate(all="ignore"):
-            found = np.broadcast_to(_evaluate(tree[2], settings)[0], (len(points),))
+            found = np.broadcast_to(_evaluate(tree[2], region.natural(points))[0], (len(points),))
         return np.asarray(found, dtype=np.float64)
 
     return Objective(table.name, table.goal, table.weight, value, None, table.unacceptable, table.ideal)
-
-
-def _natural(factor: Factor, coded: FloatArray) -> AnyArray:
-    """Values of a factor, names of its levels, at coded ones (n,)."""
-    if isinstance(factor, CategoricalFactor):
-        return np.array(factor.levels)[coded.astype(np.int64)]
-    return factor.decode(coded)
 
 
 def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: Compromise) -> CompromiseEstimate:

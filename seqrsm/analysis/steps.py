@@ -64,7 +64,7 @@ def steps_of(
     Returns
     -------
     tuple of Step
-        None where a constraint forbids one of the two settings.
+        Those left out of whose two settings a constraint forbids one.
     """
     found: list[Step] = []
     for j, factor in enumerate(belief.region.factors):

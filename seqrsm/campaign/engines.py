@@ -252,6 +252,11 @@ ENGINES: Mapping[str, Engine] = {
 }
 
 
+def engine_of(image: Image) -> Engine:
+    """The engine that made an image."""
+    return ENGINES["psm" if isinstance(image, RadarImage) else "prm"]
+
+
 _FIELD = "[[application]] utility"
 
 

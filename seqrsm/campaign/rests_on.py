@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.campaign.simulation import NO_RUN, scene_at, task_of
-from seqrsm.scattering.calendar import DAYS, Fields, fields_by_category
+from seqrsm.scattering.calendar import Fields, fields_by_category, on_day
+from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.occasion import nominal_ground_state
@@ -78,7 +79,7 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
     task = task_of(spec, NO_RUN, settings)
     scene, made = scene_at(task.scene), task.acquisitions
     radars = {one.member: one for one in made if isinstance(one.sensor, RadarConfiguration) and one.visit.days}
-    cells = np.bincount(scene.cover[scene.scored & scene.valid()], minlength=256)[: len(scene.categories)]
+    cells = _scored_cells(scene)
     known = fields_by_category()
     grown = [k for k in np.argsort(-cells) if cells[k] and known.get(scene.categories[k], _EVEN).group != "even"]
     crops = tuple(scene.categories[k] for k in grown[:_CROPS])
@@ -91,10 +92,16 @@ def crop_calendar(spec: CampaignSpec, settings: Mapping[str, float | str]) -> Cr
             find = task.scattering(one.engine).lookup
             found = find(crops, one.sensor.frequency_ghz, GROUND_OF[channel], day=day)
             at_day = linear_to_db(found.sigma0[:, 40])
-            today = [np.interp(day, DAYS, change) for change in found.course.change_db]
+            today = [on_day(year, day) for year in found.course.change_db]
             channels.append(f"{one.member or f'{one.sensor.frequency_ghz:.3g} GHz'} {channel}")
             levels.append((at_day - np.array(today))[:, None] + found.course.change_db)
     return CropCalendar(crops, tuple(channels), np.array(levels), made[0].visit.days)
+
+
+def _scored_cells(scene: Scene) -> IntArray:
+    """Scored cells of each category (n_categories,)."""
+    cover = scene.cover[scene.scored & scene.valid()]
+    return np.bincount(cover, minlength=NO_COVER + 1)[: len(scene.categories)]
 
 
 def _looked_up(
@@ -110,5 +117,5 @@ def _looked_up(
             found += look_up(scene, sensor, table, nominal_ground_state(sensor), day)
         else:
             found += [table.lookup(scene.categories, sensor.frequency_ghz, c, day=day) for c in sensor.channels]
-    cells = np.bincount(scene.cover[scene.scored & scene.valid()], minlength=256)[: len(scene.categories)]
+    cells = _scored_cells(scene)
     return found, cells / max(int(cells.sum()), 1), scene.categories

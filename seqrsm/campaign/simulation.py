@@ -16,7 +16,7 @@ from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray, Precision
 from seqrsm.campaign.acquisitions import Acquisition, acquisitions_of
-from seqrsm.campaign.engines import ENGINES, Image, check_set_utility, modified_ns, score_of_set
+from seqrsm.campaign.engines import ENGINES, Image, check_set_utility, engine_of, modified_ns, score_of_set
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -203,7 +203,7 @@ def score_images(task: SimulationTask, utility: str, images: Sequence[Image], sc
     """Score of a task's images by a utility; several are scored together."""
     key = {"seed": task.seed, "run_id": task.stream}
     if len(images) == 1:
-        return ENGINES[task.acquisitions[0].engine].score(utility, images[0], scene, **key)
+        return engine_of(images[0]).score(utility, images[0], scene, **key)
     return score_of_set(utility, images, scene, **key)
 
 
@@ -233,7 +233,7 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, _fault(error, task))
     seconds = time.perf_counter() - start
     record = {
-        **ENGINES[made[0].engine].record(images[0], scene),
+        **engine_of(images[0]).record(images[0], scene),
         **({} if made[0].label == "" else {"images": [one.record() for one in made]}),
         **({} if task.occasion is None else {"common_random_numbers": task.occasion}),
         "fidelity": {"averaged": averaged, "seconds": round(seconds, 4)},

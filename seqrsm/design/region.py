@@ -192,7 +192,7 @@ class Region:
 
     def decode(self, points: FloatArray) -> list[dict[str, float | str]]:
         """Return settings in natural units of coded points (n, k) or (k,): one mapping of names to values per point."""
-        columns = list(self._natural(points).values())
+        columns = list(self.natural(points).values())
         return [
             {
                 factor.name: str(value) if isinstance(factor, CategoricalFactor) else float(value)
@@ -203,7 +203,7 @@ class Region:
 
     def slacks(self, points: FloatArray) -> FloatArray:
         """Slack of every constraint at points (m, k), shape (m, constraints); >= 0 where it holds."""
-        settings = self._natural(points)
+        settings = self.natural(points)
         slacks = np.empty((points.shape[0], len(self.constraints)))
         for column, constraint in enumerate(self.constraints):
             slacks[:, column] = constraint.slack(settings)
@@ -338,7 +338,8 @@ class Region:
         chosen: FloatArray = points[np.argmin(distance)]
         return chosen
 
-    def _natural(self, points: FloatArray) -> dict[str, np.ndarray]:
+    def natural(self, points: FloatArray) -> dict[str, np.ndarray]:
+        """Natural values (n,) of each factor by its name, levels by theirs, at coded points (n, k)."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         natural: dict[str, np.ndarray] = {}
         for column, factor in enumerate(self.factors):

@@ -104,8 +104,12 @@ class Course:
     def at_angles(self, category: int, day: float, theta_deg: FloatArray) -> FloatArray:
         """Change of a category on a day [dB] at incidence angles [deg]."""
         beyond = np.clip(theta_deg, *_HELD_DEG) - _THETA_DEG
-        change, tilt = (np.interp(day, DAYS, a[category]) for a in (self.change_db, self.tilt_db_per_deg))
-        return np.asarray(change + tilt * beyond)
+        return np.asarray(on_day(self.change_db[category], day) + on_day(self.tilt_db_per_deg[category], day) * beyond)
+
+
+def on_day(year: FloatArray, day: float | FloatArray) -> FloatArray:
+    """Values on days, any shape, of what is given on `DAYS` (365,); straight lines between, one year as the next."""
+    return np.asarray(np.interp(day, DAYS, year, period=float(DAYS.size)))
 
 
 def course(
@@ -171,7 +175,7 @@ def canopy_share(category: str, day: float, file: str) -> float:
     if not water.any():
         return 1.0
     level = known[category].level_water_kg_m2
-    return float(np.interp(day, DAYS, water)) / (float(water[_FLIGHTS].mean()) if math.isnan(level) else level)
+    return float(on_day(water, day)) / (float(water[_FLIGHTS].mean()) if math.isnan(level) else level)
 
 
 def _no_calendar(category: str, file: str) -> Problem:

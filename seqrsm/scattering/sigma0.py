@@ -248,7 +248,7 @@ class Sigma0Table:
 
     def _course(self, found: Mapping[str, _Found], frequency_ghz: float, channel: str, state: _State) -> Course:
         """Course of categories through the year, as the table's world has it."""
-        soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or shipped_curves()[_SOIL, DEFAULT_SEASON]
+        soil = self.curves.get((_SOIL, DEFAULT_SEASON)) or _shipped_table().curves[_SOIL, DEFAULT_SEASON]
         level = np.array([item.value_db[_LEVEL_DEG] for item in found.values()])
         bare = float(_evaluate(soil, channel, state, self.world).value_db[_LEVEL_DEG])
         own = course(tuple(found), frequency_ghz, channel, level, bare, self.file)

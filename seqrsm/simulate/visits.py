@@ -8,6 +8,7 @@ many dates look far too good.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -59,17 +60,20 @@ ONCE: Final = Visit()
 """The only image of its run, in the middle of the season."""
 
 
-@lru_cache(maxsize=64)
 def deviates(seed: int, run_id: int, purpose: str, shape: tuple[int, ...], frequency_ghz: float) -> FloatArray:
     """Standard normal draws that depend on the frequency, so that near ones see nearly the same.
 
     Draws stand at 0.9 GHz and every two octaves from there, a frequency takes straight lines between: L and C band are
-    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on others of the run.
+    correlated by 0.3, C and X by 0.7 (assumed). What one frequency draws does not depend on others of the run. Draws of
+    fields and covers, which the channels and later dates of a run ask for again, are `kept_deviates`.
     """
     at = math.log2(frequency_ghz / _LOWEST_GHZ) / _STEP_OCTAVES
     lower, share = math.floor(at), at % 1.0
     here, above = (generator(seed, run_id, f"{purpose} band {lower + k}").standard_normal(shape) for k in (0, 1))
     return np.asarray(((1.0 - share) * here + share * above) / math.hypot(1.0 - share, share))
+
+
+kept_deviates = lru_cache(maxsize=32)(deviates)
 
 
 def fading_departure(
@@ -94,12 +98,18 @@ def fading_departure(
     kept : float64 array (n,)
         Factor of the rest's standard deviation, where something else stands for part of it.
     """
-    first, *later = draws[1:]
-    state = first
+    return np.asarray(
+        np.sqrt(lasting) * draws[0] + kept * np.sqrt(1.0 - lasting) * _faded(draws[1:], days, memory_days)
+    )
+
+
+def _faded(draws: Sequence[FloatArray], days: Sequence[float], memory_days: FloatArray) -> FloatArray:
+    """Last value (n,) of a standard series that falls to 1/e of itself in ``memory_days`` (n,); a draw (n,) a day."""
+    state, *later = draws
     for gap, fresh in zip(np.diff(days), later, strict=True):
         left = np.exp(-gap / memory_days)
         state = left * state + np.sqrt(1.0 - left**2) * fresh
-    return np.asarray(np.sqrt(lasting) * draws[0] + kept * np.sqrt(1.0 - lasting) * state)
+    return state
 
 
 def half_lasting(
@@ -120,12 +130,9 @@ def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:
     """
     if not visit.days:
         return float(generator(seed, run_id, "soil moisture").random())
-    rng = generator(seed, run_id, "soil moisture of days")
-    draws = rng.standard_normal((len(visit.days), 2))
-    slow, fast = draws[0]
-    for gap, fresh in zip(np.diff(visit.days[: visit.number + 1]), draws[1:], strict=False):
-        left = np.exp([-gap / _SLOW_DAYS, -gap / _FAST_DAYS])
-        slow, fast = left * (slow, fast) + np.sqrt(1.0 - left**2) * fresh
+    past = visit.days[: visit.number + 1]
+    draws = generator(seed, run_id, "soil moisture of days").standard_normal((len(past), 2))
+    slow, fast = _faded(list(draws), past, np.array([_SLOW_DAYS, _FAST_DAYS]))
     return float(ndtr(math.sqrt(_SLOW_SHARE) * slow + math.sqrt(1.0 - _SLOW_SHARE) * fast))
 
 

@@ -153,14 +153,18 @@ def test_workers_end_with_their_parent(tmp_path, tiny_scene, how) -> None:
         assert "running" not in {run[4] for run in result(folder)}
 
 
-def test_an_interrupt_before_a_command_has_begun() -> None:
-    code = "import os, signal, seqrsm.cli.app as cli\n"
-    code += "cli.app = lambda: os.kill(os.getpid(), signal.SIGINT)\ncli.main()"
+def _ends_as_interrupted(code: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts,
         check=False,
     )  # fmt: skip
     assert (done.returncode, "Traceback" in done.stderr) == (130, False), done.stderr
+
+
+def test_an_interrupt_before_a_command_has_begun() -> None:
+    code = "import os, signal, seqrsm.cli.app as cli\n"
+    code += "cli.app = lambda: os.kill(os.getpid(), signal.SIGINT)\ncli.main()"
+    _ends_as_interrupted(code)
 
 
 def test_a_second_interrupt_does_not_disturb_the_end() -> None:
@@ -169,11 +173,7 @@ def test_a_second_interrupt_does_not_disturb_the_end() -> None:
     code += "interrupt = lambda: os.kill(os.getpid(), signal.SIGINT)\n"
     code += "atexit.register(interrupt)\ncli.app.command('wait')(guarded(interrupt))\n"
     code += "sys.argv = ['seqrsm', 'wait']\ncli.main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts,
-        check=False,
-    )  # fmt: skip
-    assert (done.returncode, "Traceback" in done.stderr) == (130, False), done.stderr
+    _ends_as_interrupted(code)
 
 
 def test_a_scene_that_was_away_changes_nothing(tmp_path, tiny_scene) -> None:

@@ -135,20 +135,9 @@ def line(analysis: Analysis, index: int) -> Line:
         coded = np.linspace(-1.0, 1.0, LINE_POINTS) if isinstance(factor, ContinuousFactor) else factor.coded_levels
         natural = factor.decode(coded)
         run_natural = factor.decode(analysis.data.points[:, index])
-    prediction = predict(analysis, _along(analysis, index, coded))
     runs = predict(analysis, _along(analysis, index, analysis.data.points[:, index]))
-    return Line(
-        index,
-        natural,
-        to_score(analysis, prediction.mean),
-        to_score(analysis, prediction.confidence.low),
-        to_score(analysis, prediction.confidence.high),
-        to_score(analysis, prediction.prediction.low),
-        to_score(analysis, prediction.prediction.high),
-        np.asarray(analysis.region.slack(_along(analysis, index, coded)) >= -1e-9),
-        run_natural,
-        to_score(analysis, runs.mean + analysis.fit.residuals),
-    )
+    moved = to_score(analysis, runs.mean + analysis.fit.residuals)
+    return _line(analysis, index, natural, _along(analysis, index, coded), run_natural, moved)
 
 
 def lines_by_level(analysis: Analysis, index: int, category: int) -> tuple[Line, ...]:
@@ -161,22 +150,27 @@ def lines_by_level(analysis: Analysis, index: int, category: int) -> tuple[Line,
     for level in range(len(levels.levels)):
         points = _along(analysis, index, coded)
         points[:, category] = level
-        shown = predict(analysis, points)
-        found.append(
-            Line(
-                index,
-                factor.decode(coded),
-                to_score(analysis, shown.mean),
-                to_score(analysis, shown.confidence.low),
-                to_score(analysis, shown.confidence.high),
-                to_score(analysis, shown.prediction.low),
-                to_score(analysis, shown.prediction.high),
-                np.asarray(analysis.region.slack(points) >= -1e-9),
-                nothing,
-                nothing,
-            )
-        )
+        found.append(_line(analysis, index, factor.decode(coded), points, nothing, nothing))
     return tuple(found)
+
+
+def _line(
+    analysis: Analysis, index: int, natural: FloatArray, points: FloatArray, run_x: FloatArray, run_score: FloatArray
+) -> Line:
+    """Mean and bands at coded points (m, k) where the factor has natural values (m,)."""
+    shown = predict(analysis, points)
+    return Line(
+        index,
+        natural,
+        to_score(analysis, shown.mean),
+        to_score(analysis, shown.confidence.low),
+        to_score(analysis, shown.confidence.high),
+        to_score(analysis, shown.prediction.low),
+        to_score(analysis, shown.prediction.high),
+        np.asarray(analysis.region.slack(points) >= -1e-9),
+        run_x,
+        run_score,
+    )
 
 
 def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:

@@ -15,14 +15,14 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
-from seqrsm.scattering.calendar import DAYS, Course
+from seqrsm.scattering.calendar import Course, on_day
 from seqrsm.scattering.readers import POLARIZATIONS
 from seqrsm.sensor.radar import CHANNELS, GROUND_OF, RadarConfiguration
 from seqrsm.simulate.visits import (
     Visit,
-    deviates,
     fading_departure,
     field_shift_days,
+    kept_deviates,
     moisture_share,
     year_shift_days,
 )
@@ -102,7 +102,7 @@ def draw_occasion(
 
     Offsets are Gaussian in decibels with the table's standard deviations, so the table's value is their median. Two
     channels share the part of the variance that the table gives as their correlation. A channel's draw does not depend
-    on which other channels, sensors or later dates there are.
+    on which other channels there are, on sensors of the same dates, or on later dates.
 
     On a day of the year the table's spread from date to date gives way to the calendar: the weather of the date, common
     to all crops (0.8 dB, 1.1 dB at HV) and a crop's own (0.4 dB), a level (1 dB) and a shift of the year, and fields
@@ -154,7 +154,7 @@ class _Draws:
     shared: float
 
     def __call__(self, purpose: str, n: int) -> FloatArray:
-        common, own = deviates(
+        common, own = kept_deviates(
             self.seed, self.run_id, purpose, (1 + len(POLARIZATIONS), n), self.frequency_ghz
         )[[0, 1 + POLARIZATIONS.index(self.channel)]]  # fmt: skip
         return np.asarray(math.sqrt(self.shared) * common + math.sqrt(1.0 - self.shared) * own)
@@ -167,8 +167,8 @@ def _dated(
     key = {"seed": draw.seed, "run_id": draw.run_id}
     n = len(course.even)
     late = np.where(course.even, 0.0, year_shift_days(n, **key))
-    moved = np.array([np.interp(day - late[k], DAYS, course.change_db[k], period=365.0) for k in range(n)])
-    now = np.array([np.interp(day, DAYS, course.change_db[k], period=365.0) for k in range(n)])
+    moved = np.array([on_day(year, day - shift) for year, shift in zip(course.change_db, late, strict=True)])
+    now = np.array([on_day(year, day) for year in course.change_db])
     own = draw(visit.dated("date backscatter"), n)
     weather = _WEATHER_DB[draw.channel == "HV"] * draw(visit.dated("weather"), 1) + _CROP_WEATHER_DB * own
     year = _YEAR_DB * draw("year backscatter", n)
@@ -183,13 +183,13 @@ def _dated(
         course.memory_days[category],
         np.where(shift > 0.0, _KEPT, 1.0),
     )
-    spread = np.array([np.interp(day, DAYS, course.spread[k], period=365.0) for k in range(n)])
+    spread = np.array([on_day(year, day) for year in course.spread])
     deviation = (lookup.field_sd_db * spread)[category] * deviate
     shifts = field_shift_days(shift, **key)
     for k in np.flatnonzero(course.shift_days > 0.0):
         mine = category == k
         at = day - late[k] - shifts[mine]
-        deviation[mine] += np.interp(at, DAYS, course.change_db[k], period=365.0) - moved[k]
+        deviation[mine] += on_day(course.change_db[k], at) - moved[k]
     return offset, deviation
 
 
