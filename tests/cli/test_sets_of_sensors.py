@@ -6,9 +6,14 @@ import json
 import re
 from typing import Any
 
+import numpy as np
 import pytest
-from test_any_factor import HEAD, SMALL, TAIL, seqrsm, told
+from test_any_factor import HEAD, RADIOMETER_FIXED, SMALL, TAIL, campaign, seqrsm, told
 from tiny_campaign import make_tiny
+
+from seqrsm.campaign.rests_on import crop_calendar
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.spec.read import load_spec
 
 FACTORS = """
 [[factor]]
@@ -84,6 +89,32 @@ def test_any_image_of_a_run_is_written(folder) -> None:
     beyond = seqrsm("image", folder, *chosen, "--number", 5, "--out", folder / "5.npz")
     assert beyond.exit_code == 2
     assert "3 C, day 120, 4 C, day 140" in " ".join(beyond.stderr.split())
+
+
+def test_the_calendar_is_what_is_simulated(folder) -> None:
+    """Level and course of the report's picture are the table's backscatter of the day."""
+    settings = {"frequency": "L+C", "dates": 2.0, "first_day": 120.0, "C.resolution": 30.0}
+    found = crop_calendar(load_spec(folder), settings)
+    assert found is not None
+    assert (found.crops, found.channels, found.days) == (("Grass",), ("L HH", "C VV", "C VH"), (120.0, 140.0))
+    table = load_sigma0_table()
+    for row, (frequency, channel) in zip(found.sigma0_db, ((1.25, "HH"), (5.4, "VV"), (5.4, "HV")), strict=True):
+        for day in (45, 120, 250):
+            looked = table.lookup(("Grass",), frequency, channel, day=day).sigma0[0, 40]
+            assert row[0, day - 1] == pytest.approx(10.0 * np.log10(looked), abs=1e-6)
+
+
+def test_a_utility_of_one_image_is_refused_before_any_run(tmp_path, tiny_scene) -> None:
+    passive = campaign({"altitude_m": 'unit = "m"\nlow = 500.0\nhigh = 900.0'}, RADIOMETER_FIXED, "prm")
+    passive = passive.replace('utility = "percent_correct"', 'utility = "retrieval_error"').replace(
+        'goal = "maximize"\n', ""
+    )
+    once = make_tiny(tmp_path / "once", tiny_scene, passive)
+    assert seqrsm("check", once).exit_code == 0
+    twice = passive.replace("[simulator.fixed]\n", "[simulator.fixed]\nfirst_day = 120.0\ndates = 2\n")
+    found = seqrsm("check", make_tiny(tmp_path / "twice", tiny_scene, twice))
+    assert found.exit_code == 2
+    assert "scores one image, here are several" in " ".join(found.stderr.split())
 
 
 def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:

@@ -16,6 +16,7 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import decibels, halves, percent_correct, pixels_of_radar
 from seqrsm.score.fusion import percent_correct_of_set
 from seqrsm.score.kernels_classify import mean_of_pixels
+from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -62,6 +63,24 @@ def test_a_set_of_one_is_the_image() -> None:
     both = percent_correct_of_set([alone], SCENE, seed=2, run_id=1)
     assert (both.value, both.se) == (own.value, own.se)
     np.testing.assert_array_equal(both.confusion, own.confusion)
+
+
+def test_a_set_of_one_radiometer_is_its_image() -> None:
+    """Its law is conditional on the look angle there, too."""
+    configuration = prm_cases.radiometer(altitude_m=2000.0, resolution_m=40.0)
+    made = simulate_radiometer(SCENE, configuration, load_emissivity_table(), seed=2, run_id=1)
+    own = percent_correct_radiometer(made, SCENE, seed=2, run_id=1)
+    both = percent_correct_of_set([made], SCENE, seed=2, run_id=1)
+    np.testing.assert_array_equal(both.confusion, own.confusion)
+
+
+def test_ground_that_one_image_does_not_see_counts_by_the_others() -> None:
+    wide = image(radar(), Visit((150.0,)))
+    part = image(radar(1.25, "HH+HV", far_incidence_deg=40.0), Visit((150.0,), 0, 1))
+    assert (part.pixel_of_cell < 0).mean() > 0.2
+    alone, both = (percent_correct_of_set(images, SCENE, seed=2, run_id=1) for images in ([wide], [wide, part]))
+    assert both.n_cells == alone.n_cells
+    assert both.value > alone.value
 
 
 def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:

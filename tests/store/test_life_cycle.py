@@ -43,6 +43,17 @@ def test_runs_of_another_host_are_taken_back_when_it_falls_silent(store, monkeyp
     assert not store.record_scores(ids[0], [NewScore("crops", 5.0)])
 
 
+def test_a_batch_beyond_the_budget_is_not_kept(store):
+    store.add_batch([RUN, RUN], budget=3)
+    with pytest.raises(StoreError, match="2 of the 3 runs of the budget are used: there is no room for 2"):
+        store.add_batch([RUN, RUN], budget=3)
+    assert len(store.runs()) == 2
+    store.add_batch([RUN], budget=3)
+    with pytest.raises(StoreError, match="budget"):
+        store.add_batch([RUN], budget=3)
+    assert store.n_used() == 3
+
+
 def test_only_runs_that_are_still_held_are_given_back(store, monkeypatch):
     ids = store.add_batch([RUN, RUN, RUN], issue=True)
     store.claim(ids[:2])

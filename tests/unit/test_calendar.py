@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +17,17 @@ from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.sensor.radar import from_settings
+from seqrsm.simulate.radar import occasion
+from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.occasion import draw_occasion
-from seqrsm.simulate.visits import Visit, deviates, moisture_share
+from seqrsm.simulate.visits import (
+    Visit,
+    deviates,
+    field_shift_days,
+    half_lasting,
+    moisture_share,
+    year_shift_days,
+)
 
 CROPS = ("Wheat", "Oats", "Corn", "Rapeseed", "Vegetables", "Grass", "Hay", "Forage")
 TABLE = load_sigma0_table()
@@ -172,3 +183,89 @@ def test_days_run_from_the_first_to_the_last_of_the_year():
     assert (DAYS[0], DAYS[-1], len(DAYS)) == (1.0, 365.0, 365)
     first, last = (at(day).sigma0 for day in (1.0, 365.0))
     np.testing.assert_allclose(10 * np.log10(first / last), 0.0, atol=0.2)
+
+
+def test_bare_months_fall_faster_with_the_angle():
+    """By 0.28 dB a degree where nothing covers the ground, over what the table has for the season."""
+    dry, season = at(100).sigma0, TABLE.lookup(CROPS, 5.4, "VV").sigma0
+    fall = 10.0 * np.log10(dry[:, 30] / dry[:, 50]) - 10.0 * np.log10(season[:, 30] / season[:, 50])
+    corn, wheat = fall[CROPS.index("Corn")], fall[CROPS.index("Wheat")]
+    assert corn == pytest.approx(20.0 * 0.28, rel=0.25)
+    assert 0.0 < wheat < 0.6 * corn
+
+
+def test_other_channels_and_bands_follow_c_band_as_is_said():
+    vv, hh = (at(136, channel).course.change_db for channel in ("VV", "HH"))
+    wheat, corn = CROPS.index("Wheat"), CROPS.index("Corn")
+    assert hh[wheat, 135] == pytest.approx(0.5 * vv[wheat, 135])
+    assert hh[wheat, 300] == pytest.approx(vv[wheat, 300])  # above the level: no dip
+    np.testing.assert_allclose(hh[corn], vv[corn])
+    for frequency, factor in ((9.6, 0.7), (13.6, 0.5)):
+        other = at(136, "VV", frequency).course.change_db
+        np.testing.assert_allclose(other[wheat], factor * vv[wheat])
+        np.testing.assert_allclose(other[corn], vv[corn])
+
+
+def test_the_course_of_worlds_has_four_harmonics():
+    draws = np.array([World(3, k).season("Wheat", 5.4, "VV") for k in range(600)])
+    shares = (0.4, 0.3, 0.2, 0.1)
+    for lag in (30, 91, 182):
+        expected = sum(w * np.cos(2.0 * np.pi * h * lag / 365.0) for h, w in enumerate(shares, start=1))
+        found = np.mean(draws[:, 0] * draws[:, lag]) / np.mean(draws**2)
+        assert found == pytest.approx(expected, abs=0.12)
+
+
+def test_what_half_lasts_is_half_the_same_on_two_dates():
+    days, key = (120.0, 150.0), {"seed": 3, "run_id": 4}
+    one, two = (half_lasting(Visit(days, t), "texture", (40_000,), 5.4, **key) for t in range(2))
+    assert (one.std(), two.std()) == pytest.approx((1.0, 1.0), abs=0.02)
+    assert np.corrcoef(one, two)[0, 1] == pytest.approx(0.5, abs=0.02)
+    static = half_lasting(Visit(), "texture", (40_000,), 5.4, **key)
+    assert static.std() == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_late_year_and_a_late_field_are_looked_at_before_their_time(monkeypatch):
+    """Nothing else is left: offsets are what the course was so many days ago."""
+    for name, value in (("_WEATHER_DB", (0.0, 0.0)), ("_CROP_WEATHER_DB", 0.0), ("_YEAR_DB", 0.0)):
+        monkeypatch.setattr(occasion, name, value)
+    looked = at(150.0)
+    looked = replace(looked, field_sd_db=np.zeros_like(looked.field_sd_db))
+    fields = np.repeat(np.arange(len(CROPS), dtype=np.uint8), 50)
+    key = {"seed": 8, "run_id": 9}
+    found = draw_occasion(radar(), [looked], fields, (0.2, 5.0), Visit((150.0,)), **key)
+    late = year_shift_days(len(CROPS), **key)
+    shift = field_shift_days(looked.course.shift_days[fields], **key)
+    assert np.abs(late).min() > 0.5
+
+    def course(k, day):
+        return np.interp(day, DAYS, looked.course.change_db[k], period=365.0)
+
+    for k in range(len(CROPS)):
+        assert found.class_offset_db[0, k] == pytest.approx(course(k, 150.0 - late[k]) - course(k, 150.0))
+        mine = fields == k
+        expected = course(k, 150.0 - late[k] - shift[mine]) - course(k, 150.0 - late[k])
+        np.testing.assert_allclose(found.field_offset_db[0, mine], expected, atol=1e-12)
+
+
+def test_calibration_errs_for_all_covers_of_a_channel_alike():
+    looks = [at(150.0), at(150.0, "HV")]
+    fields = np.zeros(1, dtype=np.uint8)
+
+    def offsets(sd, run):
+        configuration = replace(radar(polarization="VV+VH"), calibration_sd_db=sd)
+        visit = Visit((150.0,))
+        return draw_occasion(configuration, looks, fields, (0.2, 5.0), visit, seed=2, run_id=run).class_offset_db
+
+    errors = np.array([offsets(2.0, run) - offsets(0.0, run) for run in range(400)])
+    np.testing.assert_allclose(np.ptp(errors, axis=2), 0.0, atol=1e-12)
+    np.testing.assert_allclose(errors[:, :, 0].std(axis=0), 2.0, rtol=0.15)
+    assert abs(np.corrcoef(errors[:, 0, 0], errors[:, 1, 0])[0, 1]) < 0.2
+
+
+def test_a_circular_wave_returns_half_the_sum():
+    """Of the like- and the cross-polarized echo; VH is HV."""
+    scene = SimpleNamespace(categories=CROPS)
+    own = look_up(scene, radar(polarization="RH+RV+VH"), TABLE, (0.2, 5.0))
+    hh, hv, vv = (TABLE.lookup(CROPS, 5.4, channel).sigma0 for channel in ("HH", "HV", "VV"))
+    for found, expected in zip(own, (0.5 * (hh + hv), 0.5 * (vv + hv), hv), strict=True):
+        np.testing.assert_allclose(found.sigma0, expected)

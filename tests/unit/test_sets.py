@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from seqrsm.campaign.acquisitions import acquisitions_of
-from seqrsm.errors import ConfigurationError, SpecError
+from seqrsm.campaign.simulation import SimulationTask
+from seqrsm.errors import ConfigurationError, ScatteringDataError, SpecError
+from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.sensor.sets import BANDS, Dates, members_of
 from seqrsm.spec.read import load_spec
 
@@ -108,6 +110,13 @@ def test_impossible_sets_are_refused(settings, members, words) -> None:
 def test_members_of_nothing_else_are_told_by_engine() -> None:
     (one, two) = members_of("psm", {"frequency": "1.25+radio"}, {}, {"radio": {"engine": "prm", "frequency": 1.4}})
     assert (one.engine, two.engine, two.settings["frequency"]) == ("psm", "prm", 1.4)
+
+
+def test_a_table_of_the_users_is_for_the_main_engine() -> None:
+    task = SimulationTask("psm", 1, 0, {}, {}, "s.npz", "no such file.csv", ())
+    assert task.scattering("prm") is load_emissivity_table()
+    with pytest.raises(ScatteringDataError, match="no such file"):
+        task.scattering("psm")
 
 
 TOML = """

@@ -59,6 +59,22 @@ def test_with_a_process_gains_hold_the_truth(tmp_path) -> None:
         assert low < step.gain < high
 
 
+def test_where_the_quadratic_fails_gains_are_the_processes(tmp_path) -> None:
+    """A jump at the last value, which no quadratic has: its own gain lies far from the truth."""
+    rng = np.random.default_rng(4)
+    points = np.column_stack([rng.choice([-1.0, -1.0 / 3.0, 1.0], 48), rng.uniform(-1.0, 1.0, 48), np.arange(48) % 3])
+    scores = 50.0 + 30.0 / (1.0 + np.exp(-14.0 * points[:, 1])) + 4.0 * points[:, 0] + rng.normal(scale=0.3, size=48)
+    text = specification(FACTORS)
+    found = campaign(tmp_path / "c", text, points, scores).analyse_all(n_draws=1000, thorough=True)[0]
+    assert found.fitted.departure.probability > 0.99
+    for step in found.steps:
+        truth = {("dates", 2.0): 8.0 / 3.0, ("dates", 4.0): 16.0 / 3.0}.get((step.factor, step.level), 0.0)
+        assert step.interval.low <= step.gain <= step.interval.high
+        assert step.interval.low - 1.0 <= truth <= step.interval.high + 1.0
+        assert step.interval.half_width < 6.0
+        assert step.factor == "bands" or step.better > 0.9
+
+
 def test_a_step_that_a_constraint_forbids_is_left_out(tmp_path) -> None:
     found = analysis(tmp_path, more='[[constraint]]\nexpr = "dates * count(bands) <= 4"\n')
     assert not any(step.factor == "bands" and step.level == "L+C" for step in found.steps)
