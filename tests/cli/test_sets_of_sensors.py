@@ -112,9 +112,16 @@ def test_a_utility_of_one_image_is_refused_before_any_run(tmp_path, tiny_scene) 
     once = make_tiny(tmp_path / "once", tiny_scene, passive)
     assert seqrsm("check", once).exit_code == 0
     twice = passive.replace("[simulator.fixed]\n", "[simulator.fixed]\nfirst_day = 120.0\ndates = 2\n")
-    found = seqrsm("check", make_tiny(tmp_path / "twice", tiny_scene, twice))
-    assert found.exit_code == 2
-    assert "scores one image, here are several" in " ".join(found.stderr.split())
+    often = passive.replace("[simulator.fixed]\n", "[simulator.fixed]\nfirst_day = 120.0\n").replace(
+        "[[application]]", '[[factor]]\nname = "dates"\nvalues = [1, 2]\n\n[[application]]'
+    )
+    for name, text in (
+        ("twice", twice),
+        ("often", often),
+    ):  # in the middle of the latter there are two dates, at an end one
+        found = seqrsm("check", make_tiny(tmp_path / name, tiny_scene, text))
+        assert found.exit_code == 2
+        assert "scores one image, here are several" in " ".join(found.stderr.split())
 
 
 def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:

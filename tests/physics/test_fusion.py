@@ -13,13 +13,15 @@ from seqrsm.campaign.acquisitions import acquisitions_of
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import decibels, halves, percent_correct, pixels_of_radar
+from seqrsm.score.classification import decibels, halves, percent_correct, pixels_of_radar, score_pixels
 from seqrsm.score.fusion import percent_correct_of_set
 from seqrsm.score.kernels_classify import mean_of_pixels
 from seqrsm.score.retrieval import percent_correct_radiometer
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
+from seqrsm.simulate.radar.occasion import draw_ground_state
 from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radiometer.occasion import draw_radiometer_occasion
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.visits import Visit
 
@@ -81,6 +83,28 @@ def test_ground_that_one_image_does_not_see_counts_by_the_others() -> None:
     alone, both = (percent_correct_of_set(images, SCENE, seed=2, run_id=1) for images in ([wide], [wide, part]))
     assert both.n_cells == alone.n_cells
     assert both.value > alone.value
+    # The mean of what is seen stands for the rest: written out.
+    pixel, counts, tile, keys = pixels_of_radar(wide, SCENE, seed=2, run_id=1)
+    seen = mean_of_pixels(pixel, part.pixel_of_cell, part.apparent_sigma0().reshape(2, -1), len(counts))
+    with np.errstate(invalid="ignore"):
+        rows = 10.0 * np.log10(seen)
+    used = counts.any(axis=1) & np.isfinite(rows[0])
+    rows = np.where(np.isfinite(rows), rows, rows[:, used].mean(axis=1, keepdims=True))
+    features = np.vstack([decibels(wide.apparent_sigma0().reshape(2, -1), counts), rows], dtype=np.float64)
+    np.testing.assert_array_equal(both.confusion, score_pixels(features, counts, tile, keys).confusion)
+
+
+def test_radar_and_radiometer_meet_the_same_soil() -> None:
+    passive = prm_cases.radiometer(soil_moisture_low=0.10, soil_moisture_high=0.30)
+    table, found = load_emissivity_table(), []
+    for run in range(20):
+        for visit in (Visit((120.0, 150.0), 1), Visit()):
+            wet, _ = draw_ground_state(radar(), visit, seed=2, run_id=run)
+            looked = [table.lookup(CROPS, 10.0, "H")]
+            other = draw_radiometer_occasion(passive, looked, np.zeros(3, np.uint8), visit, seed=2, run_id=run)
+            assert other.soil_moisture == pytest.approx(wet)
+            found.append(wet)
+    assert np.std(found) > 0.03
 
 
 def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
