@@ -180,7 +180,7 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
         *("Picture", "Settings", right("Score \u00b1 s.e."), "Along by across track"),
         *map(right, ("Cell or pixel", "Reduced", "Bar")),
     )
-    caption = "What the pictures show; the score is that of the one image shown, with the standard error within it"
+    caption = "What the pictures show; the score is that of this one occasion, with the standard error within it"
     return table(caption, columns, rows)
 
 
