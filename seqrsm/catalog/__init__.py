@@ -7,7 +7,7 @@ from the print stand beside it. `load_catalog` reads the files once; nothing hea
 
 from seqrsm.catalog.reader import load_catalog
 from seqrsm.catalog.rendering import Statement, catalog_rows, summary, to_json
-from seqrsm.catalog.search import entries_about, search
+from seqrsm.catalog.search import entries_about, platforms_called, search, table_called
 from seqrsm.catalog.start import Source, StartLevels, StartRange, StartRanges, start_ranges
 from seqrsm.catalog.tables import Catalog, Entry, Platform, PlatformItem, Quantity, Range, Table
 
@@ -27,8 +27,10 @@ __all__ = [
     "catalog_rows",
     "entries_about",
     "load_catalog",
+    "platforms_called",
     "search",
     "start_ranges",
     "summary",
+    "table_called",
     "to_json",
 ]

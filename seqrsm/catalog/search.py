@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 from seqrsm.catalog.reader import load_catalog
-from seqrsm.catalog.tables import Catalog, Entry
+from seqrsm.catalog.tables import Catalog, Entry, Platform, Table
 
 _WORD = re.compile(r"[a-z0-9]+")
+_TABLE = re.compile(r"a\.?\s*(\d{1,2})", re.IGNORECASE)
 _ENDINGS = (
     "ifications", "ification", "ifying", "ified", "ifies", "ify",
     "ations", "ation", "ating", "ated", "ates", "ate",
@@ -133,3 +134,19 @@ def entries_about(words: str, *, system: str | None = None, catalog: Catalog | N
     wanted = words_of(words)
     named = tuple(entry for entry in found if (_rank(wanted, entry) or (0, 0))[0] == len(wanted))
     return named or found
+
+
+def table_called(text: str) -> Table | None:
+    """The table of a number, such as "A.32"; None where ``text`` is no such number."""
+    found = _TABLE.fullmatch(text.strip())
+    return next((t for t in load_catalog().tables if found and t.number == f"A.{int(found[1])}"), None)
+
+
+def platforms_called(words: str) -> tuple[Platform, ...]:
+    """Platforms of Tables A.21 to A.39 whose name holds every one of ``words``, or begins one of its own so."""
+    wanted = words_of(words)
+    return tuple(
+        platform
+        for platform in load_catalog().platforms
+        if wanted and all(any(own.startswith(word) for own in words_of(platform.name)) for word in wanted)
+    )

@@ -267,3 +267,8 @@ class Catalog:
             if table.number == number:
                 return table
         raise KeyError(number)
+
+    def of(self, table: Table) -> tuple[Entry, ...] | tuple[Platform, ...]:
+        """What a table states: its entries, or the one platform."""
+        entries = tuple(entry for entry in self.entries if entry.table == table.number)
+        return entries or tuple(platform for platform in self.platforms if platform.table == table.number)

@@ -187,33 +187,3 @@ def show_parameters(rows: Sequence[Mapping[str, Any]]) -> None:
             default = "" if row["default"] in (None, "") else f"; {row['default']} by default"
             never = "" if row["factor"] else "; cannot be a factor"
             line(f"- {row['name']}: {row['what']}; {row['allowed']}{default}{never}")
-
-
-def show_catalog(words: str) -> None:
-    """What the literature asks for: a summary, then the entries as printed."""
-    from seqrsm.catalog import catalog_rows, load_catalog, search, summary
-
-    if not words:
-        _columns_and_rows(catalog_rows(load_catalog()), "Tables of RSL TR 380-1, Appendix A")
-        return
-    found = search(words)
-    if not found:
-        line(f"Nothing in Tables A.1 to A.20 names {words}. `seqrsm catalog` lists the tables.")
-        return
-    columns, rows = catalog_rows(summary(found))
-    kept = [i for i, name in enumerate(columns) if name != "applications"]
-    narrow = [columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
-    _columns_and_rows(narrow, f"What is asked for: {words}")
-    heading("Entries, as printed")
-    names, entries = catalog_rows(found)
-    for entry in entries:
-        cells = dict(zip(names, entry, strict=True))
-        head = f"{cells.pop('table', '')} {cells.pop('category', '')}: {cells.pop('application', '')}"
-        line(head, 2)
-        line("; ".join(f"{name} {cell}" for name, cell in cells.items() if cell), 6)
-
-
-def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], title: str) -> None:
-    columns, rows = rendered
-    if rows:
-        show_table(columns, rows, title=title, sides=("left",))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from seqrsm.cli.console import AsJson, display, guarded, print_json, say
+from seqrsm.cli.console import AsJson, display, guarded, line, print_json, say
 from seqrsm.errors import Problem, UserError
 
 
@@ -73,18 +73,38 @@ def design(
 
 @guarded
 def catalog(
-    words: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="For example: soil moisture.")] = None,
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[WORDS]", help="Of an application (soil moisture), a sensor (Seasat), a table (A.32)."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Look up what the literature asks for, Tables A.1 to A.39 of RSL TR 380-1."""
-    from seqrsm.catalog import load_catalog, search, to_json
-    from seqrsm.cli.show import show_catalog
+    """Look up sensors by name, and what the literature asks for, Tables A.1 to A.39 of RSL TR 380-1."""
+    from seqrsm.catalog import load_catalog, platforms_called, search, table_called, to_json
+    from seqrsm.cli import show_catalog as show
+    from seqrsm.sensor import named
 
     asked = " ".join(words or ())
-    if as_json:
-        print_json(to_json(search(asked) if asked else load_catalog()))
+    table, whole = table_called(asked), load_catalog()
+    if not asked:
+        print_json(to_json(whole)) if as_json else show.show_tables()
+    elif table is not None:
+        print_json(to_json(whole.of(table))) if as_json else show.show_table_of(table)
     else:
-        show_catalog(asked)
+        entries, platforms, sensors = search(asked), platforms_called(asked), named.sensors_called(asked)
+        found = bool(entries or platforms or sensors)
+        nearest = [] if found else named.nearest_names(asked, [one.name for one in whole.platforms])
+        if as_json:
+            document = {"entries": to_json(entries), "platforms": to_json(platforms), "nearest": nearest}
+            print_json({**document, "sensors": [named.to_json(one) for one in sensors]})
+            return
+        show.show_sensors(sensors)
+        show.show_platforms(platforms)
+        if entries:
+            show.show_asked_for(entries, asked)
+        if not found:
+            like = f" Names like it: {', '.join(nearest)}." if nearest else ""
+            line(f"No sensor, platform or application is called {asked}.{like} `seqrsm catalog` lists the tables.")
 
 
 @guarded

@@ -1,0 +1,98 @@
+"""The catalogue on a terminal: sensors by name, and the tables of 1979."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from seqrsm.catalog import Entry, Platform, Table, catalog_rows, load_catalog, summary
+from seqrsm.cli.console import heading, line, show_table
+from seqrsm.sensor.named import NamedSensor
+
+_MARKS = {"seen": "", "derived": "=", "recalled": "?"}
+_COLUMNS = {
+    "sar": (
+        ("GHz", "frequency_ghz"), ("range m", "resolution_range_m"), ("azimuth m", "resolution_azimuth_m"),
+        ("looks", "looks"), ("from deg", "incidence_near_deg"), ("to deg", "incidence_far_deg"),
+        ("noise dB", "nesz_db"), ("worst dB", "nesz_worst_db"), ("days", "revisit_days"),
+    ),
+    "radiometer": (
+        ("GHz", "frequency_ghz"), ("footprint km", "footprint_km"), ("noise K", "nedt_k"),
+        ("ms", "integration_time_ms"), ("MHz", "bandwidth_mhz"), ("deg", "incidence_near_deg"),
+        ("days", "revisit_days"),
+    ),
+}  # fmt: skip
+
+
+def show_tables() -> None:
+    """All tables, a line each."""
+    _columns_and_rows(catalog_rows(load_catalog()), "Tables of RSL TR 380-1, Appendix A")
+
+
+def show_table_of(table: Table) -> None:
+    """One table: its applications, or its platform."""
+    heading(f"Table {table.number}: {table.title or table.note}")
+    rows = load_catalog().of(table)
+    if rows and isinstance(rows[0], Platform):
+        show_platforms([one for one in rows if isinstance(one, Platform)])
+    else:
+        _show_entries([one for one in rows if isinstance(one, Entry)])
+
+
+def show_sensors(sensors: Sequence[NamedSensor]) -> None:
+    """Sensors by name, a line each; of one alone every value, and where it was seen."""
+    for kind, columns in _COLUMNS.items():
+        rows = [
+            [one.title, one.status, " or ".join(one.channels), *(_value(one, column) for _, column in columns)]
+            for one in sensors
+            if one.kind == kind
+        ]
+        if rows:
+            heads = ["sensor", "status", "channels", *(head for head, _ in columns)]
+            title = "Radars" if kind == "sar" else "Radiometers"
+            show_table(heads, rows, title=title, sides=("left", "left", "left", "right"))
+    if sensors:
+        line("? recalled, not checked at a source; = worked out from other values; - not found")
+    if len(sensors) == 1:
+        (one,) = sensors
+        show_table(["value", "", ""], [[name, _value(one, name), one.resting(name)] for name in one.values])
+        line(f"Sources: {one.sources}")
+        line(f"Notes: {one.notes}")
+
+
+def _value(sensor: NamedSensor, column: str) -> str:
+    if column not in sensor.values:
+        return "-"
+    return f"{sensor.values[column]:g}{_MARKS[sensor.resting(column)]}"
+
+
+def show_platforms(platforms: Sequence[Platform]) -> None:
+    """Platforms of Tables A.21 to A.39, every printed line."""
+    for platform in platforms:
+        rows = [[item.item, item.printed or "-", item.note] for item in platform.items]
+        title = f"{platform.table} {platform.name}, as printed in 1979"
+        show_table(["line", "printed", "note"], rows, title=title, sides=("left",))
+
+
+def show_asked_for(found: Sequence[Entry], words: str) -> None:
+    """What the literature asks for: a summary, then the entries as printed."""
+    columns, rows = catalog_rows(summary(found))
+    kept = [i for i, name in enumerate(columns) if name != "applications"]
+    narrow = [columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
+    _columns_and_rows(narrow, f"What is asked for: {words}")
+    heading("Entries, as printed")
+    _show_entries(found)
+
+
+def _show_entries(found: Sequence[Entry]) -> None:
+    names, entries = catalog_rows(found)
+    for entry in entries:
+        cells = dict(zip(names, entry, strict=True))
+        head = f"{cells.pop('table', '')} {cells.pop('category', '')}: {cells.pop('application', '')}"
+        line(head, 2)
+        line("; ".join(f"{name} {cell}" for name, cell in cells.items() if cell), 6)
+
+
+def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], title: str) -> None:
+    columns, rows = rendered
+    if rows:
+        show_table(columns, rows, title=title, sides=("left",))
