@@ -67,6 +67,7 @@ def steps_of(
         Those left out of whose two settings a constraint forbids one.
     """
     found: list[Step] = []
+    terms = draws.first(_DRAWS).terms
     for j, factor in enumerate(belief.region.factors):
         if isinstance(factor, DiscreteFactor):
             values: tuple[float | str, ...] = factor.values
@@ -81,7 +82,7 @@ def steps_of(
         points = np.repeat(point[None, :], len(values), axis=0)
         points[:, j] = coded
         feasible = belief.region.feasible(points)
-        parts = [(scale.to_score(one), share) for one, share in _joint(belief, points, draws, rng)]
+        parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
         mean = scale.to_score(belief.mean(points))
         for i, over in pairs:
             if feasible[i] and feasible[over]:
@@ -93,10 +94,15 @@ def steps_of(
     return tuple(found)
 
 
-def _joint(belief: Belief, points: FloatArray, draws: Draws, rng: np.random.Generator) -> list[tuple[AnyArray, float]]:
-    """Draws (n, m) of the surface at points (m, k), and the probability of each kind of surface."""
+def joint_draws(
+    belief: Belief, points: FloatArray, terms: FloatArray, rng: np.random.Generator
+) -> list[tuple[AnyArray, float]]:
+    """Draws (n, m) of the surface at points (m, k), and the probability of each kind of surface.
+
+    ``terms`` (n, p) are those of the quadratic's coefficients.
+    """
     process, share = belief.departure.believed, belief.departure.probability
-    found = [(draws.first(_DRAWS).terms @ belief.surface.rows(points).T, 1.0 - share)]
+    found = [(terms @ belief.surface.rows(points).T, 1.0 - share)]
     if process is not None:
         means, covariances = process.joint(points)
         each = -(-_DRAWS // len(means))

@@ -306,8 +306,8 @@ class Campaign:
             found = [(score.score, run) for run in runs if (score := run.score_of(application.name)) is not None]
             pick = max if application.goal == "maximize" else min
             settings = pick(found, key=lambda one: one[0])[1].settings
-            scores = self._scores_of(
-                bundle_tasks(self.spec, settings, self._cells_of_ground()), application.name, workers, cluster
+            scores = self.scores_of(
+                bundle_tasks(self.spec, settings, self.cells_of_ground()), application.name, workers, cluster
             )
             whole = scores.reshape(N_WORLDS, OCCASIONS)
             whole = whole[np.isfinite(whole).all(axis=1)]
@@ -323,8 +323,8 @@ class Campaign:
         for analysis in analyses:
             settings = analysis.optimum.settings
             sds = mean_sds(self.spec, settings)
-            tasks = one_away_tasks(self.spec, settings, list(sds), self._cells_of_ground())
-            scores = self._scores_of(tasks, analysis.application, workers, cluster)
+            tasks = one_away_tasks(self.spec, settings, list(sds), self.cells_of_ground())
+            scores = self.scores_of(tasks, analysis.application, workers, cluster)
             change = np.mean(scores.reshape(-1, OCCASIONS), axis=1)
             change = (change[1:] - change[0]).reshape(-1, 2)
             values = [
@@ -337,7 +337,7 @@ class Campaign:
             self.store.add_event(RANKED, detail, once=("application", "settings"))
 
     @staticmethod
-    def _scores_of(tasks: Sequence[SimulationTask], application: str, workers: int, cluster: str | None) -> FloatArray:
+    def scores_of(tasks: Sequence[SimulationTask], application: str, workers: int, cluster: str | None) -> FloatArray:
         """Scores (n,) of an application by simulations that are no run's; nan where one failed."""
         from seqrsm.campaign.simulation import carry_out, files_of
         from seqrsm.simulate.runner import run_many
@@ -350,7 +350,7 @@ class Campaign:
                     found[index] = one.score
         return found
 
-    def _cells_of_ground(self) -> int:
+    def cells_of_ground(self) -> int:
         """Cells of a coarser data base along a side of a pixel at least; 0: as it is. Measured once, and kept.
 
         See `seqrsm.campaign.tradeoff.coarsest_within`.
@@ -375,7 +375,7 @@ class Campaign:
         from seqrsm.simulate.lost import Lost
         from seqrsm.simulate.runner import run_many
 
-        cells = self._cells_of_ground()
+        cells = self.cells_of_ground()
         tasks = [
             task_of(self.spec, run.run_id, run.proposed, occasion_of(run.source, run.block), cells) for run in claimed
         ]

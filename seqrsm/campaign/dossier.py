@@ -12,6 +12,7 @@ from seqrsm import __version__
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.candidates import read_candidates
 from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, report_pictures, truth_panel
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
 from seqrsm.campaign.tradeoff import read_tradeoff
@@ -50,6 +51,8 @@ class Dossier:
         Of several applications, or of one with other considerations.
     tradeoff : Mapping or None
         What ``seqrsm tradeoff`` measured last, see `seqrsm.campaign.tradeoff`.
+    candidates : Mapping or None
+        What ``seqrsm candidates`` found last, see `seqrsm.campaign.candidates`.
     rests : Mapping
         What each application's recommended settings rest on, see `seqrsm.campaign.rests_on`.
     calendar : CropCalendar or None
@@ -68,6 +71,7 @@ class Dossier:
     reproduce: tuple[str, ...]
     compromise: CompromiseEstimate | None = None
     tradeoff: Mapping[str, Any] | None = None
+    candidates: Mapping[str, Any] | None = None
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     calendar: CropCalendar | None = None
 
@@ -108,6 +112,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         reproduce=_reproduce(campaign),
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
+        candidates=read_candidates(spec),
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
         calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator and analyses else None,
     )

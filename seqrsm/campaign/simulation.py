@@ -157,11 +157,13 @@ def task_of(
     return task if run_id == NO_RUN else replace(task, world=task.stream)
 
 
-def bundle_tasks(spec: CampaignSpec, settings: Mapping[str, float | str], cells: int = 0) -> list[SimulationTask]:
-    """Simulations of one setting on `OCCASIONS` occasions in each of `N_WORLDS` worlds, worlds in order."""
+def bundle_tasks(
+    spec: CampaignSpec, settings: Mapping[str, float | str], cells: int = 0, worlds: int = N_WORLDS
+) -> list[SimulationTask]:
+    """Simulations of one setting on `OCCASIONS` occasions in each of some worlds, worlds in order."""
     return [
         replace(task_of(spec, _BUNDLE + OCCASIONS * w + k, settings, cells=cells), world=_BUNDLE + w)
-        for w in range(N_WORLDS)
+        for w in range(worlds)
         for k in range(OCCASIONS)
     ]
 

@@ -430,6 +430,39 @@ def tradeoff(
 
 @app.command()
 @guarded
+def candidates(
+    folder: Folder,
+    sufficient: Annotated[
+        float | None,
+        typer.Option(metavar="SCORE", help="From which score on a sensor suffices; default is that of campaign.toml."),
+    ] = None,
+    worlds: Annotated[int, typer.Option(min=4, max=1000, help="Grounds that are drawn, all for every sensor.")] = 16,
+    workers: Workers = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Compare the sensors of [[candidate]] with the optimum: does one suffice, and what does it lack."""
+    from seqrsm.campaign.candidates import measure_candidates
+    from seqrsm.cli.blocks import show_sections
+    from seqrsm.report.sections.candidates import candidate_section
+
+    campaign = _opened(folder)
+    with display("comparing", inner=False) as shown:
+        result = measure_candidates(
+            campaign,
+            sufficient=sufficient,
+            worlds=worlds,
+            workers=workers,
+            progress=partial(shown.count, "comparing"),
+        )
+    section = candidate_section(result)
+    if as_json:
+        print_json(result)
+    elif section is not None:
+        show_sections([section])
+
+
+@app.command()
+@guarded
 def report(
     folder: Folder,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this HTML file.")] = None,

@@ -6,6 +6,7 @@ import seqrsm
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Report, Section
 from seqrsm.report.sections.application import application_sections
+from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.data import data_section, question_section, run_section
 from seqrsm.report.sections.literature import literature_section
@@ -49,6 +50,7 @@ def build_report(dossier: Dossier) -> Report:
             sections.append(Section(f"a{number}", f"Application {analysis.application}", (), parts, new_page=True))
     last = (
         None if dossier.compromise is None else compromise_section(spec.factors, dossier.compromise),
+        candidate_section(dossier.candidates),
         calendar_section(dossier),
         image_section(dossier),
         speed_section(dossier),

@@ -17,7 +17,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
     "package.module:function"; ``goal`` ("maximize" or "minimize", the default of
     "retrieval_error"); ``weight`` (1); ``unacceptable`` and ``ideal``:
-    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``catalog``
+    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``sufficient``:
+    the score from which on a candidate suffices, by default that of the optimum less ``[stop] half_width``; ``catalog``
     (words of the name or description): what the report looks up in the catalogue of the literature, see
     ``seqrsm catalog``.
 ``[application.prior]``, below its ``[[application]]``
@@ -32,6 +33,12 @@ The tables and keys of the file; keys without a default must be given, and keys 
     What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
     in natural units, with the arithmetic of constraints; ``goal`` ("minimize"); ``weight`` (1); ``unacceptable`` and
     ``ideal`` as above.
+``[[candidate]]``
+    A sensor that `seqrsm candidates` compares with the optimum: ``sensor``: its name as in `seqrsm catalog` (all that
+    it fits, such as "Sentinel-1 IW"; ``*`` stands for anything, "*" alone for all that fly or are planned and whose
+    frequency and cell lie within the factors); ``polarization``: which of its sets of channels, the first by default;
+    ``parameters``: a table of sensor parameters that differ. Without ``sensor``: ``name`` and ``parameters``, all
+    others being those of the optimum.
 ``[model]``
     ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal"; "student_t"; "beta_binomial":
     counts ``n`` and ``correct`` of every score, with more scatter than the binomial); ``terms`` ("full", or
@@ -92,10 +99,12 @@ from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.sensor.parameters import find
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
+from seqrsm.spec.candidates import check_candidates
 from seqrsm.spec.checks import Reporter
 from seqrsm.spec.tables import (
     ApplicationSpec,
     CampaignTable,
+    CandidateSpec,
     ConsiderationSpec,
     ConstraintTable,
     CostSpec,
@@ -115,6 +124,7 @@ __all__ = [
     "SPEC_NAME",
     "ApplicationSpec",
     "CampaignSpec",
+    "CandidateSpec",
     "ConsiderationSpec",
     "CostSpec",
     "Criterion",
@@ -142,6 +152,7 @@ _REPEATED: Mapping[str, type[Table]] = {
     "constraint": ConstraintTable,
     "application": ApplicationSpec,
     "consideration": ConsiderationSpec,
+    "candidate": CandidateSpec,
 }
 _REQUIRED = ("campaign", "factor", "application", "stop")
 
@@ -162,12 +173,15 @@ class CampaignSpec:
         In the order of the file.
     considerations : tuple of ConsiderationSpec
         What else counts in a compromise.
+    candidates : tuple of CandidateSpec
+        What the optimum is compared with.
     model, simulator, cost, stop :
         The tables of these names; ``simulator`` is None in a campaign fed by measured scores only.
     store_url : str or None
         ``[store] url``.
     spec_hash : str
-        SHA-256 of the content: comments, layout, and ``[store]`` do not count, defaults written out do not either.
+        SHA-256 of the content: comments, layout, ``[store]`` and ``[[candidate]]`` do not count, defaults written out
+        do not either.
     """
 
     folder: FilePath
@@ -186,6 +200,7 @@ class CampaignSpec:
     criterion: Criterion = "optimum"
     attempts: int = 3
     considerations: tuple[ConsiderationSpec, ...] = ()
+    candidates: tuple[CandidateSpec, ...] = ()
 
     @property
     def errors(self) -> ErrorModel:
@@ -332,9 +347,9 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
     for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
+    names = [name for path, name in report.names.items() if path[0] == "factor"]
     if isinstance(raw.get("simulator"), dict):
-        factor_names = [name for path, name in report.names.items() if path[0] == "factor"]
-        spec_checks.simulator(folder, raw["simulator"], factor_names, report)
+        spec_checks.simulator(folder, raw["simulator"], names, report)
         spec_checks.members(sensors, raw, report)
     spec_checks.goals(applications, report)
     spec_checks.desirabilities("application", applications, report)
@@ -349,6 +364,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
         if simulator is not None and simulator.common_random_numbers is not None:
             spec_checks.shared_occasions(single["model"], simulator.common_random_numbers, report)
+    check_candidates(repeated["candidate"], sensors, names, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None
@@ -377,6 +393,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         cost=cost,
         stop=stop,
         considerations=tuple(table for table in repeated["consideration"] if table is not None),
+        candidates=tuple(table for table in repeated["candidate"] if table is not None),
         criterion=campaign.criterion,
         attempts=campaign.attempts,
         store_url=single["store"].url,

@@ -171,6 +171,8 @@ class ApplicationSpec(Table):
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
         Scores of desirability 0 and 1; None: the worst and the best of the fitted surface.
+    sufficient : float or None
+        Score from which on a sensor suffices; None: that of the optimum, less the half-width of ``[stop]``.
     catalog : str
         Words that the catalogue knows it by; "": those of its name, or of the campaign's description.
     prior : KnowledgeSpec or None
@@ -182,8 +184,11 @@ class ApplicationSpec(Table):
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None
+    sufficient: Number | None = None
     catalog: str = ""
     prior: KnowledgeSpec | None = None
+
+    LATER = ("sufficient",)
 
     @model_validator(mode="before")
     @classmethod
@@ -229,6 +234,27 @@ class ConsiderationSpec(Table):
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
     ideal: Number | None = None
+
+
+class CandidateSpec(Table):
+    """``[[candidate]]``: a sensor that is compared with the optimum.
+
+    Attributes
+    ----------
+    sensor : str
+        Of `seqrsm.sensor.named`; "*" stands for all that fit the factors; "": what ``parameters`` say.
+    name : str
+        Of one without ``sensor``.
+    polarization : str
+        Which of the sensor's sets of channels; "": the first.
+    parameters : dict
+        Of the sensor where they differ, by their names as factors; all others are those of the optimum.
+    """
+
+    sensor: str = ""
+    name: str = ""
+    polarization: str = ""
+    parameters: dict[str, Number | str] = Field(default_factory=dict)
 
 
 class PriorSpec(Table):

@@ -195,7 +195,7 @@ def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny
     """Before the next look: else an interrupted campaign would see other intervals than one that was not."""
     two = TINY.replace("[simulator]", '[[application]]\nname = "again"\nutility = "percent_correct"\n\n[simulator]', 1)
     folder = make_tiny(tmp_path / "tiny", tiny_scene, two)
-    simulated, calls, settings = Campaign._scores_of, [], []
+    simulated, calls, settings = Campaign.scores_of, [], []
 
     def once(tasks, application, *rest):
         calls.append(application)
@@ -204,7 +204,7 @@ def test_an_interrupted_bundle_of_worlds_is_made_by_the_next_call(tmp_path, tiny
             raise KeyboardInterrupt
         return simulated(tasks, application, *rest)
 
-    monkeypatch.setattr(Campaign, "_scores_of", staticmethod(once))
+    monkeypatch.setattr(Campaign, "scores_of", staticmethod(once))
     campaign = Campaign.open(folder)
     campaign.propose()
     with pytest.raises(KeyboardInterrupt):

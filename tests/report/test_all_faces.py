@@ -54,6 +54,7 @@ from seqrsm.report.blocks import (
 from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
+from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.check import check_sections, rehearsal_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.optimum import optimum_section
@@ -315,6 +316,38 @@ def test_the_calendar_of_crops_is_drawn() -> None:
     assert calendar_section(SimpleNamespace(calendar=None)) is None
 
 
+COMPARED = {
+    "optimum": 63.9, "sufficient": 60.0, "relative": False, "runs": 5.0, "level": 0.95, "unit": "percent",
+    "candidates": [
+        {
+            "name": "Sentinel-1 IW GRDH, VV+VH", "how": "simulation", "score": 58.2, "difference": -5.7,
+            "confidence": [-6.9, -4.5], "one_ground": [-11.2, -0.2], "probability": 0.23, "recalled": ["looks"],
+            "places": [{"cell_m": 44.0, "incidence_deg": 38.0, "looks": 19.4, "noise_db": -26.1, "score": 58.2}],
+            "owed_to": [{"property": "channels", "difference": -4.1, "confidence": [-5.0, -3.2]}],
+            "dates": {"used": [120.0, 132.0], "offered": 7},
+        },
+        {"name": "Umbra Spotlight, VV", "how": "none", "why": "its cell is too fine"},
+    ],
+}  # fmt: skip
+
+
+def test_candidates_are_in_all_faces(capsys) -> None:
+    section = candidate_section({"applications": {"crops": COMPARED}})
+    both = candidate_section({"applications": {"crops": COMPARED, "soil": {**COMPARED, "relative": True}}})
+    assert section is not None
+    assert both is not None
+    in_all_faces(without_pictures((section,)), capsys)
+    in_all_faces(without_pictures((both,)), capsys)
+    told = " ".join(of_blocks(section.blocks, terminal=True))
+    for text in ("60.0", "looks is recalled, not checked", "could not be judged: its cell is too fine", "of 7 that it"):
+        assert text in told
+    (panel,) = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
+    assert "<svg" in panel.svg
+    assert panel.data is not None
+    assert panel.data().rows[0][1:4] == (-5.7, -6.9, -4.5)
+    assert candidate_section(None) is None
+
+
 BY_REPORT = {
     "application_sections", "assumption_section", "compromise_section", "compromise_summary", "data_section",
     "diagnostics_section", "history_section", "image_section", "importance_section", "literature_section",
@@ -323,8 +356,8 @@ BY_REPORT = {
     "term_blocks",
 }  # fmt: skip
 BY_NAME = {
-    "calendar_section", "check_sections", "measure_section", "rehearsal_section", "speed_section", "term_test_table",
-    "tradeoff_blocks",
+    "calendar_section", "candidate_section", "check_sections", "measure_section", "rehearsal_section", "speed_section",
+    "term_test_table", "tradeoff_blocks",
 }  # fmt: skip
 
 

@@ -349,3 +349,43 @@ def test_an_application_names_its_words_of_the_catalogue(load):
     assert (problem.value, problem.line) == ("warp drive", text.split("\n").index('catalog = "soil moisture"') + 1)
     with pytest.raises(SpecError):
         load(text.replace("soil moisture", "  "))
+
+
+CANDIDATES = """
+[[candidate]]
+sensor = "Sentinel-1 IW"
+polarization = "VH+VV"
+[[candidate]]
+sensor = "*"
+[[candidate]]
+name = "ours"
+parameters = { frequency = 5.3, looks = 4 }
+"""
+
+
+def test_candidates_are_read_and_leave_the_hash_alone(load):
+    spec = load(GOOD + CANDIDATES)
+    assert [one.sensor for one in spec.candidates] == ["Sentinel-1 IW", "*", ""]
+    assert spec.candidates[2].parameters == {"frequency": 5.3, "looks": 4}
+    assert spec.spec_hash == load(GOOD).spec_hash
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "field", "says"),
+    [
+        ('"Sentinel-1 IW"', '"Sentinal-1"', "sensor =", "sensor", "Did you mean Sentinel-1"),
+        ('"Sentinel-1 IW"', '"SMAP L"', "sensor =", "sensor", "simulates radars"),
+        ('"VH+VV"', '"HH+VV"', "polarization =", "polarization", "VV+VH, or HH+HV"),
+        ("frequency = 5.3, looks", "frequency = 5.3, lokks", "parameters =", "parameters.lokks", "'looks'"),
+        ("looks = 4 }", "looks = 0 }", "parameters =", "parameters.looks", "out of range"),
+        ('name = "ours"\n', "", "[[candidate]]", "candidate no. 3", "a name with parameters"),
+        ('"*"', '"Sentinel-1 IW"\npolarization = "VH+VV"', "[[candidate]]", "candidate no. 2", "twice"),
+        ("sensor =", "senser =", "senser =", "senser", "'sensor'"),
+    ],
+)
+def test_faults_of_candidates(load, old, new, line, field, says):
+    text = GOOD + CANDIDATES.replace(old, new, 1)
+    problem = problems(load, text)[0]
+    assert line in text.splitlines()[problem.line - 1]
+    assert problem.field.endswith(field)
+    assert says in f"{problem.message}. {problem.remedy}"

@@ -1,0 +1,154 @@
+"""A sensor against the optimum: the difference of their scores, and the probability that the sensor suffices.
+
+Both were simulated on the same occasions of the same worlds, so that a difference is owed to the sensors. Scores of
+one setting have two variances: from world to world, and from occasion to occasion in one (`seqrsm.analysis.ground`).
+What is told of a future is told of ``runs`` occasions over one ground, as the stop rule's interval has it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtr, stdtrit
+
+from seqrsm.analysis.belief import Belief, mixed_quantiles
+from seqrsm.analysis.scale import Interval, ResponseScale
+from seqrsm.analysis.steps import joint_draws
+from seqrsm.arrays import FloatArray
+from seqrsm.fit.optimum import sign_of
+
+
+@dataclass(frozen=True, slots=True)
+class Sufficing:
+    """From when on a sensor suffices.
+
+    Attributes
+    ----------
+    score : float
+        Score, or difference to the optimum.
+    relative : bool
+        Whether it is a difference.
+    sign : float
+        1 where large scores are good, -1 where small ones are.
+    """
+
+    score: float
+    relative: bool
+    sign: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A sensor against the optimum, score units.
+
+    Attributes
+    ----------
+    score, difference : float
+        Expected score, and by how much it exceeds that of the optimum.
+    confidence : Interval
+        Of the expected difference over all grounds.
+    one_ground : Interval
+        Of the difference over one ground, on so many occasions as the stop rule's interval is of.
+    probability : float
+        That it suffices there.
+    """
+
+    score: float
+    difference: float
+    confidence: Interval
+    one_ground: Interval
+    probability: float
+
+
+def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: float, runs: float) -> Comparison:
+    """Compare a sensor with the optimum from simulations.
+
+    Parameters
+    ----------
+    sensor : ndarray (places, worlds, occasions)
+        Scores at places of its swath, any of which the ground may lie at.
+    optimum : ndarray (worlds, occasions)
+        Scores in the same worlds and on the same occasions; at least two worlds.
+    rule : Sufficing
+    level : float
+        Of both intervals.
+    runs : float
+        Occasions over one ground; ``inf`` for the mean of all.
+    """
+    difference = sensor - optimum
+    mean, of_mean, future, df = _moments(difference.mean(axis=0), runs)
+    half = float(stdtrit(df, 0.5 + 0.5 * level))
+    judged = difference if rule.relative else sensor
+    share = float(np.mean([_beyond(place, rule, runs) for place in judged]))
+    return Comparison(
+        score=float(sensor.mean()),
+        difference=mean,
+        confidence=Interval(mean - half * of_mean, mean + half * of_mean),
+        one_ground=Interval(mean - half * future, mean + half * future),
+        probability=share,
+    )
+
+
+def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float, int]:
+    """Mean, standard errors of it and of a future mean of ``runs`` over one ground, and degrees of freedom.
+
+    The variance of means of a world's occasions is the ground's and a share of chance; with other numbers of occasions
+    the share changes by what the scores within worlds tell.
+    """
+    worlds, occasions = scores.shape
+    of_means = float(np.var(scores.mean(axis=1), ddof=1))
+    within = float(np.mean(np.var(scores, axis=1, ddof=1))) if occasions > 1 else 0.0
+    ground = of_means + within * (1.0 / runs - 1.0 / occasions)
+    spread = max(ground, within / runs, 0.0)
+    return float(scores.mean()), math.sqrt(of_means / worlds), math.sqrt(spread + of_means / worlds), worlds - 1
+
+
+def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:
+    mean, _, future, df = _moments(scores, runs)
+    gap = rule.sign * (mean - rule.score)
+    if future == 0.0:
+        return float(gap >= 0.0)
+    return float(stdtr(df, gap / future))
+
+
+def by_surface(
+    belief: Belief,
+    scale: ResponseScale,
+    points: FloatArray,
+    terms: FloatArray,
+    rule: Sufficing,
+    level: float,
+    future_sd: float,
+    rng: np.random.Generator,
+) -> Comparison:
+    """Compare two settings of the region by what is believed of the surface.
+
+    Parameters
+    ----------
+    belief, scale
+        Of the analysis.
+    points : ndarray (2, k)
+        The sensor's and the optimum's settings, coded.
+    terms : ndarray (m, p)
+        Draws of the quadratic's coefficients.
+    rule, level
+        As in `compared`.
+    future_sd : float
+        Standard deviation of a future mean over one ground about the surface, score units; what two settings have in
+        common of it cancels in a difference, and none of it is counted there.
+    rng : Generator
+    """
+    parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
+    differences = [(one[:, 0] - one[:, 1], share) for one, share in parts]
+    interval = mixed_quantiles(differences, level)
+    sd = 0.0 if rule.relative else future_sd
+    judged = differences if rule.relative else [(one[:, 0], share) for one, share in parts]
+    sign = sign_of(belief.goal)
+    probability = sum(
+        share * float(np.mean(sign * (one + sd * rng.standard_normal(len(one)) - rule.score) >= 0.0))
+        for one, share in judged
+    )
+    mean = scale.to_score(belief.mean(points))
+    return Comparison(float(mean[0]), float(mean[0] - mean[1]), interval, interval, probability)

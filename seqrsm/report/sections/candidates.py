@@ -1,0 +1,205 @@
+"""Which sensor suffices: candidates beside the optimum, ordered by the probability that they do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    FigureBlock,
+    Head,
+    Panel,
+    PanelData,
+    Paragraph,
+    Section,
+    right,
+    table,
+)
+from seqrsm.report.figures import drawing
+from seqrsm.report.rounding import NOTHING, decimals_for, format_number, format_range, format_share, format_significant
+from seqrsm.report.wording import level_text, listing, number_cell, slug, with_unit
+from seqrsm.sensor.exchange import PROPERTIES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NAMES = {
+    "frequency_ghz": "frequency", "bandwidth_mhz": "bandwidth", "resolution_range_m": "range resolution",
+    "resolution_azimuth_m": "azimuth resolution", "incidence_near_deg": "near incidence",
+    "incidence_far_deg": "far incidence", "altitude_km": "altitude", "radiometric_accuracy_db": "calibration",
+    "footprint_km": "footprint", "nedt_k": "noise", "integration_time_ms": "integration time",
+    "revisit_days": "revisit",
+}  # fmt: skip
+
+
+def candidate_section(measured: Mapping[str, Any] | None) -> Section | None:
+    """Return what ``seqrsm candidates`` found; None where it was not run.
+
+    Parameters
+    ----------
+    measured : Mapping or None
+        From `seqrsm.campaign.candidates.measure_candidates`.
+    """
+    if measured is None:
+        return None
+    several = len(measured["applications"]) > 1
+    parts = tuple(
+        Section(f"candidates-{slug(name)}", name if several else "Candidates", tuple(_blocks(name, found)))
+        for name, found in measured["applications"].items()
+    )
+    title = "Which sensor suffices"
+    return Section("candidates", title, (), parts) if several else Section("candidates", title, parts[0].blocks)
+
+
+def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
+    rows = found["candidates"]
+    told = [row for row in rows if row["how"] != "none"]
+    unit, level = found["unit"], level_text(found["level"])
+    runs = {None: "the mean of many occasions", 1.0: "one occasion"}.get(found["runs"], "")
+    runs = runs or f"the mean of {found['runs']:g} occasions"
+    if found["relative"]:
+        size = with_unit(format_significant(abs(found["sufficient"]), 3), unit)
+        rule = f"A sensor suffices that comes within {size} of the optimum"
+    else:
+        rule = (
+            f"A sensor suffices whose score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
+        )
+    blocks: list[Block] = [
+        Paragraph(
+            f"{rule}, in {runs} over one ground. The optimum's score is "
+            f"{with_unit(format_number(found['optimum'], 1), unit)}.",
+            method=" Candidates are simulated with their own noise, angles, looks, cell and dates, at the near edge, "
+            "in the middle and at the far edge of the swath, on the same occasions in the same worlds as the optimum; "
+            "those that differ in factors alone, within the region, are judged by the fitted surface.",
+        )
+    ]
+    if told:
+        blocks += [_picture(name, told, found), _table(told, unit, level)]
+    if any(row.get("owed_to") for row in told):
+        blocks.append(_owed(told, unit))
+    notes = [_note(row) for row in told]
+    notes += [f"{row['name']} could not be judged: {row['why']}." for row in rows if row["how"] == "none"]
+    notes = [note for note in notes if note]
+    return [*blocks, Bullets(tuple(notes))] if notes else blocks
+
+
+def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str) -> Block:
+    columns: tuple[Head, ...] = (
+        "Sensor",
+        right("Suffices", "%"),
+        right("Score", unit),
+        right("Against the optimum", unit),
+        right(f"Mean, {level}", unit),
+        right(f"One ground, {level}", unit),
+        "By",
+    )
+    return table("Candidates, the most probable to suffice first", columns, map(_row, rows), sortable=True)
+
+
+def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
+    places = _places(row)
+    ends = (format_range(low, high, places) for low, high in (row["confidence"], row["one_ground"]))
+    return (
+        Cell(row["name"]),
+        number_cell(format_share(row["probability"]).removesuffix("%").strip(), row["probability"]),
+        number_cell(format_number(row["score"], places), row["score"]),
+        number_cell(format_number(row["difference"], places), row["difference"]),
+        *(Cell(text) for text in ends),
+        Cell(row["how"]),
+    )
+
+
+def _owed(rows: Sequence[Mapping[str, Any]], unit: str) -> Block:
+    found = [row for row in rows if row.get("owed_to")]
+    seen = {one["property"] for row in found for one in row["owed_to"]}
+    names = [name for name in (*PROPERTIES, "dates") if name in seen]
+    cells = []
+    for row in found:
+        own = {one["property"]: one for one in row["owed_to"]}
+        cells.append((Cell(row["name"]), *(_share(own.get(name)) for name in names)))
+    heads: tuple[Head, ...] = ("Sensor", *(right(name.capitalize(), unit) for name in names))
+    caption = (
+        "What the optimum's score becomes less with one property of the candidate, all else its own; with half-widths"
+    )
+    return table(caption, heads, cells)
+
+
+def _share(one: Mapping[str, Any] | None) -> Cell:
+    if one is None:
+        return Cell(NOTHING)
+    half = 0.5 * (one["confidence"][1] - one["confidence"][0])
+    places = _places(one)
+    return Cell(f"{format_number(one['difference'], places)} \u00b1 {format_number(half, places)}", one["difference"])
+
+
+def _places(one: Mapping[str, Any]) -> int:
+    """Decimals that the confidence interval of a difference supports, at least none and not more than two."""
+    return min(max(decimals_for(0.5 * (one["confidence"][1] - one["confidence"][0])), 0), 2)
+
+
+def _note(row: Mapping[str, Any]) -> str:
+    """Places of the swath, dates, and what is not checked of a sensor."""
+    parts = []
+    places = row.get("places") or []
+    if places:
+        cells = format_significant(places[len(places) // 2]["cell_m"], 3)
+        parts.append(f"cell {cells}\u00a0m")
+        if "looks" in places[0]:
+            angles = " / ".join(f"{one['incidence_deg']:.0f}" for one in places)
+            scores = " / ".join(format_number(one["score"], 1) for one in places)
+            noise = " / ".join(format_number(one["noise_db"], 1) for one in places)
+            looks = format_significant(places[len(places) // 2]["looks"], 2)
+            parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {scores}")
+    dates = row.get("dates")
+    if dates:
+        days = listing([f"{day:g}" for day in dates["used"]])
+        offered = "" if dates["offered"] is None else f" of {dates['offered']} that it offers in the season"
+        parts.append(f"days {days}{offered}")
+    for kind in ("recalled", "assumed"):
+        if row.get(kind):
+            what = listing([_NAMES.get(name, name) for name in row[kind]])
+            parts.append(f"{what} {'is' if len(row[kind]) == 1 else 'are'} {kind}, not checked at a source")
+    return f"{row['name']}: {'; '.join(parts)}." if parts else ""
+
+
+def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> FigureBlock:
+    height = 0.9 + 0.32 * len(rows)
+    draw = partial(drawing.draw, partial(_paint, rows, found), 2.0 * drawing.PANEL_WIDTH_IN, height)
+    alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in rows)
+    title = f"Candidates against the optimum, {name}"
+    panel = Panel(title, alt, draw, name=slug(f"candidates {name}"), data=partial(_data, rows))
+    under = (
+        "Difference of each candidate's score to the optimum's, expected over all grounds (thick) and over one ground "
+        "(thin). Dashed: where a sensor suffices."
+    )
+    return FigureBlock((panel,), under, columns=1)
+
+
+def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
+    names = ("difference", "mean low", "mean high", "one ground low", "one ground high", "probability")
+    return PanelData(
+        ("sensor", *names),
+        tuple(
+            (row["name"], row["difference"], *row["confidence"], *row["one_ground"], row["probability"]) for row in rows
+        ),
+    )
+
+
+def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    for k, row in enumerate(reversed(rows)):
+        axes.plot(row["one_ground"], (k, k), color=drawing.MUTED, linewidth=1.0)
+        axes.plot(row["confidence"], (k, k), color=drawing.BLUE, linewidth=4.0, solid_capstyle="butt")
+        axes.scatter([row["difference"]], [k], s=18, color=drawing.INK, zorder=3, linewidths=0)
+    axes.axvline(0.0, color=drawing.INK, linewidth=0.8)
+    edge = found["sufficient"] - (0.0 if found["relative"] else found["optimum"])
+    axes.axvline(edge, color=drawing.ORANGE, linestyle="--", linewidth=1.0)
+    axes.set_yticks(range(len(rows)), [f"{row['name']} ({format_share(row['probability'])})" for row in reversed(rows)])
+    axes.set_ylim(-0.6, len(rows) - 0.4)
+    unit = f" [{found['unit']}]" if found["unit"] else ""
+    axes.set_xlabel(f"score less the optimum's{unit}")
+    axes.grid(visible=True, axis="x")

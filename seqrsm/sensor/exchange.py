@@ -1,0 +1,122 @@
+"""One sensor with some properties of another: what a difference between two sensors is owed to, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any, Final, TypeVar
+
+from seqrsm.constants import SPEED_OF_LIGHT_M_S
+from seqrsm.sensor.named import noise_equivalent_db, pulses, with_noise
+from seqrsm.sensor.parameters import RADAR, RADIOMETER, Parameter
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+
+Sensor = RadarConfiguration | RadiometerConfiguration
+S = TypeVar("S", RadarConfiguration, RadiometerConfiguration)
+
+PROPERTIES: Final = ("frequency", "channels", "cell and looks", "angle", "noise")
+"""What a sensor's image is owed to; dates are the sixth."""
+
+_RADAR: Final[Mapping[str, tuple[str, ...]]] = {
+    "frequency": ("frequency_ghz",),
+    "channels": ("channels",),
+    "cell and looks": (
+        *("resolution_m", "pixel_m", "looks", "antenna_length_m", "aperture", "azimuth_beamwidth_deg", "scan"),
+        *("antenna_east_m", "antenna_north_m"),
+    ),
+    "angle": (
+        *("depression_angle_deg", "altitude_m", "elevation_pattern", "boresight_depression_deg", "pattern_table"),
+        *("elevation_beamwidth_deg", "near_incidence_deg", "far_incidence_deg", "earth", "speed_m_s"),
+    ),
+    "noise": ("calibration_sd_db", "peak_power_w"),
+}
+_RADIOMETER: Final[Mapping[str, tuple[str, ...]]] = {
+    "frequency": ("frequency_ghz",),
+    "channels": ("channels",),
+    "cell and looks": ("resolution_m",),
+    "angle": ("altitude_m", "speed_m_s", "scan_half_angle_deg"),
+}
+_GROUND_K: Final = 300.0
+
+
+def exchanged(base: S, other: S, properties: Collection[str]) -> S:
+    """``base`` with some properties of ``other``, all else as it is.
+
+    Of radars the cell on the ground, the looks in it and the noise-equivalent sigma0 at the centre stay what they are
+    unless they are exchanged, whatever the angle and the frequency become.
+
+    Parameters
+    ----------
+    base, other : RadarConfiguration or RadiometerConfiguration
+        Of one kind.
+    properties : collection of str
+        Of `PROPERTIES`.
+
+    Raises
+    ------
+    ConfigurationError
+        The mixture contradicts itself.
+    """
+
+    def of(name: str) -> S:
+        return other if name in properties else base
+
+    if isinstance(base, RadarConfiguration) and isinstance(other, RadarConfiguration):
+        return _radar(base, {name: of(name) for name in PROPERTIES})
+    assert isinstance(base, RadiometerConfiguration)
+    assert isinstance(other, RadiometerConfiguration)
+    return _radiometer(base, other, properties)
+
+
+def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> RadarConfiguration:
+    taken: dict[str, Any] = {field: getattr(of[name], field) for name, fields in _RADAR.items() for field in fields}
+    angle, cell = of["angle"], of["cell and looks"]
+    across_m = float(cell.ground_resolution_m(cell.centre_incidence_rad))
+    taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * float(_sine(angle)))
+    if of["frequency"] is not cell and cell.aperture == "real" and cell.azimuth_beamwidth_deg is None:
+        taken["antenna_length_m"] = cell.antenna_length_m * of["frequency"].wavelength_m / cell.wavelength_m
+    taken |= pulses(taken["channels"], taken["antenna_length_m"], angle.speed_m_s)
+    return with_noise(replace(base, **taken), noise_equivalent_db(of["noise"]))
+
+
+def _radiometer(
+    base: RadiometerConfiguration, other: RadiometerConfiguration, properties: Collection[str]
+) -> RadiometerConfiguration:
+    taken: dict[str, Any] = {
+        field: getattr(other if name in properties else base, field)
+        for name, fields in _RADIOMETER.items()
+        for field in fields
+    }
+    angle = other if "angle" in properties else base
+    taken["scan_period_s"] = angle.scan_period_s * taken["resolution_m"] / angle.resolution_m
+    taken["antenna_limit_m"] = max(base.antenna_limit_m, other.antenna_limit_m)  # what is asked is not what is carried
+    if "noise" in properties:
+        # By the receiver's temperature, so that a pixel stays what the integration time makes of it; by the bandwidth
+        # where even a receiver without noise would have too much.
+        noise_k = float(other.nedt_k(_GROUND_K))
+        system_k = noise_k * float(1e3 * base.bandwidth_mhz * base.integration_time_ms) ** 0.5
+        wider = max(_GROUND_K / system_k, 1.0) ** 2
+        taken |= {"receiver": "total_power", "gain_fluctuation": 0.0, "bandwidth_mhz": base.bandwidth_mhz * wider}
+        taken["noise_temperature_k"] = max(system_k - _GROUND_K, 0.0)
+    return replace(base, **taken)
+
+
+def _sine(radar: RadarConfiguration) -> float:
+    return radar.slant_resolution_m / float(radar.ground_resolution_m(radar.centre_incidence_rad))
+
+
+def as_parameters(sensor: Sensor) -> dict[str, float | str]:
+    """A sensor by the names and values of ``campaign.toml``; what is not set is left out."""
+    table: Mapping[str, Parameter] = RADAR if isinstance(sensor, RadarConfiguration) else RADIOMETER
+    found: dict[str, float | str] = {}
+    for row in table.values():
+        value = getattr(sensor, row.field)
+        if row.name == "pattern_file" or value is None or value in ((), ""):
+            continue
+        if row.kind == "channels":
+            value = "+".join(value)
+        elif row.kind == "pattern":
+            value = ", ".join(f"{look!r}:{gain!r}" for look, gain in value)
+        found[row.name] = value
+    return found

@@ -1,0 +1,129 @@
+"""`seqrsm candidates`: the optimum loses nothing, a poorer radar what it lacks; by the surface where that can tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from measured_campaign import FREQUENCY, X, make, quadratic
+from tiny_campaign import TINY, make_tiny
+from typer.testing import CliRunner
+
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.candidates import candidates_of, read_candidates
+from seqrsm.campaign.dossier import assemble
+from seqrsm.cli.app import app
+from seqrsm.report.content import build_report
+from seqrsm.spec.read import load_spec
+
+CANDIDATES = """
+[[candidate]]
+name = "the same"
+parameters = { altitude_m = 4000.0 }
+[[candidate]]
+name = "coarse"
+parameters = { resolution = 45.0 }
+[[candidate]]
+name = "weak"
+parameters = { peak_power = 0.01 }
+[[candidate]]
+sensor = "NISAR S DP 25"
+[[candidate]]
+sensor = "Capella Spotlight"
+parameters = { frequency = 0.2 }
+"""
+
+
+def ok(*arguments: object) -> str:
+    done = CliRunner().invoke(app, [str(one) for one in arguments])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Path:
+    folder = make_tiny(tmp_path_factory.mktemp("compared") / "tiny", tiny_scene, TINY + CANDIDATES)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "16"]).exit_code in (0, 3)
+    ok("candidates", folder, "--worlds", 4)
+    return folder
+
+
+def found(folder: Path) -> dict[str, dict]:
+    measured = read_candidates(load_spec(folder))
+    assert measured is not None
+    return {row["name"]: row for row in measured["applications"]["cover"]["candidates"]}
+
+
+def test_the_optimum_loses_nothing_and_a_weak_radar_its_power(compared: Path) -> None:
+    rows = found(compared)
+    same, weak = rows["the same"], rows["weak"]
+    assert (same["how"], same["difference"], same["probability"]) == ("simulation", 0.0, 1.0)
+    assert same["owed_to"] == []
+    assert weak["difference"] < -10.0
+    assert [one["property"] for one in weak["owed_to"]] == ["noise"]
+    assert weak["owed_to"][0]["difference"] == pytest.approx(weak["difference"], abs=3.0)  # of half the occasions
+    assert weak["probability"] < 0.5
+
+
+def test_settings_within_the_region_are_judged_by_the_surface(compared: Path) -> None:
+    row = found(compared)["coarse"]
+    assert row["how"] == "surface"
+    low, high = row["confidence"]
+    assert low < row["difference"] < high
+
+
+def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared: Path) -> None:
+    row = found(compared)["NISAR S DP 25, HH+HV"]
+    assert [round(place["incidence_deg"]) for place in row["places"]] == [33, 40, 47]
+    assert all(place["noise_db"] == pytest.approx(-20.0) for place in row["places"])
+    assert {one["property"] for one in row["owed_to"]} >= {"cell and looks", "angle", "noise"}
+    assert "noise" in row["recalled"]
+    assert row["one_ground"][0] < row["confidence"][0] < row["difference"]
+
+
+def test_what_cannot_be_built_says_why(compared: Path) -> None:
+    row = found(compared)["Capella Spotlight GEO, HH"]
+    assert row["how"] == "none"
+    assert row["why"]
+
+
+def test_terminal_json_and_report_tell_it(compared: Path) -> None:
+    document = json.loads(ok("candidates", compared, "--worlds", 4, "--sufficient", 150, "--json"))
+    rows = document["applications"]["cover"]["candidates"]
+    assert max(row.get("probability", 0.0) for row in rows if row["how"] == "simulation") < 0.05
+    assert document["applications"]["cover"]["relative"] is False
+    dossier = assemble(Campaign.open(compared))
+    assert "candidates" in [section.key for section in build_report(dossier).sections]
+
+
+def test_without_candidates_it_says_what_to_add(tiny: Path) -> None:
+    done = CliRunner().invoke(app, ["candidates", str(tiny)])
+    assert done.exit_code == 2
+    assert "[[candidate]]" in done.stderr
+
+
+def test_measured_campaigns_judge_by_the_surface_alone(tmp_path: Path) -> None:
+    more = """[[candidate]]
+sensor = "Sentinel-1 IW GRDH"
+[[candidate]]
+sensor = "BIOMASS SM SLC"
+"""
+    folder = make(tmp_path / "m", X + FREQUENCY, quadratic(), model=more)
+    ok("candidates", folder)
+    measured = read_candidates(load_spec(folder))
+    assert measured is not None
+    rows = {row["name"]: row for row in measured["applications"]["a"]["candidates"]}
+    sentinel, biomass = rows["Sentinel-1 IW GRDH, VV+VH"], rows["BIOMASS SM SLC, HH+HV+VV"]
+    assert sentinel["how"] == "surface"
+    assert sentinel["settings"]["frequency"] == 5.405
+    assert (biomass["how"], "outside the region" in biomass["why"]) == ("none", True)
+
+
+def test_all_that_fit_are_neither_past_nor_beyond_the_factors(tmp_path: Path, tiny_scene: Path) -> None:
+    text = TINY.replace("frequency = 3.0\n", "").replace("[[factor]]", FREQUENCY + "[[factor]]", 1)
+    folder = make_tiny(tmp_path / "wide", tiny_scene, text + '[[candidate]]\nsensor = "*"\n')
+    names = [one.name for one in candidates_of(load_spec(folder))]
+    assert "Sentinel-1 IW GRDH, VV+VH" in names
+    assert not [name for name in names if name.startswith(("BIOMASS", "ERS", "Seasat", "SMAP", "Envisat"))]
+    assert "Sentinel-1 EW GRDM, VV+VH" not in names  # cells of 93 m, the factor ends at 60 m

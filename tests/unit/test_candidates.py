@@ -1,0 +1,93 @@
+"""Differences between sensors against draws of known variances; one property exchanged leaves the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seqrsm.analysis.candidates import Sufficing, compared
+from seqrsm.sensor.exchange import PROPERTIES, as_parameters, exchanged
+from seqrsm.sensor.named import noise_equivalent_db, radar_of, radiometer_of, sensors_called
+from seqrsm.sensor.radar import RadarConfiguration, from_settings
+from seqrsm.sensor.radiometer import RadiometerConfiguration
+
+OURS = RadarConfiguration(1.25, ("HH", "HV", "VV"), 13.0, 50.0, 30.0, 30.0, 6000.0, texture_db=0.5)
+AIRBORNE = RadiometerConfiguration(17.0, ("H", "V"), 100.0, 8.0, 100.0, 300.0, 2.0, 3000.0)
+
+
+def named(title: str, channels: str, angle: float) -> RadarConfiguration:
+    (sensor,) = sensors_called(title)
+    return radar_of(sensor, channels, angle, 20.0)
+
+
+@pytest.mark.parametrize(("runs", "occasions"), [(1.0, 2), (5.0, 2), (np.inf, 3)])
+def test_intervals_and_probability_hold_for_drawn_grounds(runs: float, occasions: int) -> None:
+    """Over a new ground the mean of so many occasions lies in the interval, and suffices as often as is said."""
+    rng = np.random.default_rng(11)
+    ground, chance, level, n = 4.0, 2.0, 0.9, 1500
+    inside_mean = inside_ground = promised = kept = 0.0
+    for _ in range(n):
+        difference = -3.0 + ground * rng.normal(size=(12, 1)) + chance * rng.normal(size=(12, occasions))
+        optimum = 70.0 + rng.normal(size=(12, occasions))
+        found = compared((optimum + difference)[None], optimum, Sufficing(-5.0, True, 1.0), level, runs)
+        future = -3.0 + ground * rng.normal() + (chance * rng.normal() / np.sqrt(runs) if np.isfinite(runs) else 0.0)
+        inside_mean += found.confidence.low < -3.0 < found.confidence.high
+        inside_ground += found.one_ground.low < future < found.one_ground.high
+        promised += found.probability
+        kept += future >= -5.0
+    assert inside_mean / n == pytest.approx(level, abs=0.025)
+    assert inside_ground / n == pytest.approx(level, abs=0.025)
+    assert promised / n == pytest.approx(kept / n, abs=0.05)
+
+
+def test_a_target_counts_the_scores_themselves_and_small_ones_where_they_are_good() -> None:
+    rng = np.random.default_rng(2)
+    optimum = 10.0 + rng.normal(size=(16, 2))
+    own = optimum[None] + np.array([0.0, 8.0])[:, None, None]  # at one edge of its swath as good, at the other not
+    rule = Sufficing(14.0, False, -1.0)
+    assert compared(own, optimum, rule, 0.95, 5.0).probability == pytest.approx(0.5, abs=0.05)
+    assert compared(own[:1], optimum, replace(rule, sign=1.0), 0.95, 5.0).probability < 0.05
+    assert compared(own[:1], optimum, Sufficing(0.0, True, -1.0), 0.95, 5.0).probability == 1.0
+
+
+def facts(radar: RadarConfiguration) -> dict[str, tuple[object, ...]]:
+    theta = np.array([radar.centre_incidence_rad])
+    return {
+        "frequency": (radar.frequency_ghz,),
+        "channels": radar.channels,
+        "cell and looks": (radar.resolution_m, round(float(radar.looks_used(theta)[0]), 4)),
+        "angle": (round(float(theta[0]), 6), radar.altitude_m),
+        "noise": (round(noise_equivalent_db(radar), 6),),
+    }
+
+
+@pytest.mark.parametrize("name", PROPERTIES)
+@pytest.mark.parametrize("title", ["Sentinel-1 IW GRDH", "SAOCOM-1 Stripmap quad", "Envisat ASAR APP"])
+def test_one_property_of_a_radar_is_exchanged_and_no_other(name: str, title: str) -> None:
+    (sensor,) = sensors_called(title)
+    other = named(title, sensor.channels[0], 35.0)
+    mixed = exchanged(OURS, other, (name,))
+    expected = {**facts(OURS), name: facts(other)[name]}
+    assert facts(mixed) == expected
+    assert mixed.texture_db == 0.5  # of the ground
+
+
+def test_all_properties_make_the_other_radar_over_the_same_ground() -> None:
+    other = named("Sentinel-1 IW GRDH", "VV+VH", 38.0)
+    mixed = exchanged(OURS, other, PROPERTIES)
+    assert facts(mixed) == facts(other)
+    assert from_settings(as_parameters(mixed)) == mixed
+    assert facts(exchanged(OURS, other, ())) == facts(OURS)
+
+
+def test_noise_of_a_radiometer_is_exchanged_without_its_times() -> None:
+    (pals,) = sensors_called("PALS L 1.413 GHz low")
+    other = radiometer_of(pals, "H+V")
+    mixed = exchanged(AIRBORNE, other, ("noise",))
+    assert float(mixed.nedt_k(300.0)) == pytest.approx(float(other.nedt_k(300.0)), rel=1e-6)
+    assert mixed.integration_time_ms == AIRBORNE.integration_time_ms
+    coarse = exchanged(AIRBORNE, other, ("cell and looks",))
+    assert (coarse.resolution_m, coarse.altitude_m) == (other.resolution_m, 3000.0)
+    assert coarse.scan_period_s == pytest.approx(2.0 * 4.9)
