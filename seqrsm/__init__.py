@@ -3,6 +3,24 @@
 The tree reads like the method of RSL TR 380-1: ``scene`` and ``scattering`` and ``sensor`` feed ``simulate``, whose
 images ``score`` turns into utilities; ``design`` and ``fit`` describe the response surface; ``propose`` and ``decide``
 choose the next runs and say when to stop; ``campaign`` joins the two sides; ``report`` and ``cli`` show the result.
+
+In a notebook::
+
+    c = seqrsm.Campaign("mine")
+    plan = c.propose(4)
+    c.ingest(plan.assign(score=measured))
+    c.fit()
+
+See `seqrsm.Campaign`.
 """
 
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> object:
+    """``seqrsm.Campaign`` and ``seqrsm.Fit``, loaded at their first use."""
+    if name not in ("Campaign", "Fit"):
+        raise AttributeError(f"module 'seqrsm' has no attribute '{name}'")
+    from importlib import import_module
+
+    return getattr(import_module("seqrsm.cli.notebook"), name)

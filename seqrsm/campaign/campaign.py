@@ -33,6 +33,7 @@ from seqrsm.store.store import Store, heartbeat
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.campaign.simulation import SimulationTask
+    from seqrsm.score.source import TableSource
 
 Progress = Callable[[int, int], None]
 TRIES = 3
@@ -149,7 +150,7 @@ class Campaign:
         self,
         n: int | None = None,
         *,
-        source: str = "simulation",
+        source: str | None = None,
         csv: Path | None = None,
         analyses: Sequence[Analysis] | None = None,
     ) -> tuple[RunRecord, ...]:
@@ -159,8 +160,9 @@ class Campaign:
         ----------
         n : int, optional
             Runs wanted; the campaign's batch by default. The start design has its own size.
-        source : "simulation", "flight" or "best"
-            "best" takes for each run the source that gains more for its cost.
+        source : "simulation", "flight" or "best", optional
+            "best" takes for each run the source that gains more for its cost. By default simulation where there is a
+            simulator, else flight, which is any measurement.
         csv : Path, optional
             Form for a flight crew, one row a run, the score left empty.
         analyses : sequence of Analysis, optional
@@ -171,6 +173,7 @@ class Campaign:
         UserError
             Unknown source, a form that exists already, too few scores and none to wait for, or a budget that is spent.
         """
+        source = source or ("flight" if self.spec.simulator is None else "simulation")
         if source not in ("simulation", "flight", "best"):
             raise UserError(
                 Problem("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
@@ -392,8 +395,8 @@ class Campaign:
                     if result.fault == "machine" and run.attempts % TRIES:
                         self.store.issue([run.run_id])
 
-    def ingest(self, *files: Path, dry_run: bool = False) -> tuple[IngestReport, ...]:
-        """Take in files of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
+    def ingest(self, *files: TableSource, dry_run: bool = False) -> tuple[IngestReport, ...]:
+        """Take in files or tables of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
         from seqrsm.campaign.ingest import ingest_files
 
         return ingest_files(self.store, self.spec, files, dry_run=dry_run)

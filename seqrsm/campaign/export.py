@@ -56,7 +56,7 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
     if target.suffix == ".json":
         texts = {target: _json_text(store, spec)}
     elif target.suffix == ".csv":
-        header, rows = _run_rows(store.runs(), spec.region.names)
+        header, rows = run_rows(store.runs(), spec.region.names)
         texts = {target: _csv_text(header, rows)}
         for kind, made, records in (
             ("looks", LookRecord, store.looks()),
@@ -129,7 +129,8 @@ def attached(folder: Path, path: Path) -> dict[str, str | None]:
     }
 
 
-def _run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[list[str], list[list[object]]]:
+def run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[list[str], list[list[object]]]:
+    """Columns and rows: a row for each score, and for each run without one."""
     score_names = [column.name for column in fields(ScoreRecord) if column.name != "run_id"]
     run_names = [
         column.name for column in fields(RunRecord) if column.name not in ("run_id", "proposed", "executed", "scores")

@@ -24,41 +24,47 @@ def factor_columns(factors: Sequence[Factor]) -> list[FactorColumn]:
     ]
 
 
-def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
-    """Write one row for each run and application: settings with their units in the header, ``score`` left empty.
+def form_rows(spec: CampaignSpec, runs: Sequence[RunRecord]) -> tuple[list[str], list[list[object]]]:
+    """Columns and rows of the form, a row for each run and application; None where somebody is to fill in.
 
-    The block's column has the name of ``[model] block``; text that a spreadsheet would run as a formula is neutralised.
+    Factors are in their own units; the block's column has the name of ``[model] block``.
+    """
+    several = ["application"] if len(spec.applications) > 1 else []
+    block = spec.model.block or "block"
+    own = [name for name in dict.fromkeys((block, "score", "se", "note")) if name not in spec.region.names]
+    rows: list[list[object]] = []
+    for run in runs:
+        cells = {block: run.block or None, "note": run.why}
+        settings = [run.proposed[name] for name in spec.region.names]
+        rows += [
+            [run.run_id, *([one.name] if several else []), *settings, *(cells.get(name) for name in own)]
+            for one in spec.applications
+        ]
+    return ["run_id", *several, *spec.region.names, *own], rows
+
+
+def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
+    """Write the form with units in its header; text that a spreadsheet would run as a formula is neutralised.
 
     Raises
     ------
     UserError
         The file exists, or cannot be written.
     """
-    headers = [
-        safe_cell(
-            factor.name
-            if isinstance(factor, CategoricalFactor) or not factor.unit
-            else f"{factor.name} [{factor.unit}]"
-        )
+    units = {
+        factor.name: f"{factor.name} [{factor.unit}]"
         for factor in spec.factors
-    ]
-    several = len(spec.applications) > 1
-    block = spec.model.block or "block"
-    own = [column for column in (block, "score", "se", "note") if column not in spec.region.names]
+        if not isinstance(factor, CategoricalFactor) and factor.unit
+    }
+    header, rows = form_rows(spec, runs)
     try:
         if path.exists():
             raise FileExistsError
         part = path.with_name(f"{path.name}.part")  # a form is there whole or not at all
         with part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(["run_id", *(["application"] if several else []), *headers, *dict.fromkeys(own)])
-            for run in runs:
-                settings = [run.proposed[name] for name in spec.region.names]
-                for application in spec.applications:
-                    name = [application.name] if several else []
-                    cells = {block: run.block, "note": run.why}
-                    row = [run.run_id, *name, *settings, *(cells.get(column, "") for column in dict.fromkeys(own))]
-                    writer.writerow([safe_cell(cell) for cell in row])
+            writer.writerow([safe_cell(units.get(name, name)) for name in header])
+            writer.writerows([safe_cell("" if cell is None else cell) for cell in row] for row in rows)
         part.replace(path)
     except FileExistsError:
         raise UserError(Problem("the file exists already", "Name a new file.", file=str(path))) from None

@@ -36,6 +36,10 @@ from seqrsm.spec.read import CampaignSpec, fixed_problem
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
     from seqrsm.campaign.campaign import Campaign
+    from seqrsm.campaign.simulation import SimulationTask
+    from seqrsm.scene.scene import Scene
+    from seqrsm.simulate.radar.result import RadarImage
+    from seqrsm.simulate.radiometer.result import RadiometerImage
 
 SUFFIXES = (".png", ".tif", ".tiff", ".npz")
 
@@ -76,6 +80,84 @@ def write_image(
     """
     if out.suffix.lower() not in SUFFIXES:
         raise UserError(Problem("unknown kind of image file", f"Use one of {', '.join(SUFFIXES)}.", file=str(out)))
+    made = simulated(campaign, assignments, run_id, mask=mask, threads=threads, number=number)
+    picture = picture_of(made.image)
+    share, remarks = None, ""
+    if mask:
+        layer = np.asarray(picture.arrays[mask], dtype=np.bool_)
+        share = float(layer.mean())
+        write_mask(out, mask, layer, made.scene, made.task.settings)
+    else:
+        writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
+        writer(out, picture, made.scene, made.task.settings)
+        remarks = "".join(f"; {remark}" for remark in _remarks(picture, out))
+    shape = picture.values.shape
+    del picture  # of a large scene, much memory that scoring can use
+    told = made.told(shape)
+    return {
+        "file": str(out),
+        **told,
+        "summary": told["summary"]
+        + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else remarks),
+        **({} if share is None else {"mask": mask, "mask_share": share}),
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulated:
+    """One image of a campaign's sensor, and what it was made of.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    task : SimulationTask
+        Its settings among it.
+    scene : Scene
+    images : tuple of RadarImage or RadiometerImage
+        All that the settings make, in the order of ``task.acquisitions``.
+    number : int
+        Which of them is wanted, from 1.
+    """
+
+    campaign: Campaign
+    task: SimulationTask
+    scene: Scene
+    images: Sequence[RadarImage | RadiometerImage]
+    number: int
+
+    @property
+    def image(self) -> RadarImage | RadiometerImage:
+        """The one that is wanted."""
+        return self.images[self.number - 1]
+
+    def told(self, shape: Sequence[int]) -> dict[str, Any]:
+        """Settings, shape, record of the engine, scores and notes, and all of it in a sentence."""
+        spec, task, made = self.campaign.spec, self.task, self.task.acquisitions
+        scores = {name: score_images(task, utility, self.images, self.scene).value for name, utility in task.utilities}
+        shown = settings_text(spec.factors, task.settings)
+        if label := made[self.number - 1].label:
+            shown += f"; image {self.number} of {len(made)}: {label}"
+        found = (f"{name} {value:.2f} {spec.application(name).unit}".rstrip() for name, value in scores.items())
+        return {
+            "settings": dict(task.settings),
+            "shape": list(shape),
+            "record": ENGINES[made[self.number - 1].engine].record(self.image, self.scene),
+            "scores": scores,
+            "notes": list(self.image.notes),
+            "summary": f"{shown}; {shape[1]} x {shape[2]} pixels; {', '.join(found)}",
+        }
+
+
+def simulated(
+    campaign: Campaign,
+    assignments: Sequence[str],
+    run_id: int = 0,
+    *,
+    mask: str = "",
+    threads: int = 1,
+    number: int = 1,
+) -> Simulated:
+    """Simulate what `write_image` writes; arguments and errors are as there."""
     spec = campaign.spec
     settings = _settings(campaign, assignments)
     task = task_of(spec, run_id, settings, occasion=_occasion(campaign, run_id))
@@ -89,41 +171,12 @@ def write_image(
             remedy = f"This engine has {', '.join(engine.masks)}."
             raise UserError(Problem("no such mask", remedy, field="--mask", value=mask))
         scene = scene_at(task.scene)
-        images = simulate_images(task, scene, threads=threads)
-        image = images[number - 1]
+        return Simulated(campaign, task, scene, simulate_images(task, scene, threads=threads), number)
     except (ConfigurationError, ScatteringDataError) as error:
         problems = (
             fixed_problem(spec, one) if one.file is None and one.field in task.fixed else one for one in error.problems
         )
         raise type(error)(*problems) from error
-    picture = picture_of(image)
-    share, remarks = None, ""
-    if mask:
-        layer = np.asarray(picture.arrays[mask], dtype=np.bool_)
-        share = float(layer.mean())
-        write_mask(out, mask, layer, scene, settings)
-    else:
-        writer = {".png": write_png, ".npz": write_npz}.get(out.suffix.lower(), write_geotiff)
-        writer(out, picture, scene, settings)
-        remarks = "".join(f"; {remark}" for remark in _remarks(picture, out))
-    shape = picture.values.shape
-    del picture  # of a large scene, much memory that scoring can use
-    scores = {name: score_images(task, utility, images, scene).value for name, utility in task.utilities}
-    shown = settings_text(spec.factors, settings)
-    if made[number - 1].label:
-        shown += f"; image {number} of {len(made)}: {made[number - 1].label}"
-    found = ", ".join(f"{name} {value:.2f} {spec.application(name).unit}".rstrip() for name, value in scores.items())
-    return {
-        "file": str(out),
-        "settings": settings,
-        "shape": list(shape),
-        "record": engine.record(image, scene),
-        "scores": scores,
-        "notes": list(image.notes),
-        "summary": f"{shown}; {shape[1]} x {shape[2]} pixels; {found}"
-        + (f"; {mask} on {100.0 * share:.2f} percent of the scene" if share is not None else remarks),
-        **({} if share is None else {"mask": mask, "mask_share": share}),
-    }
 
 
 def _remarks(picture: Picture, out: Path) -> list[str]:

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.form import factor_columns
 from seqrsm.errors import Problem, RegionError, ScoresFileError
@@ -20,6 +19,7 @@ from seqrsm.plain import shallow
 from seqrsm.score.cells import Measure
 from seqrsm.score.flight import MeasuredScore, ScoresFile, read_scores
 from seqrsm.score.ranking_file import is_rankings_file, read_rankings
+from seqrsm.score.source import TableText, table_text
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import (
     IngestedFile,
@@ -30,6 +30,9 @@ from seqrsm.store.records import (
     Settings,
 )
 from seqrsm.store.store import Store
+
+if TYPE_CHECKING:
+    from seqrsm.score.source import TableSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +73,9 @@ _Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str]]
 
 
 def ingest_files(
-    store: Store, spec: CampaignSpec, paths: Sequence[Path | str], *, dry_run: bool = False
+    store: Store, spec: CampaignSpec, sources: Sequence[TableSource], *, dry_run: bool = False
 ) -> tuple[IngestReport, ...]:
-    """Take files of measured scores or rankings into the store, in order; all of them or none.
+    """Take files or tables of measured scores or rankings into the store, in order; all of them or none.
 
     Parameters
     ----------
@@ -80,8 +83,9 @@ def ingest_files(
         Open.
     spec : CampaignSpec
         Its factors and applications name the columns.
-    paths : sequence of Path or str
-        The files, see :mod:`seqrsm.score.flight` and :mod:`seqrsm.score.ranking_file`.
+    sources : sequence of Path, str or DataFrame
+        Files or tables, see :mod:`seqrsm.score.source`; what stands in them: :mod:`seqrsm.score.flight` and
+        :mod:`seqrsm.score.ranking_file`.
     dry_run : bool
         Check and report, write nothing.
 
@@ -94,9 +98,10 @@ def ingest_files(
     """
     read: list[_Read] = []
     problems: list[Problem] = []
-    for path in paths:
+    for source in sources:
         try:
-            read.append(_read_rankings(spec, path) if is_rankings_file(path) else _read_scores(spec, path))
+            text = table_text(source)
+            read.append(_read_rankings(spec, text) if is_rankings_file(text) else _read_scores(spec, text))
         except ScoresFileError as error:
             problems += error.problems
     if problems:
@@ -120,18 +125,18 @@ def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
     )
 
 
-def _read_scores(spec: CampaignSpec, path: Path | str) -> _Read:
+def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     measures = [Measure(application.name, application.is_percent) for application in spec.applications]
-    file = read_scores(path, factor_columns(spec.factors), measures)
+    file = read_scores(text, factor_columns(spec.factors), measures)
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
     return ingested, outside, file.unscored, file_messages(spec, file, runs, outside)
 
 
-def _read_rankings(spec: CampaignSpec, path: Path | str) -> _Read:
+def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     ranked = [application for application in spec.applications if application.utility == "rank"]
-    name = Path(path).name
+    name = text.name
     if not ranked:
         message = "these are rankings, and no application of the campaign takes them"
         raise ScoresFileError(Problem(message, 'Set utility = "rank" for one, or give scores.', name))
@@ -139,7 +144,7 @@ def _read_rankings(spec: CampaignSpec, path: Path | str) -> _Read:
         if application.goal != "maximize":
             message = f"scores from rankings grow with worth, and the goal of '{application.name}' is \"minimize\""
             raise ScoresFileError(Problem(message, 'Rank 1 is the best image: set goal = "maximize".', name))
-    file = read_rankings(path, factor_columns(spec.factors), [Measure(application.name) for application in ranked])
+    file = read_rankings(text, factor_columns(spec.factors), [Measure(application.name) for application in ranked])
     images = [image for ranking in file.rankings for image in ranking.images]
     outside = _outside(spec, file.name, {im.line: im.settings for im in images if im.settings is not None})
     ingested = IngestedFile(file.name, file.sha256, len(images), rankings=file.rankings)

@@ -154,6 +154,35 @@ def _radiometer_picture(image: RadiometerImage) -> Picture:
     )
 
 
+def labelled_arrays(picture: Picture) -> dict[str, tuple[tuple[str, ...], AnyArray, dict[str, str]]]:
+    """The arrays of a picture by name, each with the names of its axes and its attributes, as xarray takes them.
+
+    ``image`` is the picture in dB or K, by ``line`` and ``sample``; ``row`` and ``column`` are the scene's own.
+    """
+    n_lines, n_samples = picture.values.shape[1:]
+    found: dict[str, tuple[tuple[str, ...], AnyArray, dict[str, str]]] = {
+        "image": (
+            ("channel", "line", "sample"),
+            picture.told(),
+            {"long_name": picture.quantity, "units": picture.unit},
+        )
+    }
+    for name, given in picture.arrays.items():
+        values = np.asarray(given)
+        if values.shape == picture.values.shape:
+            axes: tuple[str, ...] = ("channel", "line", "sample")
+        elif values.shape == picture.pixel_of_cell.shape:
+            axes = ("row", "column")
+        elif values.shape == (n_lines, n_samples):
+            axes = ("line", "sample")
+        elif values.shape == (n_lines,):
+            axes = ("line",)
+        else:
+            axes = tuple(f"{name}_axis_{k}" for k in range(values.ndim))
+        found[name] = (axes, values, {})
+    return found
+
+
 def grey_scales(pictures: Iterable[Picture]) -> dict[str, GreyScale]:
     """Calibration of each channel, common to all of ``pictures``, so that they can be compared.
 

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -34,7 +33,7 @@ from seqrsm.errors import Problem, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
-    from seqrsm.campaign.campaign import Campaign
+    from seqrsm.cli.notebook import Campaign
 
 app = typer.Typer(
     name="seqrsm",
@@ -53,12 +52,12 @@ Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of
 
 def _opened(folder: Path) -> Campaign:
     """The campaign in a folder; its data base is closed when the command ends."""
-    from seqrsm.campaign.campaign import Campaign
+    from seqrsm.cli.notebook import Campaign
 
-    campaign = Campaign.open(folder)
-    at_end(campaign.store.close)
-    if campaign.store.note:
-        say(campaign.store.note)
+    campaign = Campaign(folder)
+    at_end(campaign.close)
+    if campaign.opened.store.note:
+        say(campaign.opened.store.note)
     return campaign
 
 
@@ -193,7 +192,6 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
-    from seqrsm.campaign.loop import run_campaign
     from seqrsm.cli.show_fit import show_look, show_outcome
 
     campaign = _opened(folder)
@@ -209,8 +207,7 @@ def run(
                 say(text)
             shown.step(text)
 
-        outcome = run_campaign(
-            campaign,
+        outcome = campaign.run(
             max_runs=max_runs,
             batch=batch,
             workers=workers,
@@ -219,7 +216,7 @@ def run(
             on_look=on_look,
             say=on_step,
         )
-    print_json(outcome.to_json()) if as_json else show_outcome(campaign, outcome)
+    print_json(outcome.to_json()) if as_json else show_outcome(campaign.opened, outcome)
     if not outcome.held:
         raise typer.Exit(EXIT_BUDGET_SPENT)
 
@@ -245,13 +242,10 @@ def propose(
 
     campaign = _opened(folder)
     if form is not None:
-        say(f"wrote {form}: {campaign.write_form(form)} flights")
+        say(f"wrote {form}: {campaign.opened.write_form(form)} flights")
         return
-    measured_only = campaign.spec.simulator is None
-    if measured_only and source in ("simulation", "best"):
-        raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
     with display("choosing the next runs"):
-        runs = campaign.propose(n, source=source or ("flight" if measured_only else "simulation"), csv=csv)
+        runs = campaign.issue(n, source=source, csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
     if n is not None and len(runs) > n:
         say(f"{len(runs)} runs and not {n}: the model needs its start design whole; -n counts for the batches after it")
@@ -265,7 +259,7 @@ def simulate(folder: Folder, workers: Workers = 1, cluster: Cluster = None, as_j
 
     campaign = _opened(folder)
     with display("simulating") as shown:
-        runs = campaign.simulate(workers=workers, cluster=cluster, on_progress=shown.simulated)
+        runs = campaign.opened.simulate(workers=workers, cluster=cluster, on_progress=shown.simulated)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
 
 
@@ -278,15 +272,8 @@ def ingest(
     as_json: AsJson = False,
 ) -> None:
     """Take measured scores or interpreters' rankings in; all or nothing."""
-    from seqrsm.cli.show import show_ingest
-
-    campaign = _opened(folder)
-    reports = campaign.ingest(*files, dry_run=dry_run)
-    if as_json:
-        print_json([asdict(report) for report in reports])
-        return
-    for report in reports:
-        show_ingest(report)
+    taken = _opened(folder).ingest(*files, dry_run=dry_run)
+    print_json(taken.to_json()) if as_json else taken.show()
 
 
 @app.command()
@@ -303,10 +290,10 @@ def void(
     if (run_id is None) == (ranking is None):
         raise UserError(Problem("void takes out one run or one ranking", "Give RUN_ID, or --ranking N."))
     if run_id is not None:
-        _opened(folder).void(run_id, why)
+        _opened(folder).opened.void(run_id, why)
         say(f"run {run_id} is void: {why}")
     elif ranking is not None:
-        _opened(folder).store.void_ranking(ranking, why)
+        _opened(folder).opened.store.void_ranking(ranking, why)
         say(f"ranking {ranking} is void: {why}")
 
 
@@ -320,7 +307,7 @@ def retry(
     ] = None,
 ) -> None:
     """Issue failed runs again, their attempts counted anew; the next `run` or `simulate` carries them out."""
-    ids = _opened(folder).store.retry(runs or ())
+    ids = _opened(folder).opened.store.retry(runs or ())
     say(f"issued again: {', '.join(map(str, ids)) or 'no run'}")
 
 
@@ -336,24 +323,10 @@ def fit(
     as_json: AsJson = False,
 ) -> None:
     """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
-    from seqrsm.analysis.study import term_tests
-    from seqrsm.analysis.to_json import analysis_to_json, tests_to_json
-    from seqrsm.cli.show_fit import show_fit
-
     campaign = _opened(folder)
     with display("sampling the posterior"):
-        analyses = campaign.analyse_all(application, sampler="emcee", thorough=True)
-        weighed = campaign.compromise(analyses)
-    tests = [term_tests(analysis, test or []) for analysis in analyses]
-    if as_json:
-        documents: list[dict[str, Any]] = [
-            analysis_to_json(analysis) | ({"tests": tests_to_json(found)} if test else {})
-            for analysis, found in zip(analyses, tests, strict=True)
-        ]
-        document = documents[0] if len(documents) == 1 else {"applications": documents}
-        print_json(document if weighed is None else {**document, "compromise": weighed.to_json()})
-        return
-    show_fit(campaign, analyses, tests, weighed)
+        found = campaign.fit(application, test=test or ())
+    print_json(found.to_json()) if as_json else found.show_all()
 
 
 @app.command()
@@ -395,7 +368,7 @@ def rehearse(
 
     campaign = _opened(folder)
     with display("rehearsing", inner=False) as shown:
-        result = rehearse_campaign(campaign, campaigns, partial(shown.count, "rehearsing"))
+        result = rehearse_campaign(campaign.opened, campaigns, partial(shown.count, "rehearsing"))
     print_json(result) if as_json else show_sections([rehearsal_section(result)])
 
 
@@ -445,7 +418,7 @@ def candidates(
     from seqrsm.cli.blocks import show_sections
     from seqrsm.report.sections.candidates import candidate_section
 
-    campaign = _opened(folder)
+    campaign = _opened(folder).opened
     with display("comparing", inner=False) as shown:
         result = measure_candidates(
             campaign,
@@ -473,16 +446,11 @@ def report(
     ] = None,
 ) -> None:
     """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
-    from seqrsm.campaign.dossier import assemble
-    from seqrsm.report import write_report
-
     campaign = _opened(folder)
-    if html is None and pdf is None and figures is None:
-        html, pdf = campaign.folder / "reports" / "report.html", campaign.folder / "reports" / "report.pdf"
     with display("reading") as shown:
-        written = write_report(assemble(campaign, shown.step), html=html, pdf=pdf, figures=figures, step=shown.step)
-    for path in (html, pdf):
-        if path is not None:
+        written = campaign.report(html, pdf, figures, step=shown.step)
+    for path in written:
+        if path.parent != figures:
             say(f"wrote {path}")
     if figures is not None:
         count = sum(path.parent == figures for path in written)
@@ -508,7 +476,7 @@ def image(
 
     campaign = _opened(folder)
     with display("simulating"):
-        result = write_image(campaign, settings or [], run_id, out, mask=mask, threads=threads, number=number)
+        result = write_image(campaign.opened, settings or [], run_id, out, mask=mask, threads=threads, number=number)
     print_json(result) if as_json else say(f"wrote {out}: {result['summary']}")
 
 
@@ -526,7 +494,7 @@ def export(
     ],
 ) -> None:
     """Write everything out."""
-    _opened(folder).export(file)
+    _opened(folder).opened.export(file)
     say(f"wrote {file}")
 
 

@@ -186,7 +186,9 @@ def ascii_signs(text: str) -> str:
 
 
 def width() -> int | None:
-    """Columns to keep to: those of the terminal; in a pipe those of COLUMNS, none without it."""
+    """Columns to keep to: those of the terminal or page; in a pipe those of COLUMNS, none without it."""
+    if columns := getattr(sys.stdout, "columns", 0):
+        return int(columns)
     if sys.stdout.isatty():
         return max(stdout().width, 20)
     asked = os.environ.get("COLUMNS", "")

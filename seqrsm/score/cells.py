@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from seqrsm.errors import Problem, ScoresFileError
+from seqrsm.score.source import table_text
 from seqrsm.score.table import Table, read_table
 from seqrsm.units import unit_factor, units_like
 
-#: The largest file that is read [bytes]; a campaign's scores are some kilobytes.
-MAX_BYTES = 10_000_000
 MAX_PROBLEMS = 100
 
 _HEADER = re.compile(r"\s*(?P<name>[^\[\]()]*?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])])?\s*")
@@ -40,20 +39,6 @@ class Measure:
 
     name: str
     is_percent: bool = False
-
-
-def read_bytes(path: Path) -> bytes:
-    """Bytes of a file of at most `MAX_BYTES`; ScoresFileError when it is absent, larger, or cannot be read."""
-    if not path.is_file():
-        raise ScoresFileError(Problem("there is no such file", "Check the name.", file=str(path)))
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        remedy = f"A file of scores has at most {MAX_BYTES // 1_000_000} MB; split it."
-        raise ScoresFileError(Problem(f"the file has {size / 1e6:.1f} MB", remedy, file=str(path)))
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ScoresFileError(Problem(f"the file cannot be read: {error.strerror}", file=str(path))) from None
 
 
 def split_header(text: str) -> tuple[str, str]:
@@ -256,8 +241,8 @@ def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int
         With all problems, each with file, line, column, value and remedy (at most `MAX_PROBLEMS`).
     """
     known = {factor.name for factor in factors}
-    table = read_table(path.name, read_bytes(path), lambda text: split_header(text)[0] in known)
-    reader = CellReader(table, factors, ())
+    file = table_text(path)
+    reader = CellReader(read_table(file.name, file.data, lambda text: split_header(text)[0] in known), factors, ())
     reader.header()
     reader.refuse()
     found = [
@@ -265,6 +250,6 @@ def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int
         for line, cells in reader.complete_rows()
     ]
     if not found:
-        reader.add("there are no runs", "Add a row for each run.", table.header_line)
+        reader.add("there are no runs", "Add a row for each run.", reader.table.header_line)
     reader.refuse()
     return found

@@ -12,14 +12,17 @@ Nothing is guessed: what cannot be read for certain is an error with its line an
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from seqrsm.score.cells import CellReader, FactorColumn, Measure, read_bytes, split_header
+from seqrsm.score.cells import CellReader, FactorColumn, Measure, split_header
+from seqrsm.score.source import table_text
 from seqrsm.score.table import read_table
+
+if TYPE_CHECKING:
+    from seqrsm.score.source import TableSource
 
 SOURCES = ("flight", "simulation")
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
@@ -86,13 +89,13 @@ class ScoresFile:
     unscored: tuple[int, ...]
 
 
-def read_scores(path: Path | str, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> ScoresFile:
-    """Read a file of measured scores.
+def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> ScoresFile:
+    """Read a file, or a table, of measured scores.
 
     Parameters
     ----------
-    path : Path or str
-        The file; at most `MAX_BYTES`.
+    source : Path, str, DataFrame or TableText
+        See `seqrsm.score.source.table_text`.
     factors : sequence of FactorColumn
         Every factor must have its column.
     measures : sequence of Measure
@@ -103,14 +106,13 @@ def read_scores(path: Path | str, factors: Sequence[FactorColumn], measures: Seq
     ScoresFileError
         With all problems, each with file, line, column, value and remedy (at most `seqrsm.score.cells.MAX_PROBLEMS`).
     """
-    place = Path(path)
-    data = read_bytes(place)
+    file = table_text(source)
     known = {*OPTIONAL, *(factor.name for factor in factors)}
-    table = read_table(place.name, data, lambda text: split_header(text)[0] in known)
+    table = read_table(file.name, file.data, lambda text: split_header(text)[0] in known)
     reader = _Reader(table, factors, measures)
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(place.name, hashlib.sha256(data).hexdigest(), tuple(scores), tuple(unscored))
+    return ScoresFile(file.name, file.sha256, tuple(scores), tuple(unscored))
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:

@@ -8,13 +8,16 @@ session and application are one ranking.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from seqrsm.score.cells import CellReader, FactorColumn, Measure, read_bytes, split_header
+from seqrsm.score.cells import CellReader, FactorColumn, Measure, split_header
+from seqrsm.score.source import table_text
 from seqrsm.score.table import read_table
+
+if TYPE_CHECKING:
+    from seqrsm.score.source import TableSource
 
 COLUMNS = ("run_id", "interpreter", "rank", "application", "session")
 REQUIRED = ("run_id", "interpreter", "rank")
@@ -50,20 +53,20 @@ class RankingsFile:
     rankings: tuple[MeasuredRanking, ...]
 
 
-def is_rankings_file(path: Path | str) -> bool:
+def is_rankings_file(source: TableSource) -> bool:
     """Whether the header has a column ``interpreter`` and one ``rank``."""
-    place = Path(path)
-    table = read_table(place.name, read_bytes(place), lambda text: split_header(text)[0] in COLUMNS)
+    file = table_text(source)
+    table = read_table(file.name, file.data, lambda text: split_header(text)[0] in COLUMNS)
     names = {split_header(text)[0] for text in table.header}
     return {"interpreter", "rank"} <= names
 
 
-def read_rankings(path: Path | str, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> RankingsFile:
+def read_rankings(source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> RankingsFile:
     """Read a file of rankings.
 
     Parameters
     ----------
-    path : Path or str
+    source : Path, str, DataFrame or TableText
     factors : sequence of FactorColumn
         Their columns stand all in the file, or none of them.
     measures : sequence of Measure
@@ -74,14 +77,13 @@ def read_rankings(path: Path | str, factors: Sequence[FactorColumn], measures: S
     ScoresFileError
         With all problems, each with file, line, column, value and remedy.
     """
-    place = Path(path)
-    data = read_bytes(place)
+    file = table_text(source)
     known = {*COLUMNS, *(factor.name for factor in factors)}
-    table = read_table(place.name, data, lambda text: split_header(text)[0] in known)
+    table = read_table(file.name, file.data, lambda text: split_header(text)[0] in known)
     reader = _Reader(table, factors, measures)
     rankings = reader.rankings()
     reader.refuse()
-    return RankingsFile(place.name, hashlib.sha256(data).hexdigest(), rankings)
+    return RankingsFile(file.name, file.sha256, rankings)
 
 
 class _Reader(CellReader):

@@ -24,7 +24,7 @@ HOMES = {
     "pydantic": ("spec/",),
     "emcee": ("fit/ensemble",),
     "numba": ("jit.py", "simulate/radar/kernels", "simulate/radiometer/kernels", "simulate/kernels", "design/kernels"),
-    "pandas": ("campaign/", "score/flight.py", "report/"),
+    "pandas": ("score/source.py", "cli/notebook.py"),
     "distributed": ("simulate/cluster.py",),
     "tifffile": ("scene/", "campaign/", "simulate/", "cli/"),
 }

@@ -1,0 +1,485 @@
+"""``seqrsm.Campaign``: what the commands do, for notebooks and scripts; the commands call it themselves.
+
+The numbers are those of the commands on the same store, to the bit where the matrix library runs as many threads: the
+commands set ``OPENBLAS_NUM_THREADS=1``.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import asdict
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from seqrsm.errors import Problem, UserError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from seqrsm.analysis.compromise import CompromiseEstimate
+    from seqrsm.analysis.results import Analysis
+    from seqrsm.analysis.study import TermTest
+    from seqrsm.campaign.campaign import Campaign as Opened
+    from seqrsm.campaign.ingest import IngestReport
+    from seqrsm.campaign.loop import Outcome
+    from seqrsm.report.blocks import Block, Section
+    from seqrsm.score.source import TableSource
+    from seqrsm.spec.read import CampaignSpec
+    from seqrsm.store.records import RunRecord
+
+
+class _Page(io.StringIO):
+    """Takes what a command would print, in lines of so many columns."""
+
+    columns = 100
+
+
+class Shown:
+    """A result that a terminal and a notebook show by themselves."""
+
+    def show(self) -> None:
+        """Print it as the command does."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        page = _Page()
+        with redirect_stdout(page):
+            self.show()
+        return page.getvalue().strip("\n")
+
+
+class Campaign:
+    """A campaign folder, open.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The one that holds ``campaign.toml``.
+
+    Raises
+    ------
+    UserError
+        What is wrong there; so does every method where a command would end with exit code 2.
+
+    Examples
+    --------
+    >>> c = seqrsm.Campaign("mine")  # doctest: +SKIP
+    >>> plan = c.propose(4)  # what to measure next, a DataFrame
+    >>> c.ingest(plan.assign(score=measured))
+    >>> c.fit()
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        from seqrsm.campaign.campaign import Campaign as Opened  # the numerical libraries: not for `import seqrsm`
+
+        self.opened = Opened.open(Path(folder))
+
+    @classmethod
+    def create(
+        cls,
+        folder: str | Path,
+        *,
+        factors: Mapping[str, Any] | None = None,
+        half_width: float | None = None,
+        application: str | Mapping[str, Any] = "score",
+        constraints: Sequence[str] = (),
+        template: str | None = None,
+        **tables: Mapping[str, Any],
+    ) -> Self:
+        """Make a campaign's folder and open it.
+
+        Parameters
+        ----------
+        folder : str or Path
+            New, or empty.
+        factors : Mapping
+            By name a range ``(low, high)``, a list of values or of levels, or the keys of a ``[[factor]]``:
+            ``{"low": 1.25, "high": 9.6, "unit": "GHz", "scale": "log"}``.
+        half_width : float
+            Target of the interval at the optimum, in score units.
+        application : str or Mapping
+            A name, of measured scores that are made large, or the keys of an ``[[application]]``.
+        constraints : sequence of str
+            Such as ``"looks <= 4 * resolution"``.
+        template : str
+            In place of all others: the example to copy, see ``seqrsm init --list``.
+        **tables : Mapping
+            Further tables of ``campaign.toml``: ``model={"order": 1}``, ``stop={"max_runs": 30}``.
+        """
+        place = Path(folder)
+        if template is not None:
+            from seqrsm.spec.templates import copy_template
+
+            if factors is not None or half_width is not None or tables:
+                raise UserError(Problem("a template has its own factors and tables", "Edit its campaign.toml."))
+            copy_template(template, place)
+            return cls(place)
+        from seqrsm.spec.write import create_campaign, factor_tables
+
+        if not factors or half_width is None:
+            raise UserError(Problem("a campaign needs factors and half_width", "Give both, or a template."))
+        named = {"name": application, "utility": "measured"} if isinstance(application, str) else dict(application)
+        content: dict[str, Any] = {
+            "campaign": {"name": place.name} | dict(tables.pop("campaign", {})),
+            "factor": factor_tables(factors),
+            "constraint": [{"expr": text} for text in constraints],
+            "application": [named],
+            "stop": {"half_width": float(half_width)} | dict(tables.pop("stop", {})),
+            **tables,
+        }
+        create_campaign(place, {name: table for name, table in content.items() if table != []})
+        return cls(place)
+
+    @property
+    def folder(self) -> Path:
+        """The campaign's folder."""
+        return self.opened.folder
+
+    @property
+    def spec(self) -> CampaignSpec:
+        """What ``campaign.toml`` says."""
+        return self.opened.spec
+
+    def __repr__(self) -> str:
+        return f"seqrsm.Campaign({str(self.folder)!r}): {len(self.opened.store.runs('scored'))} scored runs"
+
+    def close(self) -> None:
+        """Close the data base; whatever is asked later opens it no more."""
+        self.opened.store.close()
+
+    # -- the loop -------------------------------------------------------------------------------------------------
+
+    def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
+        """Issue the next runs as `propose` does, as records; ``csv``: a file for the form, too."""
+        if self.spec.simulator is None and source in ("simulation", "best"):
+            raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
+        return list(self.opened.propose(n, source=source, csv=csv))
+
+    def propose(self, n: int | None = None, *, source: str | None = None) -> DataFrame:
+        """Issue the next runs; the first call issues the start design, which has its own size.
+
+        Parameters
+        ----------
+        n : int, optional
+            How many; the campaign's batch by default.
+        source : "simulation", "flight" or "best", optional
+            By default simulation where there is a simulator, else flight, which is any measurement.
+
+        Returns
+        -------
+        DataFrame
+            The form, a row for each run (and application): ``run_id``, factors in their own units, empty ``score`` and
+            ``se``, and in ``note`` why. Fill in ``score`` and give it to `ingest`.
+        """
+        return self.form(self.issue(n, source=source))
+
+    def form(self, runs: Sequence[RunRecord] | None = None) -> DataFrame:
+        """The form of runs, by default of all that wait for a measurement."""
+        import pandas as pd
+
+        from seqrsm.campaign.form import form_rows
+
+        wanted = self.opened.store.runs("issued", source="flight") if runs is None else runs
+        header, rows = form_rows(self.spec, wanted)
+        return pd.DataFrame(rows, columns=pd.Index(header))
+
+    def ingest(self, *tables: TableSource, dry_run: bool = False) -> Ingested:
+        """Take measured scores or interpreters' rankings in, all or nothing.
+
+        Parameters
+        ----------
+        *tables : DataFrame, str or Path
+            A table in memory, or a file: CSV, ``.xlsx``, ``.parquet``. A column for each factor and ``score``.
+        dry_run : bool
+            Say what would happen and change nothing.
+        """
+        return Ingested(self.opened.ingest(*tables, dry_run=dry_run))
+
+    def simulate(self, workers: int = 1) -> None:
+        """Carry out the simulations that are issued."""
+        self.opened.simulate(workers=workers)
+
+    def run(self, **options: Any) -> Outcome:
+        """Run the closed loop until it ends; see `seqrsm.campaign.loop.run_campaign` for the options."""
+        from seqrsm.campaign.loop import run_campaign
+
+        return run_campaign(self.opened, **options)
+
+    # -- looking --------------------------------------------------------------------------------------------------
+
+    def fit(self, application: str | None = None, *, test: Sequence[str] = ()) -> Fit:
+        """Model, analysis of variance, optimum, intervals, posterior, decision.
+
+        Parameters
+        ----------
+        application : str, optional
+            Which, where there are several.
+        test : sequence of str
+            Partial F tests, each of factors, terms or groups joined by commas.
+        """
+        from seqrsm.analysis.study import term_tests
+
+        analyses = self.opened.analyse_all(application, sampler="emcee", thorough=True)
+        tests = [term_tests(analysis, test) for analysis in analyses]
+        return Fit(self.opened, analyses, tests, self.opened.compromise(analyses))
+
+    def status(self, *, history: bool = False) -> Status:
+        """Runs by state, optimum and intervals so far, stop or go on and why; ``history``: every event."""
+        from seqrsm.campaign.status import campaign_status
+
+        return Status(self.spec, campaign_status(self.folder, history=history))
+
+    def runs(self) -> DataFrame:
+        """Every run and score, as ``seqrsm export`` writes them."""
+        import pandas as pd
+
+        from seqrsm.campaign.export import run_rows
+
+        header, rows = run_rows(self.opened.store.runs(), self.spec.region.names)
+        return pd.DataFrame(rows, columns=pd.Index(header))
+
+    def image(
+        self,
+        settings: Mapping[str, float | str] | None = None,
+        *,
+        run_id: int = 0,
+        number: int = 1,
+        threads: int = 1,
+        **more: float | str,
+    ) -> Any:
+        """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region.
+
+        Parameters
+        ----------
+        settings : Mapping, optional
+            By name, and as further arguments: ``image(frequency=1.25)``.
+        run_id : int
+            Whose random occasion to draw; 0 belongs to no run.
+        number : int
+            Which image of several sensors or dates, from 1.
+        threads : int
+            For one image of a radar.
+
+        Returns
+        -------
+        xarray.Dataset
+            Where xarray is installed; else a dict of arrays by name. ``image`` is in dB or K, as its ``units`` say;
+            settings, scores and a summary are attributes.
+        """
+        from seqrsm.campaign.images import simulated
+        from seqrsm.campaign.pictures import labelled_arrays, picture_of
+
+        given = {**(settings or {}), **more}
+        texts = [f"{name}={value}" for name, value in given.items()]
+        made = simulated(self.opened, texts, run_id, threads=threads, number=number)
+        picture = picture_of(made.image)
+        arrays = labelled_arrays(picture)
+        told = made.told(picture.values.shape)
+        attributes = {
+            **told["settings"],
+            **{f"score of {name}": value for name, value in told["scores"].items()},
+            "summary": told["summary"],
+            "scene": made.scene.name,
+        }
+        try:
+            import xarray
+        except ImportError:
+            return {**{name: values for name, (_, values, _) in arrays.items()}, **attributes}
+        return xarray.Dataset(arrays, coords={"channel": list(picture.channels)}, attrs=attributes)
+
+    def report(
+        self,
+        html: str | Path | None = None,
+        pdf: str | Path | None = None,
+        figures: str | Path | None = None,
+        *,
+        step: Any = lambda text: None,
+    ) -> tuple[Path, ...]:
+        """Write the report, by default HTML and PDF into the campaign's ``reports``; which files were written."""
+        from seqrsm.campaign.dossier import assemble
+        from seqrsm.report import write_report
+
+        if html is None and pdf is None and figures is None:
+            html, pdf = self.folder / "reports" / "report.html", self.folder / "reports" / "report.pdf"
+        files = {name: Path(file) for name, file in (("html", html), ("pdf", pdf), ("figures", figures)) if file}
+        return write_report(assemble(self.opened, step), **files, step=step)
+
+
+class Ingested(Shown):
+    """What became of each table of scores: ``reports``."""
+
+    def __init__(self, reports: Sequence[IngestReport]) -> None:
+        self.reports = tuple(reports)
+
+    def show(self) -> None:
+        """Print it as ``seqrsm ingest`` does."""
+        from seqrsm.cli.show import show_ingest
+
+        for report in self.reports:
+            show_ingest(report)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """As ``seqrsm ingest --json``."""
+        return [asdict(report) for report in self.reports]
+
+
+class Status(Shown):
+    """Where a campaign stands; ``result`` as of ``seqrsm status --json``."""
+
+    def __init__(self, spec: CampaignSpec, result: Mapping[str, Any]) -> None:
+        self.spec = spec
+        self.result = result
+
+    def show(self) -> None:
+        """Print it as ``seqrsm status`` does."""
+        from seqrsm.cli.show_fit import show_status
+
+        show_status(self.spec, self.result)
+
+
+class Fit(Shown):
+    """What the scores say.
+
+    Attributes
+    ----------
+    analyses : tuple of Analysis
+        One for each application: every number.
+    tests : sequence of sequence of TermTest
+        Those asked for, of each.
+    compromise : CompromiseEstimate or None
+        Over several applications and considerations.
+    """
+
+    def __init__(
+        self,
+        campaign: Opened,
+        analyses: Sequence[Analysis],
+        tests: Sequence[Sequence[TermTest]],
+        compromise: CompromiseEstimate | None,
+    ) -> None:
+        self._campaign = campaign
+        self.analyses = tuple(analyses)
+        self.tests = tests
+        self.compromise = compromise
+
+    @cached_property
+    def summary(self) -> Section:
+        """Recommendation, intervals and decision."""
+        from seqrsm.report.sections.summary import summary_section
+
+        return summary_section(self._campaign.spec, self.analyses, self.compromise, self._campaign.store.runs())
+
+    def show(self) -> None:
+        """Print the summary."""
+        from seqrsm.cli.blocks import show_sections
+
+        show_sections([self.summary])
+
+    def show_all(self) -> None:
+        """Print all that ``seqrsm fit`` prints, the summary last."""
+        from seqrsm.cli.show_fit import show_fit
+
+        show_fit(self._campaign, self.analyses, self.tests, self.compromise)
+
+    def _repr_html_(self) -> str:
+        return "".join(_html([self.summary]))
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``seqrsm fit --json``."""
+        from seqrsm.analysis.to_json import analysis_to_json, tests_to_json
+
+        documents: list[dict[str, Any]] = [
+            analysis_to_json(analysis) | ({"tests": tests_to_json(found)} if found else {})
+            for analysis, found in zip(self.analyses, self.tests, strict=True)
+        ]
+        document = documents[0] if len(documents) == 1 else {"applications": documents}
+        return document if self.compromise is None else {**document, "compromise": self.compromise.to_json()}
+
+    def to_frame(self) -> DataFrame:
+        """A row for each application: recommended settings, mean, the ends of each interval, and the decision."""
+        import pandas as pd
+
+        rows = []
+        for analysis in self.analyses:
+            best, row = analysis.optimum, {"application": analysis.application, **analysis.optimum.settings}
+            row["mean"] = best.mean
+            for kind in ("confidence", "prediction", "prediction_mean"):
+                interval = getattr(best, kind)
+                row |= {f"{kind}_low": interval.low, f"{kind}_high": interval.high}
+            decision = analysis.decision
+            rows.append(
+                {**row, "half_width": decision.half_width, "n_runs": analysis.fit.n_runs, "stop": decision.held}
+            )
+        return pd.DataFrame(rows)
+
+    def plot(self) -> Plot:
+        """The fitted surface: contours over the most important factors, and slices through the optimum."""
+        from seqrsm.report.sections.optimum import surface_section
+
+        return Plot([surface_section(analysis, f"plot-{i}") for i, analysis in enumerate(self.analyses)])
+
+
+class Plot(Shown):
+    """Figures that a notebook shows; `Campaign.report` writes all of a campaign's to files."""
+
+    def __init__(self, sections: Sequence[Section]) -> None:
+        self.sections = sections
+
+    def show(self) -> None:
+        """Print what each figure shows; a terminal has no pictures."""
+        from seqrsm.cli.console import line
+        from seqrsm.report.blocks import FigureBlock, unfolded
+
+        for section in self.sections:
+            for block in unfolded(section.blocks):
+                if isinstance(block, FigureBlock):
+                    line(block.caption)
+
+    def _repr_html_(self) -> str:
+        return "".join(_html(self.sections))
+
+
+def _html(sections: Sequence[Section]) -> Iterator[str]:
+    """Blocks for a notebook's cell, which has a style of its own."""
+    from seqrsm.report.blocks import unfolded
+
+    for section in sections:
+        yield f"<h4>{escape(section.title)}</h4>"
+        for block in unfolded(section.blocks):
+            yield from _html_of(block)
+        yield from _html(section.sections)
+
+
+def _html_of(block: Block) -> Iterator[str]:
+    from seqrsm.report.blocks import Bullets, Definitions, FigureBlock, KeyFigures, Paragraph, Table
+
+    if isinstance(block, Paragraph):
+        yield f"<p>{escape(block.text)}</p>"
+    elif isinstance(block, Bullets):
+        yield f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in block.items)}</ul>"
+    elif isinstance(block, KeyFigures):
+        yield _rows(((item.label, item.value, item.detail) for item in block.items), "td")
+    elif isinstance(block, Definitions):
+        yield _rows(block.items, "td")
+    elif isinstance(block, Table):
+        yield f"<p>{escape(block.caption)}</p>"
+        head = _rows([[column.heading for column in block.columns]], "th")
+        yield head.replace("</table>", "") + _rows(([cell.text for cell in row] for row in block.rows), "td").replace(
+            "<table>", ""
+        )
+    elif isinstance(block, FigureBlock):
+        for panel in block.panels:
+            kind, data = ("svg+xml", panel.svg.encode()) if panel.svg else ("png", panel.png)
+            source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+            yield f'<img alt="{escape(panel.alt)}" title="{escape(panel.title)}" src="{source}">'
+        yield f"<p>{escape(block.caption)}</p>"
+
+
+def _rows(rows: Any, tag: str) -> str:
+    cells = ("".join(f"<{tag}>{escape(text)}</{tag}>" for text in row) for row in rows)
+    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"

@@ -1,0 +1,187 @@
+"""``seqrsm.Campaign``: the numbers of the commands on the same store, and the example notebook as it is shipped."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tiny_campaign import make_tiny
+from typer.testing import CliRunner
+
+import seqrsm
+from seqrsm.cli.app import app
+from seqrsm.errors import SpecError, UserError
+from seqrsm.plain import plain
+
+NOTEBOOK = Path(__file__).parents[2] / "campaigns" / "notebook.ipynb"
+FACTORS = {
+    "frequency": {"low": 1.25, "high": 9.6, "unit": "GHz", "scale": "log"},
+    "looks": (4, 64),
+    "pol": ["HH", "VV"],
+}
+
+
+def ok(*args: object) -> str:
+    done = CliRunner().invoke(app, [str(arg) for arg in args])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def measured(plan: pd.DataFrame) -> np.ndarray:
+    """A score with a peak inside, and scatter that follows from the run's id."""
+    noise = [np.random.default_rng(int(run)).normal() for run in plan["run_id"]]
+    mean = 70 - 5 * np.log2(plan["frequency"] / 4) ** 2 - 0.01 * (plan["looks"] - 30) ** 2 + 2 * (plan["pol"] == "HH")
+    return (mean + noise).to_numpy()
+
+
+def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
+    mine = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    shutil.copy(mine.folder / "campaign.toml", theirs)
+    for n in (3, 3):
+        plan = mine.propose(n)
+        taken = mine.ingest(plan.assign(score=measured(plan)))
+        ok("propose", theirs, "-n", n, "--csv", tmp_path / "form.csv")
+        form = pd.read_csv(tmp_path / "form.csv").rename(columns={"frequency [GHz]": "frequency"})
+        assert form[["run_id", "frequency", "looks", "pol", "note"]].equals(
+            plan[["run_id", "frequency", "looks", "pol", "note"]]
+        )
+        form.assign(score=measured(form)).to_csv(tmp_path / "filled.csv", index=False)
+        ok("ingest", theirs, tmp_path / "filled.csv")
+        (tmp_path / "form.csv").unlink()
+        assert [report.n_scores for report in taken.reports] == [len(plan)]
+    sources = {run.source for run in mine.opened.store.runs()}
+    assert sources == {"flight"}  # there is no simulator
+    fit = mine.fit()
+    assert plain(fit.to_json()) == json.loads(ok("fit", theirs, "--json"))
+    status = json.loads(ok("status", theirs, "--json"))
+    assert plain(mine.status().result) == {**status, "campaign": "mine"}
+    assert ok("fit", theirs).rstrip().endswith(ok_summary(repr(fit)))
+    frame = fit.to_frame()
+    assert frame.loc[0, "mean"] == fit.analyses[0].optimum.mean
+    assert frame.loc[0, "prediction_low"] == fit.analyses[0].optimum.prediction.low
+    assert "<table>" in fit._repr_html_()
+    assert "data:image/svg+xml" in fit.plot()._repr_html_()
+    assert "Contours" in repr(fit.plot())
+    assert len(mine.runs()) == len(plan) + 15
+
+
+def ok_summary(text: str) -> str:
+    """The last line, which no width wraps."""
+    return text.splitlines()[-1]
+
+
+def test_an_image_is_that_of_the_command(tmp_path: Path, tiny_scene: Path) -> None:
+    folder = make_tiny(tmp_path / "tiny", tiny_scene)
+    out = tmp_path / "image.npz"
+    told = json.loads(ok("image", folder, "--out", out, "--set", "resolution=20", "--json"))
+    image = seqrsm.Campaign(folder).image(resolution=20)
+    with np.load(out) as kept:
+        for name in ("intensity_w", "incidence_angle_deg", "shadow"):
+            assert np.array_equal(image[name], kept[name])
+    assert image.attrs["score of cover"] == told["scores"]["cover"]
+    assert image["image"].dims == ("channel", "line", "sample")
+    assert image["image"].attrs["units"] == "dB"
+
+
+def test_without_xarray_an_image_is_arrays(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = builtins.__import__
+
+    def without(name: str, *args: object, **more: object) -> object:
+        if name == "xarray":
+            raise ImportError(name)
+        return found(name, *args, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    image = seqrsm.Campaign(tiny).image({"resolution": 20})
+    assert isinstance(image, dict)
+    assert image["image"].ndim == 3
+    assert image["resolution"] == 20.0
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    code = "import sys, seqrsm; seqrsm.Campaign, seqrsm.Fit; print(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert not loaded & {"numpy", "scipy", "pandas", "numba", "matplotlib", "sqlalchemy", "pydantic"}
+
+
+def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> None:
+    c = seqrsm.Campaign.create(tmp_path / "mine", factors=FACTORS, half_width=3.0)
+    with pytest.raises(UserError, match="no simulator"):
+        c.propose(source="simulation")
+    with pytest.raises(UserError, match="no simulator"):
+        c.image(looks=10)
+    assert c.runs().empty
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"factors": {"looks": (9, 4)}}, "low"),
+        ({"factors": {"looks": "many"}}, "no range and no levels"),
+        ({"stop": {"max_run": 30}}, "max_runs"),
+        ({"half_width": None}, "half_width"),
+        ({"template": "flevoland"}, "template"),
+        ({"application": {"name": "a", "utility": "percent"}}, "percent_correct"),
+    ],
+)
+def test_what_cannot_be_leaves_no_folder(tmp_path: Path, more: dict, says: str) -> None:
+    given = {"factors": FACTORS, "half_width": 3.0, **more}
+    with pytest.raises(UserError, match=says) as caught:
+        seqrsm.Campaign.create(tmp_path / "mine", **given)
+    assert ".init" not in str(caught.value)
+    assert not (tmp_path / "mine").exists()
+
+
+def test_all_kinds_of_tables_are_written_as_they_were_meant(tmp_path: Path) -> None:
+    c = seqrsm.Campaign.create(
+        tmp_path / "m",
+        factors={"a_b": [1, 2.5, 4], "c": (np.float64(0.5), np.int64(3)), "pol": ("HH", "VV", "HV")},
+        half_width=2,
+        application={
+            "name": "yield",
+            "utility": "percent_correct",
+            "prior": {"utility": [40.0, 90.0], "optimum": {"c": {"value": 1.0, "doubt": 0.3}}},
+        },
+        constraints=["c <= 4 * 1.5"],
+        campaign={"description": 'He said "no" \\ yes\n\x7f', "seed": 7},
+        model={"order": 1},
+        stop={"max_runs": 30},
+    )
+    spec = c.spec
+    assert (spec.seed, spec.model.order, spec.stop.max_runs) == (7, 1, 30)
+    assert spec.description == 'He said "no" \\ yes\n\x7f'
+    assert spec.applications[0].prior.optimum["c"].doubt == 0.3
+    assert [factor.name for factor in spec.factors] == ["a_b", "c", "pol"]
+    with pytest.raises(SpecError):
+        seqrsm.Campaign(tmp_path / "nothing")
+
+
+def test_the_notebook_runs_as_it_is_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    names: dict[str, object] = {}
+    shown = []
+    for cell in cells:
+        if cell["cell_type"] != "code":
+            continue
+        body = ast.parse("".join(cell["source"])).body
+        last = body.pop() if isinstance(body[-1], ast.Expr) else None
+        exec(compile(ast.Module(body, []), "notebook", "exec"), names)
+        if last is not None:
+            value = eval(compile(ast.Expression(last.value), "notebook", "eval"), names)
+            shown.append(value._repr_html_() if hasattr(value, "_repr_html_") else repr(value))
+    assert any("Recommended for score" in text for text in shown)
+    assert any("data:image/svg+xml" in text for text in shown)
+    assert any("Decision" in text for text in shown)
+    assert names["c"].spec.name == "soil"
