@@ -143,7 +143,7 @@ def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: C
         credible[region.names[j]] = Interval(float(low), float(high))
     rows = []
     for i, loss in enumerate(found.given_up):
-        unit = analyses[i].score_unit if i < len(analyses) else ""
+        unit = analyses[i].score_unit if i < len(analyses) else spec.considerations[i - len(analyses)].unit
         suffix = f" {unit}" if unit else ""
         between = f"{100 * spec.stop.level:g} % credible interval {loss.low:.3g} to {loss.high:.3g}"
         tail_text = f" ({between})" if np.isfinite(loss.low) else ""

@@ -326,7 +326,7 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
     spec = campaign.spec
     made: list[tuple[str, dict[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
     cell_m = 0.0
-    chosen = chosen_settings(campaign, analyses)
+    chosen = chosen_settings(analyses)
     for title, settings in chosen.items():
         tell("simulating pictures", len(made), len(chosen))
         task = task_of(spec, NO_RUN, settings)
@@ -391,8 +391,8 @@ def truth_panel(spec: CampaignSpec, quarter_turns: int) -> TruthPanel | None:
     )
 
 
-def chosen_settings(campaign: Campaign, analyses: Sequence[Analysis]) -> dict[str, dict[str, float | str]]:
-    """Settings worth a picture: the optimum, the best scored run, and the fitted worst of the region."""
+def chosen_settings(analyses: Sequence[Analysis]) -> dict[str, dict[str, float | str]]:
+    """Settings worth a picture: the optimum, and the fitted worst of the region."""
     from seqrsm.fit.optimum import optimum
 
     if not analyses:
@@ -404,11 +404,7 @@ def chosen_settings(campaign: Campaign, analyses: Sequence[Analysis]) -> dict[st
         analysis.fit.estimate[: analysis.model.p],
         "minimize" if analysis.goal == "maximize" else "maximize",
     )
-    pick = np.argmax if analysis.goal == "maximize" else np.argmin
-    best = int(analysis.data.run_ids[int(pick(analysis.data.scores))])
-    observed = next(run.settings for run in campaign.store.runs("scored") if run.run_id == best)
     return {
         "At the optimum": dict(analysis.optimum.settings),
-        f"Best observed, run {best}": dict(observed),
         "Worst of the region": analysis.region.decode(worst.point)[0],
     }

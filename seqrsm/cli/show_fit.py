@@ -11,12 +11,12 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.design.factors import setting_with_unit
 from seqrsm.report.rounding import format_significant
-from seqrsm.report.sections.application import application_sections
+from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
-from seqrsm.report.sections.summary import summary_section
+from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
 from seqrsm.report.wording import ground_name, interval_names, parts_of_width, watched_interval
 
 if TYPE_CHECKING:
@@ -39,21 +39,27 @@ def show_fit(
     for analysis, asked in zip(analyses, tests, strict=True):
         if len(analyses) > 1:
             heading(f"Application {analysis.application}")
+        show_sections(method_sections(analysis, ""))
         show_sections(application_sections(spec, looks, analysis, ""))
         if asked:
             line()
             show_blocks([term_test_table(asked)])
+    runs = campaign.store.runs()
+    if not has_one_result(analyses, compromise):
+        show_sections(result_section(spec, one, runs, {}, "", one.application) for one in analyses)
     if compromise is not None:
         show_sections([compromise_section(spec.factors, compromise)])
-    # What the applications give up is said above.
-    show_sections([summary_section(spec, analyses, None, campaign.store.runs())])
+    show_sections([summary_section(spec, analyses, compromise, runs)])
 
 
 def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     """End of `seqrsm run`: importance, recommendation, intervals, reasons, time split."""
     show_sections(importance_section(analysis, "") for analysis in outcome.analyses)
-    runs = campaign.store.runs()
-    show_sections([summary_section(campaign.spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
+    runs, spec = campaign.store.runs(), campaign.spec
+    if not has_one_result(outcome.analyses, outcome.compromise):
+        rests = outcome.rests
+        show_sections(result_section(spec, one, runs, rests, "", one.application) for one in outcome.analyses)
+    show_sections([summary_section(spec, outcome.analyses, outcome.compromise, runs, outcome.rests)])
     events = campaign.store.events(kind=RANKED)
     measure = [measure_section(analysis, events, "measure") for analysis in outcome.analyses]
     show_sections([section for section in measure if section is not None])

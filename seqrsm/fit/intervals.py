@@ -233,7 +233,9 @@ def lack_of_fit(
     df_pe, ss_pe, n_groups = pure_error(y, weights, setting_ids, block_ids, crossed=crossed)
     df_lof = n_groups - rank
     if df_pe == 0:
-        return "no setting was run twice, so there is no pure error to test against"
+        twice = len(np.unique(setting_ids)) < len(setting_ids)
+        where = "no setting was run twice" if not twice else "no setting was run twice in one block"
+        return f"{where}, so there is no pure error to test against"
     if df_lof <= 0:
         return "no more distinct settings than terms, so the model passes through every mean of repeats"
     if ss_pe == 0.0:

@@ -269,6 +269,8 @@ class Report:
         Of the program.
     sections : tuple of Section
         The first is the summary.
+    byline : str
+        Author and date, as the campaign's file has them.
     """
 
     title: str
@@ -276,3 +278,4 @@ class Report:
     state: str
     version: str
     sections: tuple[Section, ...]
+    byline: str = ""

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import seqrsm
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Report, Section
-from seqrsm.report.sections.application import application_sections
+from seqrsm.report.numbering import numbered
+from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.compromise import compromise_section
-from seqrsm.report.sections.data import data_section, question_section, run_section
-from seqrsm.report.sections.literature import literature_section
+from seqrsm.report.sections.data import question_section, run_section
+from seqrsm.report.sections.literature import literature_section, printed_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.sources import (
     assumption_section,
     calendar_section,
+    cover_section,
     image_section,
     provenance_section,
 )
 from seqrsm.report.sections.speed import speed_section
-from seqrsm.report.sections.summary import summary_section
+from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
 
 
 def build_report(dossier: Dossier) -> Report:
@@ -34,45 +38,58 @@ def build_report(dossier: Dossier) -> Report:
     Report
         The same for the same campaign and seed: it carries no time of day, neither of its making nor of a score.
     """
-    spec, analyses = dossier.spec, dossier.analyses
-    sections = [
-        summary_section(spec, analyses, dossier.compromise, dossier.runs, dossier.rests),
-        question_section(dossier),
-        data_section(dossier),
-    ]
+    spec, analyses, runs = dossier.spec, dossier.analyses, dossier.runs
+    sections: list[Section | None] = [summary_section(spec, analyses, dossier.compromise, runs, dossier.rests)]
+    methods: list[Section | None] = []
+    one = has_one_result(analyses, dossier.compromise)
+    if dossier.compromise is not None:
+        sections.append(compromise_section(spec.factors, dossier.compromise))
     for number, analysis in enumerate(analyses, 1):
-        parts = application_sections(spec, dossier.looks, analysis, f"a{number}")
-        measure = measure_section(analysis, dossier.events, f"a{number}-measure")
-        parts = parts if measure is None else (*parts, measure)
-        if len(analyses) == 1:
+        key = f"a{number}"
+        parts: list[Section | None] = list(application_sections(spec, dossier.looks, analysis, key))
+        parts.append(measure_section(analysis, dossier.events, f"{key}-measure"))
+        how = method_sections(analysis, key)
+        if one:
             sections += parts
+            methods += how
         else:
-            sections.append(Section(f"a{number}", f"Application {analysis.application}", (), parts, new_page=True))
-    last = (
-        None if dossier.compromise is None else compromise_section(spec.factors, dossier.compromise),
+            parts.insert(0, result_section(spec, analysis, runs, dossier.rests, f"{key}-result", "By itself"))
+            sections.append(Section(key, f"Application {analysis.application}", (), _there(parts)))
+            methods.append(Section(f"{key}-methods", f"Methods of {analysis.application}", (), how))
+    sections += (
         candidate_section(dossier.candidates),
         calendar_section(dossier),
         image_section(dossier),
-        speed_section(dossier),
         literature_section(dossier),
+        question_section(dossier),
         assumption_section(dossier),
-        provenance_section(dossier),
-        run_section(dossier) if dossier.runs else None,
     )
-    sections += [section for section in last if section is not None]
+    methods += (
+        speed_section(dossier),
+        printed_section(dossier),
+        cover_section(dossier),
+        provenance_section(dossier),
+        run_section(dossier) if runs else None,
+    )
+    appendix = Section("appendix", "Appendix: how it was found, and every run", (), _there(methods), new_page=True)
     return Report(
-        title=f"Campaign {dossier.spec.name}",
-        subtitle="Response surface, optimum and intervals of a sensor design",
+        title=f"Campaign {spec.name}",
+        subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
         state=_state_text(dossier),
         version=seqrsm.__version__,
-        sections=(sections[0], *_on_new_page(sections[1:])),
+        sections=numbered((*_on_new_page(_there(sections)), appendix)),
+        byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
 
 
-def _on_new_page(sections: list[Section]) -> tuple[Section, ...]:
+def _there(sections: Iterable[Section | None]) -> tuple[Section, ...]:
+    return tuple(section for section in sections if section is not None)
+
+
+def _on_new_page(sections: tuple[Section, ...]) -> tuple[Section, ...]:
     """Let the section after the summary start a page, so that the summary is a page of its own."""
-    first, *rest = sections
-    return (Section(first.key, first.title, first.blocks, first.sections, new_page=True), *rest)
+    summary, first, *rest = sections
+    return (summary, Section(first.key, first.title, first.blocks, first.sections, new_page=True), *rest)
 
 
 def _state_text(dossier: Dossier) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +30,9 @@ from seqrsm.report.rounding import (
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, find
 from seqrsm.spec.read import StopSpec
 
+if TYPE_CHECKING:
+    from seqrsm.store.records import RunRecord
+
 
 def capital(text: str) -> str:
     """Begin a text with a capital letter, the rest as it is."""
@@ -37,6 +42,13 @@ def capital(text: str) -> str:
 def counted(n: int, one: str, many: str = "") -> str:
     """Return ``"1 cover"`` or ``"3 covers"``; ``many`` where that is not ``one`` with an s."""
     return f"{n} {one if n == 1 else many or f'{one}s'}"
+
+
+def source_counts(runs: Iterable[RunRecord]) -> str:
+    """Return how many runs of each source there are: ``"65 simulated runs and 4 measured scores"``."""
+    counts = Counter(run.source for run in runs)
+    words = {"simulation": "simulated run", "flight": "measured score"}
+    return listing([counted(count, words.get(source, f"{source} score")) for source, count in counts.items()])
 
 
 def readable(name: str) -> str:

@@ -3,10 +3,10 @@
 The tables and keys of the file; keys without a default must be given, and keys that are not listed are errors.
 
 ``[campaign]``
-    ``name``; ``description`` (""); ``seed`` (0): an integer >= 0 from which all randomness follows; ``batch`` (4): runs
-    proposed at a time; ``criterion`` ("optimum": half value at the optimum, half expected regret;
-    "thompson": optima of posterior draws; "steepest": along the path of steepest ascent); ``attempts`` (3): batches in
-    a row without a single score after which the campaign gives up.
+    ``name``; ``description`` (""), which opens the report, with ``author`` and ``date`` ("") under it; ``seed`` (0): an
+    integer >= 0 from which all randomness follows; ``batch`` (4): runs proposed at a time; ``criterion`` ("optimum":
+    half value at the optimum, half expected regret; "thompson": optima of posterior draws; "steepest": along the path
+    of steepest ascent); ``attempts`` (3): batches in a row without a single score after which the campaign gives up.
 ``[[factor]]``, one or more
     ``name``: with a simulator, that of a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; of a sensor
     parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
@@ -31,8 +31,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` must be given.
 ``[[consideration]]``
     What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
-    in natural units, with the arithmetic of constraints; ``goal`` ("minimize"); ``weight`` (1); ``unacceptable`` and
-    ``ideal`` as above.
+    in natural units, with the arithmetic of constraints; ``unit`` (""); ``goal`` ("minimize"); ``weight`` (1);
+    ``unacceptable`` and ``ideal`` as above.
 ``[[candidate]]``
     A sensor that `seqrsm candidates` compares with the optimum: ``sensor``: its name as in `seqrsm catalog` (all that
     it fits, such as "Sentinel-1 IW"; ``*`` stands for anything, "*" alone for all that fly or are planned and whose
@@ -63,7 +63,7 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``[simulator.members.C]``, its ``engine`` among it. ``C.resolution`` as a factor belongs to that member; see
     :mod:`seqrsm.sensor.sets`.
 ``[cost]``
-    ``simulation`` (1), ``flight`` (1): cost of a run, in any unit.
+    ``simulation`` (1), ``flight`` (1): cost of a run, in ``unit`` ("").
 ``[stop]``
     ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
@@ -165,7 +165,7 @@ class CampaignSpec:
     ----------
     folder : Path
         The campaign's folder.
-    name, description, seed, batch, criterion, attempts :
+    name, description, author, date, seed, batch, criterion, attempts :
         Of ``[campaign]``.
     region : Region
         Factors and constraints.
@@ -201,6 +201,8 @@ class CampaignSpec:
     attempts: int = 3
     considerations: tuple[ConsiderationSpec, ...] = ()
     candidates: tuple[CandidateSpec, ...] = ()
+    author: str = ""
+    date: str = ""
 
     @property
     def errors(self) -> ErrorModel:
@@ -384,6 +386,8 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         folder=folder,
         name=campaign.name,
         description=campaign.description,
+        author=campaign.author,
+        date=campaign.date,
         seed=campaign.seed,
         batch=campaign.batch,
         region=region,

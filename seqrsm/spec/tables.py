@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -48,6 +49,10 @@ def _is_no_bool(value: object) -> object:
     return value
 
 
+def _day(value: object) -> object:
+    return value.isoformat() if isinstance(value, datetime.date) else value  # TOML has dates of its own
+
+
 _UTILITIES = ", ".join(UTILITIES)
 if TYPE_CHECKING:
     ErrorName = str
@@ -89,8 +94,12 @@ else:
 class CampaignTable(Table):
     """``[campaign]``."""
 
+    LATER = ("author", "date")
+
     name: Name
     description: str = ""
+    author: str = ""
+    date: Annotated[str, BeforeValidator(_day)] = ""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     batch: Annotated[int, Field(ge=1, le=1000)] = 4
     criterion: Criterion = "optimum"
@@ -221,6 +230,8 @@ class ConsiderationSpec(Table):
     name : str
     expr : str
         Its value from the factors, natural units.
+    unit : str
+        Of that value.
     goal : {"maximize", "minimize"}
     weight : float
         As of an application, > 0.
@@ -228,8 +239,11 @@ class ConsiderationSpec(Table):
         Values of desirability 0 and 1; None: the worst and the best over the region.
     """
 
+    LATER = ("unit",)
+
     name: Name
     expr: str
+    unit: str = ""
     goal: Goal = "minimize"
     weight: PositiveNumber = 1.0
     unacceptable: Number | None = None
@@ -307,8 +321,11 @@ class SimulatorSpec(Table):
 
 
 class CostSpec(Table):
-    """Cost of one run from each source, in one unit of the user's choice."""
+    """Cost of one run from each source, in one ``unit`` of the user's choice."""
 
+    LATER = ("unit",)
+
+    unit: str = ""
     simulation: PositiveNumber = 1.0
     flight: PositiveNumber = 1.0
 

@@ -88,7 +88,7 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
     assert steepest[-1] == pytest.approx(top, abs=0.1)
     code, out, _ = command("fit", folder, "--test", "interactions")
     assert code == 0
-    for words in ("after search", "Where the optimum may lie", "over hierarchical models", "Partial F tests"):
+    for words in ("too good", "Where the optimum may lie", "over hierarchical models", "Partial F tests"):
         assert words in out
 
 

@@ -130,10 +130,9 @@ def test_the_terminal_tells_the_numbers_of_the_document(analysis: Analysis, docu
     def interval(name: str) -> tuple[float, float, float]:
         return best[name]["low"], best[name]["high"], best[name]["half_width"]
 
-    agree("Estimated mean score at the optimum:", best["mean"])
-    agree("Prediction: score of one future run", *interval("prediction"))
-    agree("Prediction: mean of 5 future runs", *interval("prediction_mean"))
-    agree("Confidence: mean score at these settings", *interval("confidence"))
+    agree("One future run", *interval("prediction"))
+    agree("Mean of 5 future runs", *interval("prediction_mean"))
+    agree("Mean score at these settings", *interval("confidence"))
 
 
 @pytest.mark.parametrize("kind", [kind for kind, campaign in KINDS.items() if campaign[3] == MEASURED], indirect=True)

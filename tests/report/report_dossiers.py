@@ -381,3 +381,11 @@ def many_dossier(folder: Path, *, saturated=False) -> Dossier:
     runs = runs_of(spec, points, scores, None)
     analysis = make_analysis(spec, runs, draws=300)
     return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, (), {"seqrsm": "0.1.0"}, ())
+
+
+def two_uses(flight, **changes):
+    """The dossier of flights with its application twice, under another name."""
+    first, (use,) = flight.analyses[0], flight.spec.applications
+    spec = dataclasses.replace(flight.spec, applications=(use, use.model_copy(update={"name": "other use"})))
+    analyses = (first, dataclasses.replace(first, application="other use"))
+    return dataclasses.replace(flight, spec=spec, analyses=analyses, **changes)

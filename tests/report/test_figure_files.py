@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from pypdf import PdfReader
-from report_dossiers import truth_score
+from report_dossiers import truth_score, two_uses
 
 from seqrsm.report.content import build_report
 from seqrsm.report.figures.drawing import draw, svg_for_html, tell
@@ -32,7 +32,7 @@ def table(path):
 def test_every_picture_has_four_files_and_a_caption(folder):
     names = [row["file"] for row in table(folder / "captions.csv")]
     assert len(names) == len(set(names))
-    assert {"surface-depression-angle-against-frequency", "slice-polarization", "ridge-score", "coefficients"} <= set(
+    assert {"surface-depression-angle-against-frequency", "slice-polarization", "intervals", "coefficients"} <= set(
         names
     )
     assert {"image-at-the-optimum-hv", "ground-truth", "history-of-half-width"} <= set(names)
@@ -101,11 +101,7 @@ def test_same_report_same_files(simulated, folder, tmp_path):
 
 
 def test_several_applications_have_their_own_names(flight):
-    import dataclasses
-
-    first = flight.analyses[0]
-    both = dataclasses.replace(flight, analyses=(first, dataclasses.replace(first, application="other use")))
-    names = [name for name, *_ in named_panels(build_report(both))]
+    names = [name for name, *_ in named_panels(build_report(two_uses(flight)))]
     assert len(names) == len(set(names))
     assert "application-drainage-slice-film" in names
     assert "application-other-use-slice-film" in names

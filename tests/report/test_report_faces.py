@@ -13,8 +13,8 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 from pypdf import PdfReader
-from report_dossiers import load, make_analysis, runs_of, truth_score
-from report_texts import Page, all_blocks, html_text, pdf_text, squeezed, strings
+from report_dossiers import load, make_analysis, runs_of, truth_score, two_uses
+from report_texts import Page, all_blocks, html_text, of_sections, pdf_text, squeezed, strings
 
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.analysis.results import Confirmation
@@ -76,7 +76,7 @@ def test_html_nests_and_has_a_heading_order_and_alternatives(page):
     assert levels.count(1) == 1
     assert all(b - a <= 1 for a, b in itertools.pairwise(levels))
     drawings = [attrs for tag, attrs in parsed.tags if tag == "svg"]
-    assert len(drawings) >= 20
+    assert len(drawings) >= 12
     assert all(attrs["role"] == "img" and len(attrs["aria-label"]) > 20 for attrs in drawings)
     assert all(len(attrs["alt"]) > 20 for tag, attrs in parsed.tags if tag == "img")
     assert sum(tag == "math" for tag, _ in parsed.tags) == 3
@@ -144,11 +144,31 @@ def test_pdf_is_tagged_and_titled_and_carries_no_date(paper):
     assert (round(float(width)), round(float(height))) == (595, 842)
 
 
-def test_the_summary_is_the_first_page(paper):
+def test_the_summary_is_the_first_page(paper, report):
     pages = [page.extract_text() for page in PdfReader(io.BytesIO(paper)).pages]
     assert "Summary" in pages[0]
-    assert "Question and region" not in pages[0]
-    assert "Question and region" in pages[1]
+    assert "Optimum and intervals" not in pages[0]
+    assert "Optimum and intervals" in pages[1]
+    for text in of_sections(report.sections[:1]):
+        assert squeezed(text) in squeezed(pages[0]), text
+    assert len(pages) <= 12
+
+
+def test_figures_and_tables_are_numbered_in_their_order_and_referred_to(report, many, built):
+    for made in (report, built(many)):
+        for kind, word in ((FigureBlock, "Figure"), (Table, "Table")):
+            captions = [block.caption for block in all_blocks(made.sections) if isinstance(block, kind)]
+            assert [text.partition(".")[0] for text in captions] == [f"{word} {i + 1}" for i in range(len(captions))]
+            paragraphs = " ".join(b.method for b in all_blocks(made.sections) if isinstance(b, Paragraph))
+            for i in range(len(captions)):
+                assert len(re.findall(rf"\b{word} {i + 1}\b", paragraphs)) == 1
+
+
+def test_author_and_date_stand_under_the_title(flight):
+    spec = dataclasses.replace(flight.spec, author="A. Engineer", date="2026-11-23")
+    report = build_report(dataclasses.replace(flight, spec=spec))
+    assert "A.Engineer,2026-11-23" in html_text(render_html(report))
+    assert "A.Engineer,2026-11-23" in pdf_text(render_pdf(report))
 
 
 def test_same_dossier_same_bytes(simulated, page, paper, tmp_path):
@@ -186,9 +206,10 @@ def test_measured_scores_have_no_pictures_and_keep_their_blocks(flight, built):
 
 def test_more_than_six_pairs_are_cut_and_said(many, built):
     figures = [b for b in all_blocks(built(many).sections) if isinstance(b, FigureBlock)]
-    contours = next(f for f in figures if f.caption.startswith("Contours"))
-    assert len(contours.panels) == 6
-    assert "Of 15 pairs the 6 of the most important factors are drawn." in contours.caption
+    contours = [f for f in figures if "Contours" in f.caption]
+    assert [panel.title for f in contours for panel in f.panels].count("Intervals at the recommended settings") == 1
+    assert sum(len(f.panels) for f in contours) == 7
+    assert "Of 15 pairs the 6 of the most important factors are drawn." in contours[-1].caption
 
 
 def test_user_text_stays_text(tmp_path):
@@ -251,12 +272,10 @@ def test_a_campaign_without_any_result_has_a_report(flight):
 
 
 def test_two_applications_have_their_own_sections(flight):
-    first = flight.analyses[0]
-    both = dataclasses.replace(flight, analyses=(first, dataclasses.replace(first, application="other use")))
-    report = build_report(both)
+    report = build_report(two_uses(flight))
     keys = re.findall(r'<section id="([^"]+)"', render_html(report))
     assert len(keys) == len(set(keys))
-    assert {"a1", "a2", "a1-model", "a2-model", "summary-1", "summary-2"} <= set(keys)
+    assert {"a1", "a2", "a1-model", "a2-model", "a1-result", "a2-result"} <= set(keys)
 
 
 def test_a_compromise_opens_the_summary(flight):
@@ -279,10 +298,8 @@ def test_a_compromise_opens_the_summary(flight):
         front_points=np.empty((0, len(settings))),
         front_values=np.empty((0, 1)),
     )
-    both = dataclasses.replace(
-        flight, analyses=(first, dataclasses.replace(first, application="other use")), compromise=found
-    )
-    sentence, table = build_report(both).sections[0].blocks
+    _, sentence, table, own = build_report(two_uses(flight, compromise=found)).sections[0].blocks
+    assert [row[0].text for row in own.rows] == ["drainage", "other use"]
     assert sentence.text.startswith("The settings that serve all best: ")
     assert [cell.text.replace("\u00a0", " ") for cell in table.rows[0]][:4] == [
         "first use", "61.0 percent", "63.0 percent", "2.0 percent"
@@ -334,7 +351,7 @@ def test_tables_refuse_ragged_rows():
 def test_a_report_of_very_many_runs_shows_the_last_and_says_so(simulated, monkeypatch):
     total = len(simulated.runs)
     monkeypatch.setattr("seqrsm.report.sections.data.MOST_RUNS", total - 3)
-    section = next(section for section in build_report(simulated).sections if section.key == "runs")
+    section = next(one for one in build_report(simulated).sections[-1].sections if one.key == "runs")
     note, details = section.blocks
     assert f"last {total - 3} of {total} runs" in note.text
     (table,) = details.blocks

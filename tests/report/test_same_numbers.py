@@ -77,7 +77,8 @@ def terminal(folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def summary(folder: Path) -> list:
-    return list(build_report(assemble(Campaign.open(folder), lambda text: None)).sections[0].blocks)
+    found = build_report(assemble(Campaign.open(folder), lambda text: None)).sections[0]
+    return [block for section in (found, *found.sections) for block in section.blocks]
 
 
 def plain(text: str) -> str:
@@ -102,17 +103,16 @@ def test_key_figures_are_those_of_the_document(summary, document):
     (figures,) = (block for block in summary if isinstance(block, KeyFigures))
     by_label = {item.label: item for item in figures.items}
     best = document["optimum"]
-    agree(by_label["1. Optimum: mean score"].value, best["mean"], best["confidence"]["half_width"])
-    agree(by_label["3. Prediction interval there"].value, best["prediction"]["low"], best["prediction"]["high"])
-    agree(by_label["3. Prediction interval there"].detail, 90, best["prediction"]["half_width"])
+    agree(by_label["Mean score there"].value, best["mean"], best["confidence"]["half_width"])
+    agree(by_label["One future run there"].value, best["prediction"]["low"], best["prediction"]["high"])
     agree(by_label["Half-width that decides"].value, document["stop"]["half_width"])
     assert document["stop"]["half_width"] == pytest.approx(best["prediction_mean"]["half_width"])
     agree(by_label["Half-width that decides"].detail, 0.7, 5)
     agree(by_label["Scored runs in the fit"].value, document["n_runs"])
-    agree(by_label["Scored runs in the fit"].detail, document["n_terms"], 70, 40 * 12.5)
+    agree(by_label["Scored runs in the fit"].detail, document["n_terms"], 70)
     most = max(document["factors_importance"], key=lambda row: row["f"])
-    assert by_label["2. Most important"].value == most["factor"]
-    assert shown(by_label["2. Most important"].detail)[0] == pytest.approx(most["f"], rel=5e-3)
+    assert by_label["Most important"].value == most["factor"]
+    assert shown(by_label["Most important"].detail)[0] == pytest.approx(most["f"], rel=5e-3)
 
 
 def test_recommended_settings_are_those_of_the_document(summary, document):
@@ -172,7 +172,7 @@ def unknown_numbers(summary, document) -> list[str]:
 
 def test_every_number_of_the_summary_is_in_the_document(summary, document):
     # the cost of the runs is the campaign's, not the fit's
-    assert [text for text in unknown_numbers(summary, document) if "cost so far" not in text] == []
+    assert [text for text in unknown_numbers(summary, document) if "They cost" not in text] == []
     # The check can fail: of so many numbers some are near any other one, but not by every shift.
     missed = set()
     for shift in (1.01, 1.02, 1.05):
@@ -185,7 +185,7 @@ def test_the_terminal_shows_the_numbers_of_the_summary(summary, terminal):
     (figures,) = (block for block in summary if isinstance(block, KeyFigures))
     (table,) = (block for block in summary if isinstance(block, Table))
     by_label = {item.label: plain(item.value) for item in figures.items}
-    for label in ("1. Optimum: mean score", "3. Prediction interval there"):
+    for label in ("Mean score there", "One future run there"):
         assert by_label[label] in terminal
     for row in table.rows:
         for cell in row[1:]:
@@ -194,12 +194,12 @@ def test_the_terminal_shows_the_numbers_of_the_summary(summary, terminal):
         if isinstance(block, Bullets):
             for item in block.items:
                 assert plain(item) in terminal, item
-    verdict = next(plain(b.text) for b in summary if isinstance(b, Paragraph) and "expected to lose" in b.text)
+    verdict = next(plain(text) for text in every_text(summary) if "expected to lose" in text)
     loss = re.search(
         r"lose (.*?) against the unknown true optimum, and more than (.*?) with a prob\w+ of (.*)\.", verdict
     )
     assert loss is not None
     for text in loss.groups():
         assert text in terminal
-    importance = plain(next(i.detail for i in figures.items if i.label == "2. Most important"))
+    importance = plain(next(i.detail for i in figures.items if i.label == "Most important"))
     assert re.search(r"F = ([\d.]+)", importance)[1] in terminal

@@ -75,7 +75,7 @@ def test_block_row_comes_first_and_takes_the_day_effect() -> None:
     assert rows[0].source == "blocks"
     means = (y + 4.0 * columns[:, 0]).reshape(2, 9).mean(axis=1)
     assert rows[0].ss == pytest.approx(4.5 * (means[0] - means[1]) ** 2, rel=1e-12)
-    assert fit.lack_of_fit() == "no setting was run twice, so there is no pure error to test against"
+    assert fit.lack_of_fit() == "no setting was run twice in one block, so there is no pure error to test against"
 
 
 def test_lack_of_fit_reasons() -> None:

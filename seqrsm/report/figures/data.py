@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures.optimum import thinned
-from seqrsm.report.figures.surfaces import Line, Ridge, Surface, numeric_factor, to_score
+from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor, to_score
 from seqrsm.report.history import Look
 
 if TYPE_CHECKING:
@@ -115,27 +116,9 @@ def optimum_draws_data(analysis: Analysis, index: int) -> PanelData:
     return PanelData((factor_column(factor),), tuple((value,) for value in _natural(factor, natural)))
 
 
-def optimum_values_data(analysis: Analysis) -> PanelData:
-    """Every posterior draw of the mean score at the optimum."""
-    return columns_data((score_column(analysis),), analysis.posterior.optimum_values)
-
-
-def ridge_data(analysis: Analysis, ridge: Ridge) -> PanelData:
-    """Ridge path: distance, best score, natural settings, and whether they are allowed."""
-    numeric = [numeric_factor(analysis, index) for index in analysis.region.numeric]
-    natural = [factor.decode(ridge.coded[:, j]) for j, factor in enumerate(numeric)]
-    rows = tuple(
-        (float(ridge.distance[i]), float(ridge.score[i]), *(float(x[i]) for x in natural), "yes" if ok else "no")
-        for i, ok in enumerate(ridge.allowed)
-    )
-    columns = ("coded distance", score_column(analysis), *map(factor_column, numeric), "allowed")
-    return PanelData(columns, rows)
-
-
-def importance_data(analysis: Analysis) -> PanelData:
-    """Partial F test of every factor."""
-    rows = tuple((row.factor, row.df, float(row.f), float(row.p)) for row in analysis.importance)
-    return PanelData(("factor", "df", "F", "p"), rows)
+def intervals_data(intervals: Sequence[tuple[str, Interval]]) -> PanelData:
+    """Ends of intervals by their names."""
+    return PanelData(("interval", "low", "high"), tuple((name, one.low, one.high) for name, one in intervals))
 
 
 def coefficient_data(analysis: Analysis) -> PanelData:

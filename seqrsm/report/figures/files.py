@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import math
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +17,9 @@ from seqrsm.progress import tell
 from seqrsm.report.blocks import FigureBlock, Panel, PanelData, Report, Section, unfolded
 from seqrsm.report.files import put
 from seqrsm.report.wording import slug
+
+_OF_ONE = re.compile(r"a\d+(?:-methods)?$")
+"""Keys of the sections of one application among several."""
 
 _PPI = 300.0
 _BITMAP_WIDTH_PT = 240.0
@@ -83,7 +87,8 @@ def _panels(sections: tuple[Section, ...], prefix: str) -> Iterator[tuple[str, s
             for panel in block.panels:
                 if panel.name:
                     yield panel.title or section.title, block.caption, prefix, panel
-        yield from _panels(section.sections, f"{slug(section.title)}-" if section.sections else prefix)
+        of_one = _OF_ONE.match(section.key) and section.sections
+        yield from _panels(section.sections, f"{slug(section.title)}-" if of_one else prefix)
 
 
 def _svg(panel: Panel) -> str:

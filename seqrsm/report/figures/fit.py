@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtri
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.optimum import run_texts, score_label, set_numeric_axis
+from seqrsm.report.figures.optimum import run_texts, score_label
 from seqrsm.report.figures.surfaces import to_score
 from seqrsm.report.history import Look
-from seqrsm.report.wording import axis_label, readable, readable_term, shortened
+from seqrsm.report.wording import readable_term, shortened
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
     from seqrsm.campaign.rests_on import CropCalendar
 
-MAX_COEFFICIENTS = 40
+MAX_COEFFICIENTS = 24
 
 
 def calendar_panel(calendar: CropCalendar, channel: int) -> str:
@@ -47,24 +46,6 @@ def _paint_calendar(calendar: CropCalendar, channel: int, figure: Figure) -> Non
     drawing.light_grid(axes)
 
 
-def importance_panel(analysis: Analysis) -> str:
-    """Draw the F ratio of every factor as bars, the largest on top."""
-    rows = sorted((row for row in analysis.importance if np.isfinite(row.f)), key=lambda row: row.f)
-
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        axes.barh(
-            [shortened(readable(row.factor), 28) for row in rows],
-            [row.f for row in rows],
-            color=drawing.BLUE,
-            height=0.6,
-        )
-        axes.set_xlabel("F ratio of all terms that hold the factor")
-        axes.grid(visible=True, axis="x")
-
-    return drawing.draw(paint, height_in=0.9 + 0.28 * max(len(rows), 1))
-
-
 def drawn_coefficients(analysis: Analysis) -> list[int]:
     """Coefficients to draw: all but the intercept, or the ``MAX_COEFFICIENTS`` that are most standard errors from 0."""
     fit, p = analysis.fit, analysis.model.p
@@ -77,7 +58,7 @@ def drawn_coefficients(analysis: Analysis) -> list[int]:
 
 def coefficient_panel(analysis: Analysis, indices: Sequence[int]) -> str:
     """Draw some coded coefficients with their confidence and credible intervals."""
-    height = 0.9 + 0.19 * len(indices)
+    height = 0.8 + 0.15 * len(indices)
     return drawing.draw(partial(_paint_coefficients, analysis, indices), width_in=4.0, height_in=height)
 
 
@@ -98,7 +79,7 @@ def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figu
         axes.scatter(
             np.mean(draws[:, chosen], axis=0), position - 0.17, s=14, marker="s", color=drawing.ORANGE, zorder=3, lw=0
         )
-    axes.set_yticks(position, [shortened(readable_term(fit.names[i]), 40) for i in indices], fontsize=7.5)
+    axes.set_yticks(position, [shortened(readable_term(fit.names[i]), 40) for i in indices], fontsize=7)
     axes.set_ylim(-0.7, len(indices) - 0.3)
     unit = "logit" if analysis.response == "logit" else shortened(analysis.score_unit, 20) or "score"
     axes.set_xlabel(f"coded coefficient [{unit}]")
@@ -122,7 +103,6 @@ def residual_panels(analysis: Analysis) -> tuple[tuple[str, Callable[[], str]], 
         ("Residuals against fitted score", partial(_paint_residuals, fitted[known], y, f"fitted {label}", texts)),
         ("Residuals against normal quantiles", partial(_paint_normal, y)),
         ("Residuals against run", partial(_paint_residuals, runs, y, "run", texts)),
-        ("Observed against fitted score", partial(_paint_observed, fitted, analysis.data.scores, label)),
     )
     return tuple((title, partial(drawing.draw, paint)) for title, paint in paints)
 
@@ -148,15 +128,6 @@ def _paint_normal(residuals: FloatArray, figure: Figure) -> None:
     axes.scatter(quantiles, ordered, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
     axes.set_xlabel("normal quantile")
     axes.set_ylabel("studentised residual")
-
-
-def _paint_observed(fitted: FloatArray, observed: FloatArray, label: str, figure: Figure) -> None:
-    axes = figure.add_subplot()
-    ends = [float(min(fitted.min(), observed.min())), float(max(fitted.max(), observed.max()))]
-    axes.plot(ends, ends, color=drawing.MUTED, linewidth=0.8, linestyle="--")
-    axes.scatter(fitted, observed, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
-    axes.set_xlabel(f"fitted {label}")
-    axes.set_ylabel(f"observed {label}")
 
 
 def half_width_panel(analysis: Analysis, looks: Sequence[Look], target: float) -> str:
@@ -199,30 +170,6 @@ def mean_history_panel(analysis: Analysis, looks: Sequence[Look]) -> str:
         drawing.light_grid(axes)
 
     return drawing.draw(paint)
-
-
-def setting_history_panel(factor: Factor, looks: Sequence[Look]) -> str:
-    """Draw the optimal setting of one factor against the number of runs, over the campaign's whole range."""
-
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        known = [look for look in looks if factor.name in look.settings]
-        runs = [look.n_runs for look in known]
-        style: dict[str, Any] = {"marker": "o", "markersize": 4, "color": drawing.BLUE, "linewidth": 1.2}
-        if isinstance(factor, CategoricalFactor):
-            places = {level: place for place, level in enumerate(factor.levels)}
-            axes.plot(runs, [places.get(str(look.settings[factor.name]), np.nan) for look in known], **style)
-            axes.set_yticks(range(len(factor.levels)), [shortened(level, 16) for level in factor.levels])
-            axes.set_ylim(-0.5, len(factor.levels) - 0.5)
-        else:
-            axes.plot(runs, [float(look.settings[factor.name]) for look in known], clip_on=False, zorder=3, **style)
-            set_numeric_axis(axes, "y", factor)
-        _whole_numbers(axes.xaxis)
-        axes.set_xlabel("scored runs")
-        axes.set_ylabel(shortened(axis_label(factor), 30))
-        drawing.light_grid(axes)
-
-    return drawing.draw(paint, height_in=2.1)
 
 
 def _whole_numbers(axis: Axis) -> None:

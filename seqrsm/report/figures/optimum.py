@@ -11,12 +11,17 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.surfaces import Line, Ridge, Surface, numeric_factor
+from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
 from seqrsm.report.wording import axis_label, level_labels, shortened, with_unit
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from seqrsm.analysis.scale import Interval
+    from seqrsm.spec.read import StopSpec
 
 _CLOUD_POINTS = 220
 _WHITE = "#ffffff"
@@ -34,7 +39,7 @@ def contour_panel(analysis: Analysis, surface: Surface, limits: tuple[float, flo
     limits : (float, float)
         Scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
     """
-    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=3.0)
+    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=2.5)
 
 
 def _paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], figure: Figure) -> None:
@@ -233,63 +238,31 @@ def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> 
     drawing.light_grid(axes)
 
 
-def optimum_value_panel(analysis: Analysis) -> str:
-    """Draw the posterior of the score at the optimum."""
+def intervals_panel(analysis: Analysis, intervals: Sequence[tuple[str, Interval]], stop: StopSpec) -> str:
+    """Draw intervals at the optimum, each a bar, with the mean and the target about it."""
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
-        values = analysis.posterior.optimum_values
-        low, high = np.quantile(values, [0.002, 0.998]) if values.size else (0.0, 1.0)
-        margin = 0.5 if high <= low else 0.0
-        share, edges = np.histogram(values, bins=40, range=(low - margin, high + margin))
-        axes.bar(edges[:-1], share / max(values.size, 1), np.diff(edges), align="edge", color=drawing.BLUE, linewidth=0)
-        axes.axvline(analysis.optimum.mean, color=drawing.ORANGE, linestyle="--", linewidth=1.2)
-        axes.set_xlabel(f"mean {score_label(analysis)} at the optimum")
-        axes.set_ylabel("share of draws")
-        drawing.light_grid(axes)
+        mean = analysis.optimum.mean
+        for place, (_, one) in enumerate(intervals):
+            y = len(intervals) - 1 - place
+            axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
+            axes.scatter([mean], [y], s=22, color=drawing.INK, zorder=3)
+            for end, side in ((one.low, "right"), (one.high, "left")):
+                if np.isfinite(end):
+                    axes.annotate(
+                        f"{end:.3g}", (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points"
+                    )
+        for end in (mean - stop.half_width, mean + stop.half_width):
+            axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
+        names = [name.replace(" at these", "\nat these").replace(", by", ",\nby") for name, _ in intervals]
+        axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
+        axes.set_ylim(-0.6, len(intervals) - 0.3)
+        axes.margins(x=0.12)
+        axes.set_xlabel(score_label(analysis))
+        axes.grid(visible=True, axis="x")
 
-    return drawing.draw(paint, height_in=2.3)
-
-
-def ridge_score_panel(analysis: Analysis, ridge: Ridge) -> str:
-    """Draw the best score at each distance from the centre."""
-
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        _solid_inside(axes, ridge, ridge.score, drawing.BLUE, "-", "")
-        axes.set_ylabel(f"best mean {score_label(analysis)}")
-        axes.set_xlabel("coded distance from the centre")
-        drawing.light_grid(axes)
-
-    return drawing.draw(paint)
-
-
-def ridge_settings_panel(analysis: Analysis, ridge: Ridge) -> str:
-    """Draw the coded settings that are best at each distance from the centre."""
-    names = [shortened(axis_label(analysis.region.factors[i]), 26) for i in analysis.region.numeric]
-
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        for index, name in enumerate(names):
-            color = (drawing.BLUE, drawing.ORANGE, drawing.GREEN, drawing.MUTED)[index % 4]
-            _solid_inside(axes, ridge, ridge.coded[:, index], color, _DASHES[(index // 4 + index) % 4], name)
-        axes.set_ylim(-1.3, 1.3)
-        axes.set_ylabel("coded setting")
-        axes.set_xlabel("coded distance from the centre")
-        axes.legend(loc="best", fontsize=7)
-        drawing.light_grid(axes)
-
-    return drawing.draw(paint)
-
-
-_DASHES = ("-", (0, (6, 1.5)), (0, (3, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
-
-
-def _solid_inside(axes: Axes, ridge: Ridge, values: FloatArray, color: str, dash: Any, label: str) -> None:
-    """Draw a line that is thin and pale where the path has left the region."""
-    axes.plot(ridge.distance, values, color=color, linewidth=0.8, alpha=0.45, linestyle=dash)
-    inside = np.where(ridge.allowed, values, np.nan)
-    axes.plot(ridge.distance, inside, color=color, linewidth=1.8, linestyle=dash, label=label or None)
+    return drawing.draw(paint, height_in=2.5)
 
 
 def score_label(analysis: Analysis) -> str:

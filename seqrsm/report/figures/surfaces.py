@@ -10,7 +10,6 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, NumericFactor
-from seqrsm.fit.canonical import ridge_path
 from seqrsm.fit.intervals import Prediction
 
 GRID_POINTS = 41
@@ -177,45 +176,3 @@ def _along(analysis: Analysis, index: int, coded: FloatArray) -> FloatArray:
     points = np.repeat(analysis.optimum.point[None, :], coded.size, axis=0)
     points[:, index] = coded
     return points
-
-
-@dataclass(frozen=True, slots=True)
-class Ridge:
-    """Best settings at growing distance from the centre of the region, other factors at their optimal levels.
-
-    Attributes
-    ----------
-    distance : ndarray (m,)
-        Coded distance from the centre.
-    score : ndarray (m,)
-        Fitted mean there.
-    coded : ndarray (m, q)
-        Numeric factors, in factor order.
-    allowed : ndarray (m,) of bool
-        Whether the point lies in the region.
-    """
-
-    distance: FloatArray
-    score: FloatArray
-    coded: FloatArray
-    allowed: BoolArray
-
-
-def ridge(analysis: Analysis) -> Ridge | None:
-    """Ridge analysis of the fitted surface; None with fewer than two numeric factors or without squares."""
-    region, model = analysis.region, analysis.model
-    numeric = list(region.numeric)
-    if len(numeric) < 2 or model.order == 1:
-        return None
-    levels = tuple(int(analysis.optimum.point[i]) for i in region.categorical)
-    constant, linear, quadratic = model.forms(analysis.fit.estimate[: model.p], levels)
-    if not (np.all(np.isfinite(linear)) and np.all(np.isfinite(quadratic))):
-        return None
-    distance = np.linspace(0.0, np.sqrt(len(numeric)), LINE_POINTS)
-    path = ridge_path(float(constant), linear, quadratic, distance, analysis.goal)
-    points = np.repeat(analysis.optimum.point[None, :], LINE_POINTS, axis=0)
-    points[:, numeric] = path.points
-    inside = np.all(np.abs(path.points) <= 1.0 + 1e-9, axis=1)
-    return Ridge(
-        distance, to_score(analysis, path.values), path.points, inside & np.asarray(region.slack(points) >= -1e-9)
-    )

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from seqrsm.analysis.compromise import CompromiseEstimate, GivenUp
 from seqrsm.design.factors import CategoricalFactor, Factor
-from seqrsm.report.blocks import Block, Details, Entry, Head, Paragraph, Section, Table, right, table
+from seqrsm.report.blocks import (
+    Block,
+    Details,
+    Entry,
+    FigureBlock,
+    Head,
+    Panel,
+    PanelData,
+    Paragraph,
+    Section,
+    Table,
+    right,
+    table,
+)
+from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import NOTHING, decimals_for, decimals_of_significant, format_number, format_range
 from seqrsm.report.wording import (
     axis_label,
@@ -16,24 +33,28 @@ from seqrsm.report.wording import (
     listing,
     number_cell,
     readable,
+    shortened,
+    slug,
     with_unit,
 )
 
-MAX_FRONT_ROWS = 20
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_FRONT_ROWS = 10
+MAX_FRONT_PANELS = 3
 
 
 def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> Section:
-    """Return the compromise over the campaign's factors."""
+    """Return what stands behind the compromise of the summary: its settings, and those that no other beats."""
     blocks: list[Block] = [
-        _settings_sentence(factors, found),
         Paragraph(
             f"Overall desirability {format_number(found.desirability, 3)}: the weighted geometric mean of the "
-            "desirabilities below, each 0 where a score is no longer acceptable and 1 where it is as good as can be. "
-            "Acting on these settings is expected to lose "
+            "desirabilities in the summary, each 0 where a score is no longer acceptable and 1 where it is as good as "
+            "can be. Acting on these settings is expected to lose "
             f"{format_number(found.expected_shortfall, 3)} of it against the unknown best compromise."
         ),
         _setting_table(factors, found),
-        _loss_table(found),
     ]
     if found.front_settings:
         blocks.append(Details("Settings that no other beats in everything", (_front_table(factors, found),)))
@@ -42,7 +63,50 @@ def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> 
 
 def compromise_summary(factors: Sequence[Factor], found: CompromiseEstimate) -> tuple[Block, ...]:
     """Return what a summary says of several applications: the settings that serve them all, and their price."""
-    return _settings_sentence(factors, found), _loss_table(found)
+    drawn = (_front_figure(found),) if len(found.front_settings) > 1 and len(found.given_up) > 1 else ()
+    return (_settings_sentence(factors, found), *drawn, _loss_table(found))
+
+
+def _front_figure(found: CompromiseEstimate) -> FigureBlock:
+    """Each pair of what is weighed: the settings that no other beats, and the compromise among them."""
+    panels = []
+    for i, j in list(itertools.combinations(range(len(found.given_up)), 2))[:MAX_FRONT_PANELS]:
+        x, y = found.given_up[i], found.given_up[j]
+        title = f"{y.name} against {x.name}"
+        alt = (
+            f"{len(found.front_settings)} settings that no other beats in everything, {title}; the compromise has "
+            f"{with_unit(format_number(x.value, _places(x)), x.unit)} and "
+            f"{with_unit(format_number(y.value, _places(y)), y.unit)}."
+        )
+        rows = tuple(tuple(row) for row in found.front_values[:, [i, j]].tolist())
+        data = partial(PanelData, (_axis(x), _axis(y)), rows)
+        panels.append(Panel(title, alt, partial(_front_panel, found, i, j), name=slug(f"pareto {title}"), data=data))
+    caption = "Settings that no other beats in everything (Pareto front); star: the compromise."
+    return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
+
+
+def _axis(item: GivenUp) -> str:
+    return f"{item.name} [{item.unit}]" if item.unit else item.name
+
+
+def _front_panel(found: CompromiseEstimate, i: int, j: int) -> str:
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        x, y = found.given_up[i], found.given_up[j]
+        axes.scatter(found.front_values[:, i], found.front_values[:, j], s=16, color=drawing.BLUE, linewidths=0)
+        star: dict[str, Any] = {
+            "s": 130,
+            "marker": "*",
+            "facecolor": drawing.ORANGE,
+            "edgecolor": drawing.INK,
+            "zorder": 5,
+        }
+        axes.scatter([x.value], [y.value], **star)
+        axes.set_xlabel(shortened(_axis(x), 44))
+        axes.set_ylabel(shortened(_axis(y), 36))
+        drawing.light_grid(axes)
+
+    return drawing.draw(paint, height_in=2.3)
 
 
 def _settings_sentence(factors: Sequence[Factor], found: CompromiseEstimate) -> Paragraph:

@@ -14,9 +14,7 @@ from seqrsm.report.blocks import (
     Bullets,
     Cell,
     Column,
-    Definitions,
     Details,
-    Head,
     Paragraph,
     Section,
     Table,
@@ -37,11 +35,15 @@ from seqrsm.report.wording import (
     number_cell,
     readable,
     run_decimals,
+    source_counts,
     watched_interval,
     whole_cell,
     with_unit,
 )
 from seqrsm.store.records import RunRecord
+
+_SAME = ("Batch", "State", "Source", "Purpose", "In the fit", "Block")
+"""Columns of the table of runs that the caption tells where all rows are alike."""
 
 MOST_RUNS = 2000
 """Rows of the table of runs; more would be hundreds of pages that nobody turns."""
@@ -50,22 +52,20 @@ MOST_RUNS = 2000
 def question_section(dossier: Dossier) -> Section:
     """Return question and region: applications, factors, constraints, stop rule."""
     spec, region = dossier.spec, dossier.spec.region
-    blocks: list[Block] = []
-    if spec.description:
-        blocks.append(Paragraph(spec.description))
-    blocks += [_applications(dossier), _factor_table(region.factors)]
+    blocks: list[Block] = [Paragraph(_stop_text(dossier))]
+    if len(spec.applications) > 1:
+        blocks.append(_applications(dossier))
+    blocks.append(_factor_table(region.factors))
     if region.constraints:
         blocks.append(Paragraph("Only settings that satisfy all of these, in natural units, are allowed:"))
         blocks.append(Bullets(tuple(constraint.expr for constraint in region.constraints)))
-    blocks.append(Paragraph(_stop_text(dossier)))
     if spec.simulator is not None and spec.simulator.fixed:
-        blocks.append(Paragraph("Sensor parameters held fixed:"))
         fixed = (
-            (fixed_label(name), with_unit(format_value(value), fixed_unit(name, value)))
+            f"{fixed_label(name)} {with_unit(format_value(value), fixed_unit(name, value))}"
             for name, value in spec.simulator.fixed.items()
         )
-        blocks.append(Definitions(tuple(fixed)))
-    return Section("question", "Question and region", tuple(blocks))
+        blocks.append(Paragraph(f"Sensor parameters held fixed: {'; '.join(fixed)}."))
+    return Section("question", "Question and region", (*blocks, *_data_blocks(dossier)))
 
 
 def _applications(dossier: Dossier) -> Table:
@@ -105,33 +105,31 @@ def _stop_text(dossier: Dossier) -> str:
     )
 
 
-def data_section(dossier: Dossier) -> Section:
-    """Return how the data came: runs by state, source and purpose, and the table of all runs."""
+def _data_blocks(dossier: Dossier) -> list[Block]:
+    """How the data came: runs by state, source and purpose."""
     runs = dossier.runs
     if not runs:
-        return Section("data", "How the data came", (Paragraph("No run has been proposed yet."),))
+        return [Paragraph("No run has been proposed yet.")]
     states = Counter(run.state for run in runs)
     scored = [run for run in runs if run.state == "scored"]
-    sources = Counter(run.source for run in scored)
     counts = listing([f"{count} {state}" for state, count in states.items()])
     batches = counted(len({run.batch for run in runs}), "batch", "batches")
     text = f"The campaign holds {counted(len(runs), 'run')} in {batches}: {counts}."
-    if sources:
-        parts = [counted(count, source) for source, count in sources.items()]
-        text += f" The scores come from {listing(parts)}."
+    if scored:
+        text += f" The scores come from {source_counts(scored)}."
     shared, occasions = sharing(runs)
     if shared:
         text += (
             f" {shared} simulated runs share the random numbers of {counted(occasions, 'occasion')} "
             "(common random numbers), which are blocks of the fit."
         )
-    blocks: list[Block] = [Paragraph(text), _batch_table(runs)]
+    purposes = Counter(run.purpose or "not stated" for run in runs)
+    whys = listing([f"{readable(purpose)} ({count})" for purpose, count in purposes.items()])
+    blocks: list[Block] = [Paragraph(f"{text} They were made for: {whys}. All stand at the end of the report.")]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
         blocks.append(_left_out_table(left_out))
-    shown = "Every run" if len(dossier.runs) <= MOST_RUNS else f"Each of the last {MOST_RUNS} runs"
-    blocks.append(Paragraph(f"{shown} with its settings and scores stands at the end of the report.", "note"))
-    return Section("data", "How the data came", tuple(blocks))
+    return blocks
 
 
 def run_section(dossier: Dossier) -> Section:
@@ -139,31 +137,13 @@ def run_section(dossier: Dossier) -> Section:
     total = len(dossier.runs)
     if total <= MOST_RUNS:
         block = Details(f"All {total} runs with settings and scores", (_run_table(dossier, dossier.runs),))
-        return Section("runs", "Every run", (block,), new_page=True)
+        return Section("runs", "Every run", (block,))
     block = Details(
         f"The last {MOST_RUNS} of {total} runs with settings and scores",
         (_run_table(dossier, dossier.runs[-MOST_RUNS:]),),
     )
     note = Paragraph(f"The report shows the last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
-    return Section("runs", "The last runs", (note, block), new_page=True)
-
-
-def _batch_table(runs: Sequence[RunRecord]) -> Table:
-    rows = []
-    for batch in sorted({run.batch for run in runs}):
-        members = [run for run in runs if run.batch == batch]
-        purposes = Counter(run.purpose or "not stated" for run in members)
-        rows.append(
-            (
-                whole_cell(batch),
-                whole_cell(len(members)),
-                whole_cell(sum(run.state == "scored" for run in members)),
-                ", ".join(f"{readable(purpose)} {count}" for purpose, count in purposes.items()),
-                listing(sorted({run.source for run in members})),
-            )
-        )
-    columns: tuple[Head, ...] = (*map(right, ("Batch", "Runs", "Scored")), "Purpose of the runs", "Source")
-    return table("Batches in the order of proposal", columns, rows)
+    return Section("runs", "The last runs", (note, block))
 
 
 def _left_out_table(runs: Sequence[RunRecord]) -> Table:
@@ -204,11 +184,17 @@ def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
         if blocked:
             cells.append(Cell(run.block))
         rows.append(tuple(cells))
-    caption = (
-        "Executed settings and scores of every run"
-        if len(runs) == len(dossier.runs)
-        else "Executed settings and scores"
-    )
+    caption = "Executed settings and scores"
+    told, kept = [], []
+    for i, column in enumerate(columns):
+        found = {row[i].text for row in rows}
+        if len(found) == 1 and column.title in _SAME:
+            told.append(f"{column.title.lower()} {found.pop()}")
+        else:
+            kept.append(i)
+    if told:
+        caption += f"; of all runs: {', '.join(told)}"
+    columns, rows = [columns[i] for i in kept], [tuple(row[i] for i in kept) for row in rows]
     if any(run.purpose == "confirmation" for run in dossier.runs):
         caption += "; confirmation runs test the fit and are no part of it"
     return Table(tuple(columns), tuple(rows), caption, sortable=True)

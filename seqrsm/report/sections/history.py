@@ -1,4 +1,4 @@
-"""How interval and optimum moved with the runs, the parts of the stop rule, and the confirmation."""
+"""How interval and optimum moved with the runs, and the confirmation."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from functools import partial
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.design.factors import Factor
 from seqrsm.report.blocks import (
     Block,
-    Bullets,
     Details,
     Entry,
     FigureBlock,
@@ -23,7 +21,7 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures.data import look_data
-from seqrsm.report.figures.fit import half_width_panel, mean_history_panel, setting_history_panel
+from seqrsm.report.figures.fit import half_width_panel, mean_history_panel
 from seqrsm.report.history import Look, read_looks
 from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
 from seqrsm.report.wording import (
@@ -35,13 +33,10 @@ from seqrsm.report.wording import (
     level_phrase,
     listing,
     number_cell,
-    optimum_setting_text,
-    readable,
     score_decimals,
     score_text,
     setting_posterior,
     setting_spread,
-    slug,
     whole_cell,
     with_unit,
 )
@@ -49,29 +44,21 @@ from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import LookRecord
 
 
-def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis: Analysis, key: str) -> Section:
-    """Return how interval and optimum moved with the runs, and the parts of the stop rule."""
+def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis: Analysis, key: str) -> Section | None:
+    """Return how interval and optimum moved with the runs, and the fresh runs; None where there is neither."""
     looks = read_looks(records, analysis.application)
     blocks: list[Block] = []
     if looks:
-        blocks.append(_history_figure(analysis, looks, spec.stop.half_width, spec.factors))
+        blocks.append(_history_figure(analysis, looks, spec.stop.half_width))
         blocks.append(Details(f"All {len(looks)} looks", (_look_table(analysis, looks),), long=True))
-    else:
-        blocks.append(Paragraph("No look at the data is recorded."))
-    rows = ((readable(c.name), _holds(c.holds), c.text) for c in analysis.decision.checks)
-    blocks.append(table("The stop rule at the last look", ("Part of the stop rule", "Holds", "Finding"), rows))
-    if analysis.decision.futility:
-        blocks.append(Bullets(tuple(analysis.decision.futility)))
     if analysis.confirmation is not None:
-        blocks += _confirmation(analysis)
+        blocks.append(_confirmation(analysis))
+    if not blocks:
+        return None
     return Section(f"{key}-history", "Interval and optimum against the number of runs", tuple(blocks))
 
 
-def _holds(holds: bool | None) -> str:
-    return {True: "yes", False: "no", None: "not testable"}[holds]
-
-
-def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float, factors: Sequence[Factor]) -> FigureBlock:
+def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) -> FigureBlock:
     known = [look for look in looks if math.isfinite(look.half_width)]
     target_text = with_unit(format_plain(target), analysis.score_unit)
     panels = []
@@ -88,12 +75,6 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float, fa
         alt = f"Estimated mean score at the optimum of each look, last {score_text(analysis, looks[-1].mean)}."
         draw = partial(mean_history_panel, analysis, looks)
         panels.append(Panel("Mean score at the optimum", alt, draw, name="history-of-mean-score", data=data))
-    for factor in factors:
-        if any(factor.name in look.settings for look in looks):
-            alt = f"Optimal {readable(factor.name)} of each look, last {optimum_setting_text(analysis, factor)}."
-            draw = partial(setting_history_panel, factor, looks)
-            name = slug(f"history of optimal {factor.name}")
-            panels.append(Panel(readable(factor.name), alt, draw, name=name, data=data))
     caption = (
         "What each look at the data found. Dashed green: target of the stop rule; dotted grey: noise floor, below "
         "which no number of runs can bring the half-width. Band: confidence interval of the mean."
@@ -118,7 +99,7 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
                 number_cell(width, look.half_width),
                 decimal_cell(look.mean, score_decimals(analysis)),
                 *settings,
-                _holds(look.held),
+                "yes" if look.held else "no",
             )
         )
     columns: tuple[Head, ...] = (
@@ -129,7 +110,7 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
     return table("Interval and optimum at every look", columns, rows, sortable=True)
 
 
-def _confirmation(analysis: Analysis) -> list[Block]:
+def _confirmation(analysis: Analysis) -> Paragraph:
     confirmation = analysis.confirmation
     assert confirmation is not None
     places = max(decimals_for(confirmation.interval.half_width), score_decimals(analysis))
@@ -140,4 +121,4 @@ def _confirmation(analysis: Analysis) -> list[Block]:
         f"{with_unit(format_number(confirmation.mean, places), analysis.score_unit)}, with an interval that does not "
         f"rest on the model: {interval_text(analysis, confirmation.interval)} ({level_phrase(analysis)})."
     )
-    return [Paragraph(text), Paragraph(confirmation.text)]
+    return Paragraph(text)

@@ -7,7 +7,7 @@ from collections import Counter
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.catalog import summary
-from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, table
+from seqrsm.report.blocks import Block, Paragraph, Section, Table, table
 from seqrsm.report.literature import Literature, literature, system_of
 from seqrsm.report.wording import counted, listing, readable
 
@@ -17,6 +17,15 @@ _LATER = (
     "The tables hold what was asked for, and believed possible, up to 1979: a difference is a question to the reader, "
     "not an error of either side."
 )
+
+
+def printed_section(dossier: Dossier) -> Section | None:
+    """Return what the catalogue's tables print on each application; None where they print nothing."""
+    found = [literature(dossier.spec, analysis) for analysis in dossier.analyses]
+    blocks: list[Block] = [_statement_table(one) for one in found if one is not None]
+    if not blocks:
+        return None
+    return Section("printed", "What the literature's tables print", (Paragraph(_LATER), *blocks))
 
 
 def literature_section(dossier: Dossier) -> Section | None:
@@ -45,11 +54,7 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
         f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} of Tables A.1 to A.20 of "
         f"RSL TR 380-1 found for \u201c{found.asked}\u201d ({found.reason}). "
     )
-    blocks: list[Block] = [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]
-    statements = _statement_table(found)
-    blocks.append(Details(f"What the tables print: {counted(len(statements.rows), 'statement')}", (statements,)))
-    blocks.append(Paragraph(_LATER, "note"))
-    return blocks
+    return [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]
 
 
 def _agreement(found: Literature) -> str:

@@ -26,12 +26,11 @@ from seqrsm.report.blocks import (
     right,
     table,
 )
-from seqrsm.report.figures.data import coefficient_data, importance_data, residual_data
+from seqrsm.report.figures.data import coefficient_data, residual_data
 from seqrsm.report.figures.fit import (
     MAX_COEFFICIENTS,
     coefficient_panel,
     drawn_coefficients,
-    importance_panel,
     outliers,
     residual_panels,
 )
@@ -80,8 +79,8 @@ PARTIAL_F_EQUATION = Equation(
     "F equals the quotient of SSE one minus SSE over p minus q, and SSE over N minus p",
 )
 
-MAX_INFLUENCE_ROWS = 30
-MAX_NAMED = 5
+MAX_INFLUENCE_ROWS = 10
+MAX_NAMED = 3
 
 
 def model_section(analysis: Analysis, key: str) -> Section:
@@ -287,12 +286,6 @@ def importance_section(analysis: Analysis, key: str) -> Section:
         "factor explains alone, and with its products"
     )
     blocks.append(table(caption, columns, cells, sortable=True))
-    order = listing([readable(row.factor) for row in sorted(tested, key=lambda row: -row.f)])
-    alt = f"Bars of the F ratio of each factor, from largest to smallest: {order}."
-    caption = "F ratio of every factor; about 1 is what a factor without any effect gives."
-    draw, data = partial(importance_panel, analysis), partial(importance_data, analysis)
-    panel = Panel("", alt, draw, name="importance-of-factors", data=data)
-    blocks.append(FigureBlock((panel,), caption))
     return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
 
 
@@ -309,7 +302,7 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
             for title, draw in panels
         )
         caption = "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie."
-        blocks.append(FigureBlock(drawn, caption))
+        blocks.append(FigureBlock(drawn, caption, columns=3))
         details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
         blocks.append(details)
     else:

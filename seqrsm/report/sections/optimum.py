@@ -1,21 +1,21 @@
-"""The optimum: its intervals, the response surfaces around it, and its posterior."""
+"""The optimum: its intervals, the response surfaces around it, and where its settings may lie."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
 
 from seqrsm.analysis.belief import PRIOR_LOG_ODDS
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import DiscreteFactor, setting_with_unit
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.report.blocks import (
     Block,
-    Definitions,
     Details,
     Equation,
     FigureBlock,
@@ -27,40 +27,33 @@ from seqrsm.report.blocks import (
 )
 from seqrsm.report.figures.data import (
     contour_data,
+    intervals_data,
     levels_data,
     optimum_draws_data,
-    optimum_values_data,
-    ridge_data,
     slice_data,
 )
 from seqrsm.report.figures.optimum import (
     contour_panel,
+    intervals_panel,
     levels_panel,
     optimum_posterior_panel,
-    optimum_value_panel,
-    ridge_score_panel,
-    ridge_settings_panel,
     slice_panel,
 )
 from seqrsm.report.figures.surfaces import (
     MAX_PAIRS,
-    Ridge,
     Surface,
     chosen_pairs,
     line,
     lines_by_level,
     numeric_factor,
-    ridge,
+    ranked_factors,
     surface,
 )
 from seqrsm.report.rounding import format_number, format_plus_minus, format_share, format_significant
 from seqrsm.report.sections.study import searched_blocks
 from seqrsm.report.wording import (
-    at_bound_text,
-    axis_label,
     decimal_cell,
     effects_text,
-    format_setting,
     format_settings,
     half_width_text,
     interval_text,
@@ -73,16 +66,14 @@ from seqrsm.report.wording import (
     readable_text,
     score_decimals,
     score_text,
-    setting_posterior,
     setting_range_text,
-    setting_spread,
     slug,
     watched_interval,
     with_unit,
 )
 from seqrsm.spec.read import StopSpec
 
-_WATCHED = {"confidence": "Mean", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
+_WATCHED = {"confidence": "Mean score", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
 
 PREDICTION_EQUATION = Equation(
     "hat(y)(x_0) plus.minus t_(N - p, alpha \\/ 2) dot s dot sqrt(1 + z_0^top (Z^top Z)^(-1) z_0)",
@@ -91,38 +82,77 @@ PREDICTION_EQUATION = Equation(
 )
 
 
-def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
-    """Return the optimum with its three intervals and the shape of the surface."""
-    optimum, m = analysis.optimum, analysis.optimum.replicates
-    intervals = [
-        ("Confidence: mean score at these settings", optimum.confidence),
-        ("Prediction: score of one future run", optimum.prediction),
-        (f"Prediction: mean of {m} future runs", optimum.prediction_mean),
+def intervals_at(analysis: Analysis, stop: StopSpec) -> list[tuple[str, Interval]]:
+    """Name and ends of each interval at the recommended settings, as the table and its picture show them."""
+    optimum = analysis.optimum
+    found = [
+        ("Mean score at these settings", optimum.confidence),
+        ("One future run", optimum.prediction),
+        (f"Mean of {optimum.replicates} future runs", optimum.prediction_mean),
     ]
     if optimum.ground is not None:
-        intervals.append((f"{_WATCHED[stop.interval]}: by chance alone, over one known ground", optimum.by_chance))
+        found.append((f"{_WATCHED[stop.interval]}, by chance alone", optimum.by_chance))
+    return found
+
+
+def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
+    """Return the picture of the first page: the surface over the two most important factors, and the intervals."""
+    pairs = chosen_pairs(analysis)
+    found = intervals_at(analysis, stop)
+    told = "; ".join(f"{name} {interval_text(analysis, one)}" for name, one in found)
+    intervals = Panel(
+        "Intervals at the recommended settings",
+        f"Intervals at the recommended settings: {told}.",
+        partial(intervals_panel, analysis, found, stop),
+        name="intervals",
+        data=partial(intervals_data, found),
+    )
+    if pairs:
+        surfaces = _contours(analysis, pairs[:1], chosen_limits(analysis))
+        first, caption = surfaces.panels[0], surfaces.caption
+    else:
+        names = list(analysis.region.names)
+        slices = _slices(analysis, [names.index(ranked_factors(analysis)[0])])
+        first, caption = slices.panels[0], slices.caption
+    level = level_phrase(analysis)
+    caption += f" Beside it the {level} intervals of the mean score and of future runs; dashed: the target around it."
+    return FigureBlock((first, intervals), caption)
+
+
+def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
+    """Return the intervals at the optimum, the surface around it, and where its settings may lie."""
     rows = (
         (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
-        for name, interval in intervals
+        for name, interval in intervals_at(analysis, stop)
     )
     columns = ("Interval", "From, to", right("Half-width"))
-    found = table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows)
-    mean = f"Estimated mean score at the optimum: {score_text(analysis, optimum.mean)}. "
+    blocks: list[Block] = []
+    floor = analysis.decision.noise_floor
+    if math.isfinite(floor) and floor > 0.0:
+        text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
+        blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+    blocks.append(table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows))
+    blocks += _steps(analysis)
+    blocks += _surfaces(analysis)
+    if effects := effects_text(analysis):
+        blocks.append(Paragraph(effects))
+    blocks.append(_posterior_figure(analysis))
+    return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+
+
+def shape_section(analysis: Analysis, key: str) -> Section:
+    """Return how the intervals were found: the surfaces that were weighed, the shape, the posterior's sampler."""
     whose = "For a quadratic alone the" if analysis.fitted.departure.probability > 0.0 else "The"
     how = (
         f"{whose} prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
         "print; z\u2080 is the full model row) is"
     )
-    blocks: list[Block] = [Paragraph(mean, method=how), PREDICTION_EQUATION, found]
-    floor = analysis.decision.noise_floor
-    if math.isfinite(floor) and floor > 0.0:
-        text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
-        blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
-    blocks += _steps(analysis)
-    blocks += _departure(analysis)
+    blocks: list[Block] = [Paragraph("", method=how), PREDICTION_EQUATION, *_departure(analysis)]
     blocks += searched_blocks(analysis)
     blocks += _shape(analysis)
-    return Section(f"{key}-optimum", "Optimum and intervals", tuple(blocks))
+    sampled = "; ".join(f"{name} {value}" for name, value in _sampler(analysis))
+    blocks.append(Paragraph(f"How the posterior was computed: {sampled}.", "note"))
+    return Section(f"{key}-shape", "Intervals and shape of the surface", tuple(blocks))
 
 
 def _steps(analysis: Analysis) -> list[Block]:
@@ -220,23 +250,20 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
     return listing(settings)
 
 
-def surface_section(analysis: Analysis, key: str) -> Section:
-    """Return contours of pairs of numeric factors and slices through the optimum."""
-    blocks: list[Block] = []
+def _surfaces(analysis: Analysis) -> list[Block]:
+    """Contours of the pairs of numeric factors but the first, which opens the report, and slices."""
     pairs = chosen_pairs(analysis)
-    if pairs:
-        blocks.append(_contours(analysis, pairs))
-    blocks.append(_slices(analysis))
-    blocks += _by_level(analysis)
-    path = ridge(analysis)
-    if path is not None and np.any(path.allowed[1:]):
-        blocks.append(_ridge(analysis, path))
-    return Section(f"{key}-surfaces", "Response surfaces", tuple(blocks))
+    blocks: list[Block] = [_contours(analysis, pairs[1:], chosen_limits(analysis))] if len(pairs) > 1 else []
+    return [*blocks, _slices(analysis, range(analysis.region.k)), *_by_level(analysis)]
 
 
-def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> FigureBlock:
+def chosen_limits(analysis: Analysis) -> tuple[float, float]:
+    """Ends of the colour scale of all pairs that are drawn."""
+    return _limits([surface(analysis, x, y) for x, y in chosen_pairs(analysis)])
+
+
+def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]], limits: tuple[float, float]) -> FigureBlock:
     surfaces = [surface(analysis, x, y) for x, y in pairs]
-    limits = _limits(surfaces)
     panels = tuple(
         Panel(
             f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
@@ -251,15 +278,14 @@ def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> FigureBlo
     unit = f" in {analysis.score_unit}" if analysis.score_unit else ""
     caption = (
         f"Contours of the fitted mean score{unit} over pairs of factors, all others at the optimum; one colour scale "
-        "for all. "
-        "White circles: runs (at any setting of the other factors); orange dots: posterior draws of the optimum; star: "
-        "recommended settings."
+        "for all pairs. White circles: runs (at any setting of the other factors); orange dots: posterior draws of the "
+        "optimum; star: recommended settings."
     )
     if not analysis.region.is_box:
         caption += " Hatched: settings that the constraints do not allow."
-    if len(pairs) < all_pairs:
+    if len(chosen_pairs(analysis)) < all_pairs:
         caption += f" Of {all_pairs} pairs the {MAX_PAIRS} of the most important factors are drawn."
-    return FigureBlock(panels, caption)
+    return FigureBlock(panels, caption, columns=3 if len(panels) > 2 else 2)
 
 
 def _limits(surfaces: Sequence[Surface]) -> tuple[float, float]:
@@ -287,9 +313,10 @@ def _name(analysis: Analysis, index: int) -> str:
     return readable(analysis.region.names[index])
 
 
-def _slices(analysis: Analysis) -> FigureBlock:
+def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
     panels = []
-    for index, factor in enumerate(analysis.region.factors):
+    for index in indices:
+        factor = analysis.region.factors[index]
         here = line(analysis, index)
         ends = [v for v in here.mean[here.allowed] if np.isfinite(v)]
         spread = f" from {score_text(analysis, min(ends))} to {score_text(analysis, max(ends))}" if ends else ""
@@ -310,7 +337,7 @@ def _slices(analysis: Analysis) -> FigureBlock:
         caption += f" There are no bands: {missing}."
     if not analysis.region.is_box:
         caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
-    return FigureBlock(tuple(panels), caption)
+    return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
 
 
 def _by_level(analysis: Analysis) -> list[Block]:
@@ -337,59 +364,6 @@ def _by_level(analysis: Analysis) -> list[Block]:
         "recommended; points of one value stand side by side."
     )
     return [FigureBlock(tuple(panels), caption)]
-
-
-def _ridge(analysis: Analysis, path: Ridge) -> FigureBlock:
-    best = int(np.nanargmax(path.score if analysis.goal == "maximize" else -path.score))
-    inside = f"up to {path.distance[path.allowed].max():.2g}" if np.any(path.allowed) else "nowhere"
-    score, settings = partial(ridge_score_panel, analysis, path), partial(ridge_settings_panel, analysis, path)
-    data = partial(ridge_data, analysis, path)
-    alt = (
-        f"Best fitted mean score against the coded distance from the centre, {score_text(analysis, path.score[0])} at "
-        f"the centre; the path lies in the region {inside} and is best at {path.distance[best]:.2g}."
-    )
-    names = listing([_name(analysis, index) for index in analysis.region.numeric])
-    panels = (
-        Panel("Best score by distance", alt, score, name="ridge-score", data=data),
-        Panel(
-            "Settings on the ridge path",
-            f"Coded {names} of the best point at each distance from the centre.",
-            settings,
-            name="ridge-settings",
-            data=data,
-        ),
-    )
-    caption = (
-        "Ridge path: the best settings at each distance from the centre of the region, which show where to look "
-        "further. Thick: inside the region; thin: outside, where the polynomial promises nothing."
-    )
-    return FigureBlock(panels, caption)
-
-
-def posterior_section(analysis: Analysis, key: str) -> Section:
-    """Return the posterior of the optimum."""
-    posterior = analysis.posterior
-    rows = []
-    for factor in analysis.region.factors:
-        item = setting_posterior(analysis, factor)
-        mean = math.nan if item is None or isinstance(factor, DiscreteFactor) else item.mean
-        text = "" if math.isnan(mean) else format_setting(factor, mean, setting_spread(item), unit=False)
-        rows.append((axis_label(factor), text, setting_range_text(analysis, factor), at_bound_text(analysis, factor)))
-    level = level_phrase(analysis)
-    spread = f"{level} interval, or probability of each level"
-    columns = ("Factor", right("Mean"), spread, right("Probability at a bound"))
-    blocks: list[Block] = [
-        Paragraph(
-            f"Posterior mean of the score at the optimum: {score_text(analysis, posterior.mean)}; credible interval "
-            f"({level}): {interval_text(analysis, posterior.credible)}; one future score at the recommended settings "
-            f"({level}): {interval_text(analysis, posterior.predictive)}."
-        ),
-        *([Paragraph(effects)] if (effects := effects_text(analysis)) else []),
-        table("Posterior of the optimal settings", columns, rows),
-        _posterior_figure(analysis),
-        Details("How the posterior was computed", (Definitions(_sampler(analysis)),)),
-    ]
-    return Section(f"{key}-posterior", "Posterior of the optimum", tuple(blocks))
 
 
 def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
@@ -427,11 +401,5 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
         draw, data = partial(optimum_posterior_panel, analysis, index), partial(optimum_draws_data, analysis, index)
         name = slug(f"posterior of optimal {factor.name}")
         panels.append(Panel(readable(factor.name), alt, draw, name=name, data=data))
-    credible = interval_text(analysis, analysis.posterior.credible)
-    alt = f"Histogram of the posterior of the mean score at the optimum: {credible}."
-    draw, data = partial(optimum_value_panel, analysis), partial(optimum_values_data, analysis)
-    panels.append(Panel("score at the optimum", alt, draw, name="posterior-of-score-at-optimum", data=data))
-    caption = (
-        "Posterior of the optimal setting of every factor and of the mean score there. Dashed: least-squares estimate."
-    )
-    return FigureBlock(tuple(panels), caption)
+    caption = "Posterior of the optimal setting of every factor. Dashed: the recommended setting."
+    return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)

@@ -15,7 +15,6 @@ from seqrsm.report.blocks import (
     Bullets,
     Code,
     Definitions,
-    Details,
     FigureBlock,
     Head,
     LegendEntry,
@@ -43,13 +42,11 @@ from seqrsm.report.literature import system_of
 from seqrsm.report.rounding import format_plain, format_plus_minus
 from seqrsm.report.wording import (
     capital,
-    counted,
     format_settings,
     format_value,
     listing,
     readable,
     slug,
-    whole_cell,
     with_unit,
 )
 
@@ -101,17 +98,22 @@ def image_section(dossier: Dossier) -> Section | None:
     if "heading_deg" in dossier.spec.region.names:
         scale += " The ground truth is turned as the first of them."
     blocks: list[Block] = [Paragraph(f"{where} {scale}")]
+    panels: list[Panel] = []
+    captions: list[str] = []
+    legend: tuple[LegendEntry, ...] = ()
     if dossier.truth is not None:
-        text = (
-            f"Ground truth: {dossier.truth.name}. {_ended(dossier.truth.provenance)} Licence: {dossier.truth.licence}"
-        )
-        panel = _truth_panel(dossier.truth, count)
-        blocks.append(FigureBlock((panel,), _ended(text), columns=2, legend=_legend(dossier.truth)))
+        panels.append(_truth_panel(dossier.truth, count))
+        legend = _legend(dossier.truth)
+        source = f"{_ended(dossier.truth.provenance)} Licence: {_ended(dossier.truth.licence)}"
+        captions.append(f"Ground truth: {dossier.truth.name}. {source}")
     for image in dossier.images:
-        caption = f"{image.title}: {format_settings(dossier.spec.factors, image.settings)}. {_ended(image.caption)}"
-        blocks.append(FigureBlock(tuple(_image_panels(dossier, image, unit, count)), caption.strip(), columns=3))
+        panels += _image_panels(dossier, image, unit, count)
+        captions.append(
+            f"{image.title}: {format_settings(dossier.spec.factors, image.settings)}. {_ended(image.caption)}"
+        )
+    blocks.append(FigureBlock(tuple(panels), " ".join(captions), columns=4 if len(panels) > 3 else 3, legend=legend))
     blocks.append(_picture_table(dossier, unit, count))
-    return Section("images", "Simulated images and ground truth", tuple(blocks), new_page=True)
+    return Section("images", "Simulated images and ground truth", tuple(blocks))
 
 
 def _covers(truth: TruthPanel) -> list[int]:
@@ -217,18 +219,26 @@ def _ended(text: str) -> str:
 def assumption_section(dossier: Dossier) -> Section:
     """Return assumptions of the simulation and limits of the method."""
     blocks: list[Block] = []
-    categories = () if dossier.truth is None else dossier.truth.categories
-    grouped = group_notes(dossier.assumptions, categories)
-    if grouped.others:
-        blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in grouped.others))]
-    if grouped.about_covers:
-        covers = _cover_table(grouped)
-        blocks.append(Details(f"Backscatter of each cover: {counted(len(covers.rows), 'statement')}", (covers,)))
-    if grouped.about_channels:
-        channels = _channel_table(grouped)
-        blocks.append(Details(f"Scatter among fields and dates: {counted(len(channels.rows), 'cover')}", (channels,)))
+    others = _grouped(dossier).others
+    if others:
+        blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in others))]
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
     return Section("assumptions", "Assumptions and limits", tuple(blocks))
+
+
+def cover_section(dossier: Dossier) -> Section | None:
+    """Return how the backscatter or emissivity of each cover was found; None where none was assumed."""
+    grouped = _grouped(dossier)
+    blocks: list[Block] = []
+    if grouped.about_covers:
+        blocks.append(_cover_table(grouped))
+    if grouped.about_channels:
+        blocks.append(_channel_table(grouped))
+    return Section("covers", "What is assumed of each cover", tuple(blocks)) if blocks else None
+
+
+def _grouped(dossier: Dossier) -> GroupedNotes:
+    return group_notes(dossier.assumptions, () if dossier.truth is None else dossier.truth.categories)
 
 
 def _cover_table(grouped: GroupedNotes) -> Table:
@@ -261,12 +271,19 @@ def _channel_table(grouped: GroupedNotes) -> Table:
 def provenance_section(dossier: Dossier) -> Section:
     """Return versions, seed, data sources, history, and the commands that make this report again."""
     blocks: list[Block] = [Definitions(tuple(dossier.provenance.items()))]
-    if dossier.analyses:
-        blocks.append(_exact_settings(dossier))
     if dossier.reproduce:
         blocks += [Paragraph("To reproduce this campaign and this report:"), Code(dossier.reproduce)]
     if dossier.events:
-        blocks.append(_event_table(dossier))
+        counts = Counter(event.kind for event in dossier.events)
+        told = listing([f"{readable(kind)} ({count})" for kind, count in counts.items()])
+        blocks.append(
+            Paragraph(
+                f"History of the campaign, by kind of event: {told}. The times of day are left out, so that the same "
+                "campaign gives the same report; seqrsm status --history and seqrsm export tell them."
+            )
+        )
+    if dossier.analyses:
+        blocks.append(_exact_settings(dossier))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))
 
 
@@ -282,14 +299,3 @@ def _exact_settings(dossier: Dossier) -> Table:
 
 def _exact(value: float | str) -> str:
     return format_value(value if isinstance(value, str) else float(f"{value:.6g}"))
-
-
-def _event_table(dossier: Dossier) -> Table:
-    """Events by kind; their details name hosts and processes, which are nobody else's business."""
-    counts = Counter(event.kind for event in dossier.events)
-    rows = ((readable(kind), whole_cell(count)) for kind, count in counts.items())
-    caption = (
-        "History of the campaign. The times of day are left out here, so that the same campaign gives the same report; "
-        "seqrsm status --history and seqrsm export tell them"
-    )
-    return table(caption, ("Event", right("Times")), rows)

@@ -34,40 +34,18 @@ from seqrsm.report.wording import (
 
 
 def searched_blocks(analysis: Analysis) -> list[Block]:
-    """Intervals at the optimum that allow for its having been searched for; empty without a study."""
-    study = analysis.study
-    if study is None:
+    """How much better the optimum looks for having been searched for in the same scores; empty without a study."""
+    if analysis.study is None:
         return []
-    found, text = study.searched, searched_text(analysis, study)
+    found = analysis.study.searched
     if not isinstance(found, SearchedOptimum):
-        return [Paragraph(f"Intervals that allow for the search: {text[:1].lower()}{text[1:]}", "note")]
-    rows = (
-        (name, interval_text(analysis, interval), format_significant(interval.half_width, 2))
-        for name, interval in (
-            ("Confidence interval of the mean, after search", found.confidence),
-            ("Prediction interval of one future run, after search", found.prediction),
-            (
-                f"Prediction interval of the mean of {analysis.optimum.replicates} runs, after search",
-                found.prediction_mean,
-            ),
-        )
-    )
-    columns = ("Interval", "From, to", right("Half-width", analysis.score_unit))
-    return [Paragraph(text), table(f"Intervals after the search, {level_phrase(analysis)}", columns, rows)]
-
-
-def searched_text(analysis: Analysis, study: Study) -> str:
-    """What the search does to the estimate, or why it is not known."""
-    found = study.searched
-    if isinstance(found, str):
-        return f"Not computed: {found}."
+        return [Paragraph(f"What the search for the optimum adds to its intervals is not known: {found}.", "note")]
     size = half_width_text(analysis, abs(found.optimism))
     alone = analysis.fitted.departure.probability > 0.0
     settings = "The quadratic's own best settings" if alone else "The settings"
-    return (
-        f"{settings} were chosen by the same scores, which makes their mean look about {size} too good "
-        "(bootstrap with the search repeated). Intervals that allow for it:"
-    )
+    text = f"{settings} were chosen by the same scores, which makes their mean look about {size} too good"
+    how = " (bootstrap with the search repeated); fit --json has the intervals that allow for it."
+    return [Paragraph(text + how)]
 
 
 def location_section(analysis: Analysis, key: str) -> Section | None:
@@ -196,7 +174,7 @@ def term_blocks(analysis: Analysis) -> list[Block]:
         return []
     found: list[Block] = []
     if isinstance(study.terms, TermChoice):
-        found.append(Details("Which terms: averages over models", _choice_blocks(analysis, study.terms)))
+        found.append(Details("Which terms: averages over models", _choice_blocks(study.terms)))
     else:
         found.append(Paragraph(f"There is no average over models: {study.terms.rstrip('.')}.", "note"))
     if study.blocks is not None:
@@ -204,7 +182,7 @@ def term_blocks(analysis: Analysis) -> list[Block]:
     return found
 
 
-def _choice_blocks(analysis: Analysis, found: TermChoice) -> tuple[Block, ...]:
+def _choice_blocks(found: TermChoice) -> tuple[Block, ...]:
     how = "All" if found.exhaustive else "A search visited"
     units, share = found.models[0]
     best, median = (", ".join(map(readable_term, some)) or "none" for some in (units, found.median))
@@ -219,10 +197,7 @@ def _choice_blocks(analysis: Analysis, found: TermChoice) -> tuple[Block, ...]:
     text = (
         f"Probability that each term belongs to the model, over hierarchical models with Zellner's g prior. {how} "
         f"{found.n_models} hierarchical models; the most probable ({format_percent(share)}) has: {best}. More likely "
-        f"than not: {median}. Averaged over models, the score at the recommended settings "
-        f"is {score_text(analysis, found.mean)}, {level_phrase(analysis)} credible interval "
-        f"{interval_text(analysis, found.confidence)}, of one future run {interval_text(analysis, found.prediction)}: "
-        "these intervals hold the doubt about the terms, which those of one model leave out."
+        f"than not: {median}."
     )
     columns = ("Term", right("Probability"), right("Before the scores"))
     return (Paragraph(text), table("Terms, the most probable first", columns, rows, sortable=True))

@@ -1,22 +1,35 @@
-"""The first page: what to build, how good it will be, how sure that is, and whether to go on."""
+"""The first page: what to build, how good it will be, how sure that is, what to do next, and what it rests on."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
-from seqrsm.report.blocks import Block, Bullets, KeyFigure, KeyFigures, Paragraph, Section, Table, right, table
+from seqrsm.report.blocks import (
+    Block,
+    Bullets,
+    KeyFigure,
+    KeyFigures,
+    Paragraph,
+    Section,
+    Table,
+    right,
+    table,
+)
 from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import format_p, format_plain, format_share, format_significant
 from seqrsm.report.sections.compromise import compromise_summary
+from seqrsm.report.sections.optimum import first_panels
 from seqrsm.report.wording import (
     at_bound_text,
     axis_label,
+    capital,
+    counted,
     format_settings,
     ground_sentence,
-    half_width_text,
     interval_text,
     level_phrase,
     listing,
@@ -24,20 +37,26 @@ from seqrsm.report.wording import (
     mean_text,
     no_error_estimate,
     optimum_setting_text,
-    parts_of_width,
     readable,
     readable_text,
     score_text,
     setting_range_text,
     settings_sentence,
+    source_counts,
     watched_interval,
     with_unit,
 )
 from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.tables import CostSpec
 from seqrsm.store.records import RunRecord
 
 _TIES = 3
 """Tied optima that are named."""
+
+_CLEAR_P = 0.05
+"""Probability of the F test above which a factor is not said to matter."""
+
+_FLAT = "No parameter is seen to matter"
 
 
 def summary_section(
@@ -47,7 +66,7 @@ def summary_section(
     runs: Sequence[RunRecord],
     rests: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Section:
-    """Return the summary of a campaign: the compromise, if there is one, and one part for each application.
+    """Return the summary of a campaign: of its one application, or the settings that serve all.
 
     Parameters
     ----------
@@ -60,95 +79,92 @@ def summary_section(
     rests : Mapping, optional
         By application, shares of the area by what their means rest on.
     """
-    spent = sum(run.cost for run in runs if run.state == "scored")
-    common = () if compromise is None else compromise_summary(spec.factors, compromise)
-    if len(analyses) == 1:
-        return Section("summary", "Summary", (*_summary(spec, analyses[0], spent, rests or {}), *common))
-    parts = tuple(
-        Section(f"summary-{number}", analysis.application, _summary(spec, analysis, spent, rests or {}))
-        for number, analysis in enumerate(analyses, 1)
-    )
-    if not parts:
+    if not analyses:
         note = "No application of this campaign has enough scored runs for its model yet: there is no result to show."
         return Section("summary", "Summary", (Paragraph(note, "warning"),))
-    return Section("summary", "Summary", common, parts)
+    if has_one_result(analyses, compromise):
+        found = result_section(spec, analyses[0], runs, rests or {}, "summary", "Summary")
+        return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
+    blocks: list[Block] = [Paragraph(_question(spec, analyses))]
+    if compromise is None:
+        blocks.append(Paragraph("Some application has no model yet, so no settings that serve all are known.", "lead"))
+    else:
+        blocks += compromise_summary(spec.factors, compromise)
+    blocks.append(_own_table(analyses))
+    todo = tuple(f"{one.application}: {text}" for one in analyses for text in _next_steps(spec, one))
+    return Section("summary", "Summary", tuple(blocks), (Section("summary-next", "What to do next", (Bullets(todo),)),))
 
 
-def _summary(
-    spec: CampaignSpec, analysis: Analysis, spent: float, rests: Mapping[str, Mapping[str, float]]
-) -> tuple[Block, ...]:
-    blocks: list[Block] = [Paragraph(recommendation(analysis), "lead"), _key_figures(spec, analysis, spent)]
-    if spec.simulator is not None and (text := ground_sentence(analysis, spec.stop)):
-        blocks.append(Paragraph(text))
-    if shares := rests.get(analysis.application):
-        blocks.append(Paragraph(_rests_text(shares)))
-    blocks.append(_settings_table(analysis))
-    best = analysis.optimum
+def has_one_result(analyses: Sequence[Analysis], compromise: CompromiseEstimate | None) -> bool:
+    """Whether the summary is that of one application; else each application has a section of its own result."""
+    return len(analyses) == 1 and compromise is None
+
+
+def result_section(
+    spec: CampaignSpec,
+    analysis: Analysis,
+    runs: Sequence[RunRecord],
+    rests: Mapping[str, Mapping[str, float]],
+    key: str,
+    title: str,
+) -> Section:
+    """Return one application's result; the arguments are those of `summary_section`."""
+    best, names = analysis.optimum, analysis.region.names
+    blocks: list[Block] = []
+    flat = [text for text in analysis.warnings if text.startswith(_FLAT)]
+    blocks += [Paragraph(text, "lead") for text in flat]
     if best.ties and not best.ridge:
         others = "; ".join(format_settings(analysis.region.factors, tie) for tie in best.ties[:_TIES])
-        blocks.append(Paragraph(f"As good: {others}{' and more' if len(best.ties) > _TIES else ''}.", "note"))
-    if best.at_bound:
-        edges = listing([_edge(text) for text in best.at_bound])
-        text = f"The optimum lies at the edge of the region: {edges}. A better setting may lie beyond it."
-        blocks.append(Paragraph(text, "note"))
-    names = analysis.region.names
-    blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings]
-    blocks.append(Paragraph(_verdict(analysis)))
-    blocks.append(Bullets(tuple(readable_text(text, names) for text in analysis.decision.reasons)))
-    if analysis.confirmation is not None:
-        blocks.append(Paragraph(analysis.confirmation.text))
-    return tuple(blocks)
+        blocks.append(Paragraph(f"As good: {others}{' and more' if len(best.ties) > _TIES else ''}.", "lead"))
+    blocks.append(Paragraph(recommendation(analysis), "lead"))
+    blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings if text not in flat]
+    blocks.append(_key_figures(spec, analysis))
+    blocks.append(first_panels(analysis, spec.stop))
+    blocks.append(_settings_table(analysis))
+    why = () if analysis.decision.held else analysis.decision.reasons
+    steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *why))
+    parts = (
+        Section(f"{key}-next", "What to do next", (Bullets(steps),)),
+        Section(f"{key}-rests", "What this rests on", tuple(_rests(spec, analysis, runs, rests))),
+    )
+    return Section(key, title, tuple(blocks), parts)
 
 
-def _rests_text(shares: Mapping[str, float]) -> str:
-    """Return what the mean backscatter or emissivity behind the recommendation rests on, by area."""
-    parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
-    return f"By area, the means behind the score at these settings are {parts}."
-
-
-def _edge(text: str) -> str:
-    """Return a bound in words; the text of a constraint stays as the user wrote it."""
-    return text if text.startswith("constraint ") else readable(text)
+def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
+    """The question of the campaign in a sentence."""
+    factors = listing([readable(factor.name) for factor in spec.factors])
+    aims = []
+    for analysis in analyses:
+        best = "highest" if analysis.goal == "maximize" else "lowest"
+        utility = readable(spec.application(analysis.application).utility)
+        aims.append(f"the {best} score ({utility}) for {analysis.application}")
+    considered = [readable(one.name) for one in spec.considerations] if len(analyses) == len(spec.applications) else []
+    weighed = f", weighed against {listing(considered)}" if considered else ""
+    return f"Question: which {factors} give{'s' if len(spec.factors) == 1 else ''} {listing(aims)}{weighed}?"
 
 
 def recommendation(analysis: Analysis) -> str:
     """Return the recommendation in words and numbers."""
-    optimum, level = analysis.optimum, level_phrase(analysis)
     best = "highest" if analysis.goal == "maximize" else "lowest"
     text = f"Recommended for {analysis.application}: {settings_sentence(analysis)}. "
-    text += f"There the {best} mean score in the region is expected, "
+    text += f"There the {best} mean score in the region is expected: "
     missing = no_error_estimate(analysis)
     if missing:
-        return text + f"estimated at {score_text(analysis, optimum.mean)} ({missing})."
-    text += mean_text(analysis)
-    text += f" (confidence {level}); one future run there should score {interval_text(analysis, optimum.prediction)}"
-    return text + f" (prediction interval, {level})."
+        return text + f"{score_text(analysis, analysis.optimum.mean)} ({missing})."
+    return text + f"{mean_text(analysis)} ({level_phrase(analysis)} confidence interval)."
 
 
-def _key_figures(spec: CampaignSpec, analysis: Analysis, spent: float) -> KeyFigures:
-    optimum, level, stop = analysis.optimum, level_phrase(analysis), spec.stop
+def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
+    level, stop = level_phrase(analysis), spec.stop
     missing = no_error_estimate(analysis)
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
-    ends, half = interval_text(analysis, optimum.prediction), half_width_text(analysis, optimum.prediction.half_width)
-    cost = f"cost so far {format_plain(float(f'{spent:.6g}'))}"
+    ends = interval_text(analysis, analysis.optimum.prediction)
     figures = (
-        ("1. Optimum: mean score", mean_text(analysis), missing or f"confidence interval {level}"),
-        ("2. Most important", *_most_important(analysis)),
-        (
-            "3. Prediction interval there",
-            "none" if missing else ends,
-            missing or f"one future run, {level}; half-width {half}",
-        ),
-        (
-            "Half-width that decides",
-            _deciding(analysis),
-            f"target {target}{parts_of_width(analysis)}: {watched_interval(stop)}",
-        ),
-        (
-            "Scored runs in the fit",
-            str(analysis.fit.n_runs),
-            f"{analysis.fit.n_terms} terms; budget {stop.max_runs} runs; {cost}",
-        ),
+        ("Mean score there", mean_text(analysis), missing or f"{level} confidence interval"),
+        ("One future run there", "none" if missing else ends, missing or f"{level} prediction interval"),
+        ("Half-width that decides", _deciding(analysis), f"target {target}: {watched_interval(stop)}"),
+        ("Most important", *_most_important(analysis)),
+        ("Scored runs in the fit", str(analysis.fit.n_runs), f"{analysis.fit.n_terms} terms; budget {stop.max_runs}"),
         ("Decision", *_decision_words(analysis)),
     )
     return KeyFigures(tuple(KeyFigure(*figure) for figure in figures))
@@ -183,6 +199,8 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
     first = tested[ranked[0]]
     p = format_p(first.p)
     detail = f"F = {format_significant(first.f, 3)}, p {p if p.startswith('<') else '= ' + p}"
+    if min(row.p for row in tested.values()) > _CLEAR_P:
+        return "none for certain", f"{readable(ranked[0])} the most: {detail}"
     if len(ranked) > 1:
         detail += f"; then {listing([readable(name) for name in ranked[1:4]])}"
     return readable(ranked[0]), detail
@@ -203,24 +221,83 @@ def _settings_table(analysis: Analysis) -> Table:
     return table(f"Recommended settings for {analysis.application}", columns, rows)
 
 
-def _verdict(analysis: Analysis) -> str:
-    posterior = analysis.posterior
-    if analysis.decision.held and analysis.contradicted:
-        text = (
-            "The stop rule holds, but the fresh runs at the recommended settings contradict the model: the score there "
-            "is what they say, and more runs around them would show why."
+def _own_table(analyses: Sequence[Analysis]) -> Table:
+    """What each application would have alone; its settings stand in its own section."""
+    rows = (
+        (
+            analysis.application,
+            mean_text(analysis),
+            *_most_important(analysis),
+            _deciding(analysis),
+            _decision_words(analysis)[0],
         )
-    elif analysis.decision.held:
-        text = "The campaign can stop."
-    elif analysis.decision.budget_spent:
-        text = "The budget is spent and the stop rule does not hold."
+        for analysis in analyses
+    )
+    half = right("Half-width that decides")
+    columns = ("Application", right("Best mean score alone"), "Most important", "Test", half, "Decision")
+    return table("Each application by itself", columns, rows)
+
+
+def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
+    """What to do, the first thing first; the settings are those of the first page."""
+    best, decision = analysis.optimum, analysis.decision
+    fresh = spec.stop.confirmation_runs
+    if decision.held and analysis.contradicted:
+        yield (
+            "Run more around the recommended settings: the stop rule holds, but the fresh runs there contradict the "
+            "model, and the score there is what they say."
+        )
+    elif decision.held:
+        yield f"Stop. {_loss_sentence(analysis)}".strip()
+    elif decision.wants_confirmation:
+        yield f"Make {counted(fresh, 'fresh run')} at the recommended settings. {_loss_sentence(analysis)}".strip()
+    elif decision.budget_spent:
+        yield f"Raise the budget or accept the interval as it is. {_loss_sentence(analysis)}".strip()
     else:
-        text = "The stop rule does not hold yet."
-    if math.isfinite(posterior.expected_regret):
-        loss = loss_text(analysis, posterior.expected_regret)
-        text += f" Acting on these settings now is expected to lose {loss} against the unknown true optimum"
-        if math.isfinite(posterior.p_regret_above) and posterior.regret_epsilon > 0.0:
-            epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
-            text += f", and more than {epsilon} with a probability of {format_share(posterior.p_regret_above)}"
-        text += "."
-    return text
+        yield f"Go on: the stop rule does not hold yet. {_loss_sentence(analysis)}".strip()
+    if best.at_bound:
+        edges = listing([_edge(text) for text in best.at_bound])
+        yield f"Ask whether the region can be widened: the optimum lies at its edge, {edges}."
+    if best.ground is not None and best.of_ground > best.by_chance.half_width:
+        yield "Fly, or measure the covers: most of the half-width is what is not known of the ground."
+
+
+def _edge(text: str) -> str:
+    """Return a bound in words; the text of a constraint stays as the user wrote it."""
+    return text if text.startswith("constraint ") else readable(text)
+
+
+def _loss_sentence(analysis: Analysis) -> str:
+    posterior = analysis.posterior
+    if not math.isfinite(posterior.expected_regret):
+        return ""
+    loss = loss_text(analysis, posterior.expected_regret)
+    text = f"Acting on these settings now is expected to lose {loss} against the unknown true optimum"
+    if math.isfinite(posterior.p_regret_above) and posterior.regret_epsilon > 0.0:
+        epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
+        text += f", and more than {epsilon} with a probability of {format_share(posterior.p_regret_above)}"
+    return f"{text}."
+
+
+def _rests(
+    spec: CampaignSpec, analysis: Analysis, runs: Sequence[RunRecord], rests: Mapping[str, Mapping[str, float]]
+) -> Iterator[Paragraph]:
+    scored = [run for run in runs if run.state == "scored"]
+    if scored:
+        costs = _cost_text(spec.cost, sum(run.cost for run in scored))
+        yield Paragraph(f"{capital(source_counts(scored))}.{f' They cost {costs}.' if costs else ''}")
+    if spec.simulator is not None and (ground := ground_sentence(analysis, spec.stop)):
+        yield Paragraph(ground)
+    if shares := rests.get(analysis.application):
+        parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
+        yield Paragraph(f"By area, the means behind the score at these settings are {parts}.")
+    if analysis.confirmation is not None:
+        yield Paragraph(analysis.confirmation.text)
+
+
+def _cost_text(cost: CostSpec, spent: float) -> str:
+    """What runs cost so far; "" where a run is the unit."""
+    if not cost.unit and cost.simulation == cost.flight == 1.0:
+        return ""
+    each = f"a simulation {format_plain(cost.simulation)}, a flight {format_plain(cost.flight)}"
+    return f"{with_unit(format_plain(float(f'{spent:.6g}')), cost.unit)} ({each})"
