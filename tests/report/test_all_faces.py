@@ -353,7 +353,7 @@ BY_REPORT = {
     "diagnostics_section", "first_panels", "history_section", "image_section", "importance_section",
     "literature_section", "location_section", "method_sections", "model_section", "numerics_blocks", "optimum_section",
     "printed_section", "provenance_section", "question_section", "result_section", "run_section", "searched_blocks",
-    "shape_section", "summary_section", "term_blocks",
+    "shape_section", "summary_section", "surface_section", "term_blocks",
 }  # fmt: skip
 BY_NAME = {
     "calendar_section", "candidate_section", "check_sections", "measure_section", "rehearsal_section", "speed_section",

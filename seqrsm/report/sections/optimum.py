@@ -133,7 +133,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
     blocks.append(table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows))
     blocks += _steps(analysis)
-    blocks += _surfaces(analysis)
+    blocks += _surfaces(analysis, chosen_pairs(analysis)[1:])  # the first opens the report
     if effects := effects_text(analysis):
         blocks.append(Paragraph(effects))
     blocks.append(_posterior_figure(analysis))
@@ -250,10 +250,14 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
     return listing(settings)
 
 
-def _surfaces(analysis: Analysis) -> list[Block]:
-    """Contours of the pairs of numeric factors but the first, which opens the report, and slices."""
-    pairs = chosen_pairs(analysis)
-    blocks: list[Block] = [_contours(analysis, pairs[1:], chosen_limits(analysis))] if len(pairs) > 1 else []
+def surface_section(analysis: Analysis, key: str) -> Section:
+    """Return contours of all pairs of numeric factors and slices, for a reader who wants the surface alone."""
+    return Section(key, "Response surfaces", tuple(_surfaces(analysis, chosen_pairs(analysis))))
+
+
+def _surfaces(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> list[Block]:
+    """Contours of pairs of numeric factors, and slices."""
+    blocks: list[Block] = [_contours(analysis, pairs, chosen_limits(analysis))] if pairs else []
     return [*blocks, _slices(analysis, range(analysis.region.k)), *_by_level(analysis)]
 
 
