@@ -52,8 +52,7 @@ def _warm_up() -> dict[str, float]:
     from seqrsm.scattering.emissivity import load_emissivity_table
     from seqrsm.scattering.sigma0 import load_sigma0_table
     from seqrsm.scene.synthetic import Terrain, synthetic_scene
-    from seqrsm.score.classification import percent_correct
-    from seqrsm.score.retrieval import percent_correct_radiometer
+    from seqrsm.score.cover import percent_correct
     from seqrsm.sensor import radiometer
     from seqrsm.sensor.radar import from_settings
     from seqrsm.simulate.radar.psm import simulate_radar
@@ -73,13 +72,13 @@ def _warm_up() -> dict[str, float]:
     for aperture in ("synthetic", "real"):
         one = replace(radar, aperture=aperture, resolution_m=20.0 if aperture == "synthetic" else 400.0)
         image = simulate_radar(scene, one, load_sigma0_table(), seed=0, run_id=0)
-        percent_correct(image, scene, seed=0, run_id=0)
+        percent_correct([image], scene, by="field", seed=0, run_id=0)
     assert np.isfinite(image.intensity).all()
     passive = radiometer.from_settings(
         {"frequency": 10.7, "polarization": "H", "resolution": 40.0, "scan_period": 0.8, "integration_time": 1.0},
         {"bandwidth": 100.0, "noise_temperature": 500.0, "altitude_m": 1000.0},
     )
     scanned = simulate_radiometer(scene, passive, load_emissivity_table(), seed=0, run_id=0)
-    percent_correct_radiometer(scanned, scene, seed=0, run_id=0)
+    percent_correct([scanned], scene, seed=0, run_id=0)
     simulated = time.perf_counter()
     return {"design": designed - start, "simulation": simulated - designed}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
-from seqrsm.score.utilities import UTILITIES, of_images
+from seqrsm.score.utilities import UTILITIES, asked_for
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.radar import RadarConfiguration
@@ -40,13 +40,6 @@ Sensor = RadarConfiguration | RadiometerConfiguration
 Settings = Mapping[str, float | str]
 
 
-class Utility(Protocol):
-    """A utility measure of a simulated image, keyed by campaign seed and run."""
-
-    def __call__(self, image: Any, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
-        """Score the image."""
-
-
 @dataclass(frozen=True, slots=True)
 class Engine:
     """One of the report's two models.
@@ -64,8 +57,6 @@ class Engine:
         raises UserError where the sensor cannot image the scene, without imaging it.
     record : callable
         What is kept with a score.
-    utilities : Mapping
-        Utility measures by the names of ``campaign.toml``.
     detail_m : callable
         Sensor -> side of what it tells apart [m]; 0 where the data base must stay as it is.
     parameters : Mapping
@@ -81,7 +72,6 @@ class Engine:
     simulate: Callable[..., Any]
     examine: Callable[[Scene, Any, Any, float | None], tuple[str, ...]]
     record: Callable[[Any, Scene], dict[str, Any]]
-    utilities: Mapping[str, Utility]
     detail_m: Callable[[Any], float]
     parameters: Mapping[str, Parameter]
     threads: bool = False
@@ -96,35 +86,6 @@ class Engine:
     def functions(self) -> tuple[str, ...]:
         """Those that may name a function of the user's, whose module may lie in the campaign's folder."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.kind == "function")
-
-    def check_utility(self, name: str) -> None:
-        """Refuse a utility measure that the engine does not have and that cannot be imported.
-
-        Raises
-        ------
-        SpecError
-            What is wrong with it.
-        """
-        if name in self.utilities:
-            return
-        if ":" in name:
-            find_utility(name)
-            return
-        known = ", ".join(f'"{own}"' for own in self.utilities)
-        raise SpecError(
-            Problem(
-                "this engine cannot score the utility",
-                f'Use {known} or "module:function", or ingest measured scores.',
-                field="[[application]] utility",
-                value=name,
-            )
-        )
-
-    def score(self, name: str, image: Any, scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
-        """Score of an image by the utility measure called ``name``: the engine's own, or "module:function"."""
-        if name in self.utilities:
-            return self.utilities[name](image, scene, seed=seed, run_id=run_id)
-        return call_utility(name, image, scene, seed=seed, run_id=run_id)
 
 
 @lru_cache(maxsize=4)
@@ -232,7 +193,6 @@ ENGINES: Mapping[str, Engine] = {
         simulate=_radar_image,
         examine=_examine_radar,
         record=_radar_record,
-        utilities=of_images("psm"),
         detail_m=_radar_detail_m,
         parameters=SENSORS["psm"],
         threads=True,
@@ -244,7 +204,6 @@ ENGINES: Mapping[str, Engine] = {
         simulate=_radiometer_image,
         examine=_examine_radiometer,
         record=_radiometer_record,
-        utilities=of_images("prm"),
         detail_m=_radiometer_detail_m,
         parameters=SENSORS["prm"],
         masks=("blocked",),
@@ -260,33 +219,43 @@ def engine_of(image: Image) -> Engine:
 _FIELD = "[[application]] utility"
 
 
-def check_set_utility(name: str) -> None:
-    """Refuse a utility that scores one image alone, where there are several.
+def check_utility(text: str, engines: Collection[str], *, several: bool) -> None:
+    """Refuse a utility that images of these engines cannot be scored by, or that cannot be imported.
+
+    Parameters
+    ----------
+    text : str
+        As in ``campaign.toml``.
+    engines : collection of str
+        "psm", "prm" or both.
+    several : bool
+        Several images are scored together.
 
     Raises
     ------
     SpecError
+        What is wrong with it.
     """
-    row = UTILITIES.get(name)
-    if row is not None and not row.of_set:
-        able = ", ".join(f'"{known}"' for known, other in UTILITIES.items() if other.of_set)
+    if ":" in text:
+        find_utility(text)
+        return
+    row = asked_for(text).row
+    if several and row.function and not row.several:
+        able = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if other.several)
         remedy = f'Use {able} or "module:function" of a sequence of images, or let one sensor look once.'
-        raise SpecError(Problem("this utility scores one image, here are several", remedy, field=_FIELD, value=name))
+        raise SpecError(Problem("this utility scores one image, here are several", remedy, field=_FIELD, value=text))
+    if not set(engines) <= set(row.engines):
+        known = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if set(engines) <= set(other.engines))
+        remedy = f'Use {known} or "module:function", or ingest measured scores.'
+        raise SpecError(Problem("this engine cannot score the utility", remedy, field=_FIELD, value=text))
 
 
-def score_of_set(name: str, images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
-    """Score of several images together by a utility that can; a function of the user's own is given all of them.
-
-    Raises
-    ------
-    SpecError
-        The utility scores one image.
-    """
-    check_set_utility(name)
-    row = UTILITIES.get(name)
-    if row is None:
-        return call_utility(name, images, scene, seed=seed, run_id=run_id)
-    score: UtilityScore = own_function(row.of_set)(images, scene, seed=seed, run_id=run_id)
+def score_by(text: str, images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
+    """Score of images by a utility; a function of the user's own is given the image, or all where there are several."""
+    if ":" in text:
+        return call_utility(text, images[0] if len(images) == 1 else images, scene, seed=seed, run_id=run_id)
+    asked = asked_for(text)
+    score: UtilityScore = own_function(asked.row.function)(images, scene, asked, seed=seed, run_id=run_id)
     return score
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray, Precision
 from seqrsm.campaign.acquisitions import Acquisition, acquisitions_of
-from seqrsm.campaign.engines import ENGINES, Image, check_set_utility, engine_of, modified_ns, score_of_set
+from seqrsm.campaign.engines import ENGINES, Image, check_utility, engine_of, modified_ns, score_by
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -24,7 +25,7 @@ from seqrsm.scattering.worlds import OneAway, World
 from seqrsm.scene.coarse import cells_in_one, coarse_scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import UtilityScore
+from seqrsm.score.classification import ENDS, UtilityScore
 from seqrsm.simulate.cluster import local_file
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore
@@ -137,7 +138,7 @@ def task_of(
     utilities = tuple((one.name, located(spec.folder, one.utility)) for one in spec.applications)
     engine = ENGINES[spec.simulator.engine]
     for _, name in utilities:
-        engine.check_utility(name)
+        check_utility(name, (spec.simulator.engine,), several=False)
     fixed = dict(spec.simulator.fixed)
     fixed.update({name: str(spec.folder / str(fixed[name])) for name in engine.files if fixed.get(name)})
     fixed.update({name: located(spec.folder, str(fixed[name])) for name in engine.functions if name in fixed})
@@ -203,10 +204,7 @@ def simulate_images(
 
 def score_images(task: SimulationTask, utility: str, images: Sequence[Image], scene: Scene) -> UtilityScore:
     """Score of a task's images by a utility; several are scored together."""
-    key = {"seed": task.seed, "run_id": task.stream}
-    if len(images) == 1:
-        return engine_of(images[0]).score(utility, images[0], scene, **key)
-    return score_of_set(utility, images, scene, **key)
+    return score_by(utility, images, scene, seed=task.seed, run_id=task.stream)
 
 
 def detail_of(task: SimulationTask) -> float:
@@ -280,7 +278,8 @@ def _local_function(name: str) -> str:
 
 
 def _new_score(application: str, found: UtilityScore, record: Mapping[str, Any]) -> NewScore:
-    metadata = {**record, "n_cells": found.n_cells, "n_tiles": found.n_clusters, **found.details}
+    ends = {name: getattr(found, name) for name in ENDS if math.isfinite(getattr(found, name))}
+    metadata = {**record, "n_cells": found.n_cells, "n_tiles": found.n_clusters, **ends, **found.details}
     return NewScore(application, found.value, se=found.se if found.se > 0.0 else None, metadata=metadata)
 
 
@@ -356,8 +355,8 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
 def _examine(task: SimulationTask, scene: Scene) -> list[str]:
     """What the parameters of a task's sensors do, each once; refuses what cannot be simulated, or scored together."""
     made = task.acquisitions
-    for _, utility in task.utilities if len(made) > 1 else ():
-        check_set_utility(utility)
+    for _, utility in task.utilities:
+        check_utility(utility, {one.engine for one in made}, several=len(made) > 1)
     notes: list[str] = []
     for one in made:
         if one.visit.day == next(other.visit.day for other in made if other.member == one.member):

@@ -172,8 +172,8 @@ class EmissivityTable:
     mean_sd: Mapping[str, float] = field(default_factory=dict)
     world: World | OneAway | None = None
 
-    def in_world(self, world: World | OneAway) -> EmissivityTable:
-        """The table with its means and field spreads as a world has them."""
+    def in_world(self, world: World | OneAway | None) -> EmissivityTable:
+        """The table with its means and field spreads as a world has them; None: as they stand."""
         return replace(self, world=world)
 
     @property

@@ -62,6 +62,16 @@ def moisture_of_fields(scene: Scene) -> FloatArray | None:
 
 
 @lru_cache(maxsize=6)
+def centres_of_fields(scene: Scene) -> FloatArray:
+    """Middle of each field's cells (2, n_fields), south and east of the scene's north-western corner [m]."""
+    field = scene.field_id.ravel()
+    count = np.maximum(np.bincount(field, minlength=scene.n_fields), 1)
+    rows, columns = (np.broadcast_to(x, scene.shape).ravel() for x in np.indices(scene.shape, sparse=True))
+    south, east = (np.bincount(field, x, scene.n_fields) / count for x in (rows, columns))
+    return np.asarray((np.stack([south, east]) + 0.5) * scene.cell_m)
+
+
+@lru_cache(maxsize=6)
 def categories_of_fields(scene: Scene) -> AnyArray:
     """Category of each field of a scene, uint8 (n_fields,)."""
     return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)

@@ -9,8 +9,10 @@ from seqrsm.jit import kernel
 
 
 @kernel
-def add_cells(pixel: AnyArray, cover: AnyArray, scored: AnyArray, out: AnyArray) -> None:
-    """Count the scored data-base cells of each class in each pixel.
+def add_cells(
+    pixel: AnyArray, cover: AnyArray, scored: AnyArray, field_id: AnyArray, out: AnyArray, field: AnyArray
+) -> None:
+    """Count the scored data-base cells of each class in each pixel, and tell which field they belong to.
 
     Parameters
     ----------
@@ -19,8 +21,11 @@ def add_cells(pixel: AnyArray, cover: AnyArray, scored: AnyArray, out: AnyArray)
     cover : uint8 array (rows, columns)
         Category, 255 for none.
     scored : bool array (rows, columns)
+    field_id : int32 array (rows, columns)
     out : int32 array (n_pixels, n_classes)
         Added to.
+    field : int32 array (n_pixels,)
+        Given as -1; -2 where cells of several fields lie in a pixel.
     """
     rows, columns = pixel.shape
     n_classes = out.shape[1]
@@ -33,6 +38,9 @@ def add_cells(pixel: AnyArray, cover: AnyArray, scored: AnyArray, out: AnyArray)
                     kind, k = np.int64(cover[i, j]), np.int64(pixel[i, j])
                     if k >= 0 and kind < n_classes and scored[i, j]:
                         out[k, kind] += np.int32(1)
+                        own = field_id[i, j]
+                        if field[k] != own:
+                            field[k] = own if field[k] == -1 else np.int32(-2)
 
 
 @kernel
@@ -97,7 +105,8 @@ def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, 
     Parameters
     ----------
     features : float64 array (d, n_pixels)
-    counts : int array (n_pixels, n_classes)
+    counts : array (n_pixels, n_classes)
+        Cells, or their share.
     tile : int64 array (n_pixels,)
     half : int64 array (n_tiles,)
         0 or 1.
@@ -114,10 +123,10 @@ def teach(features: AnyArray, counts: AnyArray, tile: AnyArray, half: AnyArray, 
     out = np.zeros((2, 2, n_classes, 2 + d + d * (d + 1) // 2))
     x = np.empty(d)
     for n in range(n_pixels):
-        cells = 0
+        cells = 0.0
         for k in range(n_classes):
             cells += counts[n, k]
-        if cells == 0:
+        if cells == 0.0:
             continue
         h, least = half[tile[n]], purity * cells
         for i in range(d):
@@ -207,7 +216,7 @@ def name_classes(
     scale: AnyArray,
     known_scale: AnyArray,
     constant: AnyArray,
-) -> tuple[AnyArray, AnyArray]:
+) -> AnyArray:
     """Give each pixel the class under whose law it is likeliest, and count what is right.
 
     Parameters
@@ -225,16 +234,13 @@ def name_classes(
 
     Returns
     -------
-    correct : int64 array (n_tiles,)
-        Cells of the class named.
-    confusion : int64 array (n_classes, n_classes)
-        Cells of class (row) that were given class (column).
+    int64 array (n_tiles, n_classes, n_classes)
+        By tile, cells of class (row) that were given class (column).
     """
     d, n_pixels = features.shape
     n_classes, own = counts.shape[1], d - known_scale.shape[2]
     block = 128
-    correct = np.zeros(half.shape[0], dtype=np.int64)
-    confusion = np.zeros((n_classes, n_classes), dtype=np.int64)
+    confusion = np.zeros((half.shape[0], n_classes, n_classes), dtype=np.int64)
     # A block of pixels of each half is gathered before it is named.
     x, pixel, filled = np.empty((2, d, block)), np.empty((2, block), dtype=np.int64), np.zeros(2, dtype=np.int64)
     square, z, best = np.empty(block), np.empty(block), np.empty(block)
@@ -261,8 +267,7 @@ def name_classes(
         filled[h] = 0
         for i in range(m):
             p, name = pixel[h, i], named[i]
-            correct[tile[p]] += counts[p, name]
             for k in range(n_classes):
                 if counts[p, k] != 0:
-                    confusion[k, name] += counts[p, k]
-    return correct, confusion
+                    confusion[tile[p], k, name] += counts[p, k]
+    return confusion

@@ -1,16 +1,26 @@
 """The utilities that ship, a row each: what specification, engines and pages know of them is read here.
 
-A further one is a module of this package and a row here. Functions are named and not imported, since they load the
-engines, which the specification does without.
+A campaign names one as ``NAME``, ``NAME of COVER, COVER`` where it is about certain covers, and of those that classify
+``NAME by pixel``, ``by neighbourhood`` or ``by field``, and ``with gaussian`` or ``with random_forest``: "f1 of Corn by
+field". A further one is a module of this package and a row here. Functions are named and not imported, since they load
+the engines, which the specification does without.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
-from seqrsm.own_code import own_function
+UNITS_OF_GROUND: Final = ("pixel", "neighbourhood", "field")
+"""What is classified as a whole."""
+
+CLASSIFIERS: Final = ("gaussian", "random_forest")
+
+_RADAR, _RADIOMETER = ("psm",), ("prm",)
+_COVER = "seqrsm.score.cover:score_cover"
+_MOISTURE = "seqrsm.score.moisture:score_moisture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,50 +29,152 @@ class Utility:
 
     Attributes
     ----------
+    words : str
+        What it is, in a line.
     unit : str
-        Of the scores; "" where the utility tells none.
+        Of the scores; "" where they have none.
     is_percent : bool
         Scores are percentages from 0 to 100.
     is_error : bool
         Scores are errors, which are made small.
-    of_image : Mapping
-        "module:function" by engine; none of what is measured only.
-    of_set : str
-        "module:function" of several images together; "" where the utility scores one alone.
+    function : str
+        "module:function" that scores images; "" of what is measured only.
+    engines : tuple of str
+        Whose images it scores.
+    classifies : bool
+        It names covers, by a unit of ground.
+    of_covers : bool
+        It is about certain covers, which must be named.
+    several : bool
+        It scores several images together.
     """
 
+    words: str = ""
     unit: str = ""
     is_percent: bool = False
     is_error: bool = False
-    of_image: Mapping[str, str] = field(default_factory=dict)
-    of_set: str = ""
+    function: str = ""
+    engines: tuple[str, ...] = ()
+    classifies: bool = False
+    of_covers: bool = False
+    several: bool = False
+
+
+def _classified(words: str, unit: str = "percent", **more: bool) -> Utility:
+    both, percent = (*_RADAR, *_RADIOMETER), {"is_percent": unit == "percent"}
+    return Utility(words, unit, function=_COVER, engines=both, classifies=True, several=True, **{**percent, **more})
 
 
 UTILITIES: Final[Mapping[str, Utility]] = {
-    "percent_correct": Utility(
-        "percent",
-        is_percent=True,
-        of_image={
-            "psm": "seqrsm.score.classification:percent_correct",
-            "prm": "seqrsm.score.retrieval:percent_correct_radiometer",
-        },
-        of_set="seqrsm.score.fusion:percent_correct_of_set",
+    "percent_correct": _classified("ground named rightly"),
+    "class_mean_correct": _classified("ground named rightly, the mean of its covers"),
+    "worst_class_correct": _classified("ground named rightly of the cover that is told worst"),
+    "kappa": _classified("Cohen's kappa of names and truth", ""),
+    "f1": _classified("F1 of the covers named, the mean of several", of_covers=True),
+    "area_error": _classified(
+        "error of the area mapped as these covers", of_covers=True, is_percent=False, is_error=True
     ),
-    "retrieval_error": Utility(
+    "detection": _classified(
+        "ground of these covers detected where 5 % of other ground raises a false alarm", of_covers=True
+    ),
+    "soil_moisture_error": Utility(
+        "unbiased root mean square error of retrieved soil moisture",
+        "m3/m3",
+        is_error=True,
+        function=_MOISTURE,
+        engines=_RADIOMETER,
+    ),
+    "soil_moisture_skill": Utility(
+        "share of the variance of soil moisture that is retrieved", function=_MOISTURE, engines=_RADIOMETER
+    ),
+    "water_fraction_error": Utility(
+        "root mean square error of the share of open water",
         "percent",
         is_error=True,
-        of_image={"prm": "seqrsm.score.retrieval:soil_moisture_error"},
+        function="seqrsm.score.retrieval:water_fraction_error",
+        engines=_RADIOMETER,
     ),
-    "correlation": Utility(),
-    "rank": Utility(),
-    "measured": Utility(),
+    "correlation": Utility("measured: correlation of an interpretation with the truth"),
+    "rank": Utility("measured: an interpreter's ranking"),
+    "measured": Utility("measured"),
 }
 """By the names of ``campaign.toml``."""
 
-OF_THE_USER: Final = Utility()
+OF_THE_USER: Final = Utility(several=True, engines=(*_RADAR, *_RADIOMETER))
 """What is known of a function of the user's own."""
 
+FORMER: Final = {"retrieval_error": "soil_moisture_error"}
+"""Names of earlier versions."""
 
-def of_images(engine: str) -> dict[str, Callable[..., Any]]:
-    """Functions that score an image of an engine, by utility."""
-    return {name: own_function(row.of_image[engine]) for name, row in UTILITIES.items() if engine in row.of_image}
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A utility as a campaign asks for it.
+
+    Attributes
+    ----------
+    name : str
+        Of `UTILITIES`.
+    covers : tuple of str
+        That it is about; empty for all.
+    by : str
+        Unit of ground, of `UNITS_OF_GROUND`.
+    classifier : str
+        Of `CLASSIFIERS`.
+    """
+
+    name: str
+    covers: tuple[str, ...] = ()
+    by: str = "pixel"
+    classifier: str = "gaussian"
+
+    @property
+    def row(self) -> Utility:
+        """What is known of it."""
+        return UTILITIES[self.name]
+
+
+def asked_for(text: str) -> Asked:
+    """A utility from the words of ``campaign.toml``.
+
+    Raises
+    ------
+    ValueError
+        What is wrong with them, in a sentence.
+    """
+    rest, _, classifier = text.partition(" with ")
+    rest, _, by = rest.partition(" by ")
+    name, _, covers = rest.partition(" of ")
+    named = tuple(part.strip() for part in covers.split(",") if part.strip())
+    if name not in UTILITIES:
+        raise ValueError(f"no utility is called {name!r}; {_suggestion(name, tuple(UTILITIES), FORMER)}")
+    row = UTILITIES[name]
+    if (by or classifier) and not row.classifies:
+        raise ValueError(f'"{name}" classifies nothing: leave "{text[len(rest) :]}" out')
+    if classifier and classifier not in CLASSIFIERS:
+        raise ValueError(f"classifiers are {' and '.join(CLASSIFIERS)}, not {classifier!r}")
+    if classifier == "random_forest" and name == "detection":
+        raise ValueError('"detection" needs the likelihoods of the gaussian classifier')
+    if by and by not in UNITS_OF_GROUND:
+        raise ValueError(f"ground is classified by {', '.join(UNITS_OF_GROUND)}, not by {by!r}")
+    if named and not row.of_covers:
+        raise ValueError(f'"{name}" is about all covers: leave " of {covers}" out')
+    if row.of_covers and not named:
+        raise ValueError(f'"{name}" is about certain covers: write "{name} of" and their names, as in the scene')
+    return Asked(name, named, by or "pixel", classifier or "gaussian")
+
+
+def _suggestion(name: str, known: Sequence[str], former: Mapping[str, str]) -> str:
+    if name in former:
+        return f'it is "{former[name]}" now'
+    near = difflib.get_close_matches(name, known, n=1)
+    own = 'or name a function of your own, "package.module:function"'
+    return f'did you mean "{near[0]}"?' if near else f"use {', '.join(known)}, {own}"
+
+
+def utility_of(text: str) -> Utility:
+    """What is known of a utility in the words of ``campaign.toml``; `OF_THE_USER` of a function of the user's own."""
+    try:
+        return asked_for(text).row
+    except ValueError:
+        return OF_THE_USER

@@ -322,6 +322,8 @@ RADIOMETER: Final = _table(
     _number("soil_moisture_low", "m3/m3", 0.02, 0.5, "least mean soil moisture that a run may meet"),
     _number("soil_moisture_high", "m3/m3", 0.02, 0.5, "largest mean soil moisture that a run may meet"),
     _number("soil_moisture_field_sd", "m3/m3", 0.0, 0.3, "departure of a field's moisture, standard deviation"),
+    _number("soil_moisture_region_sd", "m3/m3", 0.0, 0.3, "what neighbouring fields share of it, standard deviation"),
+    _number("soil_moisture_region_m", "m", 100.0, 1e5, "distance at which 1/e of that is left in common"),
 )  # fmt: skip
 """Parameters of `RadiometerConfiguration` by their names in ``campaign.toml``."""
 

@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from scipy import ndimage
 from scipy.special import ndtr
 
 from seqrsm.arrays import FloatArray
@@ -120,6 +121,33 @@ def half_lasting(
     if not visit.days:
         return own
     return math.sqrt(0.5) * (own + deviates(seed, run_id, f"lasting {purpose}", shape, frequency_ghz))
+
+
+def smooth_departure(
+    visit: Visit, purpose: str, places_m: FloatArray, length_m: float, *, seed: int, run_id: int
+) -> FloatArray:
+    """Standard departure (n,) of places that near ones have in common; half of it all dates share, as `half_lasting`.
+
+    White noise under a Gaussian window on a grid of a quarter of the length.
+
+    Parameters
+    ----------
+    visit : Visit
+    purpose : str
+        Key of the draws.
+    places_m : float64 array (2, n)
+        [m], 0 at least.
+    length_m : float
+        Distance at which the correlation is 1/e [m].
+    seed, run_id : int
+    """
+    step = 0.25 * length_m
+    # Twice the window's reach beyond the places, where the grid's ends meet.
+    shape = tuple(math.ceil(float(side.max()) / step) + 16 for side in places_m)
+    noise = half_lasting(visit, purpose, shape, 1.0, seed=seed, run_id=run_id)
+    window = ndimage.gaussian_filter(np.eye(1, 33 * 33, 16 * 33 + 16).reshape(33, 33), 2.0)
+    smooth = ndimage.gaussian_filter(noise, 2.0, mode="wrap") / math.sqrt(float(np.square(window).sum()))
+    return np.asarray(ndimage.map_coordinates(smooth, places_m / step, order=1))
 
 
 def moisture_share(visit: Visit, *, seed: int, run_id: int) -> float:

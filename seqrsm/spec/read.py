@@ -14,9 +14,9 @@ The tables and keys of the file; keys without a default must be given, and keys 
 ``[[constraint]]``
     ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
 ``[[application]]``, one or more
-    ``name``; ``utility``: "percent_correct", "retrieval_error", "correlation", "rank", "measured" or
-    "package.module:function"; ``goal`` ("maximize" or "minimize", the default of
-    "retrieval_error"); ``weight`` (1); ``unacceptable`` and ``ideal``:
+    ``name``; ``utility``: "percent_correct", "f1 of Potatoes by field", "soil_moisture_skill", "measured" and what else
+    :mod:`seqrsm.score.utilities` names, or "package.module:function"; ``goal`` ("maximize" or "minimize", the default
+    of errors); ``weight`` (1); ``unacceptable`` and ``ideal``:
     scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``sufficient``:
     the score from which on a candidate suffices, by default that of the optimum less ``[stop] half_width``; ``catalog``
     (words of the name or description): what the report looks up in the catalogue of the literature, see

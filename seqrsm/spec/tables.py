@@ -13,6 +13,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    PrivateAttr,
     SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
@@ -22,7 +23,7 @@ from pydantic_core import PydanticCustomError
 from seqrsm.fit.error_models import ERROR_MODELS
 from seqrsm.fit.optimum import Goal
 from seqrsm.propose.criteria import CRITERIA
-from seqrsm.score.utilities import OF_THE_USER, UTILITIES, Utility
+from seqrsm.score.utilities import Utility, asked_for, utility_of
 
 
 def _is_name(text: str) -> str:
@@ -32,8 +33,11 @@ def _is_name(text: str) -> str:
 
 
 def _is_utility(text: str) -> str:
-    if text not in UTILITIES and not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", text):
-        raise PydanticCustomError("utility", 'a utility is {known} or "package.module:function"', {"known": _UTILITIES})
+    if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", text):
+        try:
+            asked_for(text)
+        except ValueError as error:
+            raise PydanticCustomError("utility", "{what}", {"what": str(error)}) from None
     return text
 
 
@@ -53,7 +57,6 @@ def _day(value: object) -> object:
     return value.isoformat() if isinstance(value, datetime.date) else value  # TOML has dates of its own
 
 
-_UTILITIES = ", ".join(UTILITIES)
 if TYPE_CHECKING:
     ErrorName = str
 else:
@@ -161,10 +164,6 @@ class KnowledgeSpec(Table):
     LATER = ("effect",)
 
 
-def _utility(name: object) -> Utility:
-    return UTILITIES.get(name, OF_THE_USER) if isinstance(name, str) else OF_THE_USER
-
-
 class ApplicationSpec(Table):
     """An application: what the scores measure, and whether large or small ones are good.
 
@@ -173,9 +172,9 @@ class ApplicationSpec(Table):
     name : str
         Unique in the campaign.
     utility : str
-        One of `UTILITIES` or "package.module:function".
+        In the words of `seqrsm.score.utilities`, or "package.module:function".
     goal : {"maximize", "minimize"}
-        "minimize" is the default, and the only one, of errors such as "retrieval_error".
+        "minimize" is the default, and the only one, of errors such as "soil_moisture_error".
     weight : float
         Its share in a compromise, > 0, relative to the other applications.
     unacceptable, ideal : float or None
@@ -202,24 +201,31 @@ class ApplicationSpec(Table):
     @model_validator(mode="before")
     @classmethod
     def _errors_are_made_small(cls, data: object) -> object:
-        if isinstance(data, dict) and "goal" not in data and _utility(data.get("utility")).is_error:
+        if isinstance(data, dict) and "goal" not in data and utility_of(str(data.get("utility"))).is_error:
             return {**data, "goal": "minimize"}
         return data
+
+    _row: Utility = PrivateAttr()
+
+    def model_post_init(self, context: object) -> None:
+        """Look the utility up once: a look at the scores asks again and again."""
+        del context
+        self._row = utility_of(self.utility)
 
     @property
     def is_error(self) -> bool:
         """Whether scores are errors, which are made small."""
-        return _utility(self.utility).is_error
+        return self._row.is_error
 
     @property
     def is_percent(self) -> bool:
         """Whether scores are percentages from 0 to 100."""
-        return _utility(self.utility).is_percent
+        return self._row.is_percent
 
     @property
     def unit(self) -> str:
         """Unit of the scores, "" where the utility tells none."""
-        return _utility(self.utility).unit
+        return self._row.unit
 
 
 class ConsiderationSpec(Table):

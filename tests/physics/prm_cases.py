@@ -10,7 +10,7 @@ import numpy as np
 from seqrsm.scattering.atmosphere import Atmosphere
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.scene.scene import Scene
-from seqrsm.score.retrieval import percent_correct_radiometer
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.simulate.radiometer.frame import make_radiometer_frame
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
@@ -24,7 +24,10 @@ class Table:
     level: tuple
     field_sd: float = 0.0
 
-    def lookup(self, categories, frequency_ghz, polarization, *, as_printed=False):  # noqa: ARG002
+    def in_world(self, world):  # noqa: ARG002
+        return self
+
+    def lookup(self, categories, frequency_ghz, polarization, *, as_printed=False, day=None):  # noqa: ARG002
         theta = np.arange(91.0)
         e = np.array([level(theta) if callable(level) else np.full(91, level) for level in self.level], dtype=float)
         e = e[: len(categories)]
@@ -84,7 +87,7 @@ def mapped(s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, 
     lookups = [table.lookup(s.categories, r.frequency_ghz, channel) for channel in r.channels]
     occasion = nominal_radiometer_occasion(r, lookups, s.n_fields)
     ground = np.broadcast_to(np.asarray(ground_k, dtype=dtype), frame.elevation_m.shape)
-    met = Meeting(frame, None, lookups, occasion, air, planck)
+    met = Meeting(frame, None, lookups, occasion, air, planck, table, None)
     antenna_k, offset, state = radiation_map(met, r, np.ascontiguousarray(ground))
     return SimpleNamespace(antenna_k=antenna_k, offset=offset, state=state), frame
 
@@ -102,4 +105,4 @@ def small_score(run_id: int) -> float:
     s = scene(rng.normal(0.0, 0.3, patch.shape).cumsum(axis=0), 10.0, patch, field)
     table = Table((0.8, 0.85, 0.9), field_sd=0.02)
     found = simulate_radiometer(s, radiometer(channels=("H", "V")), table, seed=3, run_id=run_id)
-    return percent_correct_radiometer(found, s, seed=3, run_id=run_id, tile_m=150.0).value
+    return percent_correct([found], s, seed=3, run_id=run_id, tile_m=150.0).value

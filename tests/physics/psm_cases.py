@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import percent_correct
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import LUT_STEPS, EchoGrid, echo_grid, paired_table
@@ -169,4 +169,4 @@ def small_score(run_id: int) -> float:
     s = scene(z, 5.0, patch, field)
     table = Table((-8.0, -10.0, -12.0), 0.1, field_sd_db=1.0, date_sd_db=0.5, channel_correlation=0.5)
     image = simulate_radar(s, radar(channels=("HH", "HV"), resolution_m=15.0), table, seed=3, run_id=run_id)
-    return percent_correct(image, s, seed=3, run_id=run_id, tile_m=100.0).value
+    return percent_correct([image], s, seed=3, run_id=run_id, tile_m=100.0).value

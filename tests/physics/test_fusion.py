@@ -13,10 +13,11 @@ from seqrsm.campaign.acquisitions import acquisitions_of
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene
-from seqrsm.score.classification import decibels, halves, percent_correct, pixels_of_radar, score_pixels
-from seqrsm.score.fusion import percent_correct_of_set
+from seqrsm.score.classification import halves
+from seqrsm.score.cover import percent_correct, score_evidence
+from seqrsm.score.evidence import Evidence, decibels, pixels_of
 from seqrsm.score.kernels_classify import mean_of_pixels
-from seqrsm.score.retrieval import percent_correct_radiometer
+from seqrsm.score.utilities import Asked
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.occasion import draw_ground_state
@@ -56,42 +57,27 @@ def dates(n, member=0, run_id=1, **more):
 
 
 def score(images, run_id=1) -> float:
-    return percent_correct_of_set(images, SCENE, seed=2, run_id=run_id).value
-
-
-def test_a_set_of_one_is_the_image() -> None:
-    (alone,) = dates(1)
-    own = percent_correct(alone, SCENE, seed=2, run_id=1)
-    both = percent_correct_of_set([alone], SCENE, seed=2, run_id=1)
-    assert (both.value, both.se) == (own.value, own.se)
-    np.testing.assert_array_equal(both.confusion, own.confusion)
-
-
-def test_a_set_of_one_radiometer_is_its_image() -> None:
-    """Its law is conditional on the look angle there, too."""
-    configuration = prm_cases.radiometer(altitude_m=2000.0, resolution_m=40.0)
-    made = simulate_radiometer(SCENE, configuration, load_emissivity_table(), seed=2, run_id=1)
-    own = percent_correct_radiometer(made, SCENE, seed=2, run_id=1)
-    both = percent_correct_of_set([made], SCENE, seed=2, run_id=1)
-    np.testing.assert_array_equal(both.confusion, own.confusion)
+    return percent_correct(images, SCENE, seed=2, run_id=run_id).value
 
 
 def test_ground_that_one_image_does_not_see_counts_by_the_others() -> None:
     wide = image(radar(), Visit((150.0,)))
     part = image(radar(1.25, "HH+HV", far_incidence_deg=40.0), Visit((150.0,), 0, 1))
     assert (part.pixel_of_cell < 0).mean() > 0.2
-    alone, both = (percent_correct_of_set(images, SCENE, seed=2, run_id=1) for images in ([wide], [wide, part]))
+    alone, both = (percent_correct(images, SCENE, seed=2, run_id=1) for images in ([wide], [wide, part]))
     assert both.n_cells == alone.n_cells
     assert both.value > alone.value
     # The mean of what is seen stands for the rest: written out.
-    pixel, counts, tile, keys = pixels_of_radar(wide, SCENE, seed=2, run_id=1)
+    found = pixels_of(wide, SCENE, seed=2, run_id=1)
+    pixel, counts = found.pixel, found.counts
     seen = mean_of_pixels(pixel, part.pixel_of_cell, part.apparent_sigma0().reshape(2, -1), len(counts))
     with np.errstate(invalid="ignore"):
         rows = 10.0 * np.log10(seen)
     used = counts.any(axis=1) & np.isfinite(rows[0])
     rows = np.where(np.isfinite(rows), rows, rows[:, used].mean(axis=1, keepdims=True))
     features = np.vstack([decibels(wide.apparent_sigma0().reshape(2, -1), counts), rows], dtype=np.float64)
-    np.testing.assert_array_equal(both.confusion, score_pixels(features, counts, tile, keys).confusion)
+    written = Evidence(features, counts, found.tile, found.keys, 0, counts)
+    np.testing.assert_array_equal(both.confusion, score_evidence(written, CROPS, Asked("percent_correct")).confusion)
 
 
 def test_radar_and_radiometer_meet_the_same_soil() -> None:
@@ -101,7 +87,9 @@ def test_radar_and_radiometer_meet_the_same_soil() -> None:
         for visit in (Visit((120.0, 150.0), 1), Visit()):
             wet, _ = draw_ground_state(radar(), visit, seed=2, run_id=run)
             looked = [table.lookup(CROPS, 10.0, "H")]
-            other = draw_radiometer_occasion(passive, looked, np.zeros(3, np.uint8), visit, seed=2, run_id=run)
+            other = draw_radiometer_occasion(
+                passive, looked, np.zeros(3, np.uint8), visit, seed=2, run_id=run, centres_m=np.zeros((2, 3))
+            )
             assert other.soil_moisture == pytest.approx(wet)
             found.append(wet)
     assert np.std(found) > 0.03
@@ -110,7 +98,8 @@ def test_radar_and_radiometer_meet_the_same_soil() -> None:
 def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
     """Moments, shrinking and law written out by numpy and scipy."""
     images = dates(3)
-    _, counts, tile, keys = pixels_of_radar(images[0], SCENE, seed=2, run_id=1)
+    found = pixels_of(images[0], SCENE, seed=2, run_id=1)
+    counts, tile, keys = found.counts, found.tile, found.keys
     x = np.vstack([decibels(i.apparent_sigma0().reshape(2, -1), counts) for i in images]).T.astype(np.float64)
     cells = counts.sum(axis=1)
     seen = np.bincount(tile, cells, minlength=len(keys)) > 0
@@ -134,7 +123,7 @@ def test_several_dates_are_one_gaussian_law_over_all_channels() -> None:
         ]
         named = np.argmax(laws, axis=0)
         right += counts[test][np.arange(test.sum()), named].sum()
-    found = percent_correct_of_set(images, SCENE, seed=2, run_id=1)
+    found = percent_correct(images, SCENE, seed=2, run_id=1)
     assert found.value == pytest.approx(100.0 * right / cells.sum(), abs=0.02)
 
 
@@ -176,7 +165,7 @@ def test_fields_that_forget_themselves_would_make_dates_look_better(monkeypatch)
         same = [image(even, Visit(days, k), run, grass) for k in range(6)]
         other = [image(even, Visit((day,)), 100 * run + k, grass) for k, day in enumerate(days)]
         for found, images in ((kept, same), (anew, other)):
-            found.append(percent_correct_of_set(images, grass, seed=2, run_id=run).value)
+            found.append(percent_correct(images, grass, seed=2, run_id=run).value)
     assert np.mean(anew) > np.mean(kept) + 3.0
 
 
@@ -190,8 +179,8 @@ def test_a_radiometer_beside_a_radar_scores_over_the_radars_pixels() -> None:
         visit=Visit((150.0,), 0, 1),
     )
     active = image(radar(), Visit((150.0,), 0, 0))
-    both = percent_correct_of_set([passive, active], SCENE, seed=2, run_id=1)
-    alone = percent_correct(active, SCENE, seed=2, run_id=1)
+    both = percent_correct([passive, active], SCENE, seed=2, run_id=1)
+    alone = percent_correct([active], SCENE, seed=2, run_id=1)
     assert both.n_cells == alone.n_cells
     assert both.value > alone.value - 2.0
 

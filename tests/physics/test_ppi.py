@@ -9,7 +9,7 @@ import pytest
 from psm_cases import Table, radar, scene
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.score.classification import percent_correct
+from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.ppi import bilinear, polar_layers
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radar.result import rectangular, rectangular_pixels
@@ -208,7 +208,7 @@ def test_classes_are_told_apart_in_polar_pixels():
     cover = np.kron(rng.integers(0, 2, (8, 8)), np.ones((20, 20), dtype=int))
     s = flat(cover=cover)
     image = simulate_radar(s, ppi(fading="gamma"), Table((-5.0, -25.0)), seed=1, run_id=1)
-    score = percent_correct(image, s, seed=1, run_id=1, tile_m=200.0)
+    score = percent_correct([image], s, seed=1, run_id=1, tile_m=200.0)
     assert 85.0 < score.value <= 100.0
 
 

@@ -26,7 +26,7 @@ from seqrsm.scattering.calendar import DAYS
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.fusion import percent_correct_of_set
+from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.psm import simulate_radar
 
 ROOT = Path(__file__).parents[2]
@@ -144,7 +144,7 @@ def scores(n_worlds: int) -> dict[str, np.ndarray]:
                 simulate_radar(scene, one.sensor, table, seed=1983, run_id=world, visit=one.visit)
                 for one in acquisitions_of("psm", settings, FIXED, {})
             ]
-            found[name].append(percent_correct_of_set(images, scene, seed=1983, run_id=world).value)
+            found[name].append(percent_correct(images, scene, seed=1983, run_id=world).value)
     return {name: np.array(values) for name, values in found.items()}
 
 

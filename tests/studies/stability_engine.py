@@ -18,7 +18,7 @@ from seqrsm.errors import UserError
 from seqrsm.rng import stream_key
 from seqrsm.scene.scene import Scene
 from seqrsm.scene.synthetic import Terrain, synthetic_scene
-from seqrsm.score.classification import percent_correct
+from seqrsm.score.cover import percent_correct
 from seqrsm.simulate.radar.fading import add_fading
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
@@ -69,7 +69,7 @@ def radar_row(study: str, x: float, scene: Scene, table: object, **changes: obje
     row.values |= {f"with noise, {k}": v for k, v in relative(one.intensity, two.intensity).items()}
     row.values["shadow flips"] = float(np.mean(one.shadow != two.shadow))
     row.values["shadow"] = float(np.mean(two.shadow))
-    a, b = (percent_correct(image, scene, seed=1, run_id=1).value for image in (one, two))
+    a, b = (percent_correct([image], scene, seed=1, run_id=1).value for image in (one, two))
     row.values["score difference"] = abs(a - b)
     row.values["weakest power [W]"] = float(two.mean_power[two.mean_power > 0.0].min(initial=np.inf))
     row.does = "; ".join(note for note in two.notes if "made" not in note)

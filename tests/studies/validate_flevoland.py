@@ -35,7 +35,7 @@ from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table  # noqa: E40
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels  # noqa: E402
 from seqrsm.scene.layers import categories_of_fields  # noqa: E402
 from seqrsm.scene.scene import Scene  # noqa: E402
-from seqrsm.score.classification import percent_correct  # noqa: E402
+from seqrsm.score.cover import percent_correct  # noqa: E402
 from seqrsm.sensor.radar import RadarConfiguration  # noqa: E402
 from seqrsm.simulate.radar import ground  # noqa: E402
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion  # noqa: E402
@@ -149,7 +149,7 @@ def simulated(setting: tuple[str, float, float], variant: str, runs: int) -> flo
         ground.draw_occasion = draw_occasion
     for run in range(1, runs + 1):
         image = simulate_radar(scene(), radar, table(variant), seed=1989, run_id=run)
-        found.append(percent_correct(image, scene(), seed=1989, run_id=run, tile_m=24 * CELL_M).value)
+        found.append(percent_correct([image], scene(), seed=1989, run_id=run, tile_m=24 * CELL_M).value)
     return float(np.mean(found))
 
 

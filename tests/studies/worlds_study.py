@@ -28,7 +28,7 @@ from seqrsm.campaign.simulation import carry_out, task_of
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.file import load_scene
-from seqrsm.score.classification import percent_correct
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.spec.read import load_spec
@@ -96,7 +96,7 @@ def contrast(world: int, channels: tuple[str, ...]) -> float:
         )
         table = load_sigma0_table().in_world(World(1979, FRESH + world))
         image = simulate_radar(scene, radar, table, seed=1979, run_id=FRESH + world)
-        found.append(percent_correct(image, scene, seed=1979, run_id=FRESH + world).value)
+        found.append(percent_correct([image], scene, seed=1979, run_id=FRESH + world).value)
     return found[0] - found[1]
 
 

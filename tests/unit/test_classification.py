@@ -11,14 +11,22 @@ from scipy import special
 from scipy.stats import multivariate_normal
 
 from seqrsm.rng import generator
-from seqrsm.score import classification
-from seqrsm.score.classification import cluster_ratio, count_classes, decibels, halves, tiles
+from seqrsm.score.classification import cluster_ratio, halves
+from seqrsm.score.cover import score_evidence
+from seqrsm.score.evidence import Evidence, cells_in_pixels, decibels, tiles
+from seqrsm.score.utilities import Asked
+
+
+def of_evidence(features, counts, tile, keys, covariates=0):
+    """Percent correct of pixels that teach by their cells."""
+    names = [str(k) for k in range(counts.shape[1])]
+    return score_evidence(Evidence(features, counts, tile, keys, covariates, counts), names, Asked("percent_correct"))
 
 
 def score_pixels(power, counts, tile, *, seed, run_id):
     """Score of powers (n_pixels, n_channels), the halves drawn tile by tile."""
     keys = generator(seed, run_id, "test").random(int(tile.max()) + 1)
-    return classification.score_pixels(decibels(power.T.copy(), counts), counts, tile, keys)
+    return of_evidence(decibels(power.T.copy(), counts), counts, tile, keys)
 
 
 def two_classes(distance_db, n=40_000, seed=0, sd=1.0, d=1):
@@ -94,7 +102,7 @@ def test_a_class_missing_from_the_teaching_half_is_never_named():
     three[tile == 7] = [0, 0, 3]
     score = score_pixels(power, three, tile, seed=1, run_id=1)
     assert score.confusion[2, 2] == 0
-    assert score.details["per_class_percent"][2] == 0.0
+    assert score.details["per_class_percent"]["2"] == 0.0
     none = score_pixels(power[:100], three[:100], tile[:100], seed=1, run_id=1)
     assert math.isnan(none.se)
 
@@ -145,8 +153,14 @@ def test_counts_leave_out_what_is_not_scored_not_known_or_not_seen():
     pixel = np.array([[0, 0, 1], [1, -1, 1]], dtype=np.int32)
     cover = np.array([[0, 1, 1], [255, 0, 0]], dtype=np.uint8)
     scored = np.array([[True, True, True], [True, True, False]])
-    scene = SimpleNamespace(cover=cover, scored=scored, categories=("a", "b"))
-    np.testing.assert_array_equal(count_classes(pixel, scene, 2), [[1, 1], [0, 1]])
+    field = np.array([[4, 4, 5], [6, 6, 5]], dtype=np.int32)
+    scene = SimpleNamespace(cover=cover, scored=scored, field_id=field, categories=("a", "b"))
+    counts, of_pixel = cells_in_pixels(pixel, scene, 4)
+    np.testing.assert_array_equal(counts, [[1, 1], [0, 1], [0, 0], [0, 0]])
+    np.testing.assert_array_equal(of_pixel, [4, 5, -1, -1])
+    # Cells of two fields in a pixel, though of one class.
+    field[0, 1] = 7
+    assert cells_in_pixels(pixel, scene, 2)[1].tolist() == [-2, 5]
 
 
 def mixed_pixels(n=3000, n_channels=2, n_classes=5, covariates=0, rare=False):
@@ -198,7 +212,7 @@ def cells_named(features, counts, tile, keys, covariates):
 def test_every_cell_is_named_as_by_the_laws_of_scipy(n_channels, covariates, rare):
     features, counts, tile, keys = mixed_pixels(n_channels=n_channels, covariates=covariates, rare=rare)
     blind = np.where(counts.any(axis=1), features, np.nan)  # what lies in pixels without cells does not matter
-    found = classification.score_pixels(blind, counts, tile, keys, covariates)
+    found = of_evidence(blind, counts, tile, keys, covariates)
     wanted = cells_named(features, counts, tile, keys, covariates)
     np.testing.assert_array_equal(found.confusion, wanted)
     assert found.value == pytest.approx(100.0 * np.trace(wanted) / wanted.sum(), rel=1e-12)
@@ -209,11 +223,11 @@ def test_halves_are_cut_among_the_tiles_that_hold_cells():
     features, counts, tile, keys = mixed_pixels()
     empty = np.isin(tile, np.argsort(keys)[:20])
     counts[empty] = 0
-    found = classification.score_pixels(features, counts, tile, keys)
+    found = of_evidence(features, counts, tile, keys)
     kept = np.flatnonzero(~np.isin(np.arange(60), np.argsort(keys)[:20]))
     renumbered = np.full(60, -1)
     renumbered[kept] = np.arange(40)
-    again = classification.score_pixels(features[:, ~empty], counts[~empty], renumbered[tile[~empty]], keys[kept])
+    again = of_evidence(features[:, ~empty], counts[~empty], renumbered[tile[~empty]], keys[kept])
     assert found.n_clusters == again.n_clusters == 40
     assert (found.value, found.se) == (again.value, again.se)
 

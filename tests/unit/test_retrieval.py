@@ -13,16 +13,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 
 from prm_cases import Table, image, radiometer, scene
 
-from seqrsm.errors import ConfigurationError, SceneError
+from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
-from seqrsm.score.classification import score_pixels
-from seqrsm.score.retrieval import (
-    _crossed_fit,
-    percent_correct_radiometer,
-    retrieval_error,
-    soil_moisture_error,
-    water_fraction_error,
-)
+from seqrsm.score.cover import percent_correct, score_evidence
+from seqrsm.score.evidence import Evidence
+from seqrsm.score.retrieval import _crossed_fit, water_fraction_error
+from seqrsm.score.utilities import Asked
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 
 PATCH = np.kron(np.random.default_rng(9).integers(0, 2, (12, 16)), np.ones((10, 10), dtype=int))
@@ -40,12 +36,16 @@ def land(categories, cover=PATCH, cell_m=10.0):
     return scene(np.zeros(cover.shape), cell_m, cover, FIELD, categories)
 
 
+def score_pixels(features, counts, tile, keys, covariates=0):
+    return score_evidence(Evidence(features, counts, tile, keys, covariates, counts), "ab", Asked("percent_correct"))
+
+
 def test_plain_ground_is_classified_and_alike_ground_is_not():
     s = land(("class 0", "class 1"))
-    good = percent_correct_radiometer(image(s, radiometer(**FINE), Table((0.5, 0.9))), s, seed=1, run_id=1)
+    good = percent_correct([image(s, radiometer(**FINE), Table((0.5, 0.9)))], s, seed=1, run_id=1)
     assert good.value > 88.0
     # Emissivities alike: equal priors leave chance.
-    noise = percent_correct_radiometer(image(s, radiometer(**FINE), Table((0.7, 0.7))), s, seed=1, run_id=1)
+    noise = percent_correct([image(s, radiometer(**FINE), Table((0.7, 0.7)))], s, seed=1, run_id=1)
     assert noise.value == pytest.approx(50.0, abs=8.0)
     assert good.n_cells == PATCH.size
     assert good.confusion.sum() == PATCH.size
@@ -58,7 +58,7 @@ def test_coarse_beams_pay_for_mixed_ground_and_gaps_for_what_they_miss():
 
     def score(**changes):
         found = image(s, radiometer(**{**FINE, **changes}), table)
-        return percent_correct_radiometer(found, s, seed=1, run_id=1).value
+        return percent_correct([found], s, seed=1, run_id=1).value
 
     assert score() > score(resolution_m=80.0) + 3.0
     assert score() > score(scan_period_s=4.0, integration_time_ms=4.0) + 10.0
@@ -69,7 +69,7 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     s = land(("class 0", "class 1"))
     steep = Table((lambda t: 0.9 - 1.5e-4 * t**2, lambda t: 0.85 - 1.5e-4 * t**2))
     found = image(s, radiometer(altitude_m=700.0, **FINE), steep)
-    with_angle = percent_correct_radiometer(found, s, seed=1, run_id=1).value
+    with_angle = percent_correct([found], s, seed=1, run_id=1).value
     rng = np.random.default_rng(0)
     n = 4000
     label = rng.integers(0, 2, n)
@@ -88,47 +88,17 @@ def test_the_look_angle_is_no_evidence_but_is_accounted_for():
     assert useless < 60.0
 
 
-def test_soil_moisture_is_retrieved_at_l_band_and_hidden_at_k_band():
-    s = land(("Bareground", "Grass"))
-    table = load_emissivity_table()
-    errors = []
-    for f in (1.4, 20.0):
-        given = {**FINE, "bandwidth_mhz": 300.0, "channels": ("H", "V"), "soil_moisture_field_sd": 0.08}
-        found = simulate_radiometer(s, radiometer(frequency_ghz=f, **given), table, seed=2, run_id=1)
-        score = soil_moisture_error(found, s, seed=2, run_id=1)
-        errors.append(score.value)
-        assert 0.0 < score.se < score.value
-    spread = score.details["truth_sd"]
-    assert errors[0] < 0.75 * spread
-    assert errors[0] < errors[1] <= 1.1 * spread
-
-
-def test_retrieval_error_is_the_root_mean_square_of_a_known_case():
-    # Noiseless, one field to a footprint: emissivity falls with moisture, retrieval is nearly exact inside fields.
-    s = land(("Bareground",), np.zeros_like(PATCH))
-    r = radiometer(
-        frequency_ghz=1.4, channels=("H",), resolution_m=10.0, scan_period_s=0.2, integration_time_ms=0.05,
-        beam="box", noise_temperature_k=0.0, bandwidth_mhz=1000.0, altitude_m=3000.0,
-        soil_moisture_low=0.2, soil_moisture_high=0.2,
-    )  # fmt: skip
-    quiet = load_emissivity_table()
-    quiet = type(quiet)(quiet.curves, quiet.models, {"Bareground": (0.0, 0.0, 0.0)}, quiet.citations)
-    found = simulate_radiometer(s, r, quiet, seed=2, run_id=1)
-    score = retrieval_error(found, s, seed=2, run_id=1)
-    moisture = 100.0 * found.occasion.field_moisture[s.field_id]
-    assert score.details["truth_sd"] == pytest.approx(moisture.std())
-    assert score.value < 0.5 * score.details["truth_sd"]
-    assert abs(score.details["bias"]) < 0.2
-
-
-def test_water_fraction_in_blocks_beats_single_cells():
+def test_the_share_of_water_is_retrieved_on_blocks():
     s = land(("Grass", "Water"))
     found = simulate_radiometer(s, radiometer(**FINE), load_emissivity_table(), seed=2, run_id=1)
-    cell = retrieval_error(found, s, seed=2, run_id=1, quantity="water_fraction")
-    block = water_fraction_error(found, s, seed=2, run_id=1)
-    coarse = retrieval_error(found, s, seed=2, run_id=1, quantity="water_fraction", block_m=400.0)
-    assert coarse.value < block.value <= cell.value < 45.0
-    assert block.confusion.size == 0
+    score = water_fraction_error([found], s, Asked("water_fraction_error"), seed=2, run_id=1)
+    water = 100.0 * (s.cover == 1)
+    blocks = water.reshape(40, 3, 160)[:, :, :159].reshape(40, 3, 53, 3).mean(axis=(1, 3))
+    assert score.floor == pytest.approx(blocks.std(), rel=0.02)
+    assert score.value < 0.6 * score.floor
+    assert score.confusion.size == 0
+    again = water_fraction_error([found], s, Asked("water_fraction_error"), seed=2, run_id=2)
+    assert again.value != score.value
 
 
 def test_training_and_test_tiles_are_disjoint():
@@ -137,13 +107,6 @@ def test_training_and_test_tiles_are_disjoint():
     features, target = rng.normal(size=(200, 40)), rng.normal(size=200)
     blind = _crossed_fit(features, target, np.ones(200), np.arange(200) // 10, rng.random(20))
     assert np.sqrt(np.mean((blind - target) ** 2)) > 1.1 * target.std()
-    s = land(("Bareground",), np.zeros_like(PATCH))
-    found = simulate_radiometer(s, radiometer(**FINE, frequency_ghz=5.0), load_emissivity_table(), seed=2, run_id=1)
-    a = retrieval_error(found, s, seed=2, run_id=1)
-    b = retrieval_error(found, s, seed=2, run_id=2)
-    assert a.value != b.value
-    assert a.value == retrieval_error(found, s, seed=2, run_id=1).value
-    assert a.n_clusters > 20
 
 
 def test_standard_error_covers_the_spread_over_scenes():
@@ -154,21 +117,15 @@ def test_standard_error_covers_the_spread_over_scenes():
         cover = np.kron(np.random.default_rng(k).integers(0, 2, (12, 16)), np.ones((10, 10), dtype=int))
         s = land(("class 0", "class 1"), cover)
         found = simulate_radiometer(s, radiometer(**FINE), table, seed=k, run_id=1)
-        score = percent_correct_radiometer(found, s, seed=k, run_id=1, tile_m=100.0)
+        score = percent_correct([found], s, seed=k, run_id=1, tile_m=100.0)
         values.append(score.value)
         errors.append(score.se)
     ratio = float(np.std(values, ddof=1)) / math.sqrt(float(np.mean(np.square(errors))))
     assert 0.5 < ratio < 1.9
 
 
-def test_what_cannot_be_scored_is_refused():
-    s = land(("Water", "Asphalt"))
-    found = simulate_radiometer(s, radiometer(**FINE), load_emissivity_table(), seed=2, run_id=1)
-    with pytest.raises(SceneError, match="soil_moisture"):
-        retrieval_error(found, s, seed=1, run_id=1)
-    with pytest.raises(ConfigurationError, match="no such quantity"):
-        retrieval_error(found, s, seed=1, run_id=1, quantity="salinity")
+def test_ground_without_water_is_refused():
     dry = land(("Grass", "Asphalt"))
-    other = simulate_radiometer(dry, radiometer(**FINE), load_emissivity_table(), seed=2, run_id=1)
-    with pytest.raises(SceneError, match="water_fraction"):
-        water_fraction_error(other, dry, seed=1, run_id=1)
+    found = simulate_radiometer(dry, radiometer(**FINE), load_emissivity_table(), seed=2, run_id=1)
+    with pytest.raises(SceneError, match="no water"):
+        water_fraction_error([found], dry, Asked("water_fraction_error"), seed=1, run_id=1)

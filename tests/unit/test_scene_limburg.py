@@ -14,7 +14,7 @@ from seqrsm.scene.fields import connected_patches
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.score.classification import percent_correct
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar.psm import simulate_radar
 
@@ -47,6 +47,9 @@ def test_the_campaigns_centre_scores_better_than_chance():
     spec = tomllib.loads((FOLDER / "campaign.toml").read_text(encoding="utf-8"))
     radar = from_settings({"frequency": 3.5, "polarization": "HH+HV", "resolution": 7.7}, spec["simulator"]["fixed"])
     scene = load_scene(FOLDER / "scene.npz")
-    image = simulate_radar(scene, radar, load_sigma0_table(), seed=2019, run_id=1)
-    score = percent_correct(image, scene, seed=2019, run_id=1)
-    assert 30.0 < score.value < 95.0
+    # The farm has 34 fields of its two crops: which of them teach decides much.
+    found = []
+    for run in range(1, 7):
+        image = simulate_radar(scene, radar, load_sigma0_table(), seed=2019, run_id=run)
+        found.append(percent_correct([image], scene, seed=2019, run_id=run).value)
+    assert 30.0 < sum(found) / 6 < 95.0

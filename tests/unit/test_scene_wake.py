@@ -16,7 +16,7 @@ from seqrsm.scene.fields import connected_patches
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import NO_COVER
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.score.retrieval import percent_correct_radiometer
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radiometer import from_settings
 from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 
@@ -56,7 +56,7 @@ def test_campaign_names_a_radiometer_that_scores():
     np.testing.assert_array_equal(scan.look_rad, image.scan.look_rad)
     with pytest.raises(ConfigurationError, match="antenna"):
         check_radiometer(scene, replace(radiometer, resolution_m=20.0), load_emissivity_table())
-    score = percent_correct_radiometer(image, scene, seed=1979, run_id=1)
+    score = percent_correct([image], scene, seed=1979, run_id=1)
     assert 55.0 < score.value < 85.0
     assert 0.5 < score.se < 4.0
     # The antenna's limit is the constraint: at its edge the beam can just be made.

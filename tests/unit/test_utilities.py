@@ -1,30 +1,74 @@
-"""The table of utilities against the engines that score by it and the specification that reads it."""
+"""The table of utilities against the functions that it names and the specification that reads it."""
 
 from __future__ import annotations
 
-import pytest
+import re
 
-from seqrsm.campaign.engines import ENGINES
-from seqrsm.score.utilities import UTILITIES, of_images
+import pytest
+from pydantic import ValidationError
+
+from seqrsm.campaign.engines import ENGINES, check_utility
+from seqrsm.errors import SpecError
+from seqrsm.own_code import own_function
+from seqrsm.score.cover import ends_of
+from seqrsm.score.utilities import UTILITIES, Asked, asked_for
 from seqrsm.spec.tables import ApplicationSpec
 
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_engines_score_by_the_functions_that_the_rows_name(engine: str) -> None:
-    assert ENGINES[engine].utilities == of_images(engine)
-    for name, function in of_images(engine).items():
-        assert function.__module__.startswith("seqrsm.score."), name
+SCORED = [name for name, row in UTILITIES.items() if row.function]
 
 
-def test_every_row_names_engines_that_are() -> None:
-    for row in UTILITIES.values():
-        assert set(row.of_image) <= set(ENGINES)
+@pytest.mark.parametrize("name", SCORED)
+def test_every_row_names_a_function_and_engines_that_are(name: str) -> None:
+    row = UTILITIES[name]
+    assert callable(own_function(row.function))
+    assert row.engines
+    assert set(row.engines) <= set(ENGINES)
+    if row.classifies:
+        ends_of(__import__("numpy").array([3, 1]), name, [0])
 
 
 @pytest.mark.parametrize("name", [*UTILITIES, "mine:worth"])
 def test_the_specification_knows_goal_and_unit_by_the_row(name: str) -> None:
-    application = ApplicationSpec.model_validate({"name": "a", "utility": name})
-    is_error = name == "retrieval_error"
+    covers = " of Corn" if name in UTILITIES and UTILITIES[name].of_covers else ""
+    application = ApplicationSpec.model_validate({"name": "a", "utility": name + covers})
+    is_error = name in ("soil_moisture_error", "water_fraction_error", "area_error")
     assert (application.is_error, application.goal) == (is_error, "minimize" if is_error else "maximize")
-    assert application.is_percent == (name == "percent_correct")
-    assert application.unit == ("percent" if name in ("percent_correct", "retrieval_error") else "")
+    bounded = ("percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection")
+    assert application.is_percent == (name in bounded)
+    assert (application.unit == "percent") == (name in (*bounded, "area_error", "water_fraction_error"))
+
+
+def test_a_utility_is_asked_for_in_words() -> None:
+    assert asked_for("percent_correct") == Asked("percent_correct", (), "pixel")
+    assert asked_for("f1 of Wheat, Corn by field") == Asked("f1", ("Wheat", "Corn"), "field")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("percent_corect", 'did you mean "percent_correct"'),
+        ("retrieval_error", 'it is "soil_moisture_error" now'),
+        ("joy", "a function of your own"),
+        ("f1", "is about certain covers"),
+        ("kappa of Corn", "is about all covers"),
+        ("percent_correct by parcel", "pixel, neighbourhood, field"),
+        ("soil_moisture_skill by field", "classifies nothing"),
+    ],
+)
+def test_what_is_wrong_with_the_words_is_told(text: str, told: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(told)):
+        asked_for(text)
+    with pytest.raises(ValidationError, match=re.escape(told)):
+        ApplicationSpec.model_validate({"name": "a", "utility": text})
+
+
+def test_a_utility_that_the_images_cannot_be_scored_by_is_refused() -> None:
+    with pytest.raises(SpecError, match="this engine cannot score"):
+        check_utility("soil_moisture_error", {"psm"}, several=False)
+    with pytest.raises(SpecError, match="scores one image, here are several"):
+        check_utility("soil_moisture_error", {"prm"}, several=True)
+    with pytest.raises(SpecError, match="this engine cannot score"):
+        check_utility("measured", {"psm"}, several=False)
+    for name in SCORED:
+        covers = " of Corn" if UTILITIES[name].of_covers else ""
+        check_utility(name + covers, UTILITIES[name].engines, several=UTILITIES[name].several)

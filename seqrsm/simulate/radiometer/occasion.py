@@ -12,7 +12,7 @@ from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
-from seqrsm.simulate.visits import Visit, deviates, half_lasting, moisture_share
+from seqrsm.simulate.visits import Visit, deviates, half_lasting, moisture_share, smooth_departure
 
 _ANY_GHZ: Final = 1.0  # a field's moisture is the same for all frequencies
 
@@ -68,6 +68,7 @@ def draw_radiometer_occasion(
     seed: int,
     run_id: int,
     field_moisture: FloatArray | None = None,
+    centres_m: FloatArray,
 ) -> RadiometerOccasion:
     """Draw the ground's state of one visit.
 
@@ -87,6 +88,9 @@ def draw_radiometer_occasion(
         Campaign and run.
     field_moisture : float64 array (n_fields,), optional
         Moisture of each field in the data base [m3/m3]; the run's mean, less the middle of its range, is added to it.
+        None: neighbouring fields have a departure in common.
+    centres_m : float64 array (2, n_fields)
+        Places of the fields [m].
     """
     n_categories, n_fields = len(lookups[0].categories), len(field_category)
     key = {"seed": seed, "run_id": run_id}
@@ -96,7 +100,11 @@ def draw_radiometer_occasion(
         radiometer.temperature_date_sd_k * generator(seed, run_id, visit.dated("temperature")).standard_normal()
     )
     moisture = half_lasting(visit, "field moisture", (n_fields,), _ANY_GHZ, **key)
-    level = mean if field_moisture is None else _by_field(field_moisture, mean - 0.5 * (low + high), mean)
+    if field_moisture is None:
+        common = smooth_departure(visit, "regional moisture", centres_m, radiometer.soil_moisture_region_m, **key)
+        level = mean + radiometer.soil_moisture_region_sd * common
+    else:
+        level = _by_field(field_moisture, mean - 0.5 * (low + high), mean)
     moisture = np.clip(level + radiometer.soil_moisture_field_sd * moisture, MOISTURE_NODES[0], MOISTURE_NODES[-1])
     temperature = generator(seed, run_id, visit.dated("field temperature")).standard_normal(n_fields)
     parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz

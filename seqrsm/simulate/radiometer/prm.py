@@ -22,7 +22,7 @@ from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
 from seqrsm.scene import kernels
-from seqrsm.scene.layers import categories_of_fields, moisture_of_fields
+from seqrsm.scene.layers import categories_of_fields, centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
@@ -120,7 +120,7 @@ class Meeting:
     """What one run of a radiometer meets: the scene in its frame, its scan, emissivities, air, and the occasion.
 
     ``planck_k`` is h f / k [K], and the air made with it, where radiation is by Planck's law; 0 by Rayleigh-Jeans, eqs.
-    (3-32) to (3-34).
+    (3-32) to (3-34). ``table`` has its own means, whatever the world; ``day`` is that of the visit.
     """
 
     frame: RadiometerFrame
@@ -129,6 +129,8 @@ class Meeting:
     occasion: RadiometerOccasion
     air: Atmosphere
     planck_k: float
+    table: EmissivityTable
+    day: float | None
 
 
 def meet_radiometer(
@@ -146,12 +148,7 @@ def meet_radiometer(
     frame = make_radiometer_frame(scene, radiometer, precision)
     n, m = frame.elevation_m.shape
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
-    printed = radiometer.mode == "report"
-    dated = {} if visit.day is None else {"day": visit.day}
-    lookups = [
-        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed, **dated)
-        for channel in radiometer.channels
-    ]
+    lookups = lookups_of(scene, radiometer, table, visit.day)
     if random_occasion:
         field_category = categories_of_fields(scene)
         occasion = draw_radiometer_occasion(
@@ -162,11 +159,29 @@ def meet_radiometer(
             seed=seed,
             run_id=run_id,
             field_moisture=moisture_of_fields(scene),
+            centres_m=centres_of_fields(scene),
         )
     else:
         occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields, moisture_of_fields(scene))
     planck_k = planck_offset_used_k(radiometer)
-    air = make_atmosphere(
+    own = table.in_world(None)
+    return Meeting(frame, scan, lookups, occasion, air_over(radiometer, planck_k), planck_k, own, visit.day)
+
+
+def lookups_of(
+    scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None
+) -> list[EmissivityLookup]:
+    """Emissivities of a scene's covers on a day of the year, one table for each channel."""
+    printed = radiometer.mode == "report"
+    return [
+        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed, day=day)
+        for channel in radiometer.channels
+    ]
+
+
+def air_over(radiometer: RadiometerConfiguration, planck_k: float) -> Atmosphere:
+    """The air of a radiometer's weather."""
+    return make_atmosphere(
         radiometer.frequency_ghz,
         atmosphere=radiometer.atmosphere,
         weather=radiometer.weather,
@@ -174,7 +189,6 @@ def meet_radiometer(
         rain_mm_h=radiometer.rain_mm_h,
         planck_offset_k=planck_k,
     )
-    return Meeting(frame, scan, lookups, occasion, air, planck_k)
 
 
 def check_radiometer(
@@ -203,10 +217,7 @@ def check_radiometer(
     _, mean, _ = kernels.elevation_summary(scene.elevation_m)
     if radiometer.temperature == "layer":
         temperature_layer(scene)
-    for channel in radiometer.channels:
-        table.lookup(
-            scene.categories, radiometer.frequency_ghz, channel, as_printed=radiometer.mode == "report", day=day
-        )
+    lookups_of(scene, radiometer, table, day)
     turns = round((radiometer.heading_deg - 90.0) / 90.0)
     rows, columns = scene.shape if turns % 2 == 0 else scene.shape[::-1]
     return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)
@@ -400,6 +411,8 @@ def scan_image(
         radiometer=radiometer,
         occasion=met.occasion,
         moist=met.lookups[0].moist,
+        table=met.table,
+        day=met.day,
         quarter_turns=frame.quarter_turns,
         effects_k=effects_k,
         notes=(*notes, *scan.notes, *_ENGINE_NOTES),

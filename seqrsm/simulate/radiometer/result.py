@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.arrays import AnyArray, BoolArray
+from seqrsm.scattering.emissivity import EmissivityTable
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import ScanGeometry
 from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
@@ -35,6 +36,10 @@ class RadiometerImage:
     occasion : RadiometerOccasion
     moist : bool array (n_categories,)
         Categories whose emissivity depends on soil moisture.
+    table : EmissivityTable
+        Of the image's covers, with its own means whatever the world: what a retrieval can know.
+    day : float or None
+        Day of the year, where the image has one.
     quarter_turns : int
         ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
     effects_k : Mapping[str, float]
@@ -53,6 +58,8 @@ class RadiometerImage:
     radiometer: RadiometerConfiguration
     occasion: RadiometerOccasion
     moist: BoolArray
+    table: EmissivityTable
+    day: float | None
     quarter_turns: int
     effects_k: Mapping[str, float]
     notes: tuple[str, ...]

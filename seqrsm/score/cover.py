@@ -1,0 +1,218 @@
+"""How well images name the cover of the ground: by pixel, neighbourhood or field, in the measures of mapping.
+
+Every scored cell of the data base counts, so an image whose pixels straddle field borders pays for them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.score.classification import (
+    Classified,
+    UtilityScore,
+    classify,
+    classify_by_forest,
+    cluster_ratio,
+)
+from seqrsm.score.evidence import Evidence, evidence_of
+from seqrsm.score.utilities import Asked
+
+if TYPE_CHECKING:
+    from seqrsm.scene.scene import Scene
+    from seqrsm.score.evidence import Image
+
+FALSE_ALARMS: Final = 0.05
+"""Share of other ground that may be taken for the cover sought."""
+
+_GROUPS: Final = 400  # of tiles, for a jackknife
+
+
+def score_cover(images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int) -> UtilityScore:
+    """Score of the covers that a Gaussian classifier names; see `seqrsm.score.classification.classify`.
+
+    Parameters
+    ----------
+    images : sequence of RadarImage or RadiometerImage
+        Of one ground, one at least; all are evidence together.
+    scene : Scene
+        The scene they were made of.
+    asked : Asked
+        Measure, covers and unit of ground.
+    seed, run_id : int
+        Key of the split into halves: the sample of training fields is part of the run's randomness.
+
+    Raises
+    ------
+    SceneError
+        No scored cell lies in the finest image, or none of the covers asked for.
+    """
+    evidence = evidence_of(images, scene, by=asked.by, seed=seed, run_id=run_id)
+    return score_evidence(evidence, scene.categories, asked)
+
+
+def percent_correct(
+    images: Sequence[Image],
+    scene: Scene,
+    *,
+    by: str = "pixel",
+    seed: int,
+    run_id: int,
+    tile_m: float | None = None,
+) -> UtilityScore:
+    """Percent of scored cells named rightly; ``tile_m``: side of a tile of ground [m], else see `score_cover`."""
+    evidence = evidence_of(images, scene, by=by, seed=seed, run_id=run_id, tile_m=tile_m)
+    return score_evidence(evidence, scene.categories, Asked("percent_correct", by=by))
+
+
+def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) -> UtilityScore:
+    """`score_cover` of what is known of each unit of ground.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    categories : sequence of str
+        Names of its classes.
+    asked : Asked
+
+    Returns
+    -------
+    UtilityScore
+        In the unit of the measure; the standard error is over tiles. Details: ``not_predicted``, classes that no half
+        could teach; ``per_class_percent``, cells named rightly by class; ``named_by``, the unit of ground.
+    """
+    unknown = [name for name in asked.covers if name not in categories]
+    if unknown:
+        remedy = f"The scene has {', '.join(categories)}."
+        raise SceneError(Problem("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown)))
+    covers = [categories.index(name) for name in asked.covers]
+    found = classify_by_forest(evidence) if asked.classifier == "random_forest" else classify(evidence)
+    if asked.name == "detection":
+        found = _at_false_alarms(evidence, found, covers)
+    by_tile = found.confusion
+    total = by_tile.sum(axis=0)
+    true = total.sum(axis=1)
+    if covers and not true[covers].any():
+        raise SceneError(
+            Problem("no scored cell of these covers lies in the image", field="utility", value=", ".join(asked.covers))
+        )
+    if asked.name == "percent_correct":
+        cells = by_tile.sum(axis=(1, 2))
+        value, se = cluster_ratio(np.trace(by_tile, axis1=1, axis2=2), cells, np.arange(len(by_tile)))
+        value, se = 100.0 * value, 100.0 * se
+    else:
+        value = float(measure(total, asked.name, covers))
+        se = _jackknife(by_tile, asked.name, covers)
+    details: dict[str, object] = {
+        "named_by": asked.by,
+        "not_predicted": tuple(categories[int(k)] for k in np.flatnonzero(~found.taught & (true > 0))),
+        "per_class_percent": {categories[k]: 100.0 * float(total[k, k]) / float(n) for k, n in enumerate(true) if n},
+    }
+    floor, ceiling = ends_of(true, asked.name, covers)
+    return UtilityScore(value, se, floor, ceiling, int(true.sum()), len(by_tile), total, details)
+
+
+def measure(confusion: IntArray | FloatArray, name: str, covers: Sequence[int] = ()) -> FloatArray:
+    """A measure of confusion matrices (..., n, n), rows the truth and columns the names.
+
+    Parameters
+    ----------
+    confusion : array
+        Classes without any cell of the truth are no part of a mean.
+    name : str
+        "percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection" [percent]; "kappa" (Cohen
+        1960, Educ. Psychol. Meas. 20, 37-46); "area_error": difference of the area named and the true one, sign
+        dropped [percent of the true one].
+    covers : sequence of int
+        Classes that the last three are about.
+    """
+    c = np.asarray(confusion, dtype=np.float64)
+    right, true, named = np.diagonal(c, axis1=-2, axis2=-1), c.sum(axis=-1), c.sum(axis=-2)
+    all_cells, k = true.sum(axis=-1), list(covers)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = right / true
+        if name == "percent_correct":
+            value = 100.0 * right.sum(axis=-1) / all_cells
+        elif name == "class_mean_correct":
+            value = 100.0 * np.nanmean(share, axis=-1)
+        elif name == "worst_class_correct":
+            value = 100.0 * np.nanmin(share, axis=-1)
+        elif name == "kappa":
+            by_chance = (true * named).sum(axis=-1) / all_cells**2
+            value = (right.sum(axis=-1) / all_cells - by_chance) / (1.0 - by_chance)
+        elif name == "f1":
+            value = 100.0 * (2.0 * right / (true + named))[..., k].mean(axis=-1)
+        elif name == "detection":
+            value = 100.0 * c[..., k, :][..., k].sum(axis=(-2, -1)) / true[..., k].sum(axis=-1)
+        else:
+            wanted = true[..., k].sum(axis=-1)
+            value = 100.0 * np.abs(named[..., k].sum(axis=-1) - wanted) / wanted
+    return np.asarray(value)
+
+
+def ends_of(true: IntArray, name: str, covers: Sequence[int] = ()) -> tuple[float, float]:
+    """What a guess that looks at nothing scores by a measure, and what perfect data do.
+
+    The guess names everything as one cover, that which scores best, or of `FALSE_ALARMS` of all ground says that it is
+    the one sought; an area is guessed to be none.
+
+    Parameters
+    ----------
+    true : int array (n_classes,)
+        Cells of each class.
+    name, covers
+        As of `measure`.
+    """
+    share = true / true.sum()
+    present = int((true > 0).sum())
+    guesses = {
+        "percent_correct": 100.0 * float(share.max()),
+        "class_mean_correct": 100.0 / present,
+        "worst_class_correct": 100.0 if present == 1 else 0.0,
+        "kappa": 0.0,
+        "f1": max((200.0 * share[k] / (1.0 + share[k]) for k in covers), default=0.0) / max(len(covers), 1),
+        "area_error": 100.0,
+        "detection": 100.0 * FALSE_ALARMS,
+    }
+    return float(guesses[name]), {"kappa": 1.0, "area_error": 0.0}.get(name, 100.0)
+
+
+def _jackknife(by_tile: IntArray, name: str, covers: Sequence[int]) -> float:
+    """Standard error of a measure over groups of tiles, each left out in turn; nan with one tile."""
+    n = min(len(by_tile), _GROUPS)
+    if n < 2:
+        return math.nan
+    groups = np.zeros((n, *by_tile.shape[1:]))
+    np.add.at(groups, np.arange(len(by_tile)) % n, by_tile)
+    left = measure(groups.sum(axis=0) - groups, name, covers)
+    left = left[np.isfinite(left)]
+    return (
+        math.sqrt((len(left) - 1) / len(left) * float(np.square(left - left.mean()).sum())) if len(left) else math.nan
+    )
+
+
+def _at_false_alarms(evidence: Evidence, found: Classified, covers: Sequence[int]) -> Classified:
+    """The names when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them."""
+
+    def alarms(confusion: IntArray) -> float:
+        total = confusion.sum(axis=0)
+        other = np.delete(total, covers, axis=0)
+        return float(other[:, list(covers)].sum() / max(int(other.sum()), 1))
+
+    if not np.delete(found.confusion.sum(axis=(0, 2)), covers).any():
+        raise SceneError(Problem("the image has no other ground than these covers", field="utility"))
+    low, high = -1.0, 1.0
+    while alarms(classify(evidence, covers, high).confusion) < FALSE_ALARMS and high < 1e9:
+        high *= 4.0
+    while alarms(classify(evidence, covers, low).confusion) > FALSE_ALARMS and low > -1e9:
+        low *= 4.0
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        found = classify(evidence, covers, middle)
+        low, high = (middle, high) if alarms(found.confusion) < FALSE_ALARMS else (low, middle)
+    return classify(evidence, covers, low)

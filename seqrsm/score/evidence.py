@@ -1,0 +1,342 @@
+"""What images show of each unit of ground that is classified: pixels, their neighbourhood, or fields.
+
+Pixels are those of the finest image; another image's values are averaged over the cells of each. Tiles of ground are
+the groups that are taught and tested apart: all that a field shows belongs to one of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage, special
+
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.rng import generator
+from seqrsm.scene.layers import categories_of_fields
+from seqrsm.score import kernels_classify
+from seqrsm.simulate.radar.result import RadarImage
+
+if TYPE_CHECKING:
+    from seqrsm.scene.scene import Scene
+    from seqrsm.simulate.radiometer.result import RadiometerImage
+
+    Image = RadarImage | RadiometerImage
+
+TILE_M = 250.0
+"""Side of a tile of a radar's image [m]: about the size of a farm's block of fields."""
+
+TILES_ACROSS = 8
+"""Tiles along the shorter side of the scene, of a radiometer's."""
+
+WINDOW = 7
+"""Side of the neighbourhood [pixels]."""
+
+_FEW_FIELDS = 20  # of a class, in both halves
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pixels:
+    """The pixels of an image, and the ground in them.
+
+    Attributes
+    ----------
+    pixel : int32 array (rows, columns)
+        Of each cell of the scene; -1 for none.
+    shape : tuple of int
+        Rows and columns of the image.
+    counts : int32 array (n_pixels, n_classes)
+        Scored cells of each class.
+    field : int32 array (n_pixels,)
+        Field that all scored cells of a pixel belong to; -1 where it has none, -2 where it has several.
+    tile : int64 array (n_pixels,)
+    keys : float64 array (n_tiles,)
+        The half of the tiles with the smaller keys is one half.
+    """
+
+    pixel: AnyArray
+    shape: tuple[int, int]
+    counts: AnyArray
+    field: AnyArray
+    tile: IntArray
+    keys: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What is known of each unit of ground.
+
+    Attributes
+    ----------
+    features : float64 array (d, n)
+        Decibels of radars, brightness of radiometers [K], then the covariates.
+    counts : int array (n, n_classes)
+        Scored cells of each class in each unit.
+    tile, keys
+        As of `Pixels`.
+    covariates : int
+        So many of the last features are no evidence of a class: squares of look angles.
+    teaching : array (n, n_classes)
+        Cells with which a unit teaches each class.
+    """
+
+    features: FloatArray
+    counts: AnyArray
+    tile: IntArray
+    keys: FloatArray
+    covariates: int
+    teaching: AnyArray
+
+
+def evidence_of(
+    images: Sequence[Image], scene: Scene, *, by: str = "pixel", seed: int, run_id: int, tile_m: float | None = None
+) -> Evidence:
+    """What images of one ground show of it together.
+
+    Parameters
+    ----------
+    images : sequence of RadarImage or RadiometerImage
+        One at least.
+    scene : Scene
+        The scene they were made of.
+    by : {"pixel", "neighbourhood", "field"}
+        Unit of ground: a pixel; a pixel after an adaptive filter over its neighbours (`WINDOW`); a field of the scene,
+        by the mean over the pixels that lie inside it, or over its cells where none does.
+    seed, run_id : int
+        Key of the split of tiles into halves.
+    tile_m : float, optional
+        Side of a tile [m].
+    """
+    base = min(images, key=_side_m)
+    pixels = pixels_of(base, scene, seed=seed, run_id=run_id, tile_m=tile_m)
+    places: list[tuple[Image, AnyArray]] = [(base, pixels.pixel)]
+    powers, angles = [], []
+    for image in images:
+        layers = layers_of(image, smooth=by == "neighbourhood")
+        own = next((found for other, found in places if _same_grid(other, image)), None)
+        if own is None:
+            own = image.pixel_of_cell
+            places.append((image, own))
+        if own is not pixels.pixel:
+            layers = kernels_classify.mean_of_pixels(pixels.pixel, own, layers, len(pixels.counts))
+        is_radar = isinstance(image, RadarImage)
+        powers.append((is_radar, layers if is_radar else layers[:-1]))
+        angles += [] if is_radar else [layers[-1:]]
+    n = [len(layers) for _, layers in powers]
+    is_power = np.repeat([radar for radar, _ in powers], n)
+    layers = np.vstack([*(layers for _, layers in powers), *angles], dtype=np.float64)
+    is_power = np.append(is_power, np.zeros(len(angles), dtype=bool))
+    counts, tile, teaching = pixels.counts, pixels.tile, pixels.counts
+    if by == "field":
+        layers, counts, tile, teaching = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
+    layers = _in_db(layers, is_power, counts)
+    _fill_unseen(layers, np.asarray(counts.sum(axis=1) > 0))
+    return Evidence(layers, counts, tile, pixels.keys, len(angles), teaching)
+
+
+def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
+    """What an image shows, (d, n_pixels): sigma0, linear; or brightness [K] and the square of the look angle [rad2].
+
+    Parameters
+    ----------
+    image : RadarImage or RadiometerImage
+    smooth : bool
+        After Lee's adaptive filter over `WINDOW` pixels, with the image's own noise: of decibels, where speckle adds.
+    """
+    if isinstance(image, RadarImage):
+        power = image.apparent_sigma0()
+        if smooth:
+            db = decibels(power.reshape(len(power), -1).astype(np.float64)).reshape(power.shape)
+            # Variance of ln of a gamma variable: the trigamma function of its looks.
+            noise = (10.0 / math.log(10.0)) ** 2 * special.polygamma(1, image.looks)[:, None]
+            power = 10.0 ** (0.1 * np.stack([_lee(layer, noise) for layer in db]))
+        return np.asarray(power.reshape(len(power), -1))
+    brightness = image.brightness_k
+    if smooth:
+        brightness = np.stack([_lee(b, n**2) for b, n in zip(brightness, image.nedt_k, strict=True)])
+    angle = np.repeat(np.square(image.scan.look_rad), brightness.shape[2])
+    return np.vstack([brightness.reshape(-1, angle.size), angle], dtype=np.float64)
+
+
+def _lee(layer: AnyArray, noise: AnyArray) -> FloatArray:
+    """Lee's filter (1980, IEEE Trans. PAMI-2, 165-168) of noise that adds, of variance ``noise``; nan is left out."""
+    seen = np.isfinite(layer)
+    share = np.maximum(ndimage.uniform_filter(seen.astype(np.float64), WINDOW), 1e-9)
+    value = np.where(seen, layer, 0.0).astype(np.float64)
+    mean = ndimage.uniform_filter(value, WINDOW) / share
+    variance = np.maximum(ndimage.uniform_filter(value**2, WINDOW) / share - mean**2, 0.0)
+    noise = np.nan_to_num(noise, nan=0.0)
+    gain = np.where(variance > noise, 1.0 - noise / np.maximum(variance, 1e-30), 0.0)
+    return np.where(seen, mean + gain * (value - mean), np.nan)
+
+
+def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: float | None = None) -> Pixels:
+    """Pixels of an image, the ground in them, and the tiles that they belong to.
+
+    A pixel belongs to the tile of its centre, or inside a field to the tile of the field's first pixel: no field is
+    taught in one half and tested in the other. A field larger than a tile is divided by the tiles.
+    """
+    side = tile_m or default_tile_m(image, scene)
+    if isinstance(image, RadarImage):
+        _, n_rows, n_columns = image.intensity.shape
+        pixel = image.pixel_of_cell
+        ground = image.ground_range_m
+        # Rows and columns of a strip are straight lines on the ground, so their places are not spread over the image.
+        across, along = image.place_m(*np.indices((n_rows, n_columns), sparse=True))
+        if image.radar.scan == "slar":
+            across = across - ground[0]
+            extent = (float(ground[-1] - ground[0]), (n_columns - 0.5) * image.azimuth_spacing_m)
+        else:
+            reach = float(ground[-1])
+            across, along, extent = across + reach, along + reach, (2.0 * reach, 2.0 * reach)
+    else:
+        n_rows, n_columns = image.brightness_k.shape[1:]
+        pixel = seen_pixels(image)
+        scan = image.scan
+        half = 0.5 * scene.shape[image.quarter_turns % 2] * scene.cell_m
+        across = across_of_look(scan.look_rad, scan.height_m, half)[:, None]
+        along = np.asarray((np.arange(n_columns) + 0.5) * scan.advance_m, dtype=np.float64)
+        extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
+    counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
+    tile, keys = tiles(across, along, extent, side, seed=seed, run_id=run_id)
+    inside = np.flatnonzero(field >= 0)
+    of_pixel, own = field[inside], tile[inside]
+    first = np.zeros(scene.n_fields, dtype=np.int64)
+    first[of_pixel[::-1]] = own[::-1]
+    tile[inside] = np.where(_is_small(scene, side)[of_pixel], first[of_pixel], own)
+    return Pixels(pixel, (n_rows, n_columns), counts, field, tile, keys)
+
+
+def default_tile_m(image: Image, scene: Scene) -> float:
+    """Side of a tile where it is not given [m]."""
+    return TILE_M if isinstance(image, RadarImage) else min(scene.shape) * scene.cell_m / TILES_ACROSS
+
+
+@lru_cache(maxsize=6)
+def _is_small(scene: Scene, tile_m: float) -> AnyArray:
+    """Fields (n_fields,) that are no larger than a tile."""
+    cells = np.bincount(scene.field_id.ravel(), minlength=scene.n_fields)
+    return np.asarray(cells * scene.cell_m**2 <= tile_m**2)
+
+
+def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyArray, AnyArray]:
+    """``counts`` and ``field`` of `Pixels`, from the pixel of each cell of the scene, -1 for none."""
+    # Made here and not in the kernel: numpy asks for large pages, which a large image fills far sooner.
+    counts = np.zeros((n_pixels, len(scene.categories)), dtype=np.int32)
+    field = np.full(n_pixels, -1, dtype=np.int32)
+    kernels_classify.add_cells(pixel, scene.cover, scene.scored, scene.field_id, counts, field)
+    return counts, field
+
+
+def _of_fields(
+    layers: FloatArray, pixels: Pixels, scene: Scene, tile_m: float
+) -> tuple[FloatArray, AnyArray, IntArray, AnyArray]:
+    """Layers, scored cells by class, tile and teaching of each field; one larger than a tile is a field in each.
+
+    A field teaches where pixels lie inside it; of a class with few such fields all do.
+    """
+    cells = np.flatnonzero((pixels.pixel >= 0) & scene.scored & (scene.cover < len(scene.categories)))
+    unit = np.full(scene.shape, -1, dtype=np.int32)
+    of_cell, at = scene.field_id.ravel()[cells], pixels.tile[pixels.pixel.ravel()[cells]]
+    small = _is_small(scene, tile_m)[of_cell]
+    code = of_cell.astype(np.int64) + np.where(small, 0, (1 + at) * scene.n_fields)
+    codes, first, own = np.unique(code, return_index=True, return_inverse=True)
+    unit.ravel()[cells] = own
+    counts = np.zeros((len(codes), len(scene.categories)), dtype=np.int64)
+    counts[np.arange(len(codes)), categories_of_fields(scene)[codes % scene.n_fields]] = np.bincount(own)
+    inner = np.where(pixels.field >= 0, layers, np.nan)
+    found = kernels_classify.mean_of_pixels(unit, pixels.pixel, inner, len(codes))
+    whole = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(codes))
+    inside = np.asarray(np.isfinite(found).any(axis=0))
+    teaching = np.where(inside[:, None], counts, 0)
+    few = np.asarray(np.count_nonzero(teaching, axis=0) < _FEW_FIELDS)
+    return np.where(np.isnan(found), whole, found), counts, at[first], np.where(few, counts, teaching)
+
+
+def _in_db(layers: FloatArray, is_power: AnyArray, counts: AnyArray) -> FloatArray:
+    """The layers with powers in decibels."""
+    if is_power.all():
+        return decibels(layers, counts)
+    layers[is_power] = decibels(layers[is_power], counts)
+    return layers
+
+
+def decibels(power: FloatArray, counts: AnyArray | None = None) -> FloatArray:
+    """Decibels of linear power (n_channels, n_pixels), in place; zeros, of a noiseless radar only, are the darkest.
+
+    They take the least positive value of their channel among the pixels that hold cells: ``counts`` (n_pixels, n).
+    """
+    if power.size and not np.nanmin(power, initial=1.0) > 0.0:
+        held = (power > 0.0) if counts is None else (power > 0.0) & counts.any(axis=1)
+        floor = np.min(power, axis=1, keepdims=True, where=held, initial=np.inf)
+        np.maximum(power, np.where(np.isfinite(floor), floor, 1.0), out=power)
+    np.log10(power, out=power)
+    power *= 10.0
+    return power
+
+
+def _fill_unseen(layers: FloatArray, used: AnyArray) -> None:
+    """What an image does not see of a unit is taken for the mean of what it sees, in place."""
+    for row in layers:
+        unseen = np.isnan(row)
+        if unseen.any():
+            seen = used & ~unseen
+            row[unseen] = row[seen].mean() if seen.any() else 0.0
+
+
+def tiles(
+    across_m: FloatArray, along_m: FloatArray, extent_m: tuple[float, float], tile_m: float, *, seed: int, run_id: int
+) -> tuple[IntArray, FloatArray]:
+    """Square tile of ground that each pixel belongs to, and the key by which the tiles are split into halves.
+
+    Parameters
+    ----------
+    across_m, along_m : float64 arrays that broadcast to (rows, columns)
+        Centres of the pixels [m].
+    extent_m : tuple of float
+        Largest value of either in the whole image [m].
+    tile_m : float
+        Side of a tile [m].
+    seed, run_id : int
+
+    Returns
+    -------
+    tile : int64 array (rows * columns,)
+    keys : float64 array (n_tiles,)
+    """
+    wide, long = (max(math.floor(size / tile_m), 0) + 1 for size in extent_m)
+    away = np.clip(np.floor(across_m / tile_m).astype(np.int64), 0, wide - 1)
+    ahead = np.clip(np.floor(along_m / tile_m).astype(np.int64), 0, long - 1)
+    return np.ravel(away * long + ahead), generator(seed, run_id, "training tiles").random(wide * long)
+
+
+def across_of_look(look_rad: FloatArray, height_m: float, half_m: float) -> FloatArray:
+    """Distance of footprints from the left edge of a scene ``2 half_m`` wide [m], held at its edges."""
+    away = height_m * np.tan(np.clip(look_rad, -1.5, 1.5))
+    return np.asarray(np.clip(away, -half_m, half_m) + half_m)
+
+
+def seen_pixels(image: RadiometerImage) -> AnyArray:
+    """Footprint of each cell, -1 also where the footprint saw nothing."""
+    blind = np.isnan(image.brightness_k).any(axis=0).ravel()
+    if not blind.any():
+        return image.pixel_of_cell
+    pixel = image.pixel_of_cell.copy()
+    pixel[(pixel >= 0) & blind[np.maximum(pixel, 0)]] = -1
+    return pixel
+
+
+def _side_m(image: Image) -> float:
+    """Side of a pixel on the ground [m]."""
+    return image.radar.pixel_spacing_m if isinstance(image, RadarImage) else image.radiometer.resolution_m
+
+
+def _same_grid(one: Image, other: Image) -> bool:
+    """Whether two images have the same pixels: those of one radar on two dates."""
+    if isinstance(one, RadarImage) and isinstance(other, RadarImage):
+        return one.radar == other.radar
+    return one is other

@@ -1,0 +1,220 @@
+"""Measures of mapping against scikit-learn; fields, neighbourhoods and false alarms as they are said to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from sklearn import metrics
+
+from seqrsm.errors import SceneError
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scene.scene import Scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
+from seqrsm.score.classification import classify, classify_by_forest
+from seqrsm.score.cover import FALSE_ALARMS, ends_of, measure, percent_correct, score_cover, score_evidence
+from seqrsm.score.evidence import WINDOW, Evidence, _lee, evidence_of, pixels_of
+from seqrsm.score.utilities import Asked, asked_for
+from seqrsm.sensor.radar import from_settings
+from seqrsm.simulate.radar.psm import simulate_radar
+
+KEY = {"seed": 3, "run_id": 1}
+
+
+def fields(side: int = 8, n: int = 160, cell_m: float = 10.0) -> Scene:
+    """Square fields of four covers, `side` cells wide."""
+    rng = np.random.default_rng(5)
+    kinds = rng.integers(0, 4, (n // side, n // side))
+    field = np.kron(np.arange(kinds.size).reshape(kinds.shape), np.ones((side, side), dtype=int)).astype(np.int32)
+    flat = synthetic_scene(n, n, cell_m, categories=("Wheat",), terrain=Terrain(0.0))
+    cover = np.kron(kinds, np.ones((side, side), dtype=int)).astype(np.uint8)
+    return replace(flat, cover=cover, field_id=field, categories=("Wheat", "Corn", "Grass", "Vegetables"))
+
+
+def image(scene: Scene, resolution: float = 20.0, frequency: float = 1.25, run_id: int = 1):
+    radar = from_settings(
+        {"frequency": frequency, "polarization": "HH+HV", "resolution": resolution, "depression_angle": 45.0},
+        {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 6000.0},
+    )
+    return simulate_radar(scene, radar, load_sigma0_table(), seed=3, run_id=run_id)
+
+
+SCENE = fields()
+IMAGE = image(SCENE)
+
+
+def names_and_truth(n: int = 3000, classes: int = 4):
+    rng = np.random.default_rng(2)
+    truth = rng.choice(classes, n, p=[0.5, 0.3, 0.15, 0.05])
+    named = np.where(rng.random(n) < 0.7, truth, rng.integers(0, classes, n))
+    confusion = np.zeros((classes, classes), dtype=np.int64)
+    np.add.at(confusion, (truth, named), 1)
+    return truth, named, confusion
+
+
+def test_measures_are_those_of_scikit_learn() -> None:
+    truth, named, confusion = names_and_truth()
+    wanted = {
+        "percent_correct": 100.0 * metrics.accuracy_score(truth, named),
+        "class_mean_correct": 100.0 * metrics.balanced_accuracy_score(truth, named),
+        "worst_class_correct": 100.0 * metrics.recall_score(truth, named, average=None).min(),
+        "kappa": metrics.cohen_kappa_score(truth, named),
+    }
+    for name, value in wanted.items():
+        assert float(measure(confusion, name)) == pytest.approx(value, rel=1e-12), name
+    each = metrics.f1_score(truth, named, average=None)
+    assert float(measure(confusion, "f1", [1])) == pytest.approx(100.0 * each[1], rel=1e-12)
+    assert float(measure(confusion, "f1", [1, 3])) == pytest.approx(100.0 * each[[1, 3]].mean(), rel=1e-12)
+    area = 100.0 * abs((named == 2).sum() - (truth == 2).sum()) / (truth == 2).sum()
+    assert float(measure(confusion, "area_error", [2])) == pytest.approx(area, rel=1e-12)
+    both = np.isin(truth, [0, 3])
+    found = 100.0 * np.isin(named[both], [0, 3]).mean()
+    assert float(measure(confusion, "detection", [0, 3])) == pytest.approx(found, rel=1e-12)
+    # A stack of matrices is measured one by one.
+    np.testing.assert_allclose(measure(np.stack([confusion, 2 * confusion]), "kappa"), wanted["kappa"])
+
+
+@pytest.mark.parametrize("name", ["percent_correct", "class_mean_correct", "worst_class_correct", "kappa", "f1"])
+def test_a_guess_scores_the_floor_and_the_truth_the_ceiling(name: str) -> None:
+    truth, _, _ = names_and_truth()
+    true = np.bincount(truth, minlength=4)
+    covers = [1] if name == "f1" else []
+    floor, ceiling = ends_of(true, name, covers)
+    guesses = []
+    for k in range(4):
+        confusion = np.zeros((4, 4))
+        confusion[:, k] = true
+        guesses.append(float(measure(confusion, name, covers)))
+    assert floor == pytest.approx(max(guesses))
+    assert ceiling == pytest.approx(float(measure(np.diag(true), name, covers)))
+
+
+def test_standard_errors_of_other_measures_are_those_of_repeated_ground() -> None:
+    rng = np.random.default_rng(1)
+    values, errors = [], []
+    for _ in range(200):
+        n, tiles = 1200, 60
+        skill = np.clip(rng.normal(0.7, 0.15, tiles), 0.0, 1.0)
+        tile, truth = np.arange(n) % tiles, rng.integers(0, 3, n)
+        named = np.where(rng.random(n) < skill[tile], truth, (truth + 1) % 3)
+        by_tile = np.zeros((tiles, 3, 3), dtype=np.int64)
+        np.add.at(by_tile, (tile, truth, named), 1)
+        from seqrsm.score.cover import _jackknife
+
+        values.append(float(measure(by_tile.sum(axis=0), "kappa")))
+        errors.append(_jackknife(by_tile, "kappa", []))
+    assert np.mean(errors) == pytest.approx(np.std(values, ddof=1), rel=0.15)
+
+
+def test_no_field_is_both_taught_and_tested() -> None:
+    """A field's inner pixels lie in one tile, though tiles cut through fields by their centres."""
+    pixels = pixels_of(IMAGE, SCENE, tile_m=130.0, **KEY)
+    inside = pixels.field >= 0
+    for field in np.unique(pixels.field[inside]):
+        assert len(np.unique(pixels.tile[pixels.field == field])) == 1
+    # A field larger than a tile is ground of many tiles.
+    one = replace(SCENE, cover=np.zeros_like(SCENE.cover), field_id=np.zeros_like(SCENE.field_id))
+    assert len(np.unique(pixels_of(image(one), one, tile_m=130.0, **KEY).tile)) > 50
+
+
+def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
+    pixels = pixels_of(IMAGE, SCENE, **KEY)
+    found = evidence_of([IMAGE], SCENE, by="field", **KEY)
+    power = IMAGE.apparent_sigma0().reshape(2, -1)
+    fields_seen = np.unique(SCENE.field_id[pixels.pixel >= 0])
+    assert found.features.shape == (2, len(fields_seen))
+    for place, field in enumerate(fields_seen[::17]):
+        mine = (SCENE.field_id == field) & (pixels.pixel >= 0)
+        where = pixels.pixel[mine]
+        inner = where[pixels.field[where] == field]
+        mean = power[:, inner if inner.size else where].mean(axis=1)
+        np.testing.assert_allclose(found.features[:, 17 * place], 10.0 * np.log10(mean), rtol=1e-6)
+        assert found.counts[17 * place].sum() == mine.sum()
+
+
+def test_windows_help_pixels_and_fields_hardly_need_them() -> None:
+    """Over the windows of a multilook: by pixel the score climbs and stays, by field it is high from the start."""
+    scene = fields(side=16, n=192, cell_m=5.0)
+    by_pixel, by_field = [], []
+    for resolution in (5.0, 15.0, 35.0, 75.0):
+        made = image(scene, resolution, 1.25)
+        by_pixel.append(percent_correct([made], scene, by="pixel", **KEY).value)
+        by_field.append(percent_correct([made], scene, by="field", **KEY).value)
+    assert by_pixel[1] > by_pixel[0] + 3.0
+    assert by_field[0] > max(by_field) - 2.0
+    assert min(f - p for f, p in zip(by_field, by_pixel, strict=True)) > 2.0
+    assert by_field[0] - by_pixel[0] > by_field[2] - by_pixel[2]
+    # The best window of pixels is coarser than the least that fields need.
+    assert int(np.argmax(by_field)) <= int(np.argmax(by_pixel))
+
+
+def test_the_filter_keeps_edges_and_takes_noise() -> None:
+    rng = np.random.default_rng(4)
+    truth = np.where(np.arange(80) < 40, 0.0, 30.0)[:, None] + np.zeros((80, 60))
+    noisy = truth + rng.normal(0.0, 1.0, truth.shape)
+    smooth = _lee(noisy, np.array(1.0))
+    flat = np.s_[10:30, 10:50]
+    assert smooth[flat].std() < 0.3
+    edge = smooth[39:41].mean(axis=1)
+    assert edge[1] - edge[0] > 25.0
+    # Where the variance is the noise's or less, it is the window's mean.
+    np.testing.assert_allclose(_lee(noisy, np.array(1e9)), ndimage.uniform_filter(noisy, WINDOW), atol=1e-9)
+    noisy[5, 5] = math.nan
+    assert np.isnan(_lee(noisy, np.array(1.0))[5, 5])
+    assert np.isfinite(_lee(noisy, np.array(1.0))).sum() == noisy.size - 1
+
+
+def test_neighbours_help_where_speckle_is_strong() -> None:
+    scene = fields(side=16, n=192, cell_m=5.0)
+    made = image(scene, 5.0, 5.4)
+    plain, smooth = (percent_correct([made], scene, by=by, **KEY).value for by in ("pixel", "neighbourhood"))
+    assert smooth > plain + 3.0
+
+
+def test_detection_holds_its_false_alarms_and_finds_what_separates() -> None:
+    rng = np.random.default_rng(0)
+    n = 20_000
+    truth = (rng.random(n) < 0.2).astype(int)
+    x = rng.normal(0.0, 1.0, n) + 2.0 * truth
+    counts = np.stack([1 - truth, truth], axis=1)
+    evidence = Evidence(x[None], counts, np.arange(n) // 100, rng.random(n // 100), 0, counts)
+    score = score_evidence(evidence, ("other", "target"), Asked("detection", ("target",)))
+    alarms = score.confusion[0, 1] / score.confusion[0].sum()
+    assert alarms == pytest.approx(FALSE_ALARMS, abs=0.003)
+    # Two normal laws two standard deviations apart: Phi(2 - 1.645).
+    assert score.value == pytest.approx(63.9, abs=2.0)
+    assert (score.floor, score.ceiling) == (5.0, 100.0)
+
+
+def test_a_forest_names_as_well_as_the_true_law() -> None:
+    rng = np.random.default_rng(0)
+    n = 6000
+    truth = rng.integers(0, 2, n)
+    x = rng.normal(0.0, 1.0, (2, n)) + 2.0 * truth
+    counts = np.stack([1 - truth, truth], axis=1)
+    evidence = Evidence(x, counts, np.arange(n) // 50, rng.random(n // 50), 0, counts)
+    forest, gauss = (float(np.trace(f(evidence).confusion.sum(axis=0))) / n for f in (classify_by_forest, classify))
+    assert gauss == pytest.approx(0.921, abs=0.012)  # Phi(sqrt(2))
+    assert gauss - 0.05 < forest <= gauss + 0.005
+    # Both test all ground, once.
+    assert classify_by_forest(evidence).confusion.sum() == n
+    # A ring round a core is no Gaussian's: the forest tells them.
+    ring = np.where(truth, 3.0, 0.0) * np.stack([np.cos(6.3 * rng.random(n)), np.zeros(n)])
+    turn = 6.2832 * rng.random(n)
+    ring = np.where(truth, 3.0, 0.0) * np.stack([np.cos(turn), np.sin(turn)]) + rng.normal(0.0, 0.5, (2, n))
+    round_it = replace(evidence, features=ring)
+    assert np.trace(classify_by_forest(round_it).confusion.sum(axis=0)) > 0.97 * n
+
+
+def test_words_choose_cover_unit_and_classifier() -> None:
+    whole = score_cover([IMAGE], SCENE, asked_for("f1 of Wheat by field with random_forest"), **KEY)
+    assert 0.0 < whole.value <= 100.0
+    assert whole.details["named_by"] == "field"
+    with pytest.raises(SceneError, match="no such cover"):
+        score_cover([IMAGE], SCENE, asked_for("f1 of Tulips"), **KEY)
+    lost = replace(SCENE, categories=(*SCENE.categories, "Tulips"))
+    with pytest.raises(SceneError, match="no scored cell of these covers"):
+        score_cover([IMAGE], lost, asked_for("area_error of Tulips"), **KEY)

@@ -1,0 +1,161 @@
+"""Retrieved soil moisture: exact where nothing disturbs, against a scalar optimal estimate, and by band."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
+
+from prm_cases import radiometer, scene
+
+from seqrsm.errors import SceneError
+from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.worlds import World
+from seqrsm.score.evidence import seen_pixels
+from seqrsm.score.moisture import GRID, _posterior, _weights, retrieved_moisture, score_moisture
+from seqrsm.score.utilities import asked_for
+from seqrsm.simulate.radiometer.expected import expected_ground
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
+from seqrsm.simulate.visits import Visit, smooth_departure
+
+SIDE = 160
+FIELD = np.kron(np.arange(400).reshape(20, 20), np.ones((8, 8), dtype=int))
+KINDS = np.kron(np.random.default_rng(9).integers(0, 2, (20, 20)), np.ones((8, 8), dtype=int))
+BAND = {
+    "channels": ("H", "V"), "resolution_m": 60.0, "altitude_m": 2000.0, "bandwidth_mhz": 25.0, "scan_period_s": 0.6,
+    "integration_time_ms": 2.0, "temperature_date_sd_k": 3.0, "temperature_field_sd_k": 1.0,
+}  # fmt: skip
+ERROR, SKILL = asked_for("soil_moisture_error"), asked_for("soil_moisture_skill")
+
+
+def land(categories, cover=KINDS):
+    return scene(np.zeros(cover.shape), 10.0, cover, FIELD, categories)
+
+
+def quiet_table():
+    """The shipped table without any variability of its own, and means known for certain."""
+    table = load_emissivity_table()
+    names = table.categories
+    return replace(table, spread=dict.fromkeys(names, (0.0, 0.0, 0.0)), mean_sd=dict.fromkeys(names, 0.0))
+
+
+def test_without_disturbance_the_moisture_is_found() -> None:
+    s = land(("Bareground",), np.zeros_like(KINDS))
+    r = radiometer(
+        frequency_ghz=1.4, **{**BAND, "temperature_date_sd_k": 0.0, "temperature_field_sd_k": 0.0},
+        noise_temperature_k=0.0, soil_moisture_field_sd=0.0, soil_moisture_region_m=400.0,
+    )  # fmt: skip
+    found = simulate_radiometer(s, replace(r, bandwidth_mhz=1e3), quiet_table(), seed=2, run_id=1)
+    score = score_moisture([found], s, SKILL, seed=2, run_id=1)
+    assert score.value > 0.97
+    assert (score.floor, score.ceiling) == (0.0, 1.0)
+    error = score_moisture([found], s, ERROR, seed=2, run_id=1)
+    assert error.floor == pytest.approx(error.details["truth_sd"], rel=0.5)
+    assert error.value == pytest.approx(error.floor * np.sqrt(1.0 - score.value))
+    truth = found.occasion.field_moisture[FIELD]
+    blocks = truth[:150, :150].reshape(6, 25, 6, 25).mean(axis=(1, 3))
+    assert blocks.std() == pytest.approx(error.details["truth_sd"], rel=0.25)
+
+
+def test_the_posterior_is_that_of_quadrature() -> None:
+    """One Gaussian observation of a straight line under a Gaussian prior, by scipy's integrals."""
+    slope, seen, noise, mean, sd = -150.0, 250.0, 4.0, 0.2, 0.05
+
+    def law(m: float) -> float:
+        return float(stats.norm.pdf(seen, 280.0 + slope * (m - 0.1), noise) * stats.norm.pdf(m, mean, sd))
+
+    whole = integrate.quad(law, GRID[0], GRID[-1], points=[0.2, 0.3])[0]
+    wanted = integrate.quad(lambda m: m * law(m), GRID[0], GRID[-1], points=[0.2, 0.3])[0] / whole
+    cost = np.square((seen - 280.0 - slope * (GRID - 0.1)) / noise)
+    assert _posterior(cost[None], mean, sd)[0] == pytest.approx(wanted, abs=2e-4)
+    # Conjugate, far from the ends.
+    shrunk = (mean / sd**2 + 0.3 * (slope / noise) ** 2) / (1.0 / sd**2 + (slope / noise) ** 2)
+    assert wanted == pytest.approx(shrunk, abs=1e-4)
+
+
+def test_longer_waves_see_moister_soil_and_dense_crops_hide_it() -> None:
+    """Skill falls from L to K band; under wheat and grass at K band nothing is left."""
+    s = land(("Wheat", "Grass"))
+    skills = {}
+    for f in (1.4, 6.9, 18.7):
+        found = []
+        for run in range(8):
+            table = load_emissivity_table().in_world(World(4, run))
+            one = simulate_radiometer(s, radiometer(frequency_ghz=f, **BAND), table, seed=4, run_id=run)
+            found.append(score_moisture([one], s, SKILL, seed=4, run_id=run))
+        skills[f] = float(np.mean([score.value for score in found]))
+    assert skills[1.4] > 0.6
+    assert skills[1.4] - 0.1 > skills[6.9] > skills[18.7] + 0.3
+    assert skills[18.7] < 0.1
+
+
+def test_what_is_expected_is_what_an_undisturbed_image_shows() -> None:
+    s = land(("Bareground", "Grass"))
+    r = radiometer(frequency_ghz=1.4, **BAND)
+    found = simulate_radiometer(s, r, load_emissivity_table(), seed=1, run_id=1, random_occasion=False)
+    ground = expected_ground(found, s, seen_pixels(found))
+    assert ground.share.sum(axis=1) == pytest.approx(1.0)
+    np.testing.assert_allclose(ground.temperature_k, 300.0, atol=0.01)
+    from seqrsm.score.moisture import _expected_k
+
+    at = [np.array([np.interp(0.2, GRID, line) for line in layer]) for layer in _expected_k(found, ground, 8)]
+    # Half a kelvin of NEDT scale: the beam is a Gaussian there, and shares of cells here.
+    away = found.mean_k[:, 8] - np.array(at)
+    assert np.abs(np.mean(away, axis=1)).max() < 1.0
+    assert np.std(away, axis=1).max() < 3.0
+
+
+def test_squares_and_footprints_tell_of_each_other_by_what_they_share() -> None:
+    pixel = np.repeat(np.repeat(np.arange(4).reshape(2, 2), 4, axis=0), 4, axis=1)
+    fine = np.arange(64).reshape(8, 8)
+    whole = np.zeros((8, 8), dtype=np.int64)
+    np.testing.assert_allclose(_weights(pixel, whole, 4, 1).toarray(), 1.0)  # footprints inside a square
+    np.testing.assert_allclose(_weights(pixel, fine, 4, 64).toarray().sum(axis=1), 1.0)  # squares inside footprints
+    half = np.repeat([[0, 0, 0, 0, 0, 0, 1, 1]], 8, axis=0)
+    np.testing.assert_allclose(_weights(pixel, half, 4, 2).toarray(), [[1, 0.5, 1, 0.5], [0, 0.5, 0, 0.5]])
+
+
+def test_fields_near_each_other_are_as_wet() -> None:
+    """Correlation of 1/e at the stated length, standard deviation of 1: over 300 draws."""
+    places = np.array([[500.0, 500.0, 500.0], [500.0, 1500.0, 4500.0]])
+    drawn = np.array([smooth_departure(Visit(), "x", places, 1000.0, seed=1, run_id=k) for k in range(600)])
+    assert drawn.std(axis=0) == pytest.approx(1.0, abs=0.08)
+    correlation = np.corrcoef(drawn.T)
+    assert correlation[0, 1] == pytest.approx(np.exp(-1.0), abs=0.09)
+    assert abs(correlation[0, 2]) < 0.12
+
+
+def test_ground_that_shows_no_moisture_is_refused() -> None:
+    s = land(("Water", "Asphalt"))
+    found = simulate_radiometer(s, radiometer(**BAND), load_emissivity_table(), seed=2, run_id=1)
+    with pytest.raises(SceneError, match="how moist the soil is"):
+        score_moisture([found], s, ERROR, seed=1, run_id=1)
+
+
+def test_blind_footprints_leave_the_mean() -> None:
+    s = land(("Bareground", "Grass"))
+    found = simulate_radiometer(s, radiometer(frequency_ghz=1.4, **BAND), load_emissivity_table(), seed=2, run_id=1)
+    blind = replace(found, brightness_k=np.full_like(found.brightness_k, np.nan))
+    block = np.zeros(s.shape, dtype=np.int64)
+    value = retrieved_moisture(blind, s, found.pixel_of_cell, block, 1)
+    assert value[0] == pytest.approx(0.2, abs=0.005)  # the prior, cut at the grid's ends
+
+
+def test_the_spread_expected_is_that_of_many_occasions() -> None:
+    s = land(("Bareground",), np.zeros_like(KINDS))
+    r = radiometer(frequency_ghz=1.4, **BAND, soil_moisture_region_m=600.0)
+    drawn, floors = [], []
+    for run in range(80):
+        found = simulate_radiometer(s, r, quiet_table(), seed=5, run_id=run)
+        score = score_moisture([found], s, ERROR, seed=5, run_id=run)
+        drawn.append(score.details["truth_sd"])
+        floors.append(score.floor)
+    assert np.ptp(floors) == 0.0
+    # 80 occasions whose spread varies by a quarter or so.
+    assert np.sqrt(np.mean(np.square(drawn))) == pytest.approx(floors[0], rel=0.08)
