@@ -225,6 +225,8 @@ def _decision(
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
         n_before=earlier[-1].after_run if earlier else 0,
+        guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,
+        lead=(estimate.mean - fitted.data.guess) * (1.0 if application.goal == "maximize" else -1.0),
     )
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
     weighed = fitted.departure.process is not None

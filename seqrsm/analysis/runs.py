@@ -54,6 +54,8 @@ class ScoredRuns:
         "simulation" or "flight"; why the run was made; block label ("" where none).
     trials, correct : ndarray (n,), optional
         Binomial counts; nan where none were given.
+    guess, perfect : float
+        What a guess that looks at nothing scores, and perfect data, on average over the runs; nan where not known.
     """
 
     run_ids: IntArray
@@ -65,6 +67,8 @@ class ScoredRuns:
     blocks: tuple[str, ...]
     trials: FloatArray | None = None
     correct: FloatArray | None = None
+    guess: float = np.nan
+    perfect: float = np.nan
 
 
 def evidence(runs: Sequence[RunRecord]) -> list[RunRecord]:
@@ -93,7 +97,15 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         blocks=tuple(run.block for run, _ in used),
         trials=_counts([score.n for _, score in used]),
         correct=_counts([score.correct for _, score in used]),
+        guess=_mean_of([score.metadata.get("guess") for _, score in used]),
+        perfect=_mean_of([score.metadata.get("perfect") for _, score in used]),
     )
+
+
+def _mean_of(values: Sequence[float | None]) -> float:
+    """Mean of those that are known; nan where none is."""
+    known = [float(value) for value in values if value is not None]
+    return sum(known) / len(known) if known else float("nan")
 
 
 def _counts(values: Sequence[int | None]) -> FloatArray:

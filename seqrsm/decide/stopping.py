@@ -400,7 +400,7 @@ class Check:
     Attributes
     ----------
     name : str
-        "interval", "runs", "pure_error", "lack_of_fit" or "confirmation".
+        "interval", "runs", "guess", "pure_error", "lack_of_fit" or "confirmation".
     holds : bool or None
         None: it cannot be tested yet, which counts as not holding.
     text : str
@@ -464,6 +464,10 @@ class Look:
         p of the F test that no term but the intercept matters.
     n_before : int
         Scored runs at the look before, 0 where there was none.
+    guess : float or None
+        What a guess that looks at nothing scores; None where it is not known.
+    lead : float
+        By how much the mean at the optimum is better than that, score units.
     """
 
     n_runs: int
@@ -475,6 +479,8 @@ class Look:
     half_width: float | None = None
     model_p: float | None = None
     n_before: int = 0
+    guess: float | None = None
+    lead: float = float("inf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -536,6 +542,8 @@ def decide(
         asked = f"{rule.min_runs(n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
         enough = n_runs >= rule.min_runs(n_terms)
         checks.append(Check("runs", enough, f"{n_runs} runs for {n_terms} terms; {asked}."))
+    if look.guess is not None:
+        checks.append(_guess_check(look.guess, look.lead, width, unit))
     if not adequacy.weighed:
         checks += [_pure_error_check(rule, look.df_pure_error), _lack_of_fit_check(rule, adequacy)]
     before_confirmation = all(check.holds is True for check in checks)
@@ -575,6 +583,15 @@ def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
     now = f"± {amount(width, unit)} ({100 * rule.level:g} %{kind})"
     text = f"The {rule.interval_name} at the optimum is {now}; {target}."
     return Check("interval", width <= rule.half_width, text)
+
+
+def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
+    said = f"A guess that looks at nothing scores {amount(guess, unit)}"
+    if lead > width:
+        return Check("guess", True, f"{said}; the optimum is better by {amount(lead, unit)}.")
+    away = f"better by {amount(lead, unit)}" if lead > 0.0 else "no better"
+    text = f"{said}; the optimum is {away}, and its interval holds that: no setting is seen to measure anything."
+    return Check("guess", False, text)
 
 
 def _pure_error_check(rule: StopRule, df: int) -> Check:

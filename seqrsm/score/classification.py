@@ -20,7 +20,7 @@ TRAINING_PURITY = 0.8
 ENOUGH_PIXELS = 10.0
 """A class with fewer pure pixels than this is taught by all pixels that hold it."""
 
-ENDS: Final = ("floor", "ceiling")
+ENDS: Final = ("guess", "perfect")
 """What is kept with a score under these names: see `UtilityScore`."""
 
 
@@ -35,7 +35,7 @@ class UtilityScore:
     se : float
         Standard error of `value` over pieces of ground within this run, the same unit; nan with fewer than two tiles, 0
         where the measure tells none. The spread between runs is larger: it also holds the occasion.
-    floor, ceiling : float
+    guess, perfect : float
         What a guess that looks at nothing would score, and perfect data, on the same ground; nan where not known.
     n_cells : int
         Scored cells.
@@ -50,8 +50,8 @@ class UtilityScore:
 
     value: float
     se: float = 0.0
-    floor: float = math.nan
-    ceiling: float = math.nan
+    guess: float = math.nan
+    perfect: float = math.nan
     n_cells: int = 0
     n_clusters: int = 0
     confusion: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))

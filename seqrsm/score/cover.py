@@ -113,8 +113,8 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         "not_predicted": tuple(categories[int(k)] for k in np.flatnonzero(~found.taught & (true > 0))),
         "per_class_percent": {categories[k]: 100.0 * float(total[k, k]) / float(n) for k, n in enumerate(true) if n},
     }
-    floor, ceiling = ends_of(true, asked.name, covers)
-    return UtilityScore(value, se, floor, ceiling, int(true.sum()), len(by_tile), total, details)
+    guess, perfect = ends_of(true, asked.name, covers)
+    return UtilityScore(value, se, guess, perfect, int(true.sum()), len(by_tile), total, details)
 
 
 def measure(confusion: IntArray | FloatArray, name: str, covers: Sequence[int] = ()) -> FloatArray:

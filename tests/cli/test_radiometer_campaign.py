@@ -36,12 +36,12 @@ scale = "log"
 
 [[application]]
 name = "moisture"
-utility = "retrieval_error"
+utility = "soil_moisture_error"
 goal = "minimize"
 
 [[application]]
 name = "water"
-utility = "seqrsm.score.retrieval:water_fraction_error"
+utility = "water_fraction_error"
 goal = "minimize"
 
 [simulator]
@@ -246,11 +246,11 @@ def test_greytone_and_geotiff_tell_the_same_temperatures(folder):
 
 
 def test_an_error_is_made_small_and_has_a_unit(folder):
-    text = TOML.replace('utility = "retrieval_error"\ngoal = "minimize"', 'utility = "retrieval_error"')
+    text = TOML.replace('utility = "soil_moisture_error"\ngoal = "minimize"', 'utility = "soil_moisture_error"')
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     spec = load_spec(folder)
-    assert [(one.goal, one.unit) for one in spec.applications] == [("minimize", "percent"), ("minimize", "")]
-    wrong = text.replace('utility = "retrieval_error"', 'utility = "retrieval_error"\ngoal = "maximize"')
+    assert [(one.goal, one.unit) for one in spec.applications] == [("minimize", "m3/m3"), ("minimize", "percent")]
+    wrong = text.replace('utility = "soil_moisture_error"', 'utility = "soil_moisture_error"\ngoal = "maximize"')
     (folder / "campaign.toml").write_text(wrong, encoding="utf-8")
     line = wrong[: wrong.index('goal = "maximize"')].count("\n") + 1
     output = call("check", folder, code=2).output

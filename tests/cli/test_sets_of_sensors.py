@@ -106,7 +106,7 @@ def test_the_calendar_is_what_is_simulated(folder) -> None:
 
 def test_a_utility_of_one_image_is_refused_before_any_run(tmp_path, tiny_scene) -> None:
     passive = campaign({"altitude_m": 'unit = "m"\nlow = 500.0\nhigh = 900.0'}, RADIOMETER_FIXED, "prm")
-    passive = passive.replace('utility = "percent_correct"', 'utility = "retrieval_error"').replace(
+    passive = passive.replace('utility = "percent_correct"', 'utility = "soil_moisture_error"').replace(
         'goal = "maximize"\n', ""
     )
     once = make_tiny(tmp_path / "once", tiny_scene, passive)

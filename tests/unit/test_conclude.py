@@ -20,6 +20,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
 from seqrsm.errors import FitError
+from seqrsm.report.sections.summary import recommendation
 from seqrsm.store.records import CONFIRMATION, NewRun, NewScore
 
 POINTS = np.round(spread(24, 2), 3)
@@ -174,3 +175,34 @@ def test_a_look_enters_few_modules(made: Campaign, narrow: Analysis) -> None:
     assert again.optimum.mean == narrow.optimum.mean
     assert {"seqrsm.analysis.conclude", "seqrsm.fit.process", "seqrsm.decide.stopping"} <= entered
     assert len(entered) <= 30, sorted(entered)
+
+
+def with_ends(folder: Path, scores: np.ndarray, goal: str, **ends: float) -> Analysis:
+    """A campaign of measured scores that know what a guess and perfect data score."""
+    made = campaign(folder, specification(numeric(2), application=f'goal = "{goal}"\n'), POINTS, scores)
+    runs = [
+        replace(run, scores=tuple(replace(score, metadata={**score.metadata, **ends}) for score in run.scores))
+        for run in made.store.runs()
+    ]
+    return analyse(made.spec, made.spec.applications[0], runs, ())
+
+
+def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
+    """The rule holds where the optimum is better than a guess by more than the interval that decides."""
+    scores = 60.0 + 5.0 * POINTS[:, 0] + 0.1 * NOISE
+    free = with_ends(tmp_path / "free", scores, "maximize")
+    assert free.decision.held
+    assert np.isnan(free.data.guess)
+    best, width = free.optimum.mean, free.decision.half_width
+    for k, (away, held) in enumerate([(-2.0 * width, True), (-0.5 * width, False), (3.0, False)]):
+        found = with_ends(tmp_path / str(k), scores, "maximize", guess=best + away, perfect=100.0)
+        assert found.decision.held is held
+        (check,) = [check for check in found.decision.checks if check.name == "guess"]
+        assert check.holds is held
+        assert (found.data.guess, found.data.perfect) == (pytest.approx(best + away), pytest.approx(100.0))
+        assert any("no setting is seen to measure anything" in text for text in found.decision.reasons) is not held
+        assert recommendation(found).startswith("Recommended" if held else "No setting is seen to measure")
+    # An error is better the smaller it is.
+    low = with_ends(tmp_path / "low", scores, "minimize", guess=float(scores.min()) + 40.0, perfect=0.0)
+    assert low.decision.held
+    assert not with_ends(tmp_path / "high", scores, "minimize", guess=10.0, perfect=0.0).decision.held

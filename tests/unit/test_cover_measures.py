@@ -186,7 +186,7 @@ def test_detection_holds_its_false_alarms_and_finds_what_separates() -> None:
     assert alarms == pytest.approx(FALSE_ALARMS, abs=0.003)
     # Two normal laws two standard deviations apart: Phi(2 - 1.645).
     assert score.value == pytest.approx(63.9, abs=2.0)
-    assert (score.floor, score.ceiling) == (5.0, 100.0)
+    assert (score.guess, score.perfect) == (5.0, 100.0)
 
 
 def test_a_forest_names_as_well_as_the_true_law() -> None:

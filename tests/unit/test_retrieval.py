@@ -94,8 +94,8 @@ def test_the_share_of_water_is_retrieved_on_blocks():
     score = water_fraction_error([found], s, Asked("water_fraction_error"), seed=2, run_id=1)
     water = 100.0 * (s.cover == 1)
     blocks = water.reshape(40, 3, 160)[:, :, :159].reshape(40, 3, 53, 3).mean(axis=(1, 3))
-    assert score.floor == pytest.approx(blocks.std(), rel=0.02)
-    assert score.value < 0.6 * score.floor
+    assert score.guess == pytest.approx(blocks.std(), rel=0.02)
+    assert score.value < 0.6 * score.guess
     assert score.confusion.size == 0
     again = water_fraction_error([found], s, Asked("water_fraction_error"), seed=2, run_id=2)
     assert again.value != score.value

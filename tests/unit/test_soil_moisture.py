@@ -54,10 +54,10 @@ def test_without_disturbance_the_moisture_is_found() -> None:
     found = simulate_radiometer(s, replace(r, bandwidth_mhz=1e3), quiet_table(), seed=2, run_id=1)
     score = score_moisture([found], s, SKILL, seed=2, run_id=1)
     assert score.value > 0.97
-    assert (score.floor, score.ceiling) == (0.0, 1.0)
+    assert (score.guess, score.perfect) == (0.0, 1.0)
     error = score_moisture([found], s, ERROR, seed=2, run_id=1)
-    assert error.floor == pytest.approx(error.details["truth_sd"], rel=0.5)
-    assert error.value == pytest.approx(error.floor * np.sqrt(1.0 - score.value))
+    assert error.guess == pytest.approx(error.details["truth_sd"], rel=0.5)
+    assert error.value == pytest.approx(error.guess * np.sqrt(1.0 - score.value))
     truth = found.occasion.field_moisture[FIELD]
     blocks = truth[:150, :150].reshape(6, 25, 6, 25).mean(axis=(1, 3))
     assert blocks.std() == pytest.approx(error.details["truth_sd"], rel=0.25)
@@ -155,7 +155,7 @@ def test_the_spread_expected_is_that_of_many_occasions() -> None:
         found = simulate_radiometer(s, r, quiet_table(), seed=5, run_id=run)
         score = score_moisture([found], s, ERROR, seed=5, run_id=run)
         drawn.append(score.details["truth_sd"])
-        floors.append(score.floor)
+        floors.append(score.guess)
     assert np.ptp(floors) == 0.0
     # 80 occasions whose spread varies by a quarter or so.
     assert np.sqrt(np.mean(np.square(drawn))) == pytest.approx(floors[0], rel=0.08)

@@ -147,6 +147,9 @@ def recommendation(analysis: Analysis) -> str:
     """Return the recommendation in words and numbers."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
     text = f"Recommended for {analysis.application}: {settings_sentence(analysis)}. "
+    if any(check.name == "guess" and check.holds is False for check in analysis.decision.checks):
+        text = f"No setting is seen to measure {analysis.application}: a guess may do as well. The best of the fitted "
+        text += f"surface: {settings_sentence(analysis)}. "
     text += f"There the {best} mean score in the region is expected: "
     missing = no_error_estimate(analysis)
     if missing:
@@ -162,12 +165,24 @@ def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     figures = (
         ("Mean score there", mean_text(analysis), missing or f"{level} confidence interval"),
         ("One future run there", "none" if missing else ends, missing or f"{level} prediction interval"),
+        *_ends(analysis),
         ("Half-width that decides", _deciding(analysis), f"target {target}: {watched_interval(stop)}"),
         ("Most important", *_most_important(analysis)),
         ("Scored runs in the fit", str(analysis.fit.n_runs), f"{analysis.fit.n_terms} terms; budget {stop.max_runs}"),
         ("Decision", *_decision_words(analysis)),
     )
     return KeyFigures(tuple(KeyFigure(*figure) for figure in figures))
+
+
+def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
+    """Return what a guess and perfect data would score on the same ground, where it is known."""
+    guess, perfect = analysis.data.guess, analysis.data.perfect
+    if not (math.isfinite(guess) and math.isfinite(perfect)):
+        return []
+    ends = f"{score_text(analysis, guess, unit=False)} and {score_text(analysis, perfect)}"
+    return [
+        ("Guess and perfect data", ends, "what would be scored by looking at nothing, and by an image without fault")
+    ]
 
 
 def _deciding(analysis: Analysis) -> str:
