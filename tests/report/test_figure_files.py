@@ -12,7 +12,7 @@ from pypdf import PdfReader
 from report_dossiers import truth_score, two_uses
 
 from seqrsm.report.content import build_report
-from seqrsm.report.figures.drawing import draw, svg_for_html, tell
+from seqrsm.report.figures.drawing import PANEL_WIDTH_IN, draw, svg_for_html, tell
 from seqrsm.report.figures.files import named_panels, write_figures
 from seqrsm.report.wording import slug
 
@@ -47,11 +47,11 @@ def test_files_are_what_their_names_say(folder):
     for path in folder.glob("*.svg"):
         assert ElementTree.parse(path).getroot().tag.endswith("svg")
     with Image.open(folder / "slice-frequency.png") as image:
-        assert image.width > 1000
+        assert image.width > 800
     page = PdfReader(folder / "slice-frequency.pdf")
     assert len(page.pages) == 1
     assert page.metadata.creation_date is None
-    assert abs(float(page.pages[0].mediabox[2]) / 72 - 3.7) < 0.05
+    assert abs(float(page.pages[0].mediabox[2]) / 72 - PANEL_WIDTH_IN) < 0.05
 
 
 def test_slice_data_are_the_model(simulated, folder):

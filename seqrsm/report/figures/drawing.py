@@ -39,19 +39,19 @@ PALETTE = {
 SURFACE_COLORS = "cividis"
 """Colour map of fitted surfaces: even steps of lightness for every kind of colour vision."""
 
-PANEL_WIDTH_IN = 3.7
-PANEL_HEIGHT_IN = 2.85
+PANEL_WIDTH_IN = 2.9
+PANEL_HEIGHT_IN = 2.1
 
 _STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "seqrsm",
     "font.family": ["DejaVu Sans"],
     "mathtext.fontset": "dejavusans",
-    "font.size": 8.5,
+    "font.size": 8.0,
     "axes.titlesize": 9.0,
-    "axes.labelsize": 8.5,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
     "legend.fontsize": 7.5,
     "axes.linewidth": 0.8,
     "axes.spines.top": False,

@@ -39,7 +39,7 @@ def contour_panel(analysis: Analysis, surface: Surface, limits: tuple[float, flo
     limits : (float, float)
         Scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
     """
-    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=2.5)
+    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=2.0)
 
 
 def _paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], figure: Figure) -> None:
@@ -209,7 +209,7 @@ def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
 
 def optimum_posterior_panel(analysis: Analysis, index: int) -> str:
     """Draw the posterior of one factor's optimal setting: histogram, or probabilities of its levels."""
-    return drawing.draw(partial(_paint_optimum_posterior, analysis, index), height_in=2.3)
+    return drawing.draw(partial(_paint_optimum_posterior, analysis, index), height_in=1.7)
 
 
 def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> None:
@@ -262,7 +262,7 @@ def intervals_panel(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
         axes.set_xlabel(score_label(analysis))
         axes.grid(visible=True, axis="x")
 
-    return drawing.draw(paint, height_in=2.5)
+    return drawing.draw(paint, height_in=2.0)
 
 
 def score_label(analysis: Analysis) -> str:

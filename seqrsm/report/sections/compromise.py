@@ -106,7 +106,7 @@ def _front_panel(found: CompromiseEstimate, i: int, j: int) -> str:
         axes.set_ylabel(shortened(_axis(y), 36))
         drawing.light_grid(axes)
 
-    return drawing.draw(paint, height_in=2.3)
+    return drawing.draw(paint)
 
 
 def _settings_sentence(factors: Sequence[Factor], found: CompromiseEstimate) -> Paragraph:

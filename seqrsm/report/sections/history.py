@@ -79,7 +79,7 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
         "What each look at the data found. Dashed green: target of the stop rule; dotted grey: noise floor, below "
         "which no number of runs can bring the half-width. Band: confidence interval of the mean."
     )
-    return FigureBlock(tuple(panels), caption)
+    return FigureBlock(tuple(panels), caption, columns=3)
 
 
 def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:

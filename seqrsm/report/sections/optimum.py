@@ -289,7 +289,7 @@ def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]], limits: tupl
         caption += " Hatched: settings that the constraints do not allow."
     if len(chosen_pairs(analysis)) < all_pairs:
         caption += f" Of {all_pairs} pairs the {MAX_PAIRS} of the most important factors are drawn."
-    return FigureBlock(panels, caption, columns=3 if len(panels) > 2 else 2)
+    return FigureBlock(panels, caption, columns=3)
 
 
 def _limits(surfaces: Sequence[Surface]) -> tuple[float, float]:
@@ -341,7 +341,7 @@ def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
         caption += f" There are no bands: {missing}."
     if not analysis.region.is_box:
         caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
-    return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
+    return FigureBlock(tuple(panels), caption, columns=3)
 
 
 def _by_level(analysis: Analysis) -> list[Block]:
@@ -406,4 +406,4 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
         name = slug(f"posterior of optimal {factor.name}")
         panels.append(Panel(readable(factor.name), alt, draw, name=name, data=data))
     caption = "Posterior of the optimal setting of every factor. Dashed: the recommended setting."
-    return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
+    return FigureBlock(tuple(panels), caption, columns=3)

@@ -125,7 +125,7 @@ def _location_figure(analysis: Analysis, regions: Sequence[LocationRegion]) -> l
     total = len(list(itertools.combinations(analysis.region.numeric, 2)))
     if len(pairs) < total:
         caption += f" Of {total} pairs the {MAX_PAIRS} of the most important factors are drawn."
-    return [FigureBlock(tuple(panels), caption)]
+    return [FigureBlock(tuple(panels), caption, columns=3)]
 
 
 def _location_data(analysis: Analysis, regions: Sequence[LocationRegion], x: int, y: int) -> PanelData:

@@ -1,5 +1,9 @@
 (function () {
   "use strict";
+  // Paper shows all that is folded, in browsers whose style sheets cannot unfold it, too.
+  window.addEventListener("beforeprint", function () {
+    document.querySelectorAll("details").forEach(function (details) { details.open = true; });
+  });
   document.querySelectorAll("table[data-sortable]").forEach(function (table) {
     var body = table.tBodies[0];
     table.tHead.querySelectorAll("th").forEach(function (head, column) {
