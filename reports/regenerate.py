@@ -55,6 +55,8 @@ def regenerate(campaign: Path, folder: Path, workers: int) -> dict[str, bytes]:
             _seqrsm(folder, "ingest", copy.name, f"{copy.name}/{file.name}")
     else:
         _seqrsm(folder, "run", copy.name, "--workers", str(workers))
+    if "[[candidate]]" in (copy / "campaign.toml").read_text(encoding="utf-8"):
+        _seqrsm(folder, "candidates", copy.name, "--workers", str(workers), "--json")
     _say(f"{copy.name}: reporting")
     _seqrsm(folder, "report", copy.name, "--html", "report.html", "--pdf", "report.pdf", "--figures", "figures")
     made = {file: (folder / file).read_bytes() for file in ("report.html", "report.pdf")}

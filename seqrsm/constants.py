@@ -26,6 +26,9 @@ COSMIC_BACKGROUND_K: Final = 2.725_48
 EARTH_RADIUS_M: Final = 6_371_008.8
 """Mean radius of the Earth [m] (GRS 80, Moritz 2000, R1)."""
 
+EARTH_GM_M3_S2: Final = 3.986_004_418e14
+"""Gravitational constant times mass of the Earth [m3/s2] (IERS Conventions 2010, Table 1.1)."""
+
 
 def wavelength_m(frequency_hz: float) -> float:
     """Wavelength in vacuum [m] at ``frequency_hz`` [Hz]."""

@@ -78,39 +78,36 @@ def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: fl
         Occasions over one ground; ``inf`` for the mean of all.
     """
     difference = sensor - optimum
-    mean, of_mean, future, df = _moments(difference.mean(axis=0), runs)
-    half = float(stdtrit(df, 0.5 + 0.5 * level))
+    mean, of_mean, of_future = _moments(difference.mean(axis=0), runs)
+    half = float(stdtrit(difference.shape[1] - 1, 0.5 + 0.5 * level))
     judged = difference if rule.relative else sensor
     share = float(np.mean([_beyond(place, rule, runs) for place in judged]))
     return Comparison(
         score=float(sensor.mean()),
         difference=mean,
         confidence=Interval(mean - half * of_mean, mean + half * of_mean),
-        one_ground=Interval(mean - half * future, mean + half * future),
+        one_ground=Interval(mean - half * of_future, mean + half * of_future),
         probability=share,
     )
 
 
-def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float, int]:
-    """Mean, standard errors of it and of a future mean of ``runs`` over one ground, and degrees of freedom.
+def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float]:
+    """Mean of scores (worlds, occasions), its standard error, and that of a future mean of ``runs`` over one ground.
 
-    The variance of means of a world's occasions is the ground's and a share of chance; with other numbers of occasions
+    The variance of means of a world's occasions is the ground's and a share of chance; with another number of occasions
     the share changes by what the scores within worlds tell.
     """
     worlds, occasions = scores.shape
     of_means = float(np.var(scores.mean(axis=1), ddof=1))
     within = float(np.mean(np.var(scores, axis=1, ddof=1))) if occasions > 1 else 0.0
-    ground = of_means + within * (1.0 / runs - 1.0 / occasions)
-    spread = max(ground, within / runs, 0.0)
-    return float(scores.mean()), math.sqrt(of_means / worlds), math.sqrt(spread + of_means / worlds), worlds - 1
+    spread = max(of_means + within * (1.0 / runs - 1.0 / occasions), within / runs)
+    return float(scores.mean()), math.sqrt(of_means / worlds), math.sqrt(spread + of_means / worlds)
 
 
 def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:
-    mean, _, future, df = _moments(scores, runs)
+    mean, _, of_future = _moments(scores, runs)
     gap = rule.sign * (mean - rule.score)
-    if future == 0.0:
-        return float(gap >= 0.0)
-    return float(stdtr(df, gap / future))
+    return float(stdtr(len(scores) - 1, gap / of_future)) if of_future > 0.0 else float(gap >= 0.0)
 
 
 def by_surface(

@@ -15,11 +15,14 @@ from seqrsm.analysis.conclude import stop_rule
 from seqrsm.analysis.ground import MOST_SHARE, OCCASIONS, ground_of_scores
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.engines import frame_limits
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.store.store import STORE_NAME, Store
 
@@ -56,6 +59,8 @@ class CheckResult:
         What the simulation rests on, and the cover categories of its scene.
     combinations : tuple of str
         What combinations of the parameters do, such as gaps between the lines of a scan, and where.
+    hardware : tuple of str
+        Whether the radars at the best settings so far could be built, rule by rule with its margin; empty before.
     """
 
     name: str
@@ -73,6 +78,7 @@ class CheckResult:
     notes: tuple[str, ...]
     covers: tuple[str, ...] = ()
     combinations: tuple[str, ...] = ()
+    hardware: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
@@ -132,11 +138,27 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         notes=notes,
         covers=covers,
         combinations=combinations,
+        hardware=_hardware(spec),
     )
     if hopeless:
         remedy = "Widen [stop] half_width, raise max_runs, or choose another interval."
         raise SpecError(Problem(problem or hopeless, remedy, file=str(spec.folder / SPEC_NAME), field="[stop]"))
     return result
+
+
+def _hardware(spec: CampaignSpec) -> tuple[str, ...]:
+    """The rules of hardware at what the last look of each application recommends."""
+    if spec.simulator is None or not (spec.store_url or (spec.folder / STORE_NAME).exists()):
+        return ()
+    with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
+        looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
+    scene, found = scene_at(str(spec.scene_path)), []
+    for settings in looks.values():
+        sensors = dict.fromkeys(one.sensor for one in task_of(spec, 0, settings).acquisitions)
+        for sensor in (one for one in sensors if isinstance(one, RadarConfiguration)):
+            rules = frame_limits(sensor, make_frame(scene, sensor, "float32"))
+            found += [f"{rule.name}, margin {rule.margin:.3g}: {rule.text}" for rule in rules]
+    return tuple(dict.fromkeys(found))
 
 
 def _by_flights(rule: StopRule, noise: float) -> str:

@@ -165,8 +165,9 @@ def _provenance(campaign: Campaign) -> dict[str, str]:
 
 def _reproduce(campaign: Campaign) -> tuple[str, ...]:
     name = campaign.folder.name
+    compare = (f"seqrsm candidates {name}",) if read_candidates(campaign.spec) is not None else ()
     if campaign.spec.simulator is not None:
-        return (f"seqrsm run {name}", f"seqrsm report {name}")
+        return (f"seqrsm run {name}", *compare, f"seqrsm report {name}")
     inside = (campaign.folder / file.name for file in campaign.store.files())
     files = [f"seqrsm ingest {name} {f'{name}/' if file.exists() else ''}{file.name}" for file in inside]
-    return (*files, f"seqrsm fit {name}", f"seqrsm report {name}")
+    return (*files, f"seqrsm fit {name}", *compare, f"seqrsm report {name}")

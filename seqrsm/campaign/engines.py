@@ -21,11 +21,12 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
 from seqrsm.score.utilities import UTILITIES, asked_for
 from seqrsm.sensor import radar, radiometer
+from seqrsm.sensor.hardware import Limit, limits
 from seqrsm.sensor.parameters import Parameter
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.sets import SENSORS
-from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar
 from seqrsm.simulate.radar.receiver import named_function, transfer_function
@@ -160,7 +161,14 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table,
     for state in ((sensor.soil_moisture_low, sensor.wind_low_m_s), (sensor.soil_moisture_high, sensor.wind_high_m_s)):
         lookups = look_up(scene, sensor, table, state, day)
     notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
+    short = [one for one in frame_limits(sensor, frame) if one.margin < 1.0]
+    notes += [f"no such radar can be built, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
     return (*notes, *blind_channels(sensor, frame, lookups))
+
+
+def frame_limits(sensor: RadarConfiguration, frame: RadarFrame) -> tuple[Limit, ...]:
+    """What hardware allows a radar over the swath of a scene."""
+    return limits(sensor, frame.near_edge_m, frame.near_edge_m + frame.n_rows * frame.cell_m)
 
 
 def _examine_radiometer(

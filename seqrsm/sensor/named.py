@@ -29,12 +29,12 @@ import numpy as np
 from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.earth import ground_range_of_look, slant_range_of_ground
+from seqrsm.sensor.hardware import orbit_speed_m_s
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 
 _DATA: Final = Path(__file__).with_name("data")
 _WORDS: Final = ("name", "mode", "kind", "status", "platform", "channels", "derived", "recalled", "sources", "notes")
-_EARTH_GM_M3_S2: Final = 3.986_004_418e14  # IERS Conventions 2010, Table 1.1
 _AIRCRAFT_M_S: Final = 100.0
 _GROUND_K: Final = 300.0
 _GAIN_DB: Final = 40.0
@@ -147,8 +147,7 @@ class NamedSensor:
         """Ground speed [m/s]: of a circular orbit, or assumed for aircraft."""
         if self.platform == "aircraft":
             return _AIRCRAFT_M_S
-        orbit_m = EARTH_RADIUS_M + 1e3 * self.values["altitude_km"]
-        return math.sqrt(_EARTH_GM_M3_S2 / orbit_m) * EARTH_RADIUS_M / orbit_m
+        return orbit_speed_m_s(1e3 * self.values["altitude_km"])
 
     @property
     def calibration_sd_db(self) -> float:

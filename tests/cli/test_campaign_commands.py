@@ -331,6 +331,23 @@ def test_design_stands_alone(tmp_path) -> None:
     assert seqrsm("design", "--factors", 2, "--runs", 5).exit_code == 2
 
 
+def test_check_says_what_cannot_be_built(tmp_path, tiny_scene) -> None:
+    folder = make_tiny(tmp_path / "high", tiny_scene, TINY.replace("altitude_m = 4000.0", "altitude_m = 600000.0"))
+    done = CliRunner().invoke(app, ["check", str(folder), "--json"])
+    assert done.exit_code == 0, done.output
+    notes = [one for one in json.loads(done.stdout)["combinations"] if "no such radar can be built" in one]
+    assert any("speed against orbit" in one and "moves at 69" in one for one in notes)
+
+
+def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
+    found = json.loads(ok("check", copy, "--json"))["hardware"]
+    assert [one.partition(",")[0] for one in found] == [
+        *("swath against pulse rate", "gain against beam", "aperture against ambiguities"),
+    ]
+    assert all("margin" in one for one in found)
+    assert "could not be built" in ok("check", copy)
+
+
 def test_catalog_finds_soil_moisture() -> None:
     assert "A.16" in ok("catalog", "soil", "moisture")
     assert len(json.loads(ok("catalog", "soil", "moisture", "--json"))["entries"]) > 5

@@ -275,7 +275,7 @@ def test_what_is_measured_is_in_all_faces(simulated, capsys) -> None:
 def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> None:
     result = CheckResult(
         "polder", 3, 27, 33, 28, 300, 0.0441, 3.604, 0.6, "simulations", 301.5, "", ("Grass: assumed (assumed: me)",),
-        ("Grass",), ("gaps at 4 of 6 settings",),
+        ("Grass",), ("gaps at 4 of 6 settings",), ("gain against beam, margin 1.7: 23 dB",),
     )  # fmt: skip
     rehearsed = {"campaigns": 200, "rows": [("runs needed, median", "41 (33 to 57)")], "notes": ["Truths are drawn."]}
     tests = term_tests(studied.analyses[0], ["look_angle"])

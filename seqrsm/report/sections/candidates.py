@@ -123,7 +123,8 @@ def _owed(rows: Sequence[Mapping[str, Any]], unit: str) -> Block:
         cells.append((Cell(row["name"]), *(_share(own.get(name)) for name in names)))
     heads: tuple[Head, ...] = ("Sensor", *(right(name.capitalize(), unit) for name in names))
     caption = (
-        "What the optimum's score becomes less with one property of the candidate, all else its own; with half-widths"
+        "How the optimum's score changes where one property becomes the candidate's and all else stays, with "
+        "half-widths; where one lack hides another they do not add up"
     )
     return table(caption, heads, cells)
 

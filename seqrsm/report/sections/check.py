@@ -33,6 +33,9 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]
     if result.combinations:
         sections.append(Section("combinations", "What some settings do", (Bullets(result.combinations),)))
+    if result.hardware:
+        text = "The radar that is recommended so far, against what ties its parameters; below 1 it could not be built"
+        sections.append(Section("hardware", text, (Bullets(result.hardware),)))
     if result.notes:
         more = "" if every_note else "; all of them with -v or --json"
         title = f"What the simulation rests on ({len(result.notes)} statements{more})"

@@ -1,0 +1,109 @@
+"""Whether a side-looking radar could be built: what ties its parameters in fact, each with its margin.
+
+`seqrsm.sensor.radar` refuses what contradicts itself. Here is what a drawing board would refuse: pulses that come back
+mixed (RSL TR 380-1, section 3.2; area of the antenna: Freeman et al. 2000, IEEE Trans. Geosci. Remote Sensing 38(1),
+320-324), more gain than the beam leaves (4 pi over its solid angle), and flight lines that nothing flies.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from seqrsm.constants import EARTH_GM_M3_S2, EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
+from seqrsm.sensor.earth import range_geometry
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.units import db_to_linear
+
+_LOWEST_ORBIT_M: Final = 120e3
+_GAIN_MARGIN: Final = 0.5
+"""Gain is held against its limit to half, since beams are given to their half power and shapes differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One rule.
+
+    Attributes
+    ----------
+    name : str
+    margin : float
+        What there is over what is needed; below 1 no such radar can be built.
+    text : str
+        The numbers.
+    """
+
+    name: str
+    margin: float
+    text: str
+
+
+def orbit_speed_m_s(altitude_m: float) -> float:
+    """Ground speed [m/s] of a satellite on a circular orbit at an altitude [m], the Earth standing still."""
+    orbit_m = EARTH_RADIUS_M + altitude_m
+    return math.sqrt(EARTH_GM_M3_S2 / orbit_m) * EARTH_RADIUS_M / orbit_m
+
+
+def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limit, ...]:
+    """The rules for a radar whose swath reaches over these ground ranges [m]; none for a rotating antenna.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+    near_m, far_m : float
+        Of the swath, from the point under the antenna.
+    """
+    if radar.scan == "ppi":
+        return ()
+    edges = range_geometry(np.array([max(near_m, 0.0), far_m]), radar.altitude_m, radar.curved)
+    (near_slant, far_slant), (near_look, far_look) = edges.slant_range_m, edges.look_rad
+    window_m = 0.5 * SPEED_OF_LIGHT_M_S * (1.0 / radar.prf_hz - 1e-6 * radar.pulse_length_us)
+    depth_m = max(float(far_slant - near_slant), 1e-9)
+    found = [
+        Limit(
+            "swath against pulse rate",
+            window_m / depth_m,
+            f"{radar.prf_hz:g} pulses a second tell {1e-3 * window_m:.3g} km of slant range apart, "
+            f"the swath is {1e-3 * depth_m:.3g} km deep",
+        )
+    ]
+    gain = float(db_to_linear(radar.antenna_gain_db))
+    across = float(far_look - near_look)
+    if radar.elevation_pattern != "isotropic":
+        across = math.radians(radar.elevation_beamwidth_deg)
+    most = 4.0 * math.pi / (radar.azimuth_beamwidth_rad * across)
+    found.append(
+        Limit(
+            "gain against beam",
+            most / (_GAIN_MARGIN * gain),
+            f"an antenna whose beam is {math.degrees(across):.3g} deg high and "
+            f"{math.degrees(radar.azimuth_beamwidth_rad):.3g} deg wide has at most {10.0 * math.log10(most):.1f} dB, "
+            f"not {radar.antenna_gain_db:g} dB",
+        )
+    )
+    if radar.aperture == "synthetic":
+        area = gain * radar.wavelength_m**2 / (4.0 * math.pi)
+        theta = radar.centre_incidence_rad
+        middle = 0.5 * float(near_slant + far_slant)
+        needed = 4.0 * radar.speed_m_s * radar.wavelength_m * middle * math.tan(theta) / SPEED_OF_LIGHT_M_S
+        found.append(
+            Limit(
+                "aperture against ambiguities",
+                area / needed,
+                f"{radar.antenna_gain_db:g} dB are {area:.3g} m2 of antenna, free of ambiguities are {needed:.3g} m2",
+            )
+        )
+    if radar.altitude_m > _LOWEST_ORBIT_M:
+        orbit = orbit_speed_m_s(radar.altitude_m)
+        found.append(
+            Limit(
+                "speed against orbit",
+                min(radar.speed_m_s / orbit, orbit / radar.speed_m_s) / 0.9,
+                f"a satellite at {1e-3 * radar.altitude_m:.4g} km moves at {orbit:.0f} m/s over the ground, "
+                f"not at {radar.speed_m_s:g} m/s",
+            )
+        )
+    return tuple(found)

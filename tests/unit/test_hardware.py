@@ -1,0 +1,77 @@
+"""Rules of the drawing board: radars that flew pass with a margin, the impossible does not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
+from seqrsm.sensor.earth import incidence_of_look
+from seqrsm.sensor.hardware import limits, orbit_speed_m_s
+from seqrsm.sensor.radar import RadarConfiguration
+
+
+def built(
+    size_m: tuple[float, float], ghz: float, altitude_m: float, incidence_deg: float, prf_hz: float, pulse_us: float
+) -> RadarConfiguration:
+    """A satellite of these published numbers whose antenna has an efficiency of 0.7."""
+    length, height = size_m
+    wavelength = SPEED_OF_LIGHT_M_S / (ghz * 1e9)
+    look = math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude_m) * math.sin(math.radians(incidence_deg)))
+    gain = 10.0 * math.log10(4.0 * math.pi * 0.7 * length * height / wavelength**2)
+    return RadarConfiguration(
+        ghz, ("HH",), 30.0, 30.0, 4e3, 90.0 - math.degrees(look), altitude_m, antenna_length_m=length,
+        antenna_gain_db=gain, prf_hz=prf_hz, pulse_length_us=pulse_us, speed_m_s=orbit_speed_m_s(altitude_m),
+    )  # fmt: skip
+
+
+def margins(radar: RadarConfiguration, swath_km: float) -> dict[str, float]:
+    look = math.radians(90.0 - radar.depression_angle_deg)
+    centre = EARTH_RADIUS_M * (incidence_of_look(look, radar.altitude_m, True) - look)
+    return {one.name: one.margin for one in limits(radar, centre - 500.0 * swath_km, centre + 500.0 * swath_km)}
+
+
+SENTINEL_IW2 = built((12.3, 0.821), 5.405, 693e3, 38.0, 1452.0, 62.0)
+FLOWN = [
+    pytest.param(SENTINEL_IW2, 85.0, id="Sentinel-1 IW2"),
+    pytest.param(built((10.0, 1.0), 5.3, 785e3, 23.0, 1680.0, 37.0), 100.0, id="ERS"),
+    pytest.param(built((10.7, 2.16), 1.2757, 800e3, 22.5, 1575.0, 34.0), 100.0, id="Seasat"),
+    pytest.param(built((9.9, 2.9), 1.2365, 628e3, 35.0, 2000.0, 30.0), 70.0, id="PALSAR-2"),
+]
+
+
+@pytest.mark.parametrize(("radar", "swath_km"), FLOWN)
+def test_radars_that_flew_keep_every_rule(radar: RadarConfiguration, swath_km: float) -> None:
+    found = margins(radar, swath_km)
+    assert set(found) == {
+        *("swath against pulse rate", "gain against beam", "aperture against ambiguities", "speed against orbit"),
+    }
+    assert min(found.values()) > 1.0
+
+
+def test_what_cannot_be_says_which_rule_and_by_how_much() -> None:
+    assert margins(replace(SENTINEL_IW2, prf_hz=3500.0), 250.0)["swath against pulse rate"] < 0.5
+    small = replace(SENTINEL_IW2, antenna_gain_db=SENTINEL_IW2.antenna_gain_db - 10.0)
+    ratio = (
+        margins(small, 85.0)["aperture against ambiguities"]
+        / margins(SENTINEL_IW2, 85.0)["aperture against ambiguities"]
+    )
+    assert ratio == pytest.approx(0.1)
+    assert margins(small, 85.0)["aperture against ambiguities"] < 1.0
+    bright = replace(SENTINEL_IW2, antenna_gain_db=55.0)
+    assert margins(bright, 85.0)["gain against beam"] < 1.0
+    assert margins(replace(SENTINEL_IW2, speed_m_s=100.0), 85.0)["speed against orbit"] < 0.1
+
+
+def test_the_window_of_echoes_is_that_between_pulses() -> None:
+    """As deep as the swath: c/2 times what the pulse leaves of the time to the next one."""
+    (rule, *_) = limits(replace(SENTINEL_IW2, earth="flat", pulse_length_us=50.0), 500e3, 500e3 + 50e3)
+    depth = math.hypot(550e3, 693e3) - math.hypot(500e3, 693e3)
+    assert rule.margin == pytest.approx(0.5 * SPEED_OF_LIGHT_M_S * (1.0 / 1452.0 - 50e-6) / depth)
+
+
+def test_a_rotating_antenna_has_no_such_rules() -> None:
+    radar = RadarConfiguration(5.0, ("HH",), 30.0, 30.0, 1e3, 30.0, 3e3, scan="ppi", aperture="real")
+    assert limits(radar, 0.0, 5e3) == ()
