@@ -1,7 +1,8 @@
-"""Make the outputs in README.md anew: ``python reports/readme.py [--check]``.
+"""Make the outputs in README.md and the guides anew: ``python reports/readme.py [--check]``.
 
 The commands of every block that begins with three backquotes and ``console`` are run in their order in one temporary
-folder, from the templates to the end, and what they print takes the place of what stands there; a comment
+folder, from the templates to the end, a command that occurs twice but once, and what they print takes the place of what
+stands there; a comment
 ``<!-- lines FROM .. TO; FROM .. TO -->`` before a block keeps those parts of the last command's output, each from the
 first line that begins with FROM up to, and without, the next that begins with TO. The answers of the example campaigns
 come from ``reports/*/optimum.json``, the pictures of the walk-through go to ``reports/readme``. Lines with times and
@@ -19,13 +20,15 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
-README = ROOT / "README.md"
+PAGES = [ROOT / name for name in ("campaigns/README.md", "README.md", "reports/README.md")]
 BLOCK = re.compile(r"(?:<!-- lines (?P<kept>[^>]*) -->\n)?```console\n(?P<body>.*?)```\n", re.S)
 ANSWERS = re.compile(r"(<!-- answers -->\n).*?(<!-- /answers -->)", re.S)
 VARIES = re.compile(r"\d s\b|\d s;|made .*Z|version|\d\.\d+ ms")
@@ -34,16 +37,18 @@ PICTURE_WIDTH = 760
 
 
 def main(arguments: list[str]) -> int:
-    """Write README.md and its pictures, or compare; 1 where they differ."""
-    old = README.read_text(encoding="utf-8")
+    """Write the pages and their pictures, or compare; 1 where they differ."""
     with tempfile.TemporaryDirectory() as folder:
-        text = BLOCK.sub(lambda match: _block(match, Path(folder)), old)
-        text = ANSWERS.sub(lambda match: match[1] + _answers() + match[2], text)
-        if "--check" in arguments:
-            return int(_lasting(text) != _lasting(old))
-        README.write_text(text, encoding="utf-8")
+        for page in PAGES:
+            old = page.read_text(encoding="utf-8")
+            text = BLOCK.sub(lambda match: _block(match, Path(folder)), old)
+            text = ANSWERS.sub(lambda match: match[1] + _answers() + match[2], text)
+            if "--check" not in arguments:
+                page.write_text(text, encoding="utf-8")
+            elif _lasting(text) != _lasting(old):
+                return 1
         for name, target in PICTURES.items():
-            if (Path(folder) / name).exists():
+            if "--check" not in arguments and (Path(folder) / name).exists():
                 _small(Path(folder) / name, ROOT / "reports" / target)
     return 0
 
@@ -54,7 +59,7 @@ def _block(match: re.Match[str], folder: Path) -> str:
     out = []
     for k, command in enumerate(commands):
         sys.stderr.write(f"{command}\n")
-        lines = _run(command, folder)
+        lines: Sequence[str] = _run(command, folder)
         if match["kept"] and k == len(commands) - 1:
             lines = _parts(lines, match["kept"])
         out += [f"$ {command}", *lines]
@@ -62,7 +67,8 @@ def _block(match: re.Match[str], folder: Path) -> str:
     return head + "```console\n" + "\n".join(out).rstrip() + "\n```\n"
 
 
-def _run(command: str, folder: Path) -> list[str]:
+@cache
+def _run(command: str, folder: Path) -> tuple[str, ...]:
     """Lines that a command prints, with `seqrsm` this one."""
     tools = folder / ".bin"
     if not tools.exists():
@@ -76,10 +82,10 @@ def _run(command: str, folder: Path) -> list[str]:
     )
     if done.returncode not in (0, 3):
         raise SystemExit(f"{command} ended with {done.returncode}:\n{done.stdout}")
-    return [line.rstrip() for line in done.stdout.replace(f"{folder}/", "").rstrip("\n").splitlines()]
+    return tuple(line.rstrip() for line in done.stdout.replace(f"{folder}/", "").rstrip("\n").splitlines())
 
 
-def _parts(lines: list[str], kept: str) -> list[str]:
+def _parts(lines: Sequence[str], kept: str) -> list[str]:
     """Parts of an output; three dots stand where something was left out."""
     out: list[str] = []
     at = 0
@@ -104,7 +110,7 @@ def _answers() -> str:
         spec = tomllib.loads((ROOT / "campaigns" / file.parent.name / "campaign.toml").read_text(encoding="utf-8"))
         units = {factor["name"]: factor.get("unit", "") for factor in spec["factor"]}
         answers = " ".join(_answer(one, units, alone=len(applications) == 1) for one in applications)
-        rows.append(f"* [`{file.parent.name}`](reports/{file.parent.name}/report.pdf): {answers}\n")
+        rows.append(f"* [`{file.parent.name}`]({file.parent.name}/report.pdf): {answers}\n")
     return "".join(rows)
 
 

@@ -39,7 +39,6 @@ app = typer.Typer(
     name="seqrsm",
     help="Find the best design of a microwave remote sensor by sequential response-surface campaigns.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich" if sys.stdout.isatty() else None,  # no boxes in a pipe
 )
@@ -483,6 +482,25 @@ def image(
 app.command()(design)
 app.command()(catalog)
 app.command()(parameters)
+
+
+@app.command("help")
+@guarded
+def help_on(
+    words: Annotated[
+        list[str] | None, typer.Argument(metavar="[WORDS]", help="What about, as in `help rankings`.")
+    ] = None,
+) -> None:
+    """Print what the guides say of a matter, or list their headings."""
+    from seqrsm.cli.console import line
+    from seqrsm.cli.guides import about, show, topics
+
+    if words:
+        for topic in about(" ".join(words)):
+            show(topic)
+    else:
+        for topic in topics():
+            line(topic.title, 2 * (topic.level - 1))
 
 
 @app.command()

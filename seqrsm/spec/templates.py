@@ -18,10 +18,15 @@ PRODUCTS = ("campaign.db*", "fits", "reports", "__pycache__")
 _LAST, _PART = "campaign.toml", ".init"
 
 
+def packaged(name: str) -> Path:
+    """Folder ``name`` of a checkout, which an installed package holds inside itself."""
+    shipped = _PACKAGE / f"_{name}"
+    return shipped if shipped.is_dir() else _PACKAGE.parent / name
+
+
 def template_folder() -> Path:
-    """Folder of the templates: inside an installed package, or ``campaigns/`` of a checkout."""
-    shipped = _PACKAGE / "_campaigns"
-    return shipped if shipped.is_dir() else _PACKAGE.parent / "campaigns"
+    """Folder of the templates."""
+    return packaged("campaigns")
 
 
 def templates() -> dict[str, str]:

@@ -1,9 +1,10 @@
-"""README: its commands and options exist, its campaign.toml is valid, its two commands are where the gate looks."""
+"""README and guides: their commands exist, their campaign.toml is valid, two commands are where the gate looks."""
 
 from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,13 +12,20 @@ import typer
 from typer.testing import CliRunner, Result
 
 from seqrsm.cli.app import app
+from seqrsm.cli.guides import topics
 from seqrsm.scene.file import save_scene
 from seqrsm.scene.synthetic import Terrain, synthetic_scene
 from seqrsm.spec.read import load_spec
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-LINES = re.findall(r"^(?:    |\$ )seqrsm (.+?)(?:\s+#.*)?$", README, flags=re.M)
-INLINE = re.findall(r"`seqrsm ([^`]+)`", README)
+ROOT = Path(__file__).parents[2]
+PAGES = {
+    name: (ROOT / name).read_text(encoding="utf-8")
+    for name in ("README.md", "campaigns/README.md", "reports/README.md", "seqrsm/README.md")
+}
+README, GUIDE = PAGES["README.md"], PAGES["campaigns/README.md"]
+ALL = "\n".join(PAGES.values())
+LINES = re.findall(r"^(?:    |\$ )seqrsm (.+?)(?:\s+#.*)?$", ALL, flags=re.M)
+INLINE = re.findall(r"`seqrsm ([^`]+)`", ALL)
 
 
 def test_two_commands_stand_indented() -> None:
@@ -29,10 +37,9 @@ def test_two_commands_stand_indented() -> None:
 
 @pytest.mark.parametrize("line", sorted({*LINES, *INLINE}))
 def test_command_and_options_exist(line: str) -> None:
-    group = typer.main.get_command(app)
+    command = typer.main.get_command(app)
     words = line.split("&&")[0].split()
-    command = group.commands[words.pop(0)]
-    while hasattr(command, "commands"):
+    while hasattr(command, "commands") and not words[0].startswith("-"):
         command = command.commands[words.pop(0)]
     known = {option for parameter in command.params for option in parameter.opts}
     for word in words:
@@ -41,25 +48,50 @@ def test_command_and_options_exist(line: str) -> None:
 
 
 def test_campaign_file_is_valid(tmp_path: Path) -> None:
-    (text,) = re.findall(r"```toml\n(.*?)```", README, flags=re.S)
+    (text,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.S)
     save_scene(synthetic_scene(20, 30, 5.0, categories=["Grass"], terrain=Terrain(1.0), seed=1), tmp_path / "scene.npz")
     (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
     spec = load_spec(tmp_path)
     assert spec.region.names == ("resolution", "polarization")
 
 
-def test_pictures_and_pages_that_it_names_are_there() -> None:
-    root = Path(__file__).parents[2]
-    for name in re.findall(r"\]\(((?!http)[^)#]+)\)", README):
-        assert (root / name).exists(), name
+@pytest.mark.parametrize("page", PAGES)
+def test_pictures_and_pages_that_it_names_are_there(page: str) -> None:
+    for name in re.findall(r"\]\(((?!http)[^)#]+)\)", PAGES[page]):
+        assert ((ROOT / page).parent / name).exists(), name
+
+
+def test_readme_is_a_page_and_a_half_with_few_links() -> None:
+    assert len(README.splitlines()) <= 120
+    assert len(re.findall(r"^\* \[", README, flags=re.M)) == 5
+
+
+def test_help_prints_each_part_of_the_guides() -> None:
+    listed = CliRunner().invoke(app, ["help"])
+    assert listed.exit_code == 0
+    titles = [line.strip() for line in listed.stdout.splitlines()]
+    assert len(titles) == len(topics()) > 30
+    for topic in topics():
+        shown = CliRunner().invoke(app, ["help", *topic.title.split()])
+        assert shown.exit_code == 0, shown.output
+        assert topic.title in shown.stdout
+    assert "Plackett-Luce" in CliRunner().invoke(app, ["help", "rankings"]).stdout
+    assert CliRunner().invoke(app, ["help", "no such matter"]).exit_code == 2
+
+
+def test_guides_are_shipped() -> None:
+    """The wheel's file list, by the rules of pyproject.toml, holds what `seqrsm help` reads."""
+    rules = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
+    assert "/reports/README.md" in rules["wheel"]["include"]
+    assert rules["wheel"]["sources"] == {"campaigns": "seqrsm/_campaigns", "reports": "seqrsm/_reports"}
 
 
 def test_own_table_and_utility_work_as_written(tmp_path: Path) -> None:
-    (block,) = re.findall(r"((?:    (?:quantity,category|sigma0,).*\n)+)", README)
+    (block,) = re.findall(r"((?:    (?:quantity,category|sigma0,).*\n)+)", GUIDE)
     (tmp_path / "mine.csv").write_text(re.sub(r"^    ", "", block, flags=re.M), encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+    (code,) = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.S)
     (tmp_path / "mine.py").write_text(code, encoding="utf-8")
-    (text,) = re.findall(r"```toml\n(.*?)```", README, flags=re.S)
+    (text,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.S)
     text = text.replace('# table = "mine.csv"', 'table = "mine.csv"').replace('"percent_correct"', '"mine:score"')
     (tmp_path / "campaign.toml").write_text(text.replace('["HH", "HH+HV"]', '["HH", "HV"]'), encoding="utf-8")
     scene = synthetic_scene(40, 60, 10.0, categories=["Grass", "Rapeseed"], field_m=80.0, terrain=Terrain(5.0), seed=1)

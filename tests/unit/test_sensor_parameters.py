@@ -20,7 +20,7 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.spec.read import CampaignSpec, load_spec
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+README = (Path(__file__).parents[2] / "campaigns" / "README.md").read_text(encoding="utf-8")
 SENSORS = {"psm": (RADAR, RadarConfiguration), "prm": (RADIOMETER, RadiometerConfiguration)}
 ROWS = [(engine, row) for engine, (table, _) in SENSORS.items() for row in table.values()]
 TABLE_1 = {
@@ -162,7 +162,7 @@ def test_no_two_parameters_have_one_label(engine):
 
 
 def test_readme_names_parameters_that_there_are():
-    part = README[README.index("**More of the radar.**") : README.index("Files are named from")]
+    part = README[README.index("### More of the radar") : README.index("Files are named from")]
     names = {name for row in re.findall(r"^\| (`.*?) \|", part, flags=re.M) for name in re.findall(r"`(\w+)", row)}
     assert len(names) > 25
     assert all(find(RADAR, name) for name in names), names - RADAR.keys()
