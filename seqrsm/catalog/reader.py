@@ -21,7 +21,8 @@ _CM_GHZ = SPEED_OF_LIGHT_M_S * 1e2 / 1e9
 Row = Mapping[str, str]
 
 
-def _rows(name: str) -> list[dict[str, str]]:
+def rows_of(name: str) -> list[dict[str, str]]:
+    """Rows of one of the package's files."""
     with (_DATA / name).open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
@@ -106,22 +107,22 @@ def _requirement(row: Row, category: str, bands: Mapping[str, Range]) -> Entry:
 
 
 def _entries(tables: Iterable[Row]) -> tuple[Entry, ...]:
-    sections = {(row["table"], row["section"]): row for row in _rows("sections.csv")}
-    applications = [_application(row, sections[row["table"], row["section"]]) for row in _rows("applications.csv")]
+    sections = {(row["table"], row["section"]): row for row in rows_of("sections.csv")}
+    applications = [_application(row, sections[row["table"], row["section"]]) for row in rows_of("applications.csv")]
     # Tables A.16 to A.20 name bands without edges: those of the radar tables A.8 to A.12 stand for them.
     edges = [row for row in sections.values() if row["band"] and row["system"] == "active"]
     bands = {row["band"]: _ranges(row["frequency_ghz"])[0] for row in edges}
     subjects = {row["table"]: row["printed_title"].removesuffix(" System Requirements") for row in tables}
-    requirements = [_requirement(row, subjects[row["table"]], bands) for row in _rows("requirements.csv")]
+    requirements = [_requirement(row, subjects[row["table"]], bands) for row in rows_of("requirements.csv")]
     return (*applications, *requirements)
 
 
 def _platforms() -> tuple[Platform, ...]:
     items: dict[str, list[PlatformItem]] = {}
-    for row in _rows("spacecraft_items.csv"):
+    for row in rows_of("spacecraft_items.csv"):
         items.setdefault(row["table"], []).append(PlatformItem(row["item"], row["printed"], row["note"]))
     quantities: dict[str, list[Quantity]] = {}
-    for row in _rows("spacecraft_quantities.csv"):
+    for row in rows_of("spacecraft_quantities.csv"):
         value = Range(_number(row["low"]), _number(row["high"]))
         quantities.setdefault(row["table"], []).append(
             Quantity(row["item"], row["quantity"], value, row["unit"], row["scope"], row["qualifier"])
@@ -135,7 +136,7 @@ def _platforms() -> tuple[Platform, ...]:
             quantities=tuple(quantities.get(row["table"], [])),
             note=row["note"],
         )
-        for row in _rows("spacecraft.csv")
+        for row in rows_of("spacecraft.csv")
     )
 
 
@@ -148,7 +149,7 @@ def load_catalog() -> Catalog:
     Catalog
         Tables A.1 to A.39 of RSL TR 380-1, Appendix A.
     """
-    rows = _rows("tables.csv")
+    rows = rows_of("tables.csv")
     entries, platforms = _entries(rows), _platforms()
     tables = []
     for row in rows:

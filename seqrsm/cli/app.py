@@ -97,8 +97,11 @@ def init(
     folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder to make.")] = None,
     template: Annotated[str | None, typer.Option(metavar="NAME", help="Which example to start from.")] = None,
     application: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(metavar="WORDS", help='Start from the literature on an application, such as "soil moisture".'),
+    ] = None,
+    scene: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Your own scene, for --application: see `seqrsm scene`.")
     ] = None,
     more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="More words of --application.")] = None,
     source: Annotated[
@@ -117,10 +120,13 @@ def init(
 
         show_templates(templates())
         return
-    if more and application is None:
+    if more and len(application or ()) != 1:
         raise UserError(
             Problem("init makes one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
         )
+    if scene is not None and not application:
+        raise UserError(Problem("a scene goes with --application", "Give it, too.", field="--scene"))
+    application = application or None
     if folder is None or [template, application, source].count(None) != 2:
         raise UserError(
             Problem(
@@ -135,13 +141,9 @@ def init(
         say(f"made {folder} from {source}; next: seqrsm status {folder}")
         return
     if application is not None:
-        from seqrsm.spec.from_catalog import init_from_catalog, tables_text
+        from seqrsm.cli.show_catalog import say_made
 
-        application = " ".join((application, *(more or ())))
-        found = init_from_catalog(application, folder)
-        tables = tables_text(entry.table for entry in found.entries)
-        say(f"made {folder} for {application} from {tables}; see the comments in {folder}/campaign.toml")
-        say(f"next: seqrsm check {folder}")
+        say_made(folder, [" ".join((*application, *(more or ())))] if more else application, scene)
         return
     assert template is not None
     copy_template(template, folder)

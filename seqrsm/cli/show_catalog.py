@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from seqrsm.catalog import Entry, Platform, Table, catalog_rows, load_catalog, summary
-from seqrsm.cli.console import heading, line, show_table
+from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.sensor.named import NamedSensor
 
 _MARKS = {"seen": "", "derived": "=", "recalled": "?"}
@@ -96,3 +97,20 @@ def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], t
     columns, rows = rendered
     if rows:
         show_table(columns, rows, title=title, sides=("left",))
+
+
+def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> None:
+    """Make a campaign from the catalogue, and tell what each application is measured by."""
+    from seqrsm.spec.from_catalog import engine_for, init_from_catalog, tables_text
+
+    wanted = init_from_catalog(applications, folder, scene)
+    for one in wanted:
+        tables = tables_text(entry.table for entry in one.start.entries)
+        how = f"measured by {one.measure.utility}"
+        if not one.measure.utility:
+            how = f"which no utility that ships measures: {one.measure.says}"
+        say(f"made {folder} for {one.words} from {tables}, {how}")
+    if engine_for(wanted):
+        say(f"see the comments in {folder}/campaign.toml; next: seqrsm check {folder}")
+        return
+    say(f'write your own (utility = "mine:score" and a [simulator]), or measure; next: seqrsm propose {folder}')

@@ -1,7 +1,8 @@
 """``seqrsm init --application``: a campaign whose start ranges and levels are those the literature asks for.
 
 The numbers are printed in Tables A.1 to A.20 of RSL TR 380-1. They are cut to what the engine can form an image of and
-the scattering table holds; every cut is written into the file as a comment beside the tables the number comes from.
+the scattering table holds; every cut is written into the file as a comment beside the tables the number comes from. An
+application that no utility measures (`seqrsm.catalog.measures`) becomes a campaign of measured scores.
 """
 
 from __future__ import annotations
@@ -9,25 +10,30 @@ from __future__ import annotations
 import math
 import re
 import shutil
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from seqrsm.catalog import StartLevels, StartRange, StartRanges, start_ranges
+from seqrsm.catalog.measures import Measure, measure_of
 from seqrsm.catalog.search import words_of
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
+from seqrsm.errors import Problem, UserError
+from seqrsm.scene.file import load_scene
+from seqrsm.score.utilities import asked_for
 from seqrsm.sensor.parameters import RADAR
 from seqrsm.spec.read import SPEC_NAME
 from seqrsm.spec.templates import new_folder, template_folder
 
-SCENE_TEMPLATE = "langegracht-radar"
-"""Template whose data base the new campaign takes."""
+SCENE_TEMPLATES = {"psm": "langegracht-radar", "prm": "crops-and-moisture"}
+"""Templates whose data base a new campaign takes, by engine."""
 
 MAX_LEVELS = 5
 FREQUENCY_GHZ = (1.25, 10.8)
 RESOLUTION_M = (5.0, 100.0)
 DEPRESSION_DEG = (10.0, 85.0)
 
+_NAMED = "percent_correct by field"
 _ALTITUDES_M = (6000.0, 12000.0, 24000.0)
 _LEAST_RATIO = 1.5
 
@@ -43,42 +49,117 @@ class _Default:
 
 
 _DEFAULTS = {
-    "frequency": _Default(1.25, 10.8, FREQUENCY_GHZ, "the scattering table knows 1.25 to 10.8 GHz"),
-    "resolution": _Default(6.0, 60.0, RESOLUTION_M, "the scene has cells of 5 m and fields of some 150 m"),
-    "depression_angle": _Default(
-        30.0, 60.0, DEPRESSION_DEG, "nearer to nadir than 85 deg no aircraft's swath covers the scene"
-    ),
+    "psm": {
+        "frequency": _Default(1.25, 10.8, FREQUENCY_GHZ, "the scattering table knows 1.25 to 10.8 GHz"),
+        "resolution": _Default(6.0, 60.0, RESOLUTION_M, "the scene has cells of 5 m and fields of some 150 m"),
+        "depression_angle": _Default(
+            30.0, 60.0, DEPRESSION_DEG, "nearer to nadir than 85 deg no aircraft's swath covers the scene"
+        ),
+    },
+    "prm": {
+        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "the tables know 1 to 36 GHz"),
+        "resolution": _Default(50.0, 250.0, (30.0, 500.0), "the scene is four kilometres wide, with cells of 10 m"),
+    },
+}
+_MEASURED = {
+    "frequency": _Default(1.25, 10.8, (0.1, 100.0), ""),
+    "resolution": _Default(6.0, 60.0, (0.1, 1e5), ""),
+    "depression_angle": _Default(30.0, 60.0, (0.0, 90.0), ""),
 }
 
 
-def init_from_catalog(words: str, folder: Path) -> StartRanges:
-    """Make a campaign folder for an application of the catalogue.
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """One application of the catalogue.
+
+    Attributes
+    ----------
+    words : str
+        As they were given, without signs.
+    start : StartRanges
+        What the catalogue says.
+    measure : Measure
+        By which utility it is scored.
+    """
+
+    words: str
+    start: StartRanges
+    measure: Measure
+
+
+def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | None = None) -> list[Wanted]:
+    """Make a campaign folder for applications of the catalogue.
 
     Parameters
     ----------
-    words : str
-        Words of the application, as `seqrsm.catalog.search` takes them.
+    applications : sequence of str
+        Words of each, as `seqrsm.catalog.search` takes them; one at least.
     folder : Path
         New, or empty.
+    scene : Path, optional
+        Data base of the new campaign; default is that of a template.
 
     Returns
     -------
-    StartRanges
-        What the catalogue says.
+    list of Wanted
 
     Raises
     ------
     UserError
-        No radar entry holds all the words, or the folder cannot be made.
+        No entry holds all the words of an application, only some can be simulated, the scene lacks a cover that is
+        asked for, or the folder cannot be made.
     """
-    start = start_ranges(words, system="active")
-    text = campaign_text(start)
-    source = template_folder() / SCENE_TEMPLATE
+    wanted = applications_of(applications)
+    engine = engine_for(wanted)
+    if scene is not None:
+        _check_covers(scene, wanted)
+    text = campaign_text(wanted)
     with new_folder(folder) as part:
-        for file in ("scene.npz", "SCENE.md"):
-            shutil.copyfile(source / file, part / file)
+        if scene is not None:
+            shutil.copyfile(scene, part / "scene.npz")
+        elif engine:
+            for file in ("scene.npz", "SCENE.md"):
+                shutil.copyfile(template_folder() / SCENE_TEMPLATES[engine] / file, part / file)
         (part / SPEC_NAME).write_text(text, encoding="utf-8")
-    return start
+    return wanted
+
+
+def applications_of(applications: Sequence[str]) -> list[Wanted]:
+    """What the catalogue says of each application, and how it is measured; errors as of `init_from_catalog`."""
+    measures = [measure_of(words) for words in applications]
+    system = "passive" if any(one.engine == "prm" for one in measures) else "active"
+    found = []
+    for words, measure in zip(applications, measures, strict=True):
+        try:
+            start = start_ranges(words, system=system)
+        except UserError:
+            start = start_ranges(words, system="active" if system == "passive" else "passive")
+        if system == "passive" and measure.utility == _NAMED:  # the target is in the unit of all
+            measure = replace(measure, utility="kappa by field")
+        found.append(Wanted(" ".join(words_of(words)), start, measure))
+    if any(one.measure.utility for one in found) and not all(one.measure.utility for one in found):
+        without = next(one for one in found if not one.measure.utility)
+        remedy = "Make a campaign of its own for it."
+        message = f"no utility measures it: {without.measure.says}; the other applications are simulated"
+        raise UserError(Problem(message, remedy, field="--application", value=without.words))
+    return found
+
+
+def engine_for(wanted: Sequence[Wanted]) -> str:
+    """The engine of all: "prm" where one needs it, "" where scores are measured."""
+    engines = {one.measure.engine for one in wanted}
+    return "prm" if "prm" in engines else "".join(engines)
+
+
+def _check_covers(scene: Path, wanted: Sequence[Wanted]) -> None:
+    known = load_scene(scene).categories
+    for one in wanted:
+        lacking = [name for name in (asked_for(one.measure.utility).covers if one.measure.utility else ())
+                   if name not in known]  # fmt: skip
+        if lacking:
+            remedy = f"The scene has {', '.join(known)}."
+            message = f"{one.words} is measured on {', '.join(lacking)}, which the scene lacks"
+            raise UserError(Problem(message, remedy, file=str(scene)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,47 +174,105 @@ class _Chosen:
     comments: tuple[str, ...]
 
 
-def campaign_text(start: StartRanges) -> str:
-    """Text of campaign.toml for what the catalogue says."""
-    words = " ".join(words_of(start.words))  # no sign that would end a string or a comment
-    name = words.replace(" ", "-")[:60].strip("-")
-    chosen = [_choose(item) for item in start.ranges]
+def campaign_text(wanted: Sequence[Wanted]) -> str:
+    """Text of campaign.toml for what the catalogue says of some applications."""
+    engine = engine_for(wanted)
+    limits = _DEFAULTS[engine] if engine else _MEASURED
+    both = " and ".join(one.words for one in wanted)
+    name = both.replace(" ", "-")[:60].strip("-")
+    several = len(wanted) > 1
+    chosen = [
+        _joined([_choose(item, limits[key], one.words if several else "") for one in wanted for item in one.start.ranges
+                 if item.name == key])
+        for key in limits if any(item.name == key for one in wanted for item in one.start.ranges)
+    ]  # fmt: skip
     by_name = {item.name: item for item in chosen}
-    altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"])
-    levels, level_comments = _levels(start.polarization)
-    terms = 10 + 4 * (len(levels) - 1)
-    count = len(start.entries)
+    levels, level_comments = _levels([one.start.polarization for one in wanted]) if engine != "prm" else ((), ())
+    terms = 10 + 4 * max(len(levels) - 1, 0)
+    entries = {entry for one in wanted for entry in one.start.entries}
+    sensor = {"psm": "airborne radar", "prm": "airborne radiometer"}.get(engine, "sensor")
+    shown = " and ".join(f"`seqrsm catalog {one.words}`" for one in wanted)
     parts = [
-        f"# Which airborne radar is best for {words}? Start ranges and levels from RSL TR 380-1, Appendix A:\n"
-        f"# {count} {'entry' if count == 1 else 'entries'} in {tables_text(entry.table for entry in start.entries)}, "
-        f"shown by `seqrsm catalog {words}`.\n# Widen or narrow them as you know better.",
+        f"# Which {sensor} is best for {both}? Start ranges and levels from RSL TR 380-1, Appendix A:\n"
+        f"# {len(entries)} {'entry' if len(entries) == 1 else 'entries'} in "
+        f"{tables_text(entry.table for entry in entries)}, shown by {shown}.\n"
+        "# Widen or narrow them as you know better.",
         f'[campaign]\nname = "{name}"\n'
-        f'description = "Radar for {words}, ranges from the catalogue, simulated over the Langegracht scene"\n'
-        "seed = 1979\nbatch = 4",
+        f'description = "One {sensor} for {both}, ranges from the catalogue"\nseed = 1979\nbatch = 4',
         *(_factor_text(item) for item in chosen if item.low < item.high),
         _polarization_text(levels, level_comments),
-        "# The engine scores how well the covers of the scene are told apart. For another utility name your own\n"
-        '# function, "package.module:function", or fly and take measured scores in ("measured").\n'
-        f'[[application]]\nname = "{name}"\nutility = "percent_correct"\ngoal = "maximize"\n'
-        f'catalog = "{words}"{_knowledge_text(start.ranges, by_name)}',
-        '# Langegracht, Flanders (see SCENE.md): put your own site here.\n[simulator]\nengine = "psm"\n'
-        'scene = "scene.npz"',
-        "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
-        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\naltitude_m = {altitude:.1f}",
-        *_fixed_text(chosen, levels),
+        *(_application_text(one, engine, by_name) for one in wanted),
+        *_simulator_text(engine, chosen, by_name, levels),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
-        f"half_width = 14.0             # percent, mostly what is not known of the ground: `seqrsm check` says\n"
-        "level = 0.95\n"
-        f"max_runs = {max(120, 5 * terms)}",
+        f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
     ]
     return re.sub(r"\n\n(?=# .* held fixed:|\w+ = )", "\n", "\n\n".join(part for part in parts if part)) + "\n"
 
 
-def _choose(item: StartRange) -> _Chosen:
-    """Cut a printed range to the limits; take the default where nothing usable is printed."""
-    default = _DEFAULTS[item.name]
-    tables = tables_text(item.tables)
+def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -> str:
+    name = one.words.replace(" ", "-")[:60].strip("-")
+    told = (
+        f"# {asked_for(one.measure.utility).row.words}"
+        if one.measure.utility
+        else f"# No utility that ships measures it: {one.measure.says}. Fly and take scores in, or name your own\n"
+        '# function of the simulated image, "package.module:function", and add a [simulator].'
+    )
+    # A prior is stated in percent, as radars' utilities are.
+    printed = all(item.name in chosen for item in one.start.ranges)
+    prior = _knowledge_text(one.start.ranges, chosen) if one.measure.engine == "psm" and printed else ""
+    # The report compares with what is printed for sensors of the campaign's kind.
+    of_kind = (one.start.system == "passive") == (engine == "prm")
+    literature = f'catalog = "{one.words}"' if of_kind else ""
+    return (
+        f'{told}\n[[application]]\nname = "{name}"\nutility = "{one.measure.utility or "measured"}"\n'
+        f"{literature}{prior}"
+    )
+
+
+def _simulator_text(
+    engine: str, chosen: list[_Chosen], by_name: Mapping[str, _Chosen], levels: tuple[str, ...]
+) -> list[str]:
+    """The tables of the simulator; none for measured scores."""
+    if not engine:
+        return []
+    site = f'# Langegracht, Flanders (see SCENE.md): put your own site here.\n[simulator]\nengine = "{engine}"\n'
+    parts = [f'{site}scene = "scene.npz"']
+    if engine == "prm":
+        parts.append(
+            "# An aircraft's scanner, both polarizations.\n[simulator.fixed]\n"
+            'polarization = "H+V"\nbandwidth = 25.0              # MHz\nnoise_temperature = 500.0     # K\n'
+            "integration_time = 5.0        # ms\nscan_period = 1.0             # s, there and back\n"
+            "altitude_m = 1500.0\nspeed_m_s = 60.0"
+        )
+        return [*parts, *_fixed_text(chosen, ("H+V", ""))]
+    altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"])
+    parts.append(
+        "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
+        f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\naltitude_m = {altitude:.1f}"
+    )
+    return [*parts, *_fixed_text(chosen, levels)]
+
+
+def _target_text(wanted: Sequence[Wanted]) -> str:
+    """The half-width: `seqrsm check` says what can be reached, mostly what is not known of the ground."""
+    rows = [asked_for(one.measure.utility or "measured").row for one in wanted]
+    percent = any(row.unit == "percent" for row in rows)
+    value, unit = (14.0, "percent") if percent else (0.2, "1 is perfect") if rows[0].function else (5.0, "score units")
+    return f"half_width = {value}             # {unit}: `seqrsm check` says what can be reached"
+
+
+def _joined(found: Sequence[_Chosen]) -> _Chosen:
+    """One range that holds those of several applications."""
+    first = found[0]
+    comments = tuple(comment for one in found for comment in one.comments)
+    low, high = min(one.low for one in found), max(one.high for one in found)
+    return _Chosen(first.name, first.unit, first.scale, low, high, comments)
+
+
+def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:
+    """Cut a printed range to the limits; take the default where nothing usable is printed; ``words``: for what."""
+    tables = f"{words}, {tables_text(item.tables)}" if words else tables_text(item.tables)
     low, high = default.limits
     comments = []
     if item.low is None or item.high is None:
@@ -209,13 +348,14 @@ def _comment(lines: tuple[str, ...]) -> str:
     return "".join(f"# {line}\n" for line in lines)
 
 
-def _levels(item: StartLevels) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _levels(items: Sequence[StartLevels]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Levels of polarization that the engine has, and comments."""
-    known = tuple(level for level in item.levels if set(level.split("+")) <= set(RADAR["polarization"].levels))
-    tables = tables_text(item.tables)
+    printed = tuple(dict.fromkeys(level for item in items for level in item.levels))
+    known = tuple(level for level in printed if set(level.split("+")) <= set(RADAR["polarization"].levels))
+    tables = tables_text(table for item in items for table in item.tables)
     if not known:
         return ("HH", "VV", "HH+HV"), (f"{tables}: no channel is named; usual ones",)
-    comments = [f"{tables}: {', '.join(item.levels)}", *item.notes]
+    comments = [f"{tables}: {', '.join(printed)}", *dict.fromkeys(note for item in items for note in item.notes)]
     if len(known) > MAX_LEVELS:
         # Sets hold what their channels hold: the last single channels are the least loss.
         kept = [level for level in known if "+" in level] + [level for level in known if "+" not in level]
