@@ -11,6 +11,7 @@ from typing import Final, overload
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.constants import SPEED_OF_LIGHT_M_S
 
 LN10_OVER_10: Final = float(np.log(10.0) / 10.0)
 """Natural logarithm of the power ratio that 1 dB stands for [1/dB]."""
@@ -56,7 +57,7 @@ def deg_to_rad(angle_deg: float | FloatArray) -> float | FloatArray:
 
 _KINDS: Final[Sequence[Mapping[str, float]]] = (
     {"GHz": 1e9, "MHz": 1e6, "kHz": 1e3, "Hz": 1.0},
-    {"m": 1.0, "km": 1e3, "cm": 1e-2},
+    {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3},
     {"W": 1.0, "kW": 1e3},
     {"deg": np.pi / 180.0, "rad": 1.0},
     {"s": 1.0, "ms": 1e-3, "us": 1e-6},
@@ -74,3 +75,13 @@ def unit_factor(unit: str, wanted: str) -> float | None:
     if unit == wanted:
         return 1.0
     return next((kind[unit] / kind[wanted] for kind in _KINDS if unit in kind and wanted in kind), None)
+
+
+def reciprocal_factor(unit: str, wanted: str) -> float | None:
+    """Number that a wavelength in ``unit`` divides to give the frequency in ``wanted``, or the other way round."""
+    frequency, length = _KINDS[:2]
+    pairs = ((length, frequency), (frequency, length))
+    return next(
+        (SPEED_OF_LIGHT_M_S / one[unit] / other[wanted] for one, other in pairs if unit in one and wanted in other),
+        None,
+    )

@@ -395,11 +395,11 @@ class Campaign:
                     if result.fault == "machine" and run.attempts % TRIES:
                         self.store.issue([run.run_id])
 
-    def ingest(self, *files: TableSource, dry_run: bool = False) -> tuple[IngestReport, ...]:
+    def ingest(self, *files: TableSource, dry_run: bool = False, accept: bool = False) -> tuple[IngestReport, ...]:
         """Take in files or tables of measured scores or rankings, all or none; see `seqrsm.campaign.ingest`."""
         from seqrsm.campaign.ingest import ingest_files
 
-        return ingest_files(self.store, self.spec, files, dry_run=dry_run)
+        return ingest_files(self.store, self.spec, files, dry_run=dry_run, accept=accept)
 
     def void(self, run_id: int, why: str) -> None:
         """Take a run out of the fit."""

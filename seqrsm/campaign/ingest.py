@@ -10,10 +10,11 @@ with the columns ``interpreter`` and ``rank`` holds rankings, from which scores 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.form import factor_columns
+from seqrsm.campaign.guards import suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import shallow
 from seqrsm.score.cells import Measure
@@ -50,7 +51,7 @@ class IngestReport(IngestOutcome):
     outside_region : tuple of int
         Lines whose settings lie outside the campaign's region.
     unscored : tuple of int
-        Lines of proposed runs that have no score yet.
+        Lines that have no score yet.
     messages : tuple of str
         The above in sentences.
     """
@@ -68,12 +69,12 @@ class IngestReport(IngestOutcome):
         return {name: value for name, value in asdict(self).items() if name != "equal"}
 
 
-_Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str]]
-"""A file on its way into the store; lines outside the region; lines without score; remarks."""
+_Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str], ScoresFile | None]
+"""A file on its way into the store; lines outside the region; lines without score; remarks; what was read of scores."""
 
 
 def ingest_files(
-    store: Store, spec: CampaignSpec, sources: Sequence[TableSource], *, dry_run: bool = False
+    store: Store, spec: CampaignSpec, sources: Sequence[TableSource], *, dry_run: bool = False, accept: bool = False
 ) -> tuple[IngestReport, ...]:
     """Take files or tables of measured scores or rankings into the store, in order; all of them or none.
 
@@ -88,11 +89,13 @@ def ingest_files(
         :mod:`seqrsm.score.ranking_file`.
     dry_run : bool
         Check and report, write nothing.
+    accept : bool
+        Take in also what looks wrong, see `seqrsm.campaign.guards`.
 
     Raises
     ------
     ScoresFileError
-        A file is wrong; nothing was changed.
+        A file is wrong, or something in it looks wrong and is not accepted; nothing was changed.
     StoreError
         Rows that do not fit the runs of the campaign; nothing was changed.
     """
@@ -106,12 +109,35 @@ def ingest_files(
             problems += error.problems
     if problems:
         raise ScoresFileError(*problems)
+    if not accept:
+        _hold_back(store, spec, read)
     outcomes = store.ingest_files([file for file, *_ in read], dry_run=dry_run)
     return tuple(_report(one, outcome, dry_run) for one, outcome in zip(read, outcomes, strict=True))
 
 
+def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
+    """ScoresFileError where rows look wrong that the store does not have already."""
+    runs = store.runs("scored")
+    known = {
+        app.name: [score.score for run in runs if (score := run.score_of(app.name)) is not None]
+        for app in spec.applications
+    }
+    files = [one[-1] for one in read]
+    if not any(suspects(spec, file, known) for file in files if file is not None):
+        return
+    problems: list[Problem] = []
+    for file, outcome in zip(files, store.ingest_files([one[0] for one in read], dry_run=True), strict=True):
+        if file is not None and outcome.already is None:
+            equal = {row.line for row in outcome.equal}
+            new = (row for row in file.scores if row.line not in equal and row.run_id not in outcome.unchanged)
+            problems += suspects(spec, replace(file, scores=tuple(new)), known)
+    if problems:
+        message = "nothing was taken in: what is listed above looks wrong"
+        raise ScoresFileError(*problems, Problem(message, "Mend it, or take all of it as it is with --accept."))
+
+
 def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
-    file, outside, unscored, remarks = read
+    file, outside, unscored, remarks, _ = read
     new = outcome.already is None
     return IngestReport(
         **shallow(outcome),
@@ -131,7 +157,7 @@ def _read_scores(spec: CampaignSpec, text: TableText) -> _Read:
     outside = _outside(spec, file.name, {score.line: score.settings for score in file.scores})
     runs = _runs(spec, file, frozenset(outside))
     ingested = IngestedFile(file.name, file.sha256, len(file.scores), tuple(runs))
-    return ingested, outside, file.unscored, file_messages(spec, file, runs, outside)
+    return ingested, outside, file.unscored, file_messages(spec, file, runs, outside), file
 
 
 def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
@@ -148,7 +174,7 @@ def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     images = [image for ranking in file.rankings for image in ranking.images]
     outside = _outside(spec, file.name, {im.line: im.settings for im in images if im.settings is not None})
     ingested = IngestedFile(file.name, file.sha256, len(images), rankings=file.rankings)
-    return ingested, outside, (), outside_messages(outside)
+    return ingested, outside, (), outside_messages(outside), None
 
 
 def _outside(spec: CampaignSpec, name: str, settings: Mapping[int, Settings]) -> tuple[int, ...]:
@@ -228,7 +254,8 @@ def file_messages(
     """Remarks on a file of scores by itself."""
     messages = outside_messages(outside)
     if file.unscored:
-        messages.append(f"{len(file.unscored)} proposed runs of the file have no score yet.")
+        count = "1 row has" if len(file.unscored) == 1 else f"{len(file.unscored)} rows have"
+        messages.append(f"{count} no score yet and may come again (lines {_few(file.unscored)}).")
     if spec.model.block is not None and any(not run.block for run in runs):
         messages.append(f"Some rows say nothing in the block column '{spec.model.block}'.")
     for application in spec.applications:

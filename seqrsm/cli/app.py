@@ -268,12 +268,19 @@ def simulate(folder: Folder, workers: Workers = 1, cluster: Cluster = None, as_j
 @guarded
 def ingest(
     folder: Folder,
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of measured scores.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Measured scores: CSV, .xlsx (extra 'excel') or .parquet.")
+    ],
+    accept: Annotated[bool, typer.Option("--accept", help="Take in as it is what looks wrong, too.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen and change nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take measured scores or interpreters' rankings in; all or nothing."""
-    taken = _opened(folder).ingest(*files, dry_run=dry_run)
+    """Take measured scores or interpreters' rankings in; all or nothing.
+
+    Where rows look wrong, such as a frequency in MHz under a header without unit, -9999, a score far from all others or
+    a row that stands twice, each is told with what may have been meant, and nothing is taken in without --accept.
+    """
+    taken = _opened(folder).ingest(*files, dry_run=dry_run, accept=accept)
     print_json(taken.to_json()) if as_json else taken.show()
 
 

@@ -188,8 +188,11 @@ class Campaign:
         header, rows = form_rows(self.spec, wanted)
         return pd.DataFrame(rows, columns=pd.Index(header))
 
-    def ingest(self, *tables: TableSource, dry_run: bool = False) -> Ingested:
+    def ingest(self, *tables: TableSource, dry_run: bool = False, accept: bool = False) -> Ingested:
         """Take measured scores or interpreters' rankings in, all or nothing.
+
+        What looks wrong, such as a frequency in MHz without unit, -9999, or a row that stands twice, is an error that
+        says what is suspected, and nothing is taken in.
 
         Parameters
         ----------
@@ -197,8 +200,10 @@ class Campaign:
             A table in memory, or a file: CSV, ``.xlsx``, ``.parquet``. A column for each factor and ``score``.
         dry_run : bool
             Say what would happen and change nothing.
+        accept : bool
+            Take in as it is what looks wrong, too.
         """
-        return Ingested(self.opened.ingest(*tables, dry_run=dry_run))
+        return Ingested(self.opened.ingest(*tables, dry_run=dry_run, accept=accept))
 
     def simulate(self, workers: int = 1) -> None:
         """Carry out the simulations that are issued."""

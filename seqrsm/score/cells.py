@@ -5,14 +5,14 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from seqrsm.errors import Problem, ScoresFileError
 from seqrsm.score.source import table_text
 from seqrsm.score.table import Table, read_table
-from seqrsm.units import unit_factor, units_like
+from seqrsm.units import reciprocal_factor, unit_factor, units_like
 
 MAX_PROBLEMS = 100
 
@@ -21,6 +21,7 @@ _HEADER = re.compile(r"\s*(?P<name>[^\[\]()]*?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*
 _DATE = re.compile(
     r"\d{1,2}[. -]+[^\W\d_]{3,9}\.?([ -]\d{2,4})?|[^\W\d_]{3,9}[. -]+\d{2,4}|\d{1,4}([-/.])\d{1,2}\2\d{2,4}"
 )
+_RECIPROCALS = {"wavelength": "frequency", "frequency": "wavelength"}
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
@@ -47,15 +48,47 @@ def split_header(text: str) -> tuple[str, str]:
     return (match["name"], match["unit"] or "") if match else (text.strip(), "")
 
 
+_WORDS_FOR_NOTHING = frozenset(("na", "n/a", "nan", "none", "null", "nil", "missing", "#n/a", "-", "--", "?", "x"))
+_SENTINELS = frozenset(
+    sign * size for sign in (-1.0, 1.0) for size in (99.0, 999.0, 9999.0, 99999.0, 999999.0, 32767.0, 32768.0, 65535.0)
+)
+
+
+def is_sentinel(value: float) -> bool:
+    """Whether programs write this number for no value."""
+    return value in _SENTINELS
+
+
+def nearest(text: str, names: Iterable[str]) -> str:
+    """The name that the text may stand for, case, blanks and signs aside; "" where none is near."""
+    plain = {_letters(name) or name: name for name in names}
+    near = difflib.get_close_matches(_letters(text), plain, n=1)
+    return plain[near[0]] if near else ""
+
+
+def same_name(text: str, names: Iterable[str]) -> str:
+    """The name that the text is, case, blanks and signs aside, or but for one letter of five or more; "" for none."""
+    bare = _letters(text)
+    for name in names:
+        other = _letters(name)
+        if bare == other or (len(other) > 4 and difflib.SequenceMatcher(None, bare, other).ratio() > 0.85):
+            return name
+    return ""
+
+
+def _letters(text: str) -> str:
+    return re.sub(r"[\W_]+", "", text.casefold())
+
+
 def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
     """Which column may be the factor's; one whose name ends in a unit must keep it, or values change their meaning."""
-    near = [name for name in free if name.casefold().startswith(factor.name.casefold())]
-    near += difflib.get_close_matches(factor.name, free, n=1)
+    begins = (name for name in free if name.casefold().startswith(factor.name.casefold()))
+    near = next(begins, "") or nearest(factor.name, free)
     if not near:
         return "Add it."
-    rest = near[0][len(factor.name) :].strip(" _-./")
+    rest = near[len(factor.name) :].strip(" _-./[]()")
     unit = next((unit for unit in units_like(factor.unit) if unit.casefold() == rest.casefold()), "")
-    return f"Rename the column '{near[0]}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
+    return f"Rename the column '{near}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
 
 
 class CellReader:
@@ -79,6 +112,7 @@ class CellReader:
         self.problems: list[Problem] = []
         self.columns: dict[str, int] = {}
         self.scales: dict[str, float] = {}
+        self.reciprocals: dict[str, float] = {}
         self.seen: dict[tuple[int, str], int] = {}
         self.decimal_signs: dict[str, int] = {}
 
@@ -101,6 +135,7 @@ class CellReader:
         known = {*self.optional, *(factor.name for factor in self.factors)}
         for index, text in enumerate(self.table.header):
             name, unit = split_header(text)
+            name = self._reciprocal_of(name, unit, known)
             if name not in known:  # a column of the user's own is kept under its full name, unit and all
                 name, unit = text.strip(), ""
             if not name:
@@ -113,16 +148,31 @@ class CellReader:
                 self.unit(name, unit, line)
         self.missing(line)
 
+    def _reciprocal_of(self, name: str, unit: str, known: set[str]) -> str:
+        """A wavelength's column is the frequency's, and the other way round, where that has none."""
+        twin = _RECIPROCALS.get(name.casefold(), "")
+        factor = next((factor for factor in self.factors if factor.name == twin), None)
+        if name in known or factor is None or any(split_header(text)[0] == twin for text in self.table.header):
+            return name
+        return name if reciprocal_factor(unit, factor.unit) is None else twin
+
     def unit(self, name: str, unit: str, line: int) -> None:
         """Note the number that turns a column's unit into the factor's."""
         factor = next((factor for factor in self.factors if factor.name == name), None)
         if factor is not None and unit and factor.levels is None:
             scale = unit_factor(unit, factor.unit)
-            if scale is None:
-                wanted = f"Give it in {factor.unit}." if factor.unit else "It is a pure number: drop the unit."
-                self.add("the unit cannot be converted", wanted, line, name, unit)
-            else:
+            reciprocal = reciprocal_factor(unit, factor.unit) if name.split(".")[-1] in _RECIPROCALS else None
+            if scale is not None:
                 self.scales[name] = scale
+            elif reciprocal is not None:
+                self.reciprocals[name] = reciprocal
+            else:
+                like = units_like(factor.unit)
+                near = nearest(unit, like)
+                wanted = f"Did you mean {near}?" if near else f"Give it in {' or '.join(like) or factor.unit}."
+                if not factor.unit:
+                    wanted = "It is a pure number: drop the unit."
+                self.add("the unit cannot be converted", wanted, line, name, unit)
         elif unit and name in self.optional and not (name in ("score", "se") and unit == "%"):
             self.add("this column has no unit", f"Write the header as: {name}", line, name, unit)
 
@@ -168,7 +218,9 @@ class CellReader:
         if not text and len(self.measures) == 1:
             return next(iter(self.measures))
         message = "no such application" if text else "the cell is empty"
-        self.add(message, f"Applications: {', '.join(self.measures)}.", line, "application", text or None)
+        near = nearest(text, self.measures)
+        hint = f"Did you mean '{near}'? " if near else ""
+        self.add(message, f"{hint}Applications: {', '.join(self.measures)}.", line, "application", text or None)
         return ""
 
     def setting(self, factor: FactorColumn, cells: Sequence[str], line: int) -> float | str:
@@ -176,10 +228,15 @@ class CellReader:
         text = self.cell(cells, factor.name)
         if factor.levels is None:
             number = self.number(text, line, factor.name, required=True)
-            return math.nan if number is None else number * self.scales.get(factor.name, 1.0)
+            reciprocal = self.reciprocals.get(factor.name)
+            if number is None or reciprocal is None:
+                return math.nan if number is None else number * self.scales.get(factor.name, 1.0)
+            if number <= 0.0:
+                self.add("a wavelength or frequency is above 0", "Correct it.", line, factor.name, text)
+            return reciprocal / number if number > 0.0 else math.nan
         if text not in factor.levels:
-            near = difflib.get_close_matches(text, factor.levels, n=1)
-            hint = f"Did you mean '{near[0]}'?" if near else f"Levels: {', '.join(factor.levels)}."
+            near = nearest(text, factor.levels)
+            hint = f"Did you mean '{near}'?" if near else f"Levels: {', '.join(factor.levels)}."
             self.add("no such level" if text else "the cell is empty", hint, line, factor.name, text or None)
         return text
 
@@ -198,6 +255,8 @@ class CellReader:
         remedy = "Give a plain finite number, without unit and without a sign between thousands."
         if _DATE.fullmatch(text):
             remedy = "A spreadsheet has made a date of a number: give the column the format 'Text' and type it again."
+        elif text.casefold() in _WORDS_FOR_NOTHING:
+            remedy = "Leave the cell empty where there is no value."
         elif "," in text and self.table.delimiter == ",":
             remedy = "Use a decimal point, or separate the cells by semicolons."
         self.add("this is no number", remedy, line, column, text)

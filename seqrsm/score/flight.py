@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from seqrsm.score.cells import CellReader, FactorColumn, Measure, split_header
+from seqrsm.score.cells import CellReader, FactorColumn, Measure, is_sentinel, nearest, same_name, split_header
 from seqrsm.score.source import table_text
 from seqrsm.score.table import read_table
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from seqrsm.score.source import TableSource
 
 SOURCES = ("flight", "simulation")
+MEANT = ("run_id", "application", "se", "n", "correct", "block", "source")
+"""Columns without which a row says something else."""
 OPTIONAL = ("run_id", "application", "score", "se", "n", "correct", "block", "source", "date", "note")
 
 
@@ -80,13 +82,16 @@ class ScoresFile:
     scores : tuple of MeasuredScore
         In the order of the file.
     unscored : tuple of int
-        Lines of proposed runs (with a ``run_id``) whose score is still empty.
+        Lines whose score is still empty.
+    near : tuple of (str, str)
+        Columns of the user's own that are nearly named as one that has a meaning, and that.
     """
 
     name: str
     sha256: str
     scores: tuple[MeasuredScore, ...]
     unscored: tuple[int, ...]
+    near: tuple[tuple[str, str], ...] = ()
 
 
 def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: Sequence[Measure]) -> ScoresFile:
@@ -112,7 +117,7 @@ def read_scores(source: TableSource, factors: Sequence[FactorColumn], measures: 
     reader = _Reader(table, factors, measures)
     scores, unscored = reader.rows()
     reader.refuse()
-    return ScoresFile(file.name, file.sha256, tuple(scores), tuple(unscored))
+    return ScoresFile(file.name, file.sha256, tuple(scores), tuple(unscored), reader.near())
 
 
 def binomial_percent(n: int, correct: int) -> tuple[float, float]:
@@ -143,6 +148,12 @@ class _Reader(CellReader):
                 hint = f"{percent}; counts are two columns, n and correct."
             self.add("there is no column of scores", hint, line, "score")
 
+    def near(self) -> tuple[tuple[str, str], ...]:
+        """Columns of the user's own that are nearly named as one that has a meaning and is not there."""
+        absent = [name for name in MEANT if name not in self.columns]
+        own = (name for name in self.columns if name not in OPTIONAL and all(f.name != name for f in self.factors))
+        return tuple((name, meant) for name in own if (meant := same_name(name, absent)))
+
     # -- rows -----------------------------------------------------------------------------------------------------
 
     def rows(self) -> tuple[list[MeasuredScore], list[int]]:
@@ -155,7 +166,7 @@ class _Reader(CellReader):
             score = self.row(line, cells)
             if score is not None:
                 scores.append(score)
-            elif self.cell(cells, "run_id"):
+            else:
                 unscored.append(line)
         if not self.problems and not scores:
             remedy = "Fill in the column 'score'." if unscored else "Add a row for each score."
@@ -174,8 +185,12 @@ class _Reader(CellReader):
             if first != line:
                 self.add(f"line {first} has a score of this run already", "Keep one of them.", line, "run_id", run_id)
         if text["source"] not in ("", *SOURCES):
-            self.add("no such source", f"Write {' or '.join(SOURCES)}, or nothing.", line, "source", text["source"])
-        if run_id is not None and not (text["score"] or text["n"] or text["correct"]):
+            near = nearest(text["source"], SOURCES)
+            hint = (
+                f"Did you mean {near}?" if near else "What is measured by other means than a flight is a flight, too."
+            )
+            self.add("no such source", f"Write {' or '.join(SOURCES)}. {hint}", line, "source", text["source"])
+        if not (text["score"] or text["n"] or text["correct"]):
             return None
         numbers = self.numbers(text, line, self.measures.get(application, Measure(application)))
         if len(self.problems) > before:
@@ -210,5 +225,6 @@ class _Reader(CellReader):
                 self.add("the score contradicts n and correct", remedy, line, "score", score)
             score = percent if score is None else score
         if measure.is_percent and score is not None and not 0.0 <= score <= 100.0:
-            self.add("a percentage lies from 0 to 100", "Correct it.", line, "score", score)
+            remedy = "Leave the cell empty where there is no score." if is_sentinel(score) else "Correct it."
+            self.add("a percentage lies from 0 to 100", remedy, line, "score", score)
         return math.nan if score is None else score, se, n, correct

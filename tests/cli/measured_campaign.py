@@ -24,7 +24,7 @@ def make(folder: Path, factors: str, rows: list[dict], model: str = "", applicat
     (folder / "campaign.toml").write_text(HEAD + factors + application + model + STOP, encoding="utf-8")
     lines = [",".join(rows[0]), *(",".join(str(value) for value in row.values()) for row in rows)]
     (folder / "scores.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv")])
+    done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv"), "--accept"])
     assert done.exit_code == 0, done.output
     return folder
 

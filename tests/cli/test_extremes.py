@@ -49,7 +49,7 @@ def fly(folder: Path, score: Callable[[dict, int], float], rounds: int, *options
             writer = csv.DictWriter(stream, list(rows[0]))
             writer.writeheader()
             writer.writerows(rows)
-        call("ingest", folder, form)
+        call("ingest", folder, form, "--accept")
     return flown
 
 

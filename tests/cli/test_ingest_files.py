@@ -136,7 +136,7 @@ def test_dates_stay_as_written(make):
 def test_a_file_twice_never_doubles_a_score(make, dialect):
     folder = make()
     text = f"{HEADER},date\n1.5,12,HH,70,1979-05-12\n1.5,12,HH,70,1979-05-12\n9,20,VV,55.5,1979-05-13\n"
-    folder.ingest(text)
+    folder.ingest(text, "--accept")
     lines = text.splitlines()
     again = {
         "same bytes": text,

@@ -118,7 +118,7 @@ def command(name: str, folder: Path) -> None:
             if name == "run":
                 run_campaign(campaign)
             elif name == "propose":
-                campaign.propose()
+                campaign.propose(source="simulation")
             elif name == "simulate":
                 campaign.simulate()
     finally:

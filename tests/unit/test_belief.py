@@ -282,7 +282,7 @@ def whole(made, n: int = 3) -> Analysis:
     assert best.prediction.low <= best.prediction_mean.low <= best.confidence.low <= best.confidence.high
     assert analysis.fitted.departure.process is not None
     assert "lack_of_fit" not in {check.name for check in analysis.decision.checks}
-    batch = made.propose(n, analyses=[analysis])
+    batch = made.propose(n, source="simulation", analyses=[analysis])
     assert len(batch) == n
     assert np.all(made.spec.region.feasible(made.spec.region.code([run.proposed for run in batch])))
     assert all(run.purpose in ("optimum", "regret") for run in batch)

@@ -125,6 +125,8 @@ BAD = [
     (b"PK\x03\x04....", 1, None, "spreadsheet"),
     (b"\x1f\x8b....", 1, None, "compressed"),
     (HEADER + '\n1,4,HH,"5\n', 2, None, "quote"),
+    ("frequency [mhz],looks,polarization,score\n1,4,HH,5\n", 1, "frequency", "Did you mean MHz?"),
+    ("frequency [cm],looks,polarization,score\n0,4,HH,5\n", 2, "frequency", "above 0"),
     ("freqency,looks,polarization,score\n1,4,HH,5\n", 1, "frequency", "Rename the column 'freqency'"),
     ("looks,polarization,score\n4,HH,5\n", 1, "frequency", "no column"),
     ("frequency,looks,polarization,score_percent\n1,4,HH,5\n", 1, "score", "Rename the column 'score_percent'"),
@@ -151,10 +153,10 @@ BAD = [
     (ROW.format("1,1_0,HH,50"), 2, "looks", "no number"),
     (ROW.format("1,0x10,HH,50"), 2, "looks", "no number"),
     (ROW.format("1,4,HH,50 %"), 2, "score", "without unit"),
-    (ROW.format("1,4,HH,"), 2, "score", "empty"),
+    (ROW.format("1,4,HH,"), 1, None, "Fill in"),
     (ROW.format("1,4,HH,100.1"), 2, "score", "0 to 100"),
     (ROW.format("1,4,HH,-1"), 2, "score", "0 to 100"),
-    (ROW.format("1,4,hh,50"), 2, "polarization", "no such level"),
+    (ROW.format("1,4,hh,50"), 2, "polarization", "Did you mean 'HH'?"),
     (ROW.format("1,4,HH+VH,50"), 2, "polarization", "Did you mean 'HH+HV'"),
     (ROW.format("1,4,,50"), 2, "polarization", "empty"),
     (HEADER + ",se\n1,4,HH,50,-2\n", 2, "se", "above 0"),
@@ -192,7 +194,6 @@ def test_all_problems_at_once(read):
         (3, "polarization"),
         (3, "score"),
         (5, "looks"),
-        (5, "score"),
     ]
 
 
@@ -211,6 +212,24 @@ def test_missing_and_large_files(tmp_path, monkeypatch):
     monkeypatch.setattr(source, "MAX_BYTES", 10)
     with pytest.raises(ScoresFileError, match="split it"):
         read_scores(path, FACTORS, CROPS)
+
+
+@pytest.mark.parametrize("header", ["wavelength [cm]", "frequency [cm]", "Wavelength (cm)"])
+def test_wavelengths_are_converted(read, header):
+    (score,) = read(f"{header},looks,polarization,score\n23.6057,4,HH,50\n").scores
+    assert score.settings["frequency"] == pytest.approx(1.27, rel=1e-6)  # PALSAR: 1270 MHz, 23.6 cm
+    assert score.metadata == {}
+
+
+def test_a_wavelength_beside_the_frequency_is_a_column_of_the_users_own(read):
+    (score,) = read("wavelength [cm],frequency,looks,polarization,score\n23.6,1.3,4,HH,50\n").scores
+    assert score.settings["frequency"] == 1.3
+    assert score.metadata == {"wavelength [cm]": "23.6"}
+
+
+def test_rows_without_a_score_wait(read):
+    file = read(HEADER + ",note\n1,4,HH,50,\n1,4,VV,,cloudy\n")
+    assert (len(file.scores), file.unscored) == (1, (3,))
 
 
 @pytest.mark.parametrize(

@@ -134,9 +134,9 @@ def test_batch_larger_than_the_distinct_settings_repeats_them(campaign) -> None:
 def test_sliver_and_nothing(campaign) -> None:
     sliver = '[[constraint]]\nexpr = "abs(x0 + x1) <= 0.02"\n'
     made = campaign(spec_text(numeric(2), "half_width = 3.0", rest=sliver + "[model]\norder = 1\n"), bowl)
-    made.propose()
+    made.propose(source="simulation")
     made.simulate()
-    made.propose(2)
+    made.propose(2, source="simulation")
     assert len(made.store.runs()) == 11
     assert all(abs(run.proposed["x0"] + run.proposed["x1"]) <= 0.0201 for run in made.store.runs())
     nothing = '[[constraint]]\nexpr = "x0 >= 3"\n'

@@ -1,0 +1,146 @@
+"""Rows that were read without an error and are hardly what was meant: told before anything is taken in.
+
+A frequency in MHz under a header without unit, -9999 for no value, a percentage as a fraction, a decimal point that
+slipped, a row that stands twice, a column whose name is nearly one that has a meaning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.design.factors import CategoricalFactor, NumericFactor, span
+from seqrsm.errors import Problem
+from seqrsm.score.cells import is_sentinel
+from seqrsm.score.flight import MeasuredScore, ScoresFile
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.units import unit_factor, units_like
+
+FAR = 3.0
+"""Coded distance from the centre beyond which a setting is far outside: the region's own width beyond its edge."""
+_LEAST_SCORES = 6
+_SPREADS = 10.0
+"""A score is far from the others when it is so many of their standard deviations (by quartiles) from their median."""
+_LEAST_SPREAD = 0.02
+"""Of the median: scores that hardly differ are no measure of what is far."""
+
+_Found = Iterator[tuple[MeasuredScore, str, object, str, str]]
+"""Row, column, value, what is wrong with it, and what may have been meant."""
+
+
+def suspects(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]]) -> list[Problem]:
+    """What looks wrong in a file of scores, alike rows together; ``known``: earlier scores of each application."""
+    problems = [
+        Problem(
+            f"the column is kept as one of your own, and is nearly '{meant}'",
+            f"Name it '{meant}'.",
+            file.name,
+            None,
+            own,
+        )
+        for own, meant in file.near
+    ]
+    groups: dict[tuple[str, str, str], list[tuple[MeasuredScore, object]]] = {}
+    for row, column, value, message, hint in (*_settings(spec, file), *_scores(spec, file, known), *_twice(file)):
+        groups.setdefault((column, message, hint), []).append((row, value))
+    for (column, message, hint), rows in groups.items():
+        first, value = rows[0]
+        more = (
+            f" (so {len(rows) - 1} more {'row' if len(rows) == 2 else 'rows'}: {_lines(rows[1:])})" if rows[1:] else ""
+        )
+        problems.append(Problem(message + more, hint, file.name, first.line, column, value))
+    return problems
+
+
+def _lines(rows: Sequence[tuple[MeasuredScore, object]]) -> str:
+    shown = ", ".join(str(row.line) for row, _ in rows[:8])
+    return f"line {shown}" if len(rows) == 1 else f"lines {shown}{', ...' if len(rows) > 8 else ''}"
+
+
+def _settings(spec: CampaignSpec, file: ScoresFile) -> _Found:
+    for factor in spec.factors:
+        if isinstance(factor, CategoricalFactor):
+            continue
+        low, high = span(factor)
+        for row in file.scores:
+            value = float(row.settings[factor.name])
+            coded = abs(float(factor.code([value])[0]))
+            if coded <= 1.0 + 1e-9:
+                continue
+            unit = next((one for one in units_like(factor.unit) if _fits(factor, value, one)), "")
+            if unit or coded > FAR:
+                where = f"far outside {low:g} to {high:g} {factor.unit}".rstrip()
+                hint = (
+                    f"Did you mean {unit}? Then write the header as: {factor.name} [{unit}]" if unit else "Correct it."
+                )
+                yield row, factor.name, value, where, hint
+
+
+def _fits(factor: NumericFactor, value: float, unit: str) -> bool:
+    """Whether the value would lie within the range if it were in this unit."""
+    low, high = span(factor)
+    scale = unit_factor(unit, factor.unit)
+    return scale is not None and scale != 1.0 and low <= value * scale <= high
+
+
+def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[float]]) -> _Found:
+    for application in spec.applications:
+        rows = [row for row in file.scores if row.application == application.name]
+        new = [row.score for row in rows]
+        values = np.array([*new, *known.get(application.name, ())])
+        far = _far(values) & (not application.is_percent)  # a percentage has bounds, and near them scores crowd
+        for row, is_far in zip(rows, far, strict=False):
+            alone = len(values) < _LEAST_SCORES
+            if is_sentinel(row.score) and (is_far or alone) and not application.is_percent:
+                yield (
+                    row,
+                    "score",
+                    row.score,
+                    "usually stands for no value",
+                    "Leave the cell empty where there is none.",
+                )
+            elif application.is_percent and 0.0 < row.score <= 1.0 and float(np.median(values)) > 5.0:
+                yield (
+                    row,
+                    "score",
+                    row.score,
+                    "a fraction among percentages?",
+                    f"Did you mean {100 * row.score:g} percent?",
+                )
+            elif is_far:
+                others = np.delete(values, np.flatnonzero(far))
+                ends = f"{others.min():g} to {others.max():g}"
+                yield row, "score", row.score, f"far from all other scores, {ends}", _slip(row.score, others)
+        for row in rows:
+            if row.se is not None and is_sentinel(row.se):
+                yield row, "se", row.se, "usually stands for no value", "Leave the cell empty where it is unknown."
+
+
+def _far(values: FloatArray) -> np.ndarray:
+    """Which of the scores are far from most of them; none where they are few."""
+    if len(values) < _LEAST_SCORES:
+        return np.zeros(len(values), dtype=np.bool_)
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    spread = max((high - low) / 1.349, _LEAST_SPREAD * abs(middle))
+    return np.abs(values - middle) > _SPREADS * spread if spread > 0.0 else np.zeros(len(values), dtype=np.bool_)
+
+
+def _slip(score: float, others: FloatArray) -> str:
+    """What a score may have been meant to be: a power of ten away, or of the other sign."""
+    for factor in (0.1, 0.01, 0.001, 10.0, 100.0, 1000.0, -1.0):
+        if others.min() <= score * factor <= others.max():
+            return f"Did you mean {score * factor:g}?"
+    return "Correct it."
+
+
+def _twice(file: ScoresFile) -> _Found:
+    """Rows that say the same as an earlier one in every column."""
+    first: dict[str, int] = {}
+    for row in file.scores:
+        line = first.setdefault(repr(replace(row, line=0)), row.line)
+        if line != row.line:
+            hint = "Remove it; a real repeat differs in a column such as date or note."
+            yield row, "row", None, f"the same as line {line} in every column", hint

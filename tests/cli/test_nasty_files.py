@@ -1,0 +1,238 @@
+"""Files that are read without an error and are hardly what was meant, and near misses: the words that come."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import seqrsm
+from seqrsm.cli.app import app
+from seqrsm.errors import ScoresFileError
+
+SPEC = """\
+[campaign]
+name = "nasty"
+[[factor]]
+name = "frequency"
+unit = "GHz"
+low = 1.0
+high = 12.0
+scale = "log"
+[[factor]]
+name = "resolution"
+unit = "m"
+low = 5.0
+high = 60.0
+[[factor]]
+name = "polarization"
+levels = ["HH", "VV", "HH+HV"]
+[[application]]
+name = "crops"
+utility = "{utility}"
+[stop]
+half_width = 3
+"""
+HEADER = "frequency,resolution,polarization,score"
+GOOD = [
+    "1.5,12,HH,70",
+    "3,20,VV,72.5",
+    "5,30,HH,68",
+    "9,40,VV,61.25",
+    "2,55,HH,64",
+    "7,8,HH+HV,66.5",
+    "4,25,HH,71.125",
+]
+NUMBERS = "measured"
+PERCENT = "percent_correct"
+
+
+def text(*rows: str, header: str = HEADER) -> str:
+    return "\n".join([header, *rows]) + "\n"
+
+
+def wide(header: str, cell: str, *rows: str) -> str:
+    """Good rows with one more cell, and further rows."""
+    return text(*(f"{row},{cell}" for row in GOOD), *rows, header=f"{HEADER},{header}")
+
+
+HELD = [
+    # what is held back: utility, file, words
+    (
+        NUMBERS,
+        text(*GOOD, "1500,12,HH,70", "3200,20,VV,69"),
+        "frequency: far outside 1 to 12 GHz (so 1 more row: line 10)",
+    ),
+    (NUMBERS, text(*GOOD, "1500,12,HH,70"), "Did you mean MHz? Then write the header as: frequency [MHz]"),
+    (NUMBERS, text(*GOOD, "3e9,12,HH,70"), "Did you mean Hz?"),
+    (NUMBERS, text(*GOOD, "3,1200,HH,70"), "Did you mean cm?"),
+    (NUMBERS, text(*GOOD, "3,0.03,HH,70"), "Did you mean km?"),
+    (NUMBERS, text(*GOOD, "3,900000,HH,70"), "resolution: far outside 5 to 60 m (got 900000.0). Correct it."),
+    (NUMBERS, text(*GOOD, "3,-9999,HH,70"), "resolution: far outside"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-9999"), "usually stands for no value"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-999"), "Leave the cell empty where there is none."),
+    (NUMBERS, text(*GOOD, "3,12,HH,9999"), "usually stands for no value"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-32768"), "usually stands for no value"),
+    (NUMBERS, text("3,12,HH,-9999"), "usually stands for no value"),
+    (
+        NUMBERS,
+        text(*GOOD, "3,12,HH,7125"),
+        "far from all other scores, 61.25 to 72.5 (got 7125.0). Did you mean 71.25?",
+    ),
+    (NUMBERS, text(*GOOD, "3,12,HH,705"), "Did you mean 70.5?"),
+    (NUMBERS, text(*GOOD, "3,12,HH,0.705"), "Did you mean 70.5?"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-70.5"), "Did you mean 70.5?"),
+    (PERCENT, text(*GOOD, "3,12,HH,0.71"), "a fraction among percentages? (got 0.71). Did you mean 71 percent?"),
+    (NUMBERS, text(*GOOD, GOOD[2]), "scores.csv:9: row: the same as line 4 in every column"),
+    (NUMBERS, text(*GOOD, GOOD[2], GOOD[2]), "(so 1 more row: line 10)"),
+    (NUMBERS, text(*GOOD, GOOD[2].replace(",", " , ")), "a real repeat differs in a column such as date or note"),
+    (NUMBERS, wide("se", "1.5", "3,12,HH,70,9999"), "se: usually stands for no value"),
+    (NUMBERS, wide("Run ID", ""), "Run ID: the column is kept as one of your own, and is nearly 'run_id'"),
+    (NUMBERS, wide("runid", ""), "Name it 'run_id'."),
+    (NUMBERS, wide("SE", "1.5"), "Name it 'se'."),
+    (NUMBERS, wide("sorce", "flight"), "Name it 'source'."),
+    (NUMBERS, wide("Aplication", "crops"), "Name it 'application'."),
+    (NUMBERS, wide("Block", "day 1"), "Name it 'block'."),
+]
+REFUSED = [
+    # what is an error whatever is accepted
+    (PERCENT, text(*GOOD, "3,12,HH,-9999"), "Leave the cell empty where there is no score."),
+    (NUMBERS, text(*GOOD, "3,12,HH,NA"), "Leave the cell empty where there is no value."),
+    (NUMBERS, text(*GOOD, "3,12,HH,3.4e38"), "Numbers up to 1e+12 are"),
+    (NUMBERS, text(*GOOD, "3,12,HH,n/a"), "Leave the cell empty where there is no value."),
+    (NUMBERS, text(*GOOD, "3,12,hh,70"), "Did you mean 'HH'?"),
+    (NUMBERS, text(*GOOD, "3,12,HH-HV,70"), "Did you mean 'HH+HV'?"),
+    (NUMBERS, wide("application", "Crops"), "Did you mean 'crops'?"),
+    (NUMBERS, wide("source", "flihgt"), "Did you mean flight?"),
+    (NUMBERS, wide("source", "drone"), "What is measured by other means than a flight is a flight, too."),
+    (
+        NUMBERS,
+        text(*GOOD, header=HEADER.replace("frequency", "Frequency")),
+        "Rename the column 'Frequency' to 'frequency'.",
+    ),
+    (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", "FREQ")), "Rename the column 'FREQ' to 'frequency'."),
+    (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", "frequency [ghz]")), "Did you mean GHz?"),
+    (NUMBERS, text(*GOOD, header=HEADER.replace("resolution", "resolution [GHz]")), "Give it in m or km or cm or mm."),
+    (NUMBERS, text(*GOOD, header=HEADER.replace("score", "Score")), "Rename the column 'Score' to 'score'."),
+]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "c").mkdir()
+    return tmp_path / "c"
+
+
+def ingest(folder: Path, utility: str, content: str, *options: str) -> tuple[int, str]:
+    (folder / "campaign.toml").write_text(SPEC.format(utility=utility), encoding="utf-8")
+    (folder / "scores.csv").write_text(content, encoding="utf-8")
+    done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv"), *options])
+    assert "Traceback" not in done.output
+    return done.exit_code, done.output
+
+
+def scored(folder: Path) -> int:
+    with_store = seqrsm.Campaign(folder)
+    return len(with_store.opened.store.runs("scored"))
+
+
+@pytest.mark.parametrize(("utility", "content", "says"), HELD)
+def test_held_back_with_what_may_have_been_meant(folder: Path, utility: str, content: str, says: str) -> None:
+    code, output = ingest(folder, utility, content)
+    assert code == 2
+    assert says in output
+    assert "nothing was taken in" in output
+    assert "--accept" in output
+    assert scored(folder) == 0
+    code, output = ingest(folder, utility, content, "--accept")
+    assert code == 0, output
+    assert scored(folder) == content.count("\n") - 1
+
+
+@pytest.mark.parametrize(("utility", "content", "says"), REFUSED)
+def test_refused_with_what_may_have_been_meant(folder: Path, utility: str, content: str, says: str) -> None:
+    code, output = ingest(folder, utility, content, "--accept")
+    assert code == 2
+    assert says in output
+    assert scored(folder) == 0
+
+
+@pytest.mark.parametrize(
+    ("utility", "content"),
+    [
+        (NUMBERS, text(*GOOD)),
+        (PERCENT, text(*GOOD, "3,12,HH,0", "4,12,HH,100")),
+        (NUMBERS, text(*GOOD, "18,4,HH,70")),  # somewhat outside the region
+        (NUMBERS, text("1.5,12,HH,-99.5", "2,12,HH,-98", "3,12,HH,-99", "4,20,VV,-97", "5,9,HH,-96", "6,9,HH,-98.5")),
+        (NUMBERS, text(*(row.rsplit(",", 1)[0] + ",0.5" for row in GOOD), "3,12,HH,0.501")),
+        (NUMBERS, wide("date", "1979-05-12", "1.5,12,HH,70,1979-05-13")),
+        (NUMBERS, wide("operator", "Ann")),
+        (NUMBERS, text(*GOOD, "3,12,HH,95", "4,33,VV,20")),
+    ],
+)
+def test_what_is_only_unusual_is_taken(folder: Path, utility: str, content: str) -> None:
+    code, output = ingest(folder, utility, content)
+    assert code == 0, output
+
+
+def test_earlier_scores_tell_what_is_far(folder: Path) -> None:
+    assert ingest(folder, NUMBERS, text(*GOOD))[0] == 0
+    code, output = ingest(folder, NUMBERS, text("3,12,HH,7.05"))
+    assert code == 2
+    assert "Did you mean 70.5?" in output
+    assert scored(folder) == len(GOOD)
+
+
+def test_a_form_half_filled_in(folder: Path) -> None:
+    code, output = ingest(folder, NUMBERS, text(*GOOD, "3,12,HH,", "4,12,VV,"))
+    assert code == 0
+    assert "2 rows have no score yet and may come again (lines 9, 10)." in output
+
+
+def frame() -> pd.DataFrame:
+    rows = [row.split(",") for row in GOOD]
+    found = pd.DataFrame(rows, columns=HEADER.split(","))
+    return found.astype({"frequency": float, "resolution": float, "score": float})
+
+
+def test_tables_in_memory_are_guarded_too(folder: Path) -> None:
+    (folder / "campaign.toml").write_text(SPEC.format(utility=NUMBERS), encoding="utf-8")
+    c = seqrsm.Campaign(folder)
+    odd = frame()
+    odd.loc[2, "score"] = -9999
+    with pytest.raises(ScoresFileError, match="DataFrame:4: score: usually stands for no value"):
+        c.ingest(odd)
+    assert len(c.ingest(odd, accept=True).reports[0].created) == len(GOOD)
+    gaps = frame().assign(date=pd.Timestamp("1979-05-12"), n=pd.array([1, None] * 3 + [7], dtype="Int64"))
+    gaps.loc[[1, 3], "score"] = np.nan
+    (report,) = c.ingest(gaps.set_index("frequency")).reports
+    assert (report.n_scores, report.unscored) == (len(GOOD) - 2, (3, 5))
+    assert c.opened.store.runs()[-1].scores[0].metadata["date"] == "1979-05-12"
+
+
+@pytest.mark.parametrize(
+    ("kind", "library", "extra"), [("xlsx", "openpyxl", "excel"), ("parquet", "pyarrow", "parquet")]
+)
+def test_spreadsheets_and_parquet(folder: Path, kind: str, library: str, extra: str) -> None:
+    (folder / "campaign.toml").write_text(SPEC.format(utility=NUMBERS), encoding="utf-8")
+    c = seqrsm.Campaign(folder)
+    path = folder / f"scores.{kind}"
+    if importlib.util.find_spec(library) is None:
+        path.write_bytes(b"PK\x03\x04")
+        with pytest.raises(ScoresFileError, match=rf"needs {library}.*seqrsm\[{extra}\]"):
+            c.ingest(path)
+        return
+    wrong = frame().assign(score=["x", *GOOD[1:]])
+    getattr(wrong, {"xlsx": "to_excel", "parquet": "to_parquet"}[kind])(path, index=False)
+    with pytest.raises(ScoresFileError, match=rf"scores.{kind}:2: score: this is no number"):
+        c.ingest(path)
+    getattr(frame(), {"xlsx": "to_excel", "parquet": "to_parquet"}[kind])(path, index=False)
+    c.ingest(path)
+    assert [run.scores[0].score for run in c.opened.store.runs()] == frame()["score"].to_list()
+    path.write_bytes(b"no such thing")
+    with pytest.raises(ScoresFileError, match="cannot be read"):
+        c.ingest(path)
