@@ -13,7 +13,6 @@ import math
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -184,7 +183,7 @@ def measure_candidates(
     if not wanted:
         remedy = 'Add [[candidate]] with sensor = "Sentinel-1 IW GRDH", or sensor = "*" for all that fit.'
         raise SpecError(Problem("there are no candidates", remedy, file=str(spec.folder / SPEC_NAME)))
-    found: dict[str, Any] = {"spec": spec.spec_hash, "worlds": worlds, "applications": {}}
+    found: dict[str, Any] = {"key": _key(spec), "worlds": worlds, "applications": {}}
     analyses = campaign.analyse_all()
     progress(0, len(wanted) * len(analyses))
     for done, analysis in enumerate(analyses):
@@ -194,7 +193,7 @@ def measure_candidates(
         for number, candidate in enumerate(wanted, start=1):
             rows.append(one.row(candidate))
             progress(done * len(wanted) + number, len(wanted) * len(analyses))
-        rows.sort(key=lambda row: (row["how"] == "none", -(row.get("probability") or 0.0), -one.gain(row)))
+        rows.sort(key=one.place)
         found["applications"][analysis.application] = {**one.head(), "candidates": rows}
     found = dict(plain(found))
     draft = spec.folder / f".{FILE}.draft"
@@ -203,13 +202,25 @@ def measure_candidates(
     return found
 
 
-def read_candidates(spec: CampaignSpec) -> dict[str, Any] | None:
-    """What was measured last; None where nothing was, or of another specification."""
+def read_candidates(spec: CampaignSpec, analyses: Sequence[Analysis]) -> dict[str, Any] | None:
+    """What was measured last; None where nothing was, of other candidates, or beside other optima than these."""
     try:
-        found = json.loads((Path(spec.folder) / FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = json.loads((spec.folder / FILE).read_text(encoding="utf-8"))
+        same = found["key"] == _key(spec) and all(
+            _rounded(found["applications"][one.application]["settings"]) == _rounded(one.optimum.settings)
+            for one in analyses
+        )
+    except (OSError, ValueError, KeyError, TypeError):
         return None
-    return found if isinstance(found, dict) and found.get("spec") == spec.spec_hash else None
+    return dict(found) if same else None
+
+
+def _key(spec: CampaignSpec) -> list[Any]:
+    return [spec.spec_hash, [[one.name, dict(one.parameters)] for one in candidates_of(spec)]]
+
+
+def _rounded(settings: Mapping[str, float | str]) -> dict[str, float | str]:
+    return {name: float(f"{x:.6g}") if isinstance(x, float) else x for name, x in settings.items()}
 
 
 class _Comparer:
@@ -260,9 +271,10 @@ class _Comparer:
             "unit": self.application.unit,
         }
 
-    def gain(self, row: Mapping[str, Any]) -> float:
-        """Difference of a row, positive where it is better than the optimum."""
-        return float(self.rule.sign * row.get("difference", 0.0))
+    def place(self, row: Mapping[str, Any]) -> tuple[bool, float, float]:
+        """What rows are sorted by: those not judged last, then the most probable first, then the best."""
+        better = self.rule.sign * row.get("difference", 0.0)
+        return row["how"] == "none", -row.get("probability", 0.0), -better
 
     def row(self, candidate: Candidate) -> dict[str, Any]:
         """The answer for one candidate."""
@@ -344,11 +356,10 @@ class _Comparer:
         """Scores (instruments, worlds, occasions)."""
         made = [one.task(task) for one in instruments for task in tasks]
         worlds = len({task.world for task in tasks})
-        return self._scores(made).reshape(len(instruments), worlds, -1) if made else np.empty((0, worlds, 1))
-
-    def _scores(self, tasks: Sequence[SimulationTask]) -> FloatArray:
-        """Scores (n,), nan where a simulation failed."""
-        return self.campaign.scores_of(tasks, self.application.name, self.workers, None)
+        if not made:
+            return np.empty((0, worlds, 1))
+        scores = self.campaign.scores_of(made, self.application.name, self.workers, None)
+        return scores.reshape(len(instruments), worlds, -1)
 
     def _nearest(self, candidate: Candidate) -> Sensor:
         """The optimum's sensor that is of the candidate's kind and nearest in frequency."""
@@ -431,7 +442,7 @@ class _Comparer:
             if name == "frequency" and len(sensors) > 1:
                 sensors = sensors[:1]  # one band in place of a set
             mixed = Instrument(sensors, self.base.days[: len(sensors)])
-            if mixed.sensors != self.base.sensors and not _alike(mixed, self.base):
+            if _facts(mixed) != _facts(self.base):
                 yield name, mixed
         if days and any(own != days for own in self.base.days):
             yield "dates", Instrument(self.base.sensors, tuple(days for _ in self.base.days))
@@ -447,21 +458,14 @@ class _Comparer:
 _NO_IMAGE: Final = {"prf_hz", "pulse_length_us", "antenna_gain_db", "peak_power", "speed_m_s", "antenna_limit_m"}
 
 
-def _alike(one: Instrument, other: Instrument) -> bool:
-    """Whether two instruments are the same but for rounding and what makes no image: pulses and their gain."""
-    if len(one.sensors) != len(other.sensors):
-        return False
-    for a, b in zip(map(as_parameters, one.sensors), map(as_parameters, other.sensors), strict=True):
-        for name in (a.keys() | b.keys()) - _NO_IMAGE:
-            x, y = a.get(name), b.get(name)
-            if x != y and not (isinstance(x, float) and isinstance(y, float) and math.isclose(x, y, rel_tol=1e-6)):
-                return False
-    noise = [
-        (noise_equivalent_db(a), noise_equivalent_db(b))
-        for a, b in zip(one.sensors, other.sensors, strict=True)
-        if isinstance(a, RadarConfiguration) and isinstance(b, RadarConfiguration)
-    ]
-    return all(math.isclose(a, b, abs_tol=1e-6) for a, b in noise)
+def _facts(instrument: Instrument) -> list[dict[str, Any]]:
+    """What images are made of, to six digits: the noise in place of pulses, power and gain."""
+    found: list[dict[str, Any]] = []
+    for sensor in instrument.sensors:
+        told = {name: value for name, value in as_parameters(sensor).items() if name not in _NO_IMAGE}
+        noise = round(noise_equivalent_db(sensor), 5) if isinstance(sensor, RadarConfiguration) else 0.0
+        found.append({**_rounded(told), "noise": noise})
+    return found
 
 
 def _as_factors(spec: CampaignSpec, candidate: Candidate) -> dict[str, float | str]:

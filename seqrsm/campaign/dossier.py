@@ -99,6 +99,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     if spec.simulator is not None:
         step("simulating pictures")
         pictures = report_pictures(campaign, analyses)
+    compared = read_candidates(spec, analyses)
     return Dossier(
         spec=spec,
         analyses=analyses,
@@ -109,10 +110,10 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         truth=pictures.truth,
         assumptions=(*assumptions, *pictures.notes),
         provenance=_provenance(campaign),
-        reproduce=_reproduce(campaign),
+        reproduce=_reproduce(campaign, compared is not None),
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
-        candidates=read_candidates(spec),
+        candidates=compared,
         rests={} if spec.simulator is None else {a.application: rests_on(spec, a.optimum.settings) for a in analyses},
         calendar=crop_calendar(spec, analyses[0].optimum.settings) if spec.simulator and analyses else None,
     )
@@ -163,9 +164,9 @@ def _provenance(campaign: Campaign) -> dict[str, str]:
     return found
 
 
-def _reproduce(campaign: Campaign) -> tuple[str, ...]:
+def _reproduce(campaign: Campaign, compared: bool) -> tuple[str, ...]:
     name = campaign.folder.name
-    compare = (f"seqrsm candidates {name}",) if read_candidates(campaign.spec) is not None else ()
+    compare = (f"seqrsm candidates {name}",) if compared else ()
     if campaign.spec.simulator is not None:
         return (f"seqrsm run {name}", *compare, f"seqrsm report {name}")
     inside = (campaign.folder / file.name for file in campaign.store.files())

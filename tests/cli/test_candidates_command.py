@@ -11,7 +11,7 @@ from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.candidates import candidates_of, read_candidates
+from seqrsm.campaign.candidates import FILE, candidates_of
 from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
 from seqrsm.report.content import build_report
@@ -50,9 +50,9 @@ def compared(tmp_path_factory: pytest.TempPathFactory, tiny_scene: Path) -> Path
 
 
 def found(folder: Path) -> dict[str, dict]:
-    measured = read_candidates(load_spec(folder))
-    assert measured is not None
-    return {row["name"]: row for row in measured["applications"]["cover"]["candidates"]}
+    measured = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    (application,) = measured["applications"].values()
+    return {row["name"]: row for row in application["candidates"]}
 
 
 def test_the_optimum_loses_nothing_and_a_weak_radar_its_power(compared: Path) -> None:
@@ -95,6 +95,10 @@ def test_terminal_json_and_report_tell_it(compared: Path) -> None:
     assert document["applications"]["cover"]["relative"] is False
     dossier = assemble(Campaign.open(compared))
     assert "candidates" in [section.key for section in build_report(dossier).sections]
+    text = (compared / "campaign.toml").read_text(encoding="utf-8")
+    (compared / "campaign.toml").write_text(text.replace("peak_power = 0.01", "peak_power = 0.02"), encoding="utf-8")
+    assert assemble(Campaign.open(compared)).candidates is None  # others were compared
+    (compared / "campaign.toml").write_text(text, encoding="utf-8")
 
 
 def test_without_candidates_it_says_what_to_add(tiny: Path) -> None:
@@ -111,9 +115,7 @@ sensor = "BIOMASS SM SLC"
 """
     folder = make(tmp_path / "m", X + FREQUENCY, quadratic(), model=more)
     ok("candidates", folder)
-    measured = read_candidates(load_spec(folder))
-    assert measured is not None
-    rows = {row["name"]: row for row in measured["applications"]["a"]["candidates"]}
+    rows = found(folder)
     sentinel, biomass = rows["Sentinel-1 IW GRDH, VV+VH"], rows["BIOMASS SM SLC, HH+HV+VV"]
     assert sentinel["how"] == "surface"
     assert sentinel["settings"]["frequency"] == 5.405

@@ -23,7 +23,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
 from seqrsm.scene.synthetic import Terrain, synthetic_scene
-from seqrsm.score.classification import percent_correct
+from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import radar_of, sensors_called
 from seqrsm.sensor.radar import RadarConfiguration
@@ -60,7 +60,7 @@ def scores(worlds: int) -> dict[str, FloatArray]:
             rows = load_sigma0_table().in_world(World(SEED, w))
             run = 1000 * w + k
             image = simulate_radar(ground, radar, rows, seed=SEED, run_id=run)
-            made[w, k] = percent_correct(image, ground, seed=SEED, run_id=run).value
+            made[w, k] = percent_correct([image], ground, seed=SEED, run_id=run).value
         found[name] = made
     return found
 
@@ -108,7 +108,7 @@ def flown(channels: str, resolution_m: float, in_worlds: bool) -> FloatArray:
         rows = table("measured")
         rows = rows.in_world(World(SEED, run)) if in_worlds else rows
         image = simulate_radar(scene(), radar, rows, seed=1989, run_id=run)
-        found.append(percent_correct(image, scene(), seed=1989, run_id=run, tile_m=24 * CELL_M).value)
+        found.append(percent_correct([image], scene(), seed=1989, run_id=run, tile_m=24 * CELL_M).value)
     return np.array(found)
 
 
