@@ -271,6 +271,8 @@ class Report:
         The first is the summary.
     byline : str
         Author and date, as the campaign's file has them.
+    profiles : tuple of (str, str)
+        Title and JSON of each prediction profiler, which a page shows and paper cannot; see `seqrsm.report.profile`.
     """
 
     title: str
@@ -279,3 +281,4 @@ class Report:
     version: str
     sections: tuple[Section, ...]
     byline: str = ""
+    profiles: tuple[tuple[str, str], ...] = ()

@@ -8,6 +8,7 @@ import seqrsm
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Report, Section
 from seqrsm.report.numbering import numbered
+from seqrsm.report.profile import profile_text
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.compromise import compromise_section
@@ -41,7 +42,7 @@ def build_report(dossier: Dossier) -> Report:
     spec, analyses, runs = dossier.spec, dossier.analyses, dossier.runs
     sections: list[Section | None] = [summary_section(spec, analyses, dossier.compromise, runs, dossier.rests)]
     methods: list[Section | None] = []
-    one = has_one_result(analyses, dossier.compromise)
+    alone = has_one_result(analyses, dossier.compromise)
     if dossier.compromise is not None:
         sections.append(compromise_section(spec.factors, dossier.compromise))
     for number, analysis in enumerate(analyses, 1):
@@ -49,7 +50,7 @@ def build_report(dossier: Dossier) -> Report:
         parts: list[Section | None] = list(application_sections(spec, dossier.looks, analysis, key))
         parts.append(measure_section(analysis, dossier.events, f"{key}-measure"))
         how = method_sections(analysis, key)
-        if one:
+        if alone:
             sections += parts
             methods += how
         else:
@@ -78,6 +79,7 @@ def build_report(dossier: Dossier) -> Report:
         state=_state_text(dossier),
         version=seqrsm.__version__,
         sections=numbered((*_on_new_page(_there(sections)), appendix)),
+        profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
 

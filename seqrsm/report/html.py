@@ -66,7 +66,8 @@ def render_html(report: Report) -> str:
     from markupsafe import Markup
 
     environment = _environment()
-    script = _template_text("report.js")
+    script = _template_text("report.js") + _template_text("profiler.js")
+    profiles = [{"name": name, "data": Markup(data)} for name, data in report.profiles]  # escaped by its maker
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     formulas = equations_to_mathml(tuple(dict.fromkeys(_equations(report.sections))))
     numbers = iter(range(10**9))
@@ -78,6 +79,7 @@ def render_html(report: Report) -> str:
 
     return environment.get_template("report.html.j2").render(
         report=report,
+        profiles=profiles,
         style=Markup(_template_text("style.css")),
         script=Markup(script),
         script_hash=digest,

@@ -9,8 +9,8 @@ from typing import Any
 
 from seqrsm.report.blocks import Column, Panel, Report
 
-_CALLED = ("data", "draw")
-"""Fields that are no text: what they give is asked for where it is needed."""
+_CALLED = ("data", "draw", "profiles")
+"""Fields that paper does not show: what calls give is asked for where it is needed, and profilers move."""
 
 
 def render_pdf(report: Report) -> bytes:

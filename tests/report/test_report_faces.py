@@ -238,7 +238,8 @@ half_width = 1.0
     report = build_report(dossier)
     page, paper = render_html(report), render_pdf(report)
     parsed = Page(page)
-    assert sum(tag == "script" for tag, _ in parsed.tags) == 1
+    scripts = [attrs.get("type", "") for tag, attrs in parsed.tags if tag == "script"]
+    assert sorted(scripts) == ["", "application/json"]
     in_html, in_pdf = squeezed("".join(parsed.text)), pdf_text(paper)
     assert in_html.count(squeezed(bad)) > 10
     assert squeezed(bad) in in_pdf

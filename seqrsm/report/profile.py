@@ -1,0 +1,118 @@
+"""The prediction profiler: mean and intervals at every setting of a grid, for a page that needs no program behind it.
+
+A browser shows numbers of this table and computes none, so that they are those of ``fit`` whatever the surface is: a
+quadratic, a Gaussian process about it, on a logit scale, with blocks.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from typing import Any
+
+import numpy as np
+
+from seqrsm.analysis.results import Analysis
+from seqrsm.arrays import FloatArray
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
+from seqrsm.report.figures.surfaces import predict
+from seqrsm.report.wording import axis_label, format_setting, level_phrase, score_decimals
+
+MOST_NODES = 3000
+"""Settings of the table, at most, where the factors allow it: some 60 kB in a page."""
+
+_LEAST, _MOST = 3, 15
+
+
+def profile(analysis: Analysis) -> dict[str, Any]:
+    """Return the profiler of one application as a JSON document.
+
+    Returns
+    -------
+    dict
+        ``factors``: each with ``label``, ``values`` (text), ``x`` (places on an axis from 0 to 1) and ``start``, the
+        place of the recommended setting among them; ``rows``: mean, ends of the confidence and of the prediction
+        interval, 1 or 0 for allowed or not, the last factor running fastest; None where there is no interval.
+    """
+    region, best = analysis.region, analysis.optimum.point
+    levels = _levels(analysis)
+    points = np.array(list(itertools.product(*levels)))
+    found, scale = predict(analysis, points), analysis.scale
+    places = max(score_decimals(analysis), 0)
+    columns = [
+        scale.to_score(values)
+        for values in (
+            found.mean,
+            found.confidence.low,
+            found.confidence.high,
+            found.prediction.low,
+            found.prediction.high,
+        )
+    ]
+    allowed = np.asarray(region.slack(points) >= -1e-9)
+    rows = [
+        [*(round(value, places) if np.isfinite(value) else None for value in row), int(ok)]
+        for row, ok in zip(np.column_stack(columns).tolist(), allowed.tolist(), strict=True)
+    ]
+    factors = [
+        {
+            "label": axis_label(factor),
+            "values": [_text(factor, value) for value in coded],
+            "x": _axis(factor, coded),
+            "start": int(np.argmin(np.abs(np.array(coded) - best[j]))),
+        }
+        for j, (factor, coded) in enumerate(zip(region.factors, levels, strict=True))
+    ]
+    return {
+        "name": analysis.application,
+        "unit": analysis.score_unit,
+        "level": level_phrase(analysis),
+        "places": places,
+        "factors": factors,
+        "rows": rows,
+    }
+
+
+def profile_text(analysis: Analysis) -> str:
+    """`profile` as JSON that may stand inside a script element."""
+    return json.dumps(profile(analysis), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def _levels(analysis: Analysis) -> list[list[float]]:
+    """Coded values of each factor on the grid, the recommended setting among them."""
+    factors, best = analysis.region.factors, analysis.optimum.point
+    fixed = 1
+    for factor in factors:
+        fixed *= 1 if isinstance(factor, ContinuousFactor) else len(_steps(factor))
+    free = sum(isinstance(factor, ContinuousFactor) for factor in factors)
+    count = int(np.clip((MOST_NODES / fixed) ** (1.0 / max(free, 1)), _LEAST, _MOST))
+    found = []
+    for j, factor in enumerate(factors):
+        if isinstance(factor, ContinuousFactor):
+            # The node nearest to the recommended setting gives way to it: the page begins where the report stands.
+            nodes = np.linspace(-1.0, 1.0, count)
+            nodes[np.argmin(np.abs(nodes - best[j]))] = best[j]
+            found.append(sorted({-1.0, *nodes.tolist(), 1.0}))
+        else:
+            found.append(_steps(factor))
+    return found
+
+
+def _steps(factor: Factor) -> list[float]:
+    if isinstance(factor, CategoricalFactor):
+        return [float(i) for i in range(len(factor.levels))]
+    assert not isinstance(factor, ContinuousFactor)
+    return [float(value) for value in factor.coded_levels]
+
+
+def _text(factor: Factor, coded: float) -> str:
+    if isinstance(factor, CategoricalFactor):
+        return factor.levels[int(coded)]
+    return format_setting(factor, float(factor.decode(np.array([coded]))[0]))
+
+
+def _axis(factor: Factor, coded: list[float]) -> list[float]:
+    values: FloatArray = np.array(coded)
+    if isinstance(factor, CategoricalFactor):
+        values = (values + 0.5) / len(coded) * 2.0 - 1.0
+    return [round(value, 4) for value in (0.5 * (values + 1.0)).tolist()]

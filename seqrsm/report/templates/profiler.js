@@ -1,0 +1,89 @@
+(function () {
+  "use strict";
+  var holder = document.createElement("div");
+  holder.innerHTML = "<svg></svg>";
+  var NS = holder.firstChild.namespaceURI, W = 220, H = 150, LEFT = 44, BOTTOM = 26, TOP = 8, RIGHT = 8;
+  function make(parent, name, attributes, text) {
+    var node = document.createElementNS(parent.namespaceURI === NS || name === "svg" ? NS : parent.namespaceURI, name);
+    Object.keys(attributes).forEach(function (key) { node.setAttribute(key, attributes[key]); });
+    if (text !== undefined) { node.textContent = text; }
+    parent.appendChild(node);
+    return node;
+  }
+  document.querySelectorAll(".profiler").forEach(function (box, number) {
+    var data = JSON.parse(box.querySelector("script").textContent), factors = data.factors, rows = data.rows;
+    var at = factors.map(function (factor) { return factor.start; });
+    var all = rows.filter(function (row) { return row[5]; });
+    var pick = function (best, columns) {
+      return best.apply(null, all.map(function (row) {
+        return best.apply(null, columns.map(function (c) { return row[c] === null ? row[0] : row[c]; }));
+      }));
+    };
+    // The mean's whole range and the intervals where the page begins decide the axis, so that curves can be told apart.
+    var low = Math.min(pick(Math.min, [0]), row(at)[3] === null ? Infinity : row(at)[3]);
+    var high = Math.max(pick(Math.max, [0]), row(at)[4] === null ? -Infinity : row(at)[4]);
+    if (!(high > low)) { low -= 1; high += 1; }
+    function row(place) {
+      return rows[place.reduce(function (sum, i, j) { return sum * factors[j].values.length + i; }, 0)];
+    }
+    function y(value) {
+      var share = (Math.min(Math.max(value, low), high) - low) / (high - low);
+      return (H - BOTTOM - (H - BOTTOM - TOP) * share).toFixed(1);
+    }
+    function x(share) { return (LEFT + (W - LEFT - RIGHT) * share).toFixed(1); }
+    function show(value) { return value.toFixed(data.places).replace("-", "\u2212"); }
+    var output = make(box, "p", { "aria-live": "polite", "class": "said" });
+    var grid = make(box, "div", { "class": "panels" });
+    var panels = factors.map(function (factor, j) {
+      var panel = make(grid, "div", { "class": "panel" }), id = "profile-" + number + "-" + j;
+      make(panel, "label", { "for": id }, factor.label);
+      var slider = make(panel, "input", { id: id, type: "range", min: 0, max: factor.values.length - 1, step: 1 });
+      slider.value = at[j];
+      var svg = make(panel, "svg", { viewBox: "0 0 " + W + " " + H, role: "img" });
+      slider.addEventListener("input", function () { at[j] = Number(slider.value); draw(); });
+      return { slider: slider, svg: svg };
+    });
+    var back = make(box, "button", { type: "button" }, "Recommended settings");
+    back.addEventListener("click", function () {
+      at = factors.map(function (factor) { return factor.start; });
+      panels.forEach(function (panel, j) { panel.slider.value = at[j]; });
+      draw();
+    });
+    function draw() {
+      var here = row(at), unit = data.unit ? " " + data.unit : "", text = "Mean score " + show(here[0]);
+      if (here[1] !== null) {
+        text += " (" + data.level + " confidence " + show(here[1]) + " to " + show(here[2]) + "; one future run " +
+          show(here[3]) + " to " + show(here[4]) + ")";
+      }
+      text += unit + " at " + factors.map(function (factor, j) { return factor.values[at[j]]; }).join(", ");
+      output.textContent = text + (here[5] ? "." : ": settings that the constraints do not allow.");
+      panels.forEach(function (panel, j) {
+        var factor = factors[j], line = factor.values.map(function (_, i) {
+          return row(at.map(function (old, k) { return k === j ? i : old; }));
+        });
+        panel.slider.setAttribute("aria-valuetext", factor.values[at[j]]);
+        panel.svg.setAttribute("aria-label", factor.label + ": mean " + line.map(function (one, i) {
+          return show(one[0]) + " at " + factor.values[i];
+        }).join(", "));
+        while (panel.svg.firstChild) { panel.svg.removeChild(panel.svg.firstChild); }
+        [[3, 4, 0.16], [1, 2, 0.32]].forEach(function (band) {
+          if (line[0][band[0]] === null) { return; }
+          var up = line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[band[1]]); });
+          var down = line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[band[0]]); }).reverse();
+          make(panel.svg, "polygon", { points: up.concat(down).join(" "), fill: "var(--blue)", opacity: band[2] });
+        });
+        make(panel.svg, "polyline", { fill: "none", stroke: "var(--blue)", "stroke-width": 2,
+          points: line.map(function (one, i) { return x(factor.x[i]) + "," + y(one[0]); }).join(" ") });
+        make(panel.svg, "line", { x1: x(factor.x[at[j]]), x2: x(factor.x[at[j]]), y1: TOP, y2: H - BOTTOM,
+          stroke: "var(--orange)", "stroke-dasharray": "4 3" });
+        make(panel.svg, "path", { d: "M" + LEFT + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), fill: "none",
+          stroke: "var(--line)" });
+        [low, high].forEach(function (value) {
+          make(panel.svg, "text", { x: LEFT - 4, y: Number(y(value)) + 4, "text-anchor": "end" }, show(value));
+        });
+        make(panel.svg, "text", { x: (LEFT + W) / 2, y: H - 8, "text-anchor": "middle" }, factor.values[at[j]]);
+      });
+    }
+    draw();
+  });
+})();

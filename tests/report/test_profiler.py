@@ -1,0 +1,79 @@
+"""The profiler's numbers are those of the fit at every setting of its grid, and the browser shows them."""
+
+from __future__ import annotations
+
+import html
+import itertools
+import json
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from test_browser import BROWSER
+
+from seqrsm.design.factors import CategoricalFactor
+from seqrsm.report.content import build_report
+from seqrsm.report.html import render_html
+from seqrsm.report.profile import MOST_NODES, profile, profile_text
+
+
+@pytest.mark.parametrize("name", ["simulated", "flight", "many", "saturated"])
+def test_each_row_is_the_fit_at_its_settings(name, request):
+    """The quadratic and its covariance, evaluated here once more at the settings as they are written."""
+    analysis = request.getfixturevalue(name).analyses[0]
+    found = profile(analysis)
+    places = list(itertools.product(*(range(len(factor["values"])) for factor in found["factors"])))
+    assert len(found["rows"]) == len(places) <= 2 * MOST_NODES
+    start = places.index(tuple(factor["start"] for factor in found["factors"]))
+    half = 0.51 * 10.0 ** -found["places"]
+    best, first = analysis.optimum, found["rows"][start]
+    assert first[0] == pytest.approx(best.mean, abs=half)
+    if first[1] is not None:
+        assert first[1:3] == pytest.approx([best.confidence.low, best.confidence.high], abs=half)
+        assert first[3:5] == pytest.approx([best.prediction.low, best.prediction.high], abs=half)
+    assert first[5] == 1
+    some = np.random.default_rng(1).choice(len(places), 20)
+    for i in some.tolist():
+        point = np.array(
+            [
+                place if isinstance(factor, CategoricalFactor) else 2.0 * shown["x"][place] - 1.0
+                for factor, shown, place in zip(analysis.region.factors, found["factors"], places[i], strict=True)
+            ],
+            dtype=float,
+        )
+        row = analysis.model.matrix(point[None, :])[0]
+        if len(row) == len(analysis.fit.estimate):  # without blocks
+            mean = float(analysis.scale.to_score(np.array([row @ analysis.fit.estimate]))[0])
+            assert found["rows"][i][0] == pytest.approx(mean, abs=half + 0.002 * np.ptp(analysis.data.scores))
+
+
+def test_the_recommended_settings_are_those_of_the_first_page(simulated):
+    analysis = simulated.analyses[0]
+    for factor, shown in zip(analysis.region.factors, profile(analysis)["factors"], strict=True):
+        setting = analysis.optimum.settings[factor.name]
+        text = shown["values"][shown["start"]]
+        number = text.split("\u00a0")[0]
+        assert number == setting if isinstance(setting, str) else float(number) == pytest.approx(setting, rel=0.02)
+
+
+def test_text_cannot_end_its_element(simulated):
+    assert "<" not in profile_text(simulated.analyses[0])
+    assert json.loads(profile_text(simulated.analyses[0])) == profile(simulated.analyses[0])
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_the_browser_shows_the_first_row(simulated, tmp_path):
+    (tmp_path / "page.html").write_text(render_html(build_report(simulated)), encoding="utf-8")
+    command = [
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+        f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", (tmp_path / "page.html").as_uri(),
+    ]  # fmt: skip
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    (said,) = re.findall(r'<p aria-live="polite" class="said">(.*?)</p>', shown)
+    best, places = simulated.analyses[0].optimum, profile(simulated.analyses[0])["places"]
+    assert html.unescape(said).startswith(
+        f"Mean score {best.mean:.{places}f} (95\u00a0% confidence {best.confidence.low:.{places}f} to "
+    )
+    assert len(re.findall(r'<input id="profile-0-', shown)) == simulated.spec.region.k
+    assert len(re.findall(r'<label for="profile-0-', shown)) == simulated.spec.region.k
