@@ -17,7 +17,6 @@ from seqrsm.analysis.belief import Belief, mixed_quantiles
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.steps import joint_draws
 from seqrsm.arrays import FloatArray
-from seqrsm.fit.optimum import sign_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +90,22 @@ def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: fl
     )
 
 
-def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float]:
-    """Mean of scores (worlds, occasions), its standard error, and that of a future mean of ``runs`` over one ground.
+def future_sd(scores: FloatArray, runs: float) -> float:
+    """Standard deviation of the mean of ``runs`` occasions over one ground, of scores or differences of scores.
 
-    The variance of means of a world's occasions is the ground's and a share of chance; with another number of occasions
-    the share changes by what the scores within worlds tell.
+    ``scores`` (worlds, occasions): the variance of means of a world's occasions is the ground's and a share of chance;
+    with another number of occasions the share changes by what the scores within worlds tell.
     """
-    worlds, occasions = scores.shape
     of_means = float(np.var(scores.mean(axis=1), ddof=1))
+    occasions = scores.shape[1]
     within = float(np.mean(np.var(scores, axis=1, ddof=1))) if occasions > 1 else 0.0
-    spread = max(of_means + within * (1.0 / runs - 1.0 / occasions), within / runs)
-    return float(scores.mean()), math.sqrt(of_means / worlds), math.sqrt(spread + of_means / worlds)
+    return math.sqrt(max(of_means + within * (1.0 / runs - 1.0 / occasions), within / runs))
+
+
+def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float]:
+    """Mean of scores (worlds, occasions), its standard error, and that of a future mean over one ground."""
+    error = math.sqrt(float(np.var(scores.mean(axis=1), ddof=1)) / len(scores))
+    return float(scores.mean()), error, math.hypot(future_sd(scores, runs), error)
 
 
 def _beyond(scores: FloatArray, rule: Sufficing, runs: float) -> float:
@@ -117,7 +121,7 @@ def by_surface(
     terms: FloatArray,
     rule: Sufficing,
     level: float,
-    future_sd: float,
+    sds: tuple[float, float],
     rng: np.random.Generator,
 ) -> Comparison:
     """Compare two settings of the region by what is believed of the surface.
@@ -132,20 +136,21 @@ def by_surface(
         Draws of the quadratic's coefficients.
     rule, level
         As in `compared`.
-    future_sd : float
-        Standard deviation of a future mean over one ground about the surface, score units; what two settings have in
-        common of it cancels in a difference, and none of it is counted there.
+    sds : tuple of float
+        Of a future difference, and of a future score, over one ground about the surface, see `future_sd`.
     rng : Generator
     """
     parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
-    differences = [(one[:, 0] - one[:, 1], share) for one, share in parts]
-    interval = mixed_quantiles(differences, level)
-    sd = 0.0 if rule.relative else future_sd
-    judged = differences if rule.relative else [(one[:, 0], share) for one, share in parts]
-    sign = sign_of(belief.goal)
-    probability = sum(
-        share * float(np.mean(sign * (one + sd * rng.standard_normal(len(one)) - rule.score) >= 0.0))
-        for one, share in judged
-    )
+    gains = [(one[:, 0] - one[:, 1], share) for one, share in parts]
+    futures = [(one + sds[0] * rng.standard_normal(len(one)), share) for one, share in gains]
+    judged = futures
+    if not rule.relative:
+        judged = [(one[:, 0] + sds[1] * rng.standard_normal(len(one)), share) for one, share in parts]
     mean = scale.to_score(belief.mean(points))
-    return Comparison(float(mean[0]), float(mean[0] - mean[1]), interval, interval, probability)
+    return Comparison(
+        score=float(mean[0]),
+        difference=float(mean[0] - mean[1]),
+        confidence=mixed_quantiles(gains, level),
+        one_ground=mixed_quantiles(futures, level),
+        probability=sum(share * float(np.mean(rule.sign * (one - rule.score) >= 0.0)) for one, share in judged),
+    )

@@ -17,8 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.analysis.candidates import Comparison, Sufficing, by_surface, compared
-from seqrsm.analysis.conclude import stop_rule
+from seqrsm.analysis.candidates import Comparison, Sufficing, by_surface, compared, future_sd
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
@@ -289,7 +288,7 @@ class _Comparer:
         try:
             at = self._in_region(candidate)
             if at is not None:
-                return {**told, "how": "surface", **_told(self._by_surface(at)), "settings": at}
+                return {**told, "how": "surface", **_told(self._by_surface(at, candidate)), "settings": at}
             if self.optimum is None:
                 raise ConfigurationError(Problem("its settings lie outside the region, and nothing can be simulated"))
             return {**told, "how": "simulation", **self._by_simulation(candidate, told)}
@@ -309,12 +308,18 @@ class _Comparer:
         point = self.spec.region.code([settings])
         return settings if self.spec.region.feasible(point)[0] else None
 
-    def _by_surface(self, settings: Mapping[str, float | str]) -> Comparison:
-        region, analysis = self.spec.region, self.analysis
-        points = region.code([settings, self.settings])
+    def _by_surface(self, settings: Mapping[str, float | str], candidate: Candidate) -> Comparison:
+        """What is expected by the surface; how one ground differs from it by simulations, where there are some."""
+        analysis = self.analysis
+        points = self.spec.region.code([settings, self.settings])
         terms, rng = analysis.posterior.term_draws, generator(self.spec.seed, 0, "candidates")
-        of_future = analysis.optimum.whole.half_width / 2.0 if stop_rule(self.spec).interval != "confidence" else 0.0
-        return by_surface(analysis.belief, analysis.scale, points, terms, self.rule, self.level, of_future, rng)
+        sds = 0.0, analysis.optimum.prediction.half_width / 2.0 / math.sqrt(self.runs)
+        if self.optimum is not None:
+            own = self._simulated([self._own(candidate)], self.tasks)[0]
+            whole = np.isfinite(own).all(axis=1) & np.isfinite(self.optimum).all(axis=1)
+            if whole.sum() > 1:
+                sds = future_sd((own - self.optimum)[whole], self.runs), future_sd(own[whole], self.runs)
+        return by_surface(analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds, rng)
 
     # -- simulated ------------------------------------------------------------------------------------------------
 

@@ -71,6 +71,9 @@ def test_settings_within_the_region_are_judged_by_the_surface(compared: Path) ->
     assert row["how"] == "surface"
     low, high = row["confidence"]
     assert low < row["difference"] < high
+    # Grounds differ by more than is not known of the surface.
+    assert row["one_ground"][0] < low
+    assert row["one_ground"][1] > high
 
 
 def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared: Path) -> None:
@@ -129,3 +132,80 @@ def test_all_that_fit_are_neither_past_nor_beyond_the_factors(tmp_path: Path, ti
     assert "Sentinel-1 IW GRDH, VV+VH" in names
     assert not [name for name in names if name.startswith(("BIOMASS", "ERS", "Seasat", "SMAP", "Envisat"))]
     assert "Sentinel-1 EW GRDM, VV+VH" not in names  # cells of 93 m, the factor ends at 60 m
+
+
+DATED = """
+[campaign]
+name = "dated"
+seed = 5
+batch = 3
+[[factor]]
+name = "frequency"
+levels = ["L", "L+C"]
+[[factor]]
+name = "dates"
+values = [1, 2, 4]
+[[factor]]
+name = "interval_days"
+low = 20.0
+high = 40.0
+[[application]]
+name = "cover"
+utility = "percent_correct"
+[simulator]
+engine = "psm"
+scene = "scene.npz"
+[simulator.fixed]
+polarization = "HH+HV"
+resolution = 20.0
+bandwidth = 60.0
+peak_power = 1000.0
+depression_angle = 45.0
+altitude_m = 4000.0
+first_day = 120.0
+[stop]
+half_width = 20.0
+max_runs = 24
+[[candidate]]
+sensor = "Sentinel-1 IW GRDH"
+[[candidate]]
+sensor = "RADARSAT-2 Standard SGF"
+[[candidate]]
+sensor = "UAVSAR L MLC"
+"""
+
+
+def test_dates_are_those_on_which_a_sensor_passes_and_a_set_is_taken_apart(tmp_path: Path, tiny_scene: Path) -> None:
+    folder = make_tiny(tmp_path / "dated", tiny_scene, DATED)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "24"]).exit_code in (0, 3)
+    ok("candidates", folder, "--worlds", 4)
+    rows = found(folder)
+    (application,) = json.loads((folder / FILE).read_text(encoding="utf-8"))["applications"].values()
+    best = application["settings"]
+    days = [120.0 + k * best["interval_days"] for k in range(int(best["dates"]))]
+    sentinel, radarsat = rows["Sentinel-1 IW GRDH, VV+VH"], rows["RADARSAT-2 Standard SGF, HH+HV"]
+    assert rows["UAVSAR L MLC, HH+HV+VV"]["dates"] == {"used": pytest.approx(days), "offered": None}  # flies when asked
+    for row, repeat in ((sentinel, 6.0), (radarsat, 24.0)):
+        used, offered = row["dates"]["used"], row["dates"]["offered"]
+        assert used[0] == 120.0 + repeat / 2
+        assert all((day - used[0]) % repeat == pytest.approx(0.0) for day in used)
+        assert len(used) == min(offered, 4)
+        assert offered == 1 + max(int((days[-1] - used[0]) // repeat), 0)
+    if best["frequency"] == "L+C":
+        assert "frequency" in {one["property"] for one in radarsat["owed_to"]}
+
+
+def test_a_radiometer_larger_than_the_fields_is_judged_by_its_footprint(tmp_path: Path, tiny_scene: Path) -> None:
+    text = TINY.replace('"HH", "HH+HV"', '"H", "H+V"').replace('engine = "psm"', 'engine = "prm"')
+    text = text.replace("peak_power = 1000.0\ndepression_angle = 45.0", "integration_time = 20.0\nscan_period = 1.0")
+    text = text.replace("bandwidth = 60.0", "bandwidth = 60.0\nnoise_temperature = 400.0")
+    text += '[[candidate]]\nsensor = "AMSR2 10.65"\n[[candidate]]\nsensor = "PALS"\n'
+    folder = make_tiny(tmp_path / "passive", tiny_scene, text)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "16"]).exit_code in (0, 3)
+    ok("candidates", folder, "--worlds", 4)
+    rows = found(folder)
+    coarse, fine = rows["AMSR2 10.65 GHz, H+V"], rows["PALS L 1.413 GHz low, H+V"]
+    assert (coarse["places"][0]["cell_m"], fine["places"][0]["cell_m"]) == (31749.0, 490.0)
+    assert coarse["difference"] < -10.0
+    assert "cell and looks" in {one["property"] for one in fine["owed_to"]}
+    assert "angle" not in {one["property"] for one in fine["owed_to"]}

@@ -73,7 +73,8 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
             f"{rule}, in {runs} over one ground. The optimum's score is "
             f"{with_unit(format_number(found['optimum'], 1), unit)}.",
             method=" Candidates are simulated with their own noise, angles, looks, cell and dates, at the near edge, "
-            "in the middle and at the far edge of the swath, on the same occasions in the same worlds as the optimum; "
+            "in the middle and at the far edge of the swath, any of which the ground may lie at, on the same occasions "
+            "in the same worlds as the optimum; "
             "those that differ in factors alone, within the region, are judged by the fitted surface.",
         )
     ]
