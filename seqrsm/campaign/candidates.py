@@ -12,7 +12,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -261,7 +261,7 @@ class _Comparer:
         return {
             "settings": dict(self.settings),
             "optimum": best.mean,
-            "interval": [best.whole.low, best.whole.high],
+            "interval": asdict(best.whole),
             "simulated": None if self.optimum is None else float(self.optimum.mean()),
             "sufficient": self.rule.score,
             "relative": self.rule.relative,
@@ -288,7 +288,7 @@ class _Comparer:
         try:
             at = self._in_region(candidate)
             if at is not None:
-                return {**told, "how": "surface", **_told(self._by_surface(at, candidate)), "settings": at}
+                return {**told, "how": "surface", **asdict(self._by_surface(at, candidate)), "settings": at}
             if self.optimum is None:
                 raise ConfigurationError(Problem("its settings lie outside the region, and nothing can be simulated"))
             return {**told, "how": "simulation", **self._by_simulation(candidate, told)}
@@ -352,10 +352,10 @@ class _Comparer:
         for name, mixed in zip(mixtures, self._simulated(mixtures.values(), self.tasks[::OCCASIONS]), strict=True):
             if np.isfinite(mixed[whole]).all():
                 alone = compared(mixed[None, whole], optimum[:, :1], self.rule, self.level, self.runs)
-                owed.append({"property": name, "difference": alone.difference, "confidence": _ends(alone.confidence)})
+                owed.append({"property": name, "difference": alone.difference, "confidence": asdict(alone.confidence)})
         rows = [{**_place(place), "score": float(one.mean())} for place, one in zip(places, own, strict=True)]
         dates = {"used": list(days), "offered": offered} if days else None
-        return {**_told(result), "places": rows, "owed_to": owed, "dates": dates}
+        return {**asdict(result), "places": rows, "owed_to": owed, "dates": dates}
 
     def _simulated(self, instruments: Collection[Instrument], tasks: Sequence[SimulationTask]) -> FloatArray:
         """Scores (instruments, worlds, occasions)."""
@@ -499,17 +499,3 @@ def _place(place: Instrument) -> dict[str, Any]:
         found["looks"] = float(sensor.looks_used(theta)[0])
         found["noise_db"] = noise_equivalent_db(sensor)
     return found
-
-
-def _ends(interval: Any) -> list[float]:
-    return [interval.low, interval.high]
-
-
-def _told(found: Comparison) -> dict[str, Any]:
-    return {
-        "score": found.score,
-        "difference": found.difference,
-        "confidence": _ends(found.confidence),
-        "one_ground": _ends(found.one_ground),
-        "probability": found.probability,
-    }

@@ -116,7 +116,7 @@ def _place(table: str) -> int:
 Rows: TypeAlias = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Names of the columns, and the rows under them."""
 
-Result: TypeAlias = Catalog | Sequence[Entry] | Sequence[Statement] | Sequence[Platform] | Sequence[Table]
+Result: TypeAlias = Catalog | Sequence[Entry] | Sequence[Statement] | Sequence[Table]
 """What can be shown as rows."""
 
 
@@ -153,17 +153,6 @@ def _statement_row(statement: Statement) -> dict[str, str]:
     }
 
 
-def _platform_row(platform: Platform) -> dict[str, str]:
-    lines = ("Altitude", "Pointing Acc.", "Size", "Weight", "Power", "Telemetry", "Data Storage")
-    notes = [platform.note, *(item.note for item in platform.items)]
-    return {
-        "table": platform.table,
-        "platform": platform.name,
-        **{line.lower(): platform.printed(line) for line in lines},
-        "note": " ".join(filter(None, notes)),
-    }
-
-
 def _table_row(table: Table) -> dict[str, str]:
     return {
         "table": table.number,
@@ -181,8 +170,6 @@ def _one_row(item: object) -> dict[str, str]:
             return _entry_row(item)
         case Statement():
             return _statement_row(item)
-        case Platform():
-            return _platform_row(item)
         case Table():
             return _table_row(item)
         case _:
@@ -194,7 +181,7 @@ def catalog_rows(result: Result) -> Rows:
 
     Parameters
     ----------
-    result : Catalog, or a sequence of Entry, Statement, Platform or Table
+    result : Catalog, or a sequence of Entry, Statement or Table
         A catalogue gives its tables.
 
     Returns

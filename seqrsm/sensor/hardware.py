@@ -62,48 +62,26 @@ def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limi
     (near_slant, far_slant), (near_look, far_look) = edges.slant_range_m, edges.look_rad
     window_m = 0.5 * SPEED_OF_LIGHT_M_S * (1.0 / radar.prf_hz - 1e-6 * radar.pulse_length_us)
     depth_m = max(float(far_slant - near_slant), 1e-9)
+    told = f"{radar.prf_hz:g} pulses a second tell {1e-3 * window_m:.3g} km of slant range apart"
     found = [
-        Limit(
-            "swath against pulse rate",
-            window_m / depth_m,
-            f"{radar.prf_hz:g} pulses a second tell {1e-3 * window_m:.3g} km of slant range apart, "
-            f"the swath is {1e-3 * depth_m:.3g} km deep",
-        )
+        Limit("swath against pulse rate", window_m / depth_m, f"{told}, the swath is {1e-3 * depth_m:.3g} km deep")
     ]
-    gain = float(db_to_linear(radar.antenna_gain_db))
-    across = float(far_look - near_look)
-    if radar.elevation_pattern != "isotropic":
-        across = math.radians(radar.elevation_beamwidth_deg)
-    most = 4.0 * math.pi / (radar.azimuth_beamwidth_rad * across)
-    found.append(
-        Limit(
-            "gain against beam",
-            most / (_GAIN_MARGIN * gain),
-            f"an antenna whose beam is {math.degrees(across):.3g} deg high and "
-            f"{math.degrees(radar.azimuth_beamwidth_rad):.3g} deg wide has at most {10.0 * math.log10(most):.1f} dB, "
-            f"not {radar.antenna_gain_db:g} dB",
-        )
-    )
+    gain, width = float(db_to_linear(radar.antenna_gain_db)), radar.azimuth_beamwidth_rad
+    isotropic = radar.elevation_pattern == "isotropic"
+    height = float(far_look - near_look) if isotropic else math.radians(radar.elevation_beamwidth_deg)
+    most = 4.0 * math.pi / (width * height)
+    told = f"a beam of {math.degrees(height):.3g} by {math.degrees(width):.3g} deg has at most"
+    told += f" {10.0 * math.log10(most):.1f} dB, not {radar.antenna_gain_db:g} dB"
+    found.append(Limit("gain against beam", most / (_GAIN_MARGIN * gain), told))
     if radar.aperture == "synthetic":
         area = gain * radar.wavelength_m**2 / (4.0 * math.pi)
-        theta = radar.centre_incidence_rad
-        middle = 0.5 * float(near_slant + far_slant)
-        needed = 4.0 * radar.speed_m_s * radar.wavelength_m * middle * math.tan(theta) / SPEED_OF_LIGHT_M_S
-        found.append(
-            Limit(
-                "aperture against ambiguities",
-                area / needed,
-                f"{radar.antenna_gain_db:g} dB are {area:.3g} m2 of antenna, free of ambiguities are {needed:.3g} m2",
-            )
-        )
+        path = 0.5 * float(near_slant + far_slant) * math.tan(radar.centre_incidence_rad)
+        needed = 4.0 * radar.speed_m_s * radar.wavelength_m * path / SPEED_OF_LIGHT_M_S
+        told = f"{radar.antenna_gain_db:g} dB are {area:.3g} m2 of antenna, free of ambiguities are {needed:.3g} m2"
+        found.append(Limit("aperture against ambiguities", area / needed, told))
     if radar.altitude_m > _LOWEST_ORBIT_M:
         orbit = orbit_speed_m_s(radar.altitude_m)
-        found.append(
-            Limit(
-                "speed against orbit",
-                min(radar.speed_m_s / orbit, orbit / radar.speed_m_s) / 0.9,
-                f"a satellite at {1e-3 * radar.altitude_m:.4g} km moves at {orbit:.0f} m/s over the ground, "
-                f"not at {radar.speed_m_s:g} m/s",
-            )
-        )
+        margin = min(radar.speed_m_s / orbit, orbit / radar.speed_m_s) / 0.9
+        told = f"a satellite at {1e-3 * radar.altitude_m:.4g} km moves at {orbit:.0f} m/s over the ground"
+        found.append(Limit("speed against orbit", margin, f"{told}, not at {radar.speed_m_s:g} m/s"))
     return tuple(found)

@@ -38,8 +38,7 @@ _WORDS: Final = ("name", "mode", "kind", "status", "platform", "channels", "deri
 _AIRCRAFT_M_S: Final = 100.0
 _GROUND_K: Final = 300.0
 _GAIN_DB: Final = 40.0
-_ASSUMED_NOISE_DB: Final = {"aircraft": -35.0}
-_UNKNOWN_NOISE_DB: Final = -20.0
+_AIRBORNE_NOISE_DB, _NOISE_DB = -35.0, -20.0  # assumed where nothing is known
 
 Resting = Literal["seen", "derived", "recalled", "assumed"]
 
@@ -112,7 +111,7 @@ class NamedSensor:
             return float(np.interp(incidence_deg, angles, 0.5 * (like + cross)))
         known = [self.values[name] for name in ("nesz_db", "nesz_worst_db") if name in self.values]
         if not known:
-            return _ASSUMED_NOISE_DB.get(self.platform, _UNKNOWN_NOISE_DB)
+            return _AIRBORNE_NOISE_DB if self.platform == "aircraft" else _NOISE_DB
         near, far = self.incidences_deg[0], self.incidences_deg[-1]
         middle = abs(incidence_deg - 0.5 * (near + far)) <= (far - near) / 6.0
         return known[0] if middle else known[-1]

@@ -69,11 +69,11 @@ def test_the_optimum_loses_nothing_and_a_weak_radar_its_power(compared: Path) ->
 def test_settings_within_the_region_are_judged_by_the_surface(compared: Path) -> None:
     row = found(compared)["coarse"]
     assert row["how"] == "surface"
-    low, high = row["confidence"]
+    low, high = row["confidence"]["low"], row["confidence"]["high"]
     assert low < row["difference"] < high
     # Grounds differ by more than is not known of the surface.
-    assert row["one_ground"][0] < low
-    assert row["one_ground"][1] > high
+    assert row["one_ground"]["low"] < low
+    assert row["one_ground"]["high"] > high
 
 
 def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared:
     assert all(place["noise_db"] == pytest.approx(-20.0) for place in row["places"])
     assert {one["property"] for one in row["owed_to"]} >= {"cell and looks", "angle", "noise"}
     assert "noise" in row["recalled"]
-    assert row["one_ground"][0] < row["confidence"][0] < row["difference"]
+    assert row["one_ground"]["low"] < row["confidence"]["low"] < row["difference"]
 
 
 def test_what_cannot_be_built_says_why(compared: Path) -> None:

@@ -321,9 +321,10 @@ COMPARED = {
     "candidates": [
         {
             "name": "Sentinel-1 IW GRDH, VV+VH", "how": "simulation", "score": 58.2, "difference": -5.7,
-            "confidence": [-6.9, -4.5], "one_ground": [-11.2, -0.2], "probability": 0.23, "recalled": ["looks"],
+            "confidence": {"low": -6.9, "high": -4.5}, "one_ground": {"low": -11.2, "high": -0.2},
+            "probability": 0.23, "recalled": ["looks"],
             "places": [{"cell_m": 44.0, "incidence_deg": 38.0, "looks": 19.4, "noise_db": -26.1, "score": 58.2}],
-            "owed_to": [{"property": "channels", "difference": -4.1, "confidence": [-5.0, -3.2]}],
+            "owed_to": [{"property": "channels", "difference": -4.1, "confidence": {"low": -5.0, "high": -3.2}}],
             "dates": {"used": [120.0, 132.0], "offered": 7},
         },
         {"name": "Umbra Spotlight, VV", "how": "none", "why": "its cell is too fine"},

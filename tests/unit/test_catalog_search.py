@@ -127,9 +127,8 @@ def entry(number: int) -> Entry:
         search("soil moisture"),
         summary(search("soil moisture")),
         CATALOG,
-        CATALOG.platforms,
     ],
-    ids=["entries", "summary", "catalog", "platforms"],
+    ids=["entries", "summary", "catalog"],
 )
 def test_rows_and_json(result: object) -> None:
     columns, rows = catalog_rows(result)  # type: ignore[arg-type]

@@ -103,7 +103,7 @@ def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str) -> Block:
 
 def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
     places = _places(row)
-    ends = (format_range(low, high, places) for low, high in (row["confidence"], row["one_ground"]))
+    ends = (format_range(*_ends(row, name), places) for name in ("confidence", "one_ground"))
     return (
         Cell(row["name"]),
         number_cell(format_share(row["probability"]).removesuffix("%").strip(), row["probability"]),
@@ -133,14 +133,19 @@ def _owed(rows: Sequence[Mapping[str, Any]], unit: str) -> Block:
 def _share(one: Mapping[str, Any] | None) -> Cell:
     if one is None:
         return Cell(NOTHING)
-    half = 0.5 * (one["confidence"][1] - one["confidence"][0])
-    places = _places(one)
+    low, high = _ends(one)
+    half, places = 0.5 * (high - low), _places(one)
     return Cell(f"{format_number(one['difference'], places)} \u00b1 {format_number(half, places)}", one["difference"])
 
 
 def _places(one: Mapping[str, Any]) -> int:
     """Decimals that the confidence interval of a difference supports, at least none and not more than two."""
-    return min(max(decimals_for(0.5 * (one["confidence"][1] - one["confidence"][0])), 0), 2)
+    low, high = _ends(one)
+    return min(max(decimals_for(0.5 * (high - low)), 0), 2)
+
+
+def _ends(one: Mapping[str, Any], name: str = "confidence") -> tuple[float, float]:
+    return one[name]["low"], one[name]["high"]
 
 
 def _note(row: Mapping[str, Any]) -> str:
@@ -186,7 +191,7 @@ def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
     return PanelData(
         ("sensor", *names),
         tuple(
-            (row["name"], row["difference"], *row["confidence"], *row["one_ground"], row["probability"]) for row in rows
+            (row["name"], row["difference"], *_ends(row), *_ends(row, "one_ground"), row["probability"]) for row in rows
         ),
     )
 
@@ -194,8 +199,8 @@ def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
 def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], figure: Figure) -> None:
     axes = figure.add_subplot()
     for k, row in enumerate(reversed(rows)):
-        axes.plot(row["one_ground"], (k, k), color=drawing.MUTED, linewidth=1.0)
-        axes.plot(row["confidence"], (k, k), color=drawing.BLUE, linewidth=4.0, solid_capstyle="butt")
+        axes.plot(_ends(row, "one_ground"), (k, k), color=drawing.MUTED, linewidth=1.0)
+        axes.plot(_ends(row), (k, k), color=drawing.BLUE, linewidth=4.0, solid_capstyle="butt")
         axes.scatter([row["difference"]], [k], s=18, color=drawing.INK, zorder=3, linewidths=0)
     axes.axvline(0.0, color=drawing.INK, linewidth=0.8)
     edge = found["sufficient"] - (0.0 if found["relative"] else found["optimum"])
