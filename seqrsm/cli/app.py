@@ -493,6 +493,31 @@ app.command()(catalog)
 app.command()(parameters)
 
 
+@app.command("plan")
+@guarded
+def plan_page(
+    folder: Folder,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Page to write, by default reports/plan.html.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a page that works offline: move factors, budget and target, see half-width, loss and cost."""
+    from seqrsm.campaign.plan import plan
+    from seqrsm.report.files import put
+    from seqrsm.report.plan import render_plan
+
+    campaign = _opened(folder).opened
+    with display("searching designs", inner=False) as shown:
+        document = plan(campaign, partial(shown.count, "searching designs"))
+        analyses = campaign.analyse_all() if campaign.store.runs("scored") else ()
+    if as_json:
+        print_json(document)
+    else:
+        page = out or folder / "reports" / "plan.html"
+        say(f"wrote {put(page, render_plan(document, analyses).encode('utf-8'))}")
+
+
 @app.command("help")
 @guarded
 def help_on(

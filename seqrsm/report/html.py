@@ -65,8 +65,7 @@ def render_html(report: Report) -> str:
     """
     from markupsafe import Markup
 
-    environment = _environment()
-    script = _template_text("report.js") + _template_text("profiler.js")
+    script = template_text("report.js") + template_text("profiler.js")
     profiles = [{"name": name, "data": Markup(data)} for name, data in report.profiles]  # escaped by its maker
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     formulas = equations_to_mathml(tuple(dict.fromkeys(_equations(report.sections))))
@@ -77,17 +76,21 @@ def render_html(report: Report) -> str:
         # Own drawing: made by matplotlib from numbers; user text in it is glyph outlines.
         return Markup(svg_for_html(svg, f"f{next(numbers)}-").replace("<svg", str(label), 1))
 
-    return environment.get_template("report.html.j2").render(
-        report=report,
-        profiles=profiles,
-        style=Markup(_template_text("style.css")),
-        script=Markup(script),
-        script_hash=digest,
-        drawing=drawing,
-        unique=lambda: f"table-{next(numbers)}",
-        formula=lambda equation: Markup(formulas[equation]),
-        png_uri=lambda png: "data:image/png;base64," + base64.b64encode(png).decode(),
-        kind=lambda block: type(block).__name__,
+    return (
+        environment()
+        .get_template("report.html.j2")
+        .render(
+            report=report,
+            profiles=profiles,
+            style=Markup(template_text("style.css")),
+            script=Markup(script),
+            script_hash=digest,
+            drawing=drawing,
+            unique=lambda: f"table-{next(numbers)}",
+            formula=lambda equation: Markup(formulas[equation]),
+            png_uri=lambda png: "data:image/png;base64," + base64.b64encode(png).decode(),
+            kind=lambda block: type(block).__name__,
+        )
     )
 
 
@@ -98,17 +101,18 @@ def _equations(sections: tuple[Section, ...]) -> Iterator[Equation]:
         yield from _equations(section.sections)
 
 
-def _template_text(name: str) -> str:
+def template_text(name: str) -> str:
+    """Text of a file of the templates."""
     return files("seqrsm.report").joinpath("templates").joinpath(name).read_text(encoding="utf-8")
 
 
 @lru_cache(maxsize=1)
-def _environment() -> Environment:
+def environment() -> Environment:
     """Jinja environment with autoescape on and undefined names as errors."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     return Environment(
-        loader=FunctionLoader(_template_text),
+        loader=FunctionLoader(template_text),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

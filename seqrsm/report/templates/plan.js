@@ -1,0 +1,106 @@
+(function () {
+  "use strict";
+  document.querySelectorAll(".planner").forEach(function (box) {
+    var holder = document.createElement("div");
+    holder.innerHTML = "<svg></svg>";
+    var NS = holder.firstChild.namespaceURI, W = 640, H = 300, LEFT = 60, BOTTOM = 40, TOP = 12, RIGHT = 16;
+    var data = JSON.parse(box.querySelector("script").textContent), unit = data.unit ? " " + data.unit : "";
+    var most = Math.max(3 * data.max_runs, 60), controls = box.querySelector(".controls"), fields = {};
+    function add(parent, name, attributes, text) {
+      var svg = parent.namespaceURI === NS || name === "svg";
+      var node = svg ? document.createElementNS(NS, name) : document.createElement(name);
+      Object.keys(attributes).forEach(function (key) { node.setAttribute(key, attributes[key]); });
+      if (text !== undefined) { node.textContent = text; }
+      parent.appendChild(node);
+      return node;
+    }
+    function short(value) { return Number(value.toPrecision(3)).toString().replace("-", "\u2212"); }
+    function control(key, label, value, attributes) {
+      var id = "plan-" + key, line = add(controls, "p", {});
+      add(line, "label", { "for": id }, label + " ");
+      var field = add(line, "input", Object.assign({ id: id }, attributes));
+      if (field.type === "checkbox") { field.checked = value; } else { field.value = value; }
+      field.addEventListener("input", draw);
+      fields[key] = field;
+    }
+    var guess = data.half_width / 2;
+    data.factors.forEach(function (name, j) { control("factor-" + j, "vary " + data.labels[j], true, { type: "checkbox" }); });
+    control("order", "second order (else first)", data.order === 2, { type: "checkbox" });
+    control("runs", "runs", data.max_runs, { type: "range", min: 4, max: most, step: 1 });
+    control("target", "target half-width" + unit, data.half_width, { type: "number", min: 0, step: "any" });
+    control("s", "standard deviation of a run" + unit, short(data.s || guess), { type: "number", min: 0, step: "any" });
+    control("drop", "fall of the score to the end of a factor" + unit, short(data.drop || 4 * guess),
+      { type: "number", min: 0, step: "any" });
+    control("cost", "cost of a run" + (data.cost_unit ? " " + data.cost_unit : ""), data.cost,
+      { type: "number", min: 0, step: "any" });
+    // The formulas of seqrsm.campaign.plan: half_width_of, loss_of and the interpolation between designs.
+    function between(designs, n, column) {
+      var value = designs[0][0] * designs[0][column];
+      for (var i = 0; i < designs.length; i += 1) {
+        var here = designs[i][0] * designs[i][column], before = designs[i - 1];
+        if (n >= designs[i][0]) { value = here; } else {
+          if (i > 0) {
+            var old = before[0] * before[column];
+            value = old + (here - old) * (n - before[0]) / (designs[i][0] - before[0]);
+          }
+          break;
+        }
+      }
+      return value / n;
+    }
+    function halfWidth(model, n, s) {
+      var df = n - model.p;
+      if (df < 1) { return Infinity; }
+      return data.t[Math.min(df, data.t.length) - 1] * s * Math.sqrt(data.share + between(model.designs, n, 1));
+    }
+    function loss(model, n, s, drop) {
+      if (model.order === 1 || n <= model.p || !(drop > 0)) { return NaN; }
+      return Math.min(s * s * between(model.designs, n, 2) / (4 * drop), drop * Math.max(model.numeric, 1));
+    }
+    function chosen() {
+      var kept = data.factors.map(function (_, j) { return j; }).filter(function (j) { return fields["factor-" + j].checked; });
+      var order = fields.order.checked ? 2 : 1;
+      return data.models.find(function (one) { return one.order === order && one.kept.join() === kept.join(); });
+    }
+    function draw() {
+      var model = chosen(), n = Number(fields.runs.value), s = Number(fields.s.value);
+      var target = Number(fields.target.value), curve = box.querySelector(".curve");
+      curve.textContent = "";
+      if (!model) {
+        box.querySelector(".said").textContent = "This set of factors was not planned: vary all, or leave one out.";
+        return;
+      }
+      var width = halfWidth(model, n, s), lost = loss(model, n, s, Number(fields.drop.value)), first = 0, i;
+      for (i = model.p + 1; i <= most && !first; i += 1) { if (halfWidth(model, i, s) <= target) { first = i; } }
+      fields.runs.setAttribute("aria-valuetext", n + " runs");
+      box.querySelector(".said").textContent = n + " runs, " + model.p + " terms: " +
+        (isFinite(width) ? "half-width \u00b1 " + short(width) + unit : "too few runs for a half-width") +
+        (isNaN(lost) ? "" : "; expected loss about " + short(lost) + unit) +
+        "; cost " + short(n * Number(fields.cost.value)) + (data.cost_unit ? " " + data.cost_unit : "") +
+        (first ? ". The target is reached from " + first + " runs on."
+          : ". The target is not reached by " + most + " runs: fewer factors, first order, or a wider target.");
+      var top = 1.1 * Math.max(target, Math.min(halfWidth(model, model.p + 2, s), 6 * target));
+      var x = function (at) { return LEFT + (W - LEFT - RIGHT) * at / most; };
+      var y = function (at) { return H - BOTTOM - (H - BOTTOM - TOP) * Math.min(at / top, 1); };
+      var svg = add(curve, "svg", { viewBox: "0 0 " + W + " " + H, role: "img",
+        "aria-label": "Half-width against the number of runs, " + box.querySelector(".said").textContent });
+      add(svg, "path", { d: "M" + LEFT + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), fill: "none",
+        stroke: "var(--line)" });
+      var points = [];
+      for (i = model.p + 2; i <= most; i += 1) { points.push(x(i).toFixed(1) + "," + y(halfWidth(model, i, s)).toFixed(1)); }
+      add(svg, "polyline", { points: points.join(" "), fill: "none", stroke: "var(--blue)", "stroke-width": 2 });
+      add(svg, "line", { x1: LEFT, x2: W - RIGHT, y1: y(target), y2: y(target), stroke: "var(--green)",
+        "stroke-dasharray": "6 4" });
+      add(svg, "line", { x1: x(n), x2: x(n), y1: TOP, y2: H - BOTTOM, stroke: "var(--orange)", "stroke-dasharray": "4 3" });
+      [0, most / 2, most].forEach(function (at) {
+        add(svg, "text", { x: x(at), y: H - BOTTOM + 16, "text-anchor": "middle" }, short(at));
+      });
+      [0, target, top].forEach(function (at) {
+        add(svg, "text", { x: LEFT - 6, y: y(at) + 4, "text-anchor": "end" }, short(at));
+      });
+      add(svg, "text", { x: (LEFT + W) / 2, y: H - 6, "text-anchor": "middle" }, "runs");
+      add(svg, "text", { x: LEFT + 6, y: TOP + 10 }, "half-width" + unit + " (dashed: target)");
+    }
+    draw();
+  });
+})();
