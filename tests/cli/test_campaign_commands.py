@@ -356,12 +356,12 @@ def test_catalog_finds_soil_moisture() -> None:
 def test_catalog_knows_sensors_platforms_and_tables() -> None:
     found = json.loads(ok("catalog", "Sentinel-1", "--json"))
     values = {one["title"]: one["values"] for one in found["sensors"]}
-    assert values["Sentinel-1 IW GRDH"]["looks"] == {"value": 4.4, "status": "recalled"}
+    assert values["Sentinel-1 IW GRDH"]["altitude_km"] == {"value": 693.0, "status": "recalled"}
     assert values["Sentinel-1 IW GRDH"]["frequency_ghz"] == {"value": 5.405, "status": "seen"}
     text = ok("catalog", "Seasat")
     assert "Seasat SAR digital 25 m" in text
     assert "A.38 Seasat 1" in text
-    assert "4.4?" in ok("catalog", "Sentinel-1", "IW", "GRDH")
+    assert "81.8?" in ok("catalog", "Sentinel-1", "IW", "GRDM")
     assert "Nimbus" in ok("catalog", "A.32")
     assert json.loads(ok("catalog", "a.16", "--json"))[0]["table"] == "A.16"
     assert "Sentinel-1" in ok("catalog", "Sentinal", "1")

@@ -110,7 +110,7 @@ def test_names_are_found_by_their_words_and_unknown_ones_get_the_nearest() -> No
 
 def test_json_tells_of_each_value_what_it_rests_on() -> None:
     document = to_json(BY_TITLE["Sentinel-1 IW GRDH"])
-    assert document["values"]["looks"] == {"value": 4.4, "status": "recalled"}
+    assert document["values"]["altitude_km"] == {"value": 693.0, "status": "recalled"}
     assert document["values"]["nesz_db"] == {"value": -25.8, "status": "seen"}
     assert BY_TITLE["Umbra Spotlight"].noise_rests == "assumed"
     assert BY_TITLE["Umbra Spotlight"].noise_db(40.0) == -20.0
