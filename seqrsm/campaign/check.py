@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, ndtri
 
 from seqrsm.analysis.conclude import stop_rule
 from seqrsm.analysis.ground import MOST_SHARE, OCCASIONS, ground_of_scores
+from seqrsm.analysis.posterior import draw_coefficients
+from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
+from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits
 from seqrsm.campaign.next_runs import start_size
@@ -21,6 +25,7 @@ from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, sim
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
+from seqrsm.rng import generator
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
@@ -29,6 +34,11 @@ from seqrsm.store.store import STORE_NAME, Store
 PROBE_WORLDS = 4
 """Worlds, with `OCCASIONS` in each, of simulations at the centre of the region, for each level of the categorical
 factors; they measure noise and time, belong to no run and are not kept."""
+
+SPREAD_PROBES = 16
+"""Simulations at settings all over the region, which tell how much the score varies there."""
+
+ASSUMED_SPREAD = 3.0
 
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
@@ -59,6 +69,14 @@ class CheckResult:
         What the simulation rests on, and the cover categories of its scene.
     combinations : tuple of str
         What combinations of the parameters do, such as gaps between the lines of a scan, and where.
+    plans, over : tuple of Plan
+        What the budget can give in different ways, and what other numbers of runs give, see `seqrsm.campaign.budget`.
+    surfaces : str
+        From what surfaces ``plans`` and ``over`` were found.
+    target, unit : float, str
+        ``[stop] half_width``, nan where half-widths are told in standard deviations of a run; their unit, then "s".
+    refused : str
+        Why the target cannot be reached, and what could; empty if it may.
     hardware : tuple of str
         Whether the radars at the best settings so far could be built, rule by rule with its margin; empty before.
     """
@@ -79,10 +97,16 @@ class CheckResult:
     covers: tuple[str, ...] = ()
     combinations: tuple[str, ...] = ()
     hardware: tuple[str, ...] = ()
+    plans: tuple[Plan, ...] = ()
+    over: tuple[Plan, ...] = ()
+    surfaces: str = ""
+    target: float = float("nan")
+    unit: str = ""
+    refused: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON document."""
-        return {name: getattr(self, name) for name in self.__slots__}
+        return asdict(self)
 
 
 def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> CheckResult:
@@ -97,8 +121,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     Raises
     ------
     UserError
-        Everything that is wrong with the specification, or with the sensor at the corners of the region; or a stop
-        target that cannot be reached.
+        Everything that is wrong with the specification, or with the sensor at the corners of the region.
     """
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
@@ -107,26 +130,45 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     notes: tuple[str, ...] = ()
     covers: tuple[str, ...] = ()
     combinations: tuple[str, ...] = ()
+    analysis = _analysis(spec)
+    spread = float("nan")
     if spec.simulator is not None:
         combinations = check_simulator(spec)
         noise, share, df, seconds, notes = _probe(spec, progress)
+        spread = float("nan") if analysis is not None else _spread(spec, noise)
         rule = replace(rule, ground_share=share)
         covers = scene_at(str(spec.scene_path)).categories
         source = f"simulations at the centre, {df} degrees of freedom"
-    elif (spec.folder / STORE_NAME).exists() or spec.store_url:
-        noise, df, source = _noise_of_scores(spec)
+    elif analysis is not None:
+        noise, df = float(analysis.fit.s), analysis.fit.df_residual
+        source = f"residuals of {analysis.fit.n_runs} scored runs"
     unit = spec.applications[0].unit
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
-    if problem and share > 0.0 and rule.counts_ground:
+    if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
         problem += _by_flights(rule, noise)
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=False), least, model.p, unit) if least > 0.0 else ""
+    known = _surfaces(spec, noise, spread, analysis)
+    in_units = np.isfinite(noise) or known.noise != 1.0
+    at = spec.region.centre() if analysis is None else analysis.optimum.point
+    budget = Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, known, at, spec.seed)
+    plans, over = budget.plans(spec.stop.confirmation_runs)
+    refused = problem or hopeless if hopeless else ""
+    try:
+        start = start_size(model, spec)
+    except SpecError as error:
+        start, refused = plans[0].asked, error.problems[0].message + "."
+    target = rule.half_width if in_units else float("nan")
+    if refused or problem:
+        out = way_out(plans, over, target, unit if in_units else "s")
+        out += "" if in_units else " (s: the standard deviation of a run.)"
+        refused, problem = (f"{text} {out}" if text else "" for text in (refused, problem))
     result = CheckResult(
         name=spec.name,
         n_factors=spec.region.k,
         n_terms=model.p,
-        start_runs=start_size(model, spec),
+        start_runs=start,
         min_runs=rule.min_runs(model.p),
         max_runs=rule.max_runs,
         seconds_per_run=seconds,
@@ -139,10 +181,13 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         covers=covers,
         combinations=combinations,
         hardware=_hardware(spec),
+        plans=plans,
+        over=over,
+        surfaces=known.source,
+        target=target,
+        unit=unit if in_units else "s",
+        refused=refused,
     )
-    if hopeless:
-        remedy = "Widen [stop] half_width, raise max_runs, or choose another interval."
-        raise SpecError(Problem(problem or hopeless, remedy, file=str(spec.folder / SPEC_NAME), field="[stop]"))
     return result
 
 
@@ -216,12 +261,44 @@ def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:
     return point
 
 
-def _noise_of_scores(spec: CampaignSpec) -> tuple[float, int, str]:
-    """Residual standard deviation of the scores already there, and its degrees of freedom."""
-    store = Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed)
-    try:
-        analyses: Sequence[Any] = Campaign(spec, store).analyse_all()
-    except FitError:
-        return float("nan"), 0, "too few scores"
-    worst = max(analyses, key=lambda analysis: float(analysis.fit.s))
-    return float(worst.fit.s), worst.fit.df_residual, f"residuals of {worst.fit.n_runs} scored runs"
+def _analysis(spec: CampaignSpec) -> Analysis | None:
+    """The first application's, of scores that are there already; None where they are too few."""
+    if not (spec.store_url or (spec.folder / STORE_NAME).exists()):
+        return None
+    with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
+        try:
+            return Campaign(spec, store).analyse_all(spec.applications[0].name)[0]
+        except FitError:
+            return None
+
+
+def _spread(spec: CampaignSpec, noise: float) -> float:
+    """Standard deviation of the expected score over the region, from simulations at random settings."""
+    points = spec.region.sample(SPREAD_PROBES, generator(spec.seed, 0, "spread"))
+    settings = spec.region.decode(points)
+    results = [carry_out(task_of(spec, 2**31 - 1001 - i, setting)) for i, setting in enumerate(settings)]
+    scores = [result.scores[0].score for result in results if not result.failure]
+    if len(scores) < SPREAD_PROBES // 2:
+        return float("nan")
+    return math.sqrt(max(float(np.var(scores, ddof=1)) - noise**2, (0.5 * noise) ** 2))
+
+
+def _surfaces(spec: CampaignSpec, noise: float, spread: float, analysis: Analysis | None) -> Surfaces:
+    """What is known of the surface: by scores, else by simulations, else as stated, else assumed."""
+    prior = spec.applications[0].prior
+    if analysis is not None and spec.model.response == "identity" and np.isfinite(analysis.fit.s):
+        draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
+        source = f"surfaces as the {analysis.fit.n_runs} scores so far leave them possible"
+        return Surfaces(analysis.model, draws.terms, float(analysis.fit.s), source)
+    if np.isfinite(spread):
+        source = f"random quadratics that vary over the region as {SPREAD_PROBES} simulations do"
+    elif prior is not None and prior.utility is not None:
+        low, high = prior.utility
+        spread = float((high - low) / (2.0 * ndtri(0.5 + 0.5 * prior.probability)))
+        noise = prior.repeat_sd or 0.1 * (high - low)
+        source = "random quadratics that vary over the region as [application.prior] says"
+    else:
+        noise = noise if np.isfinite(noise) else 1.0
+        spread = ASSUMED_SPREAD * noise
+        source = f"random quadratics that vary over the region {ASSUMED_SPREAD:g} times as much as a run (assumed)"
+    return random_surfaces(spec.region, noise, spread, source, spec.seed)

@@ -29,7 +29,7 @@ from seqrsm.cli.console import (
 )
 from seqrsm.cli.scene import scene_app
 from seqrsm.cli.standalone import catalog, design, doctor, parameters
-from seqrsm.errors import Problem, UserError
+from seqrsm.errors import Problem, SpecError, UserError
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -174,12 +174,15 @@ def check(
         result = check_campaign(folder, partial(shown.count, "checking"))
     if as_json:
         print_json(result.to_json())
-        return
-    show_sections(check_sections(result, every_note=verbose))
-    line()
-    if result.target_problem:
-        line(f"Warning: {result.target_problem}")
-    line("All is in order.")
+    else:
+        show_sections(check_sections(result, every_note=verbose))
+        line()
+    if result.refused:
+        raise SpecError(Problem(result.refused, file=str(folder / "campaign.toml"), field="[stop]"))
+    if not as_json:
+        if result.target_problem:
+            line(f"Warning: {result.target_problem}")
+        line("All is in order.")
 
 
 @app.command()

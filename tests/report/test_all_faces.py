@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import math
 import pkgutil
 import re
 from pathlib import Path
@@ -24,6 +25,7 @@ from seqrsm.analysis.ground import RANKED, Ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import term_tests
+from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.check import CheckResult
 from seqrsm.campaign.dossier import assemble
@@ -276,6 +278,9 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
     result = CheckResult(
         "polder", 3, 27, 33, 28, 300, 0.0441, 3.604, 0.6, "simulations", 301.5, "", ("Grass: assumed (assumed: me)",),
         ("Grass",), ("gaps at 4 of 6 settings",), ("gain against beam, margin 1.7: 23 dB",),
+        (Plan("", 300, 27, 81, 5.25, 0.4), Plan("[model] order = 1", 300, 10, 30, 9.75, 3.1)),
+        (Plan("", 28, 27, 81, math.nan, math.nan), Plan("[model] order = 1", 28, 10, 30, 14.25, 3.25)),
+        "random quadratics", 6.0, "percent",
     )  # fmt: skip
     rehearsed = {"campaigns": 200, "rows": [("runs needed, median", "41 (33 to 57)")], "notes": ["Truths are drawn."]}
     tests = term_tests(studied.analyses[0], ["look_angle"])

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from seqrsm.campaign.assumptions import summarise_notes
+from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.check import CheckResult
-from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section
+from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_plain, format_significant
 
 
@@ -31,6 +32,7 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     if known:
         items.append(("found from", result.noise_source))
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]
+    sections += _budget_sections(result)
     if result.combinations:
         sections.append(Section("combinations", "What some settings do", (Bullets(result.combinations),)))
     if result.hardware:
@@ -42,6 +44,49 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         notes = result.notes if every_note else summarise_notes(result.notes, result.covers)
         sections.append(Section("notes", title, (Bullets(notes),)))
     return tuple(sections)
+
+
+def _budget_sections(result: CheckResult) -> list[Section]:
+    """What the budget can give, in different ways, and what other numbers of runs give."""
+    if not result.plans:
+        return []
+    known = math.isfinite(result.target)
+
+    def amount(value: float) -> str:
+        return format_significant(value, 2) if math.isfinite(value) else "-"
+
+    def numbers(plan: Plan) -> tuple[str, str, str]:
+        reach = "yes" if plan.reaches(result.target) else "no"
+        return (
+            amount(plan.half_width),
+            amount(plan.loss),
+            reach if plan.runs >= plan.asked else f"asks for {plan.asked}",
+        )
+
+    columns = (right("Half-width", result.unit), right("Loss", result.unit))
+    reach = f"\u00b1 {format_plain(result.target)}?" if known else "Enough?"
+    ways = table(
+        f"What {result.max_runs} runs can be expected to give",
+        ("With", right("Terms"), *columns, reach),
+        [(plan.change or "campaign.toml as it is", str(plan.n_terms), *numbers(plan)) for plan in result.plans],
+    )
+    first = {plan.runs: plan for plan in result.over if plan.change}
+    heads = (right("First order", result.unit), right("Loss", result.unit)) if first else ()
+    other = table(
+        "What other numbers of runs can be expected to give",
+        (right("Runs"), *columns, reach, *heads),
+        [
+            (str(n), *numbers(plan), *((amount(first[n].half_width), amount(first[n].loss)) if first else ()))
+            for n, plan in ((plan.runs, plan) for plan in result.over if not plan.change)
+        ],
+    )
+    in_s = "" if known else " s is the standard deviation of a run, which nothing tells yet."
+    how = (
+        f"Found from 200 simulated campaigns each, on {result.surfaces}: half-widths are medians of the interval that "
+        f"decides, losses means of what the settings found score less than the best of the whole region.{in_s} Rough: "
+        "`seqrsm rehearse` makes every step as `run` does, once there are scores."
+    )
+    return [Section("budget", "What the budget can give", (ways, other, Paragraph(how, "note")))]
 
 
 def _duration(seconds: float) -> str:

@@ -1,0 +1,236 @@
+"""What a number of runs can give: half-width and loss expected, for the model as it is and for smaller ones.
+
+Campaigns are simulated on surfaces drawn from what is known: half of the runs behind the start design spread, half at
+the best settings that the others show, a polynomial fitted. It is quick and rough; `seqrsm.campaign.rehearsal` makes
+every step as `run` does, once there are scores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from seqrsm.arrays import FloatArray
+from seqrsm.decide.stopping import StopRule, rule_half_width
+from seqrsm.design.factors import setting_with_unit
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.fit.optimum import Goal, sign_of
+from seqrsm.rng import generator
+
+N_CAMPAIGNS = 200
+_LEAST_CLOUD = 400
+_EXTRA = 6
+"""Runs of a start design beyond the terms."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surfaces:
+    """What is known of the surface: coefficients drawn, the scatter of a run, and where both come from.
+
+    Attributes
+    ----------
+    model : QuadraticModel
+        Of the truths.
+    coefficients : ndarray (m, p)
+        A truth in each row, score units.
+    noise : float
+        Standard deviation of a run, score units.
+    source : str
+        In words.
+    """
+
+    model: QuadraticModel
+    coefficients: FloatArray
+    noise: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What one way to spend runs is expected to give.
+
+    Attributes
+    ----------
+    change : str
+        What would differ in ``campaign.toml``; "" for the campaign as it is.
+    runs, n_terms, asked : int
+        Runs, terms of the model, and the fewest runs that the stop rule asks for.
+    half_width, loss : float
+        Median half-width of the interval that decides, and mean loss against the best settings of the whole region,
+        score units; nan where the runs leave no degree of freedom.
+    """
+
+    change: str
+    runs: int
+    n_terms: int
+    asked: int
+    half_width: float
+    loss: float
+
+    def reaches(self, target: float) -> bool:
+        """Whether the stop rule can be expected to hold; where the target is nan, whether the runs are enough."""
+        return self.runs >= self.asked and bool(np.isfinite(self.half_width)) and not self.half_width > target
+
+
+def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, unit: str) -> str:
+    """What would reach a target that the campaign as it is does not, the least loss first; in sentences."""
+
+    def told(plan: Plan) -> str:
+        half, loss = (f"{value:.3g} {unit}".rstrip() for value in (plan.half_width, plan.loss))
+        return f"half-width {half}, loss {loss}"
+
+    budget = plans[0].runs
+    good = sorted((plan for plan in plans if plan.change and plan.reaches(target)), key=lambda plan: plan.loss)
+    found = [f"{plan.change} ({told(plan)})" for plan in good[:3]]
+    text = f"With {budget} runs: {'; or '.join(found)}. " if found else ""
+    more = next((plan for plan in over if not plan.change and plan.runs > budget and plan.reaches(target)), None)
+    if more is not None:
+        return f"{text}{'Or' if text else 'Set'} max_runs = {more.runs} ({told(more)})."
+    if text:
+        return text.strip()
+    widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= plan.asked]
+    if not widths:
+        return "Raise max_runs, or take fewer factors or levels."
+    least = min(widths, key=lambda plan: plan.half_width)
+    how = f"{least.runs} runs" + (f" and {least.change}" if least.change else "")
+    return f"Of all that is listed, the narrowest is {how} ({told(least)}): widen [stop] half_width to that, or more."
+
+
+def random_surfaces(region: Region, noise: float, spread: float, source: str, seed: int) -> Surfaces:
+    """Quadratics drawn at random, whose scores have the standard deviation ``spread`` over the region.
+
+    Slopes and differences of levels have twice the standard deviation of squares and products.
+    """
+    rng = generator(seed, 0, "budget: surfaces")
+    model, first = QuadraticModel(region.factors, 2), QuadraticModel(region.factors, 1).p
+    beta = rng.standard_normal((N_CAMPAIGNS, model.p))
+    beta[:, first:] *= 0.5
+    values = model.matrix(region.sample(500, rng)) @ beta.T
+    return Surfaces(model, beta * (spread / np.std(values, axis=0))[:, None], noise, source)
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """The question.
+
+    Attributes
+    ----------
+    region, order, goal, rule
+        Of the campaign.
+    known : Surfaces
+        What is known of its surface.
+    at : ndarray (k,)
+        Where a factor would be fixed.
+    seed : int
+    """
+
+    region: Region
+    order: int
+    goal: Goal
+    rule: StopRule
+    known: Surfaces
+    at: FloatArray
+    seed: int
+
+    def plans(self, confirmation: int) -> tuple[tuple[Plan, ...], tuple[Plan, ...]]:
+        """What the budget gives in different ways, and what other numbers of runs give.
+
+        Parameters
+        ----------
+        confirmation : int
+            Fresh runs that the guard "confirmation" takes of the budget.
+
+        Returns
+        -------
+        tuple of Plan
+            The budget: as it is, with that guard, with first order, with each factor fixed.
+        tuple of Plan
+            Numbers of runs about the budget and what the models ask for, with the campaign's order and with 1.
+        """
+        region, budget, order = self.region, self.rule.max_runs, self.order
+        cloud = _cloud(region, self.known.model.p, generator(self.seed, 0, "budget: settings"))
+        best = (self._sign() * self.known.model.matrix(cloud) @ self.known.coefficients.T).max(axis=0)
+        ways = [("", order), ("[model] order = 1", 1)][:order]
+        whole = tuple(range(region.k))
+        at_budget = [self._plan(change, budget, one, whole, cloud, best) for change, one in ways]
+        asked = [plan.asked for plan in at_budget]
+        if self.rule.guard == "runs" and asked[0] > budget:
+            fewer = self._plan("", budget - confirmation, order, whole, cloud, best)
+            least = fewer.n_terms + 1 + confirmation
+            at_budget.insert(1, replace(fewer, change='[stop] guard = "confirmation"', runs=budget, asked=least))
+        shown = region.decode(self.at[None, :])[0]
+        for j in whole if region.k > 1 else ():
+            factor = region.factors[j]
+            points = cloud.copy()
+            points[:, j] = self.at[j]
+            points = points[region.feasible(points)]
+            change = f"{factor.name} fixed at {setting_with_unit(factor, shown[factor.name])}"
+            kept = tuple(i for i in whole if i != j)
+            if len(points) > 1:
+                at_budget.append(self._plan(change, budget, order, kept, points, best))
+        counts = sorted({budget, *asked, *(int(np.ceil(share * max(asked))) for share in (1.5, 2.0, 3.0))})
+        over = [self._plan(change, n, one, whole, cloud, best) for n in counts for change, one in ways]
+        return tuple(at_budget), tuple(over)
+
+    def _sign(self) -> float:
+        return sign_of(self.goal)
+
+    def _plan(
+        self, change: str, n: int, order: int, kept: tuple[int, ...], points: FloatArray, best: FloatArray
+    ) -> Plan:
+        """One way: ``points`` are its settings, ``kept`` the factors of its model, ``best`` what could be had."""
+        model = QuadraticModel(tuple(self.region.factors[j] for j in kept), order)
+        p, sign, known = model.p, self._sign(), self.known
+        asked = max(self.rule.min_runs(p), p + 1)
+        Z = model.matrix(points[:, list(kept)])
+        n_spread = min(n, p + _EXTRA) + max(n - p - _EXTRA, 0) // 2
+        rows, m = _greedy(Z, n_spread), n - n_spread
+        if n <= p or np.linalg.matrix_rank(Z[rows]) < p:
+            return Plan(change, n, p, asked, float("nan"), float("nan"))
+        rng = generator(self.seed, n, "budget: runs")
+        truth = known.model.matrix(points) @ known.coefficients.T  # (points, campaigns)
+        every = np.arange(truth.shape[1])
+        inverse = np.linalg.inv(Z[rows].T @ Z[rows])
+        y = truth[rows] + known.noise * rng.standard_normal((n_spread, len(every)))
+        beta = inverse @ Z[rows].T @ y
+        rss = np.sum((y - Z[rows] @ beta) ** 2, axis=0)
+        fitted = Z @ beta
+        h = np.repeat(np.einsum("ij,jk,ik->i", Z, inverse, Z)[:, None], len(every), axis=1)
+        if m:  # repeats at the best settings so far: one more observation of weight m there, and their own scatter
+            at = np.argmax(sign * fitted, axis=0)
+            again = truth[at, every] + known.noise * rng.standard_normal((m, len(every)))
+            apart, gain = again.mean(axis=0) - fitted[at, every], m / (1.0 + m * h[at, every])
+            across = Z @ inverse @ Z[at].T
+            fitted, h = fitted + across * (gain * apart), h - across**2 * gain
+            rss = rss + np.sum((again - again.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
+        at = np.argmax(sign * fitted, axis=0)
+        rule = replace(self.rule, max_runs=n)
+        width = rule_half_width(rule, np.sqrt(rss / (n - p)), n - p, h[at, every], p, n_runs=n)
+        loss = np.maximum(best - sign * truth[at, every], 0.0)
+        return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
+
+
+def _cloud(region: Region, p: int, rng: np.random.Generator) -> FloatArray:
+    """Feasible settings that runs are taken from and optima sought in (m, k)."""
+    size = max(_LEAST_CLOUD, 12 * p)
+    corners = region.candidates(3, 4 * size)
+    if len(corners) > size:
+        corners = corners[rng.choice(len(corners), size, replace=False)]
+    return np.vstack([corners, region.sample(size // 2, rng)])
+
+
+def _greedy(Z: FloatArray, n: int) -> list[int]:
+    """Rows that tell the terms well: each adds most to the determinant."""
+    ridge = 1e-6
+    inverse = np.eye(Z.shape[1]) / ridge
+    rows = []
+    for _ in range(n):
+        h = np.einsum("ij,jk,ik->i", Z, inverse, Z)
+        i = int(np.argmax(h))
+        v = inverse @ Z[i]
+        inverse = inverse - np.outer(v, v) / (1.0 + h[i])
+        rows.append(i)
+    return rows

@@ -1,0 +1,132 @@
+"""What a number of runs can give: against theory where there is one, and against what a campaign really gave."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+from typer.testing import CliRunner
+
+from seqrsm.analysis.conclude import stop_rule
+from seqrsm.campaign.budget import Budget, Plan, Surfaces, random_surfaces, way_out
+from seqrsm.cli.app import app
+from seqrsm.decide.stopping import StopRule
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
+from seqrsm.design.region import Region
+from seqrsm.spec.read import load_spec
+
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+REGION = Region((ContinuousFactor("a", 0.0, 1.0), ContinuousFactor("b", 0.0, 1.0)), ())
+
+
+def asked(region: Region, rule: StopRule, known: Surfaces, order: int = 2) -> tuple[list[Plan], list[Plan]]:
+    at_budget, over = Budget(region, order, "maximize", rule, known, region.centre(), 1).plans(5)
+    return list(at_budget), list(over)
+
+
+def test_runs_without_scatter_lose_nothing_and_leave_no_interval() -> None:
+    plans, _ = asked(REGION, StopRule(half_width=1.0, max_runs=40), random_surfaces(REGION, 1e-9, 3.0, "", 1))
+    assert plans[0].half_width == pytest.approx(0.0, abs=1e-7)
+    assert plans[0].loss == pytest.approx(0.0, abs=1e-6)
+    first = next(plan for plan in plans if "order" in plan.change)
+    assert first.loss > 0.1  # the truths are quadratics
+    assert first.half_width > 1.0  # and what a plane leaves of them is taken for scatter
+
+
+def test_many_runs_leave_the_scatter_of_one() -> None:
+    plans, _ = asked(REGION, StopRule(half_width=1.0, max_runs=600), random_surfaces(REGION, 2.0, 6.0, "", 1))
+    floor = 2.0 * student.ppf(0.975, 594)
+    assert floor * 0.97 < plans[0].half_width < floor * 1.03
+
+
+def test_a_plane_is_as_the_formula_says() -> None:
+    """Truths without curvature, no repeats: the half-width of Student's t at a corner of a design at the corners."""
+    model = QuadraticModel(REGION.factors, 1)
+    known = Surfaces(model, np.tile([50.0, 100.0, 100.0], (200, 1)), 1.0, "")
+    n = model.p + 6  # no run is left for repeats
+    plans, _ = asked(REGION, StopRule(interval="confidence", half_width=1.0, max_runs=n), known, order=1)
+    # Nine runs at four corners: (Z'Z)^-1 is close to I / 9, so that h is close to 3 / 9 at a corner.
+    s = np.sqrt(np.median(np.random.default_rng(0).chisquare(n - 3, 100_000)) / (n - 3))
+    assert plans[0].half_width == pytest.approx(student.ppf(0.975, n - 3) * s * np.sqrt(3 / 9), rel=0.12)
+    assert plans[0].loss == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("runs", "half_width"), [(24, 15.5), (36, 8.76), (56, 8.84)])
+def test_as_a_campaign_really_went(runs: int, half_width: float) -> None:
+    """campaigns/langegracht-radar: its half-widths by the runs so far, its scatter, and that of its surface."""
+    spec = load_spec(CAMPAIGNS / "langegracht-radar")
+    rule = replace(stop_rule(spec, 0.41), max_runs=runs)
+    plans, _ = asked(spec.region, rule, random_surfaces(spec.region, 5.02, 8.0, "", 1))
+    assert plans[0].half_width == pytest.approx(half_width, rel=0.25)
+
+
+def test_more_runs_give_more_and_too_few_say_so() -> None:
+    region = Region((*REGION.factors, CategoricalFactor("q", ("A", "B", "C"))), ())
+    rule = StopRule(half_width=2.5, max_runs=20)
+    plans, over = asked(region, rule, random_surfaces(region, 1.0, 3.0, "", 1))
+    mine = [plan for plan in over if not plan.change]
+    widths = [plan.half_width for plan in mine if plan.runs > plan.n_terms]
+    assert all(after < 1.02 * before for before, after in pairwise(widths))
+    assert [np.isnan(plan.half_width) for plan in mine] == [plan.runs <= plan.n_terms for plan in mine]
+    assert not plans[0].reaches(rule.half_width)  # asks for 36
+    words = way_out(plans, over, rule.half_width, "percent")
+    assert words.startswith("With 20 runs: ")
+    assert "max_runs = 36" in words
+    assert {plan.change.split(" ")[0] for plan in plans} == {"", "[model]", "[stop]", "a", "b", "q"}
+    assert "widen [stop] half_width to that" in way_out(plans, over, 0.1, "percent")
+
+
+SPEC = """\
+[campaign]
+name = "thirty"
+[[factor]]
+name = "x"
+low = 0.0
+high = 1.0
+[[factor]]
+name = "y"
+low = 0.0
+high = 1.0
+[[factor]]
+name = "q"
+levels = ["A", "B", "C"]
+[[application]]
+name = "score"
+utility = "percent_correct"
+[application.prior]
+utility = [40.0, 90.0]
+repeat_sd = 2.0
+[stop]
+half_width = 6.0
+max_runs = {runs}
+guard = "{guard}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("runs", "guard", "code", "says"),
+    [
+        (60, "runs", 0, "All is in order."),
+        (11, "runs", 2, "11 runs cannot determine 12 terms"),
+        (11, "anytime", 2, "[model] order = 1"),
+    ],
+)
+def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, code: int, says: str) -> None:
+    (tmp_path / "campaign.toml").write_text(SPEC.format(runs=runs, guard=guard), encoding="utf-8")
+    done = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert done.exit_code == code, done.output
+    assert says in done.output
+    assert f"What {runs} runs can be expected to give" in done.stdout
+    assert "What other numbers of runs can be expected to give" in done.stdout
+    assert "as [application.prior] says" in done.stdout
+    told = CliRunner().invoke(app, ["check", str(tmp_path), "--json"])
+    assert told.exit_code == code
+    found = json.loads(told.stdout)
+    assert found["plans"][0]["runs"] == runs
+    assert (found["refused"] != "") == (code == 2)
