@@ -134,7 +134,8 @@ def evidence_of(
     if by == "field":
         layers, counts, tile, teaching = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
     layers = _in_db(layers, is_power, counts)
-    _fill_unseen(layers, np.asarray(counts.sum(axis=1) > 0))
+    if np.isnan(layers).any():
+        _fill_unseen(layers, np.asarray(counts.sum(axis=1) > 0))
     return Evidence(layers, counts, tile, pixels.keys, len(angles), teaching)
 
 
@@ -203,11 +204,7 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: flo
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
     tile, keys = tiles(across, along, extent, side, seed=seed, run_id=run_id)
-    inside = np.flatnonzero(field >= 0)
-    of_pixel, own = field[inside], tile[inside]
-    first = np.zeros(scene.n_fields, dtype=np.int64)
-    first[of_pixel[::-1]] = own[::-1]
-    tile[inside] = np.where(_is_small(scene, side)[of_pixel], first[of_pixel], own)
+    kernels_classify.keep_fields_whole(field, _is_small(scene, side), tile)
     return Pixels(pixel, (n_rows, n_columns), counts, field, tile, keys)
 
 

@@ -44,6 +44,28 @@ def add_cells(
 
 
 @kernel
+def keep_fields_whole(field: AnyArray, small: AnyArray, tile: AnyArray) -> None:
+    """Give all pixels inside a field the tile of the first of them.
+
+    Parameters
+    ----------
+    field : int32 array (n_pixels,)
+        Below 0 for a pixel that lies in no single one.
+    small : bool array (n_fields,)
+        Fields that are kept whole.
+    tile : int64 array (n_pixels,)
+        Written to.
+    """
+    first = np.full(small.shape[0], -1, dtype=np.int64)
+    for n in range(field.shape[0]):
+        f = field[n]
+        if f >= 0 and small[f]:
+            if first[f] < 0:
+                first[f] = tile[n]
+            tile[n] = first[f]
+
+
+@kernel
 def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: int) -> AnyArray:
     """What one image shows, averaged over the cells of another's pixels.
 
