@@ -150,8 +150,8 @@ class Sigma0Table:
     file: str = ""
     world: World | OneAway | None = None
 
-    def in_world(self, world: World | OneAway) -> Sigma0Table:
-        """The table with its means and field spreads as a world has them."""
+    def in_world(self, world: World | OneAway | None) -> Sigma0Table:
+        """The table with its means and field spreads as a world has them; None: as they stand."""
         return replace(self, world=world)
 
     @property

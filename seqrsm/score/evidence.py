@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy import ndimage, special
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
     from seqrsm.simulate.radiometer.result import RadiometerImage
 
-    Image = RadarImage | RadiometerImage
+    Image: TypeAlias = RadarImage | RadiometerImage
 
 TILE_M = 250.0
 """Side of a tile of a radar's image [m]: about the size of a farm's block of fields."""
@@ -82,6 +82,8 @@ class Evidence:
         So many of the last features are no evidence of a class: squares of look angles.
     teaching : array (n, n_classes)
         Cells with which a unit teaches each class.
+    unit_of_cell : int32 array (rows, columns) or None
+        Field that each cell of the scene belongs to, -1 for none; None where units are pixels.
     """
 
     features: FloatArray
@@ -90,6 +92,7 @@ class Evidence:
     keys: FloatArray
     covariates: int
     teaching: AnyArray
+    unit_of_cell: AnyArray | None = None
 
 
 def evidence_of(
@@ -130,13 +133,13 @@ def evidence_of(
     is_power = np.repeat([radar for radar, _ in powers], n)
     layers = np.vstack([*(layers for _, layers in powers), *angles], dtype=np.float64)
     is_power = np.append(is_power, np.zeros(len(angles), dtype=bool))
-    counts, tile, teaching = pixels.counts, pixels.tile, pixels.counts
+    counts, tile, teaching, unit = pixels.counts, pixels.tile, pixels.counts, None
     if by == "field":
-        layers, counts, tile, teaching = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
+        layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
     layers = _in_db(layers, is_power, counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, np.asarray(counts.sum(axis=1) > 0))
-    return Evidence(layers, counts, tile, pixels.keys, len(angles), teaching)
+    return Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, unit)
 
 
 def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:
@@ -231,8 +234,10 @@ def cells_in_pixels(pixel: AnyArray, scene: Scene, n_pixels: int) -> tuple[AnyAr
 
 def _of_fields(
     layers: FloatArray, pixels: Pixels, scene: Scene, tile_m: float
-) -> tuple[FloatArray, AnyArray, IntArray, AnyArray]:
-    """Layers, scored cells by class, tile and teaching of each field; one larger than a tile is a field in each.
+) -> tuple[FloatArray, AnyArray, IntArray, AnyArray, AnyArray]:
+    """Layers, scored cells by class, tile and teaching of each field, and the field of each cell.
+
+    One larger than a tile is a field in each.
 
     A field teaches where pixels lie inside it; of a class with few such fields all do.
     """
@@ -251,7 +256,7 @@ def _of_fields(
     inside = np.asarray(np.isfinite(found).any(axis=0))
     teaching = np.where(inside[:, None], counts, 0)
     few = np.asarray(np.count_nonzero(teaching, axis=0) < _FEW_FIELDS)
-    return np.where(np.isnan(found), whole, found), counts, at[first], np.where(few, counts, teaching)
+    return np.where(np.isnan(found), whole, found), counts, at[first], np.where(few, counts, teaching), unit
 
 
 def _in_db(layers: FloatArray, is_power: AnyArray, counts: AnyArray) -> FloatArray:

@@ -1,11 +1,4 @@
-"""Soil moisture retrieved from a radiometer's brightness, where the cover of each footprint is known.
-
-Optimal estimation (Rodgers 2000, Inverse Methods for Atmospheric Sounding, ch. 2): the moisture of a footprint is that
-expected from its brightness, given what the table of emissivity says of its covers at each moisture, how far fields,
-dates and the table's own means depart from that, the temperature of the ground and its error, the receiver's noise, and
-how moist the ground can be. The vegetation over the soil is tau-omega (`seqrsm.scattering.emissivity`). Where
-brightness says nothing, what is left is the guess: the mean.
-"""
+"""Error and skill of retrieved soil moisture: of squares of ground by a radiometer, of bare fields by a radar."""
 
 from __future__ import annotations
 
@@ -14,50 +7,41 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy import sparse
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray
 from seqrsm.errors import Problem, SceneError
-from seqrsm.scattering.atmosphere import radiation_equivalent_k
-from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
+from seqrsm.score.bare_soil import retrieved_fields
+from seqrsm.score.brightness import retrieved_squares
 from seqrsm.score.classification import UtilityScore, cluster_ratio
-from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.utilities import Asked
-from seqrsm.simulate.radiometer.expected import ExpectedGround, expected_ground
+from seqrsm.simulate.radar.result import RadarImage
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
-    from seqrsm.sensor.radiometer import RadiometerConfiguration
-    from seqrsm.simulate.radiometer.result import RadiometerImage
+    from seqrsm.score.evidence import Image
+    from seqrsm.simulate.soil import Sensor
 
-GRID: Final[FloatArray] = np.linspace(MOISTURE_NODES[0], MOISTURE_NODES[-1], 97)
-"""Moistures that are weighed [m3/m3]."""
-
-BLOCK_M: Final = 250.0
-"""Side of the squares of ground whose mean moisture is retrieved [m]."""
-
-_PAIRED = 400
+_PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
 
 
-def score_moisture(
-    images: Sequence[RadiometerImage], scene: Scene, asked: Asked, *, seed: int, run_id: int
-) -> UtilityScore:
-    """Error or skill of soil moisture, the mean of squares of `BLOCK_M`, over scored cells of covers that show any.
+def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int) -> UtilityScore:
+    """Error or skill of soil moisture over scored cells of covers that show any.
 
-    "soil_moisture_error" is the unbiased root mean square error [m3/m3]: errors about their mean. "soil_moisture_skill"
-    is one less its square over the variance that the truth has on average: 0 for a guess of the mean, 1 where all is
-    known.
+    A radiometer's image gives the mean of squares of 250 m (`seqrsm.score.brightness`), a radar's the moisture of bare
+    fields (`seqrsm.score.bare_soil`). "soil_moisture_error" is the unbiased root mean square error [m3/m3]: errors
+    about their mean. "soil_moisture_skill" is one less its square over the variance that the truth has on average: 0
+    for a guess of the mean, 1 where all is known.
 
     Parameters
     ----------
-    images : sequence of RadiometerImage
+    images : sequence of RadarImage or RadiometerImage
         One.
     scene : Scene
         The scene it was made of.
     asked : Asked
     seed, run_id : int
-        Not used: nothing is drawn.
+        Key of the tiles that a field larger than one is divided by.
 
     Returns
     -------
@@ -67,22 +51,24 @@ def score_moisture(
     Raises
     ------
     SceneError
-        No scored cell in the image has a cover whose emissivity depends on moisture, or all are as wet.
+        No scored cell in the image has a cover that shows moisture, or all are as wet.
     """
-    del seed, run_id
     image = images[0]
-    pixel = seen_pixels(image)
-    moist = np.append(image.moist, False)[np.minimum(scene.cover, len(image.moist))]
-    cells = scene.scored & moist & (pixel >= 0)
-    block, n_blocks = _blocks(scene)
-    own = block[cells]
-    weight = np.bincount(own, minlength=n_blocks).astype(np.float64)
-    truth = np.bincount(own, image.occasion.field_moisture[scene.field_id[cells]], n_blocks) / np.maximum(weight, 1.0)
-    spread = expected_spread(image.radiometer, scene, own, scene.field_id[cells])
-    if spread == 0.0:
-        remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd)."
+    if isinstance(image, RadarImage):
+        sensor: Sensor = image.radar
+        retrieved, unit = retrieved_fields(image, scene, seed, run_id)
+    else:
+        sensor = image.radiometer
+        retrieved, unit = retrieved_squares(image, scene)
+    cells, moisture = unit >= 0, image.occasion.field_moisture
+    own, field = unit[cells], scene.field_id[cells]
+    spread = 0.0 if moisture is None else expected_spread(sensor, scene, own, field)
+    if moisture is None or spread == 0.0:
+        remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd, soil_moisture_region_sd)."
         raise SceneError(Problem("no scored cells show how moist the soil is", remedy, field="utility"))
-    error = retrieved_moisture(image, scene, pixel, block, n_blocks) - truth
+    weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
+    truth = np.bincount(own, moisture[field], len(retrieved)) / np.maximum(weight, 1.0)
+    error = retrieved - truth
     bias = float(np.average(error, weights=weight))
     used = weight > 0.0
     square, se = cluster_ratio((weight * (error - bias) ** 2)[used], weight[used], np.arange(int(used.sum())))
@@ -99,17 +85,17 @@ def score_moisture(
     return UtilityScore(rmse, se / (2.0 * rmse) if rmse > 0.0 else 0.0, spread, 0.0, n_cells, n_used, details=details)
 
 
-def expected_spread(radiometer: RadiometerConfiguration, scene: Scene, block: AnyArray, field: AnyArray) -> float:
-    """Standard deviation of the mean moisture of squares about that of the scene, over all occasions [m3/m3].
+def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:
+    """Standard deviation of the mean moisture of pieces of ground about that of the scene, over all occasions [m3/m3].
 
     What a single occasion has of it changes by a fifth, where a scene is but a few correlation lengths wide.
 
     Parameters
     ----------
-    radiometer : RadiometerConfiguration
+    sensor : RadarConfiguration or RadiometerConfiguration
     scene : Scene
     block, field : int arrays (n,)
-        Square and field of each cell that counts.
+        Piece of ground and field of each cell that counts.
     """
     if not len(block):
         return 0.0
@@ -122,182 +108,12 @@ def expected_spread(radiometer: RadiometerConfiguration, scene: Scene, block: An
         share, places = weight[some] / weight[some].sum(), centres_of_fields(scene)
         at = np.stack([np.bincount(block, side[field])[some] for side in places]) / np.bincount(block)[some]
         apart = at[:, :, None] - at[:, None, :]
-        related = np.exp(-np.square(apart / radiometer.soil_moisture_region_m).sum(axis=0))
-        common = radiometer.soil_moisture_region_sd**2 * float(1.0 - share @ related @ share)
+        related = np.exp(-np.square(apart / sensor.soil_moisture_region_m).sum(axis=0))
+        common = sensor.soil_moisture_region_sd**2 * float(1.0 - share @ related @ share)
     else:
         mean = np.bincount(block, layer[field])[used] / np.bincount(block)[used]
         common = float(np.cov(mean, aweights=weight[used], ddof=0))
     cells = np.unique(block.astype(np.int64) * scene.n_fields + field, return_counts=True)
     of_block = np.bincount(cells[0] // scene.n_fields, np.square(cells[1].astype(np.float64)))[used]
     single = float(weight[used] @ (of_block / np.square(np.bincount(block)[used])))
-    return math.sqrt(common + radiometer.soil_moisture_field_sd**2 * single)
-
-
-def _blocks(scene: Scene) -> tuple[AnyArray, int]:
-    """Square of ground (rows, columns) of each cell, and how many there are."""
-    size = max(BLOCK_M / scene.cell_m, 1.0)
-    row, column = (np.floor(np.arange(n) / size).astype(np.int64) for n in scene.shape)
-    across = int(column[-1]) + 1
-    return row[:, None] * across + column, (int(row[-1]) + 1) * across
-
-
-def retrieved_moisture(
-    image: RadiometerImage, scene: Scene, pixel: AnyArray, block: AnyArray, n_blocks: int
-) -> FloatArray:
-    """Moisture of each square of ground (n_blocks,) expected from the brightness of its footprints [m3/m3].
-
-    In two steps: the date's mean from all footprints; then each square's departure from it, by the departure of its
-    footprints' brightness from what their covers show elsewhere in the image.
-
-    Parameters
-    ----------
-    image : RadiometerImage
-    scene : Scene
-    pixel : int32 array (rows, columns)
-        Footprint of each cell, -1 for none.
-    block : int64 array (rows, columns)
-        Square of ground of each cell.
-    n_blocks : int
-
-    Returns
-    -------
-    float64 array
-        The date's mean where no footprint shows any.
-    """
-    ground = expected_ground(image, scene, pixel)
-    radiometer = image.radiometer
-    n_channels, n_pixels = len(image.brightness_k), image.brightness_k[0].size
-    layer = moisture_of_fields(scene)
-    spread = radiometer.soil_moisture_region_sd if layer is None else float(np.nanstd(layer))
-    low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
-    centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
-    middle = float(_posterior(_costs(image, ground, np.ones((1, n_pixels)) / n_pixels, None), centre, sd)[0])
-    away = np.empty((n_channels, n_pixels))
-    for s, own in enumerate(ground.samples):
-        expected = _expected_k(image, ground, s)
-        at = [[np.interp(middle, GRID, line) for line in layer] for layer in expected]
-        away[:, own] = image.brightness_k[:, s] - np.array(at)
-    seen = np.isfinite(away).all(axis=0) & (ground.share.sum(axis=1) > 0.0)
-    # What the table has wrong of a cover changes with the angle.
-    angle = np.repeat(np.abs(image.scan.look_rad), image.brightness_k.shape[2])[:, None] / image.scan.half_angle_rad
-    covers = np.hstack([ground.share * angle**n for n in range(3)])
-    # A footprint's weight keeps rare covers near what the table says.
-    gram = covers[seen].T @ covers[seen] + np.eye(covers.shape[1])
-    level_k = (covers @ np.linalg.solve(gram, covers[seen].T @ away[:, seen].T)).T
-    costs = _costs(image, ground, _weights(pixel, block, n_pixels, n_blocks), level_k)
-    scatter = _scatter(image, ground, away - level_k, seen, spread) if seen.any() else 1.0
-    return _posterior(costs / max(scatter, 1.0), middle, spread if spread > 0.0 else 1e-6)
-
-
-def _scatter(
-    image: RadiometerImage, ground: ExpectedGround, away_k: FloatArray, seen: AnyArray, spread: float
-) -> float:
-    """Variance of the brightness (n_channels, n_pixels) about what is expected at the date's mean, over the stated one.
-
-    Above 1 where footprints scatter by more than is accounted for: covers within them that beams weigh otherwise.
-    """
-    found = np.zeros(away_k.shape[1])
-    for s, own in enumerate(ground.samples):
-        expected = _expected_k(image, ground, s)
-        slope = (expected[:, :, -1] - expected[:, :, 0]) / (GRID[-1] - GRID[0])
-        covariance = _covariance(image, ground, s, slope, common=False)
-        covariance += spread**2 * slope.T[:, :, None] * slope.T[:, None, :]
-        found[own] = _distance(np.nan_to_num(away_k[:, own, None]), covariance)[:, 0]
-    return float(found[seen].mean()) / len(away_k)
-
-
-def _weights(pixel: AnyArray, block: AnyArray, n_pixels: int, n_blocks: int) -> sparse.csr_array:
-    """How far each footprint tells of each square (n_blocks, n_pixels): 1 where one lies inside the other."""
-    known = pixel >= 0
-    code = block[known] * n_pixels + pixel[known]
-    codes, cells = np.unique(code, return_counts=True)
-    of_block, of_pixel = np.divmod(codes, n_pixels)
-    in_block, in_pixel = np.bincount(block[known], minlength=n_blocks), np.bincount(pixel[known], minlength=n_pixels)
-    weight = cells / np.minimum(in_block[of_block], in_pixel[of_pixel])
-    return sparse.csr_array((weight, (of_block, of_pixel)), shape=(n_blocks, n_pixels))
-
-
-def _costs(
-    image: RadiometerImage,
-    ground: ExpectedGround,
-    weights: FloatArray | sparse.csr_array,
-    level_k: FloatArray | None,
-) -> FloatArray:
-    """Sums (n, n_grid) of footprints' squared distances from what they would show at each moisture, by their weights.
-
-    Brightness is higher than expected by ``level_k`` (n_channels, n_pixels); None: what footprints have in common is
-    not known, and part of the distance.
-    """
-    total = np.zeros((weights.shape[0], len(GRID)))
-    for s, own in enumerate(ground.samples):
-        expected = _expected_k(image, ground, s)
-        away = image.brightness_k[:, s, :, None] - expected - (0.0 if level_k is None else level_k[:, own, None])
-        slope = (expected[:, :, -1] - expected[:, :, 0]) / (GRID[-1] - GRID[0])
-        cost = _distance(away, _covariance(image, ground, s, slope, common=level_k is None))
-        total += weights[:, own] @ np.where(np.isfinite(cost), cost, 0.0)
-    return total
-
-
-def _posterior(costs: FloatArray, mean: float, sd: float) -> FloatArray:
-    """Posterior means (n,) under a Gaussian prior on `GRID`."""
-    cost = costs + np.square((GRID - mean) / sd)
-    weight = np.exp(-0.5 * (cost - cost.min(axis=1, keepdims=True)))
-    return np.asarray((weight @ GRID) / weight.sum(axis=1))
-
-
-def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int) -> FloatArray:
-    """Brightness (n_channels, n_lines, n_grid) of the footprints of a sample at each moisture of `GRID` [K]."""
-    place = (GRID - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
-    k = np.minimum(place.astype(np.int64), len(MOISTURE_NODES) - 2)
-    share, warm = ground.share[ground.samples[sample]], ground.temperature_k[ground.samples[sample]]
-    up, through, sky = ground.air_at(image.scan.look_rad[sample], image.scan.height_m)
-    out = np.empty((len(ground.lookups), len(share), len(GRID)))
-    for layer, lookup in zip(out, ground.lookups, strict=True):
-        e = share @ _at_angle(lookup, math.degrees(abs(image.scan.look_rad[sample])))
-        if e.shape[1] > 1:
-            e = e[:, k] * (1.0 - (place - k)) + e[:, k + 1] * (place - k)
-        layer[:] = up + through * (e * radiation_equivalent_k(warm, ground.planck_k)[:, None] + (1.0 - e) * sky)
-    return ground.planck_k / np.log1p(ground.planck_k / out) if ground.planck_k > 0.0 else out
-
-
-def _at_angle(lookup: EmissivityLookup, theta_deg: float) -> FloatArray:
-    """Emissivity (n_categories, n_nodes) at a look angle."""
-    k = min(int(theta_deg), 89)
-    part = theta_deg - k
-    return np.asarray((1.0 - part) * lookup.emissivity[:, :, k] + part * lookup.emissivity[:, :, k + 1])
-
-
-def _covariance(
-    image: RadiometerImage, ground: ExpectedGround, sample: int, slope_k: FloatArray, *, common: bool
-) -> FloatArray:
-    """Covariance (n_lines, n_channels, n_channels) of the footprints' brightness about what is expected [K2].
-
-    Departures of fields from the table, H and V related as the table has them, and of their moisture from that of the
-    square, ``slope_k`` (n_channels, n_lines) for each m3/m3; the error of their temperature; the receiver's noise; and
-    where what footprints have in common is not known, the departures of dates and means, too. A footprint of several
-    covers departs by the squares of their shares.
-    """
-    radiometer = image.radiometer
-    share, warm = ground.share[ground.samples[sample]], ground.temperature_k[ground.samples[sample]]
-    _, through, sky = ground.air_at(image.scan.look_rad[sample], image.scan.height_m)
-    own = np.square(share).sum(axis=1)
-    heat = radiometer.temperature_field_sd_k**2 + (radiometer.temperature_date_sd_k**2 if common else 0.0)
-    out = np.empty((len(share), len(ground.lookups), len(ground.lookups)))
-    for a, one in enumerate(ground.lookups):
-        for b, other in enumerate(ground.lookups):
-            related = 1.0 if a == b else one.channel_correlation
-            departure = related * one.field_sd * other.field_sd
-            if common:
-                departure = departure + related * one.date_sd * other.date_sd + one.mean_sd * other.mean_sd
-            out[:, a, b] = np.square(through * (warm - sky)) * (np.square(share) @ departure) + through**2 * heat
-            out[:, a, b] += slope_k[a] * slope_k[b] * np.square(radiometer.soil_moisture_field_sd) * own
-            # What footprints of one field have in common, their number does not lessen.
-            out[:, a, b] *= ground.footprints_a_field
-        out[:, a, a] += np.square(np.nan_to_num(image.nedt_k[a, sample]))
-    return out
-
-
-def _distance(away: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Squares of Mahalanobis distances (n, m) of departures (n_channels, n, m)."""
-    root = np.linalg.inv(np.linalg.cholesky(covariance + 1e-9 * np.eye(len(away))))
-    return np.asarray(np.square(np.einsum("nab,bnm->anm", root, away)).sum(axis=0))
+    return math.sqrt(common + sensor.soil_moisture_field_sd**2 * single)

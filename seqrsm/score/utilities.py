@@ -82,10 +82,10 @@ UTILITIES: Final[Mapping[str, Utility]] = {
         "m3/m3",
         is_error=True,
         function=_MOISTURE,
-        engines=_RADIOMETER,
+        engines=(*_RADAR, *_RADIOMETER),
     ),
     "soil_moisture_skill": Utility(
-        "share of the variance of soil moisture that is retrieved", function=_MOISTURE, engines=_RADIOMETER
+        "share of the variance of soil moisture that is retrieved", function=_MOISTURE, engines=(*_RADAR, *_RADIOMETER)
     ),
     "water_fraction_error": Utility(
         "root mean square error of the share of open water",

@@ -138,6 +138,11 @@ class RadarConfiguration:
         Snow of a winter, and its depth [cm].
     soil_moisture_low, soil_moisture_high : float
         Volumetric soil moisture of a run is uniform between them [m3/m3].
+    soil_moisture_field_sd, soil_moisture_region_sd : float
+        Departures of bare fields' moisture, as of a radiometer (`seqrsm.sensor.radiometer`) [m3/m3]; 0 where the
+        spread of their backscatter is to have all of it.
+    soil_moisture_region_m : float
+        Distance at which 1/e of what near fields have in common is left [m].
     wind_low_m_s, wind_high_m_s : float
         Wind speed over water of a run is uniform between them [m/s].
     texture_db, texture_m : float
@@ -208,6 +213,9 @@ class RadarConfiguration:
     snow_depth_cm: float = 15.0
     soil_moisture_low: float = 0.10
     soil_moisture_high: float = 0.30
+    soil_moisture_field_sd: float = 0.0
+    soil_moisture_region_sd: float = 0.0
+    soil_moisture_region_m: float = 1000.0
     wind_low_m_s: float = 2.0
     wind_high_m_s: float = 8.0
     texture_db: float = 1.0

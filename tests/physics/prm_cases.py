@@ -85,7 +85,7 @@ def image(s: Scene, r: RadiometerConfiguration, table: Table, precision="float64
 def mapped(s: Scene, r: RadiometerConfiguration, table: Table, air: Atmosphere, ground_k, planck=0.0, dtype="float64"):
     frame = make_radiometer_frame(s, r, dtype)
     lookups = [table.lookup(s.categories, r.frequency_ghz, channel) for channel in r.channels]
-    occasion = nominal_radiometer_occasion(r, lookups, s.n_fields)
+    occasion = nominal_radiometer_occasion(r, lookups, s)
     ground = np.broadcast_to(np.asarray(ground_k, dtype=dtype), frame.elevation_m.shape)
     met = Meeting(frame, None, lookups, occasion, air, planck, table, None)
     antenna_k, offset, state = radiation_map(met, r, np.ascontiguousarray(ground))

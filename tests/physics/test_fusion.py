@@ -87,9 +87,7 @@ def test_radar_and_radiometer_meet_the_same_soil() -> None:
         for visit in (Visit((120.0, 150.0), 1), Visit()):
             wet, _ = draw_ground_state(radar(), visit, seed=2, run_id=run)
             looked = [table.lookup(CROPS, 10.0, "H")]
-            other = draw_radiometer_occasion(
-                passive, looked, np.zeros(3, np.uint8), visit, seed=2, run_id=run, centres_m=np.zeros((2, 3))
-            )
+            other = draw_radiometer_occasion(passive, looked, SCENE, visit, seed=2, run_id=run)
             assert other.soil_moisture == pytest.approx(wet)
             found.append(wet)
     assert np.std(found) > 0.03

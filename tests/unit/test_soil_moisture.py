@@ -16,10 +16,16 @@ from prm_cases import radiometer, scene
 
 from seqrsm.errors import SceneError
 from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World
+from seqrsm.score.bare_soil import retrieved_fields
+from seqrsm.score.brightness import GRID, _expected_k, _weights, retrieved_moisture
 from seqrsm.score.evidence import seen_pixels
-from seqrsm.score.moisture import GRID, _posterior, _weights, retrieved_moisture, score_moisture
+from seqrsm.score.moisture import score_moisture
+from seqrsm.score.optimal import posterior_mean
 from seqrsm.score.utilities import asked_for
+from seqrsm.sensor.radar import from_settings
+from seqrsm.simulate.radar.psm import simulate_radar
 from seqrsm.simulate.radiometer.expected import expected_ground
 from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.visits import Visit, smooth_departure
@@ -73,7 +79,7 @@ def test_the_posterior_is_that_of_quadrature() -> None:
     whole = integrate.quad(law, GRID[0], GRID[-1], points=[0.2, 0.3])[0]
     wanted = integrate.quad(lambda m: m * law(m), GRID[0], GRID[-1], points=[0.2, 0.3])[0] / whole
     cost = np.square((seen - 280.0 - slope * (GRID - 0.1)) / noise)
-    assert _posterior(cost[None], mean, sd)[0] == pytest.approx(wanted, abs=2e-4)
+    assert posterior_mean(cost[None], GRID, mean, sd)[0] == pytest.approx(wanted, abs=2e-4)
     # Conjugate, far from the ends.
     shrunk = (mean / sd**2 + 0.3 * (slope / noise) ** 2) / (1.0 / sd**2 + (slope / noise) ** 2)
     assert wanted == pytest.approx(shrunk, abs=1e-4)
@@ -102,8 +108,6 @@ def test_what_is_expected_is_what_an_undisturbed_image_shows() -> None:
     ground = expected_ground(found, s, seen_pixels(found))
     assert ground.share.sum(axis=1) == pytest.approx(1.0)
     np.testing.assert_allclose(ground.temperature_k, 300.0, atol=0.01)
-    from seqrsm.score.moisture import _expected_k
-
     at = [np.array([np.interp(0.2, GRID, line) for line in layer]) for layer in _expected_k(found, ground, 8)]
     # Half a kelvin of NEDT scale: the beam is a Gaussian there, and shares of cells here.
     away = found.mean_k[:, 8] - np.array(at)
@@ -159,3 +163,64 @@ def test_the_spread_expected_is_that_of_many_occasions() -> None:
     assert np.ptp(floors) == 0.0
     # 80 occasions whose spread varies by a quarter or so.
     assert np.sqrt(np.mean(np.square(drawn))) == pytest.approx(floors[0], rel=0.08)
+
+
+def bare_and_wooded(layer: bool = False):
+    """Bare fields beside trees, whose backscatter shows no moisture."""
+    s = land(("Bareground", "Trees"))
+    wet = np.linspace(0.08, 0.28, 400)[np.random.default_rng(0).permutation(400)][FIELD]
+    return replace(s, soil_moisture=wet.astype(np.float32) if layer else None)
+
+
+def radar_image(s, table, run_id=1, frequency=5.4, polarization="HH+VV", **more):
+    given = {"soil_moisture_field_sd": 0.04, "soil_moisture_region_sd": 0.045, **more}
+    radar = from_settings(
+        {"frequency": frequency, "polarization": polarization, "resolution": 20.0, "depression_angle": 50.0},
+        {"bandwidth": 80.0, "peak_power": 3000.0, "altitude_m": 6000.0, **given},
+    )
+    return simulate_radar(s, radar, table, seed=5, run_id=run_id)
+
+
+def test_a_radar_finds_the_moisture_of_bare_fields_where_nothing_else_differs() -> None:
+    s, table = bare_and_wooded(), load_sigma0_table()
+    even = {(n, p): replace(table.variability[n, p], field_sd_db=0.0, date_sd_db=0.0) for n, p in table.variability}
+    even_table = replace(table, variability=even)
+    found = radar_image(s, even_table, fading="none", texture_db=0.0)
+    value, unit = retrieved_fields(found, s, 5, 1)
+    assert set(np.unique(s.cover[unit >= 0])) == {0}  # bare fields alone
+    truth = np.zeros(len(value))
+    truth[unit[unit >= 0]] = found.occasion.field_moisture[FIELD][unit >= 0]
+    assert np.corrcoef(value, truth)[0, 1] > 0.97
+    assert score_moisture([found], s, SKILL, seed=5, run_id=1).value > 0.6
+
+
+def test_a_radars_skill_lies_between_a_guess_and_all_that_roughness_leaves() -> None:
+    s, table = bare_and_wooded(), load_sigma0_table()
+    skills = []
+    for run in range(6):
+        found = radar_image(s, table.in_world(World(4, run)), run)
+        score = score_moisture([found], s, SKILL, seed=5, run_id=run)
+        skills.append(score.value)
+        assert (score.guess, score.perfect) == (0.0, 1.0)
+    assert 0.15 < np.mean(skills) < 0.8
+
+
+def test_radar_and_radiometer_draw_the_same_moisture() -> None:
+    """The same fields are wet for both, with the same spread; a layer of the data base counts for both, too."""
+    for s in (bare_and_wooded(), bare_and_wooded(layer=True)):
+        seen = radar_image(s, load_sigma0_table(), run_id=3).occasion.field_moisture
+        r = radiometer(frequency_ghz=1.4, **BAND)
+        felt = simulate_radiometer(s, r, load_emissivity_table(), seed=5, run_id=3).occasion.field_moisture
+        np.testing.assert_allclose(seen, felt, atol=0.021)  # the tables' ends differ by 0.02
+        assert np.corrcoef(seen, felt)[0, 1] > 0.99
+
+
+def test_a_radar_whose_fields_are_alike_has_no_moisture_to_find() -> None:
+    s = bare_and_wooded()
+    found = radar_image(s, load_sigma0_table(), soil_moisture_field_sd=0.0, soil_moisture_region_sd=0.0)
+    assert found.occasion.field_moisture is None
+    with pytest.raises(SceneError, match="let fields differ"):
+        score_moisture([found], s, ERROR, seed=5, run_id=1)
+    woods = land(("Trees", "Water"))
+    with pytest.raises(SceneError, match="how moist the soil is"):
+        score_moisture([radar_image(woods, load_sigma0_table())], woods, ERROR, seed=5, run_id=1)

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.scene.layers import categories_of_fields, moisture_of_fields
+from seqrsm.scene.layers import categories_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radar import GROUND_OF, RadarConfiguration
 from seqrsm.simulate.radar.occasion import Occasion, draw_occasion
 from seqrsm.simulate.radar.texture import with_texture
+from seqrsm.simulate.soil import field_moisture
 from seqrsm.simulate.visits import Visit
 
 if TYPE_CHECKING:
@@ -40,33 +41,33 @@ def met_occasion(
 ) -> Occasion:
     """Everything random of the ground on a visit: fields, date, what the scene's moisture does, texture."""
     drawn = draw_occasion(radar, lookups, categories_of_fields(scene), ground_state, visit, seed=seed, run_id=run_id)
-    wet = with_moisture(drawn, scene, radar, table, lookups, visit.day)
+    moisture = None
+    if scene.soil_moisture is not None or max(radar.soil_moisture_field_sd, radar.soil_moisture_region_sd) > 0.0:
+        moisture = field_moisture(scene, radar, ground_state[0], visit, MOISTURE_RANGE, seed=seed, run_id=run_id)
+    wet = with_moisture(drawn, moisture, scene, radar, table, lookups, visit.day)
     return with_texture(wet, scene, radar, lookups, visit, seed=seed, run_id=run_id)
 
 
 def with_moisture(
     occasion: Occasion,
+    moisture: FloatArray | None,
     scene: Scene,
     radar: RadarConfiguration,
     table: Sigma0Table,
     lookups: list[Sigma0Lookup],
     day: float | None = None,
 ) -> Occasion:
-    """The occasion with each field as wet as the scene's layer says; itself where the scene has none.
+    """The occasion with each field as wet as stated (n_fields,) [m3/m3]; itself where all are alike (None).
 
-    The run's moisture, less the middle of its range, is added to the layer: the same weather for all fields. What a
-    field's moisture does to its category is taken at the incidence angle of the centre of the scene.
+    What a field's moisture does to its category is taken at the incidence angle of the centre of the scene.
     """
-    layer = moisture_of_fields(scene)
-    if layer is None:
+    if moisture is None:
         return occasion
-    middle = 0.5 * (radar.soil_moisture_low + radar.soil_moisture_high)
-    moisture = np.clip(layer + occasion.soil_moisture - middle, *MOISTURE_RANGE)
-    nodes = np.linspace(float(np.nanmin(moisture)), float(np.nanmax(moisture)), MOISTURE_NODES)
+    nodes = np.linspace(float(moisture.min()), float(moisture.max()), MOISTURE_NODES)
     theta = math.degrees(radar.centre_incidence_rad)
     steps = [look_up(scene, radar, table, (float(node), occasion.wind_m_s), day) for node in nodes]
     category = categories_of_fields(scene)
-    known = (category < len(scene.categories)) & np.isfinite(moisture)
+    known = category < len(scene.categories)
     offset = occasion.field_offset_db.copy()
     for c, own in enumerate(lookups):
         base = _level_db(own, theta)
@@ -74,7 +75,7 @@ def with_moisture(
         for k in np.flatnonzero(np.ptp(change, axis=0) + np.abs(change[0]) > 0.0):
             mine = known & (category == k)
             offset[c, mine] += np.interp(moisture[mine], nodes, change[:, k])
-    return replace(occasion, field_offset_db=offset)
+    return replace(occasion, field_offset_db=offset, field_moisture=moisture)
 
 
 def _level_db(lookup: Sigma0Lookup, theta_deg: float) -> FloatArray:

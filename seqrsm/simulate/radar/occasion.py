@@ -50,12 +50,15 @@ class Occasion:
         Departure of each class on this date from the table [dB].
     field_offset_db : float64 array (n_channels, n_fields)
         Departure of each field from its class [dB].
+    field_moisture : float64 array (n_fields,) or None
+        Soil moisture of each field [m3/m3]; None: that of the date, in all.
     """
 
     soil_moisture: float
     wind_m_s: float
     class_offset_db: FloatArray
     field_offset_db: FloatArray
+    field_moisture: FloatArray | None = None
 
     def record(self, channels: Sequence[str], categories: Sequence[str]) -> Mapping[str, object]:
         """What is kept with a score: all but the fields, whose spread stands for them; plain numbers and names."""

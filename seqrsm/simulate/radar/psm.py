@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.radar.fading import add_fading, correlated_fading
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
-from seqrsm.simulate.radar.ground import look_up, met_occasion, with_moisture
+from seqrsm.simulate.radar.ground import MOISTURE_RANGE, look_up, met_occasion, with_moisture
 from seqrsm.simulate.radar.occasion import (
     Occasion,
     draw_ground_state,
@@ -38,6 +39,7 @@ from seqrsm.simulate.radar.registration import pixels_of_cells, state_of_cells
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.row_law import row_law
 from seqrsm.simulate.radar.targets import CulturalTarget, add_targets
+from seqrsm.simulate.soil import known_moisture
 from seqrsm.simulate.threads import block, in_threads
 from seqrsm.simulate.visits import ONCE, Visit
 from seqrsm.units import linear_to_db
@@ -104,14 +106,16 @@ def simulate_radar(
         occasion = met_occasion(scene, radar, table, lookups, state, visit, **key)
     else:
         still = nominal_occasion(lookups, categories_of_fields(scene), state)
-        occasion = with_moisture(still, scene, radar, table, lookups, visit.day)
+        moisture = known_moisture(scene, radar, state[0], MOISTURE_RANGE)
+        occasion = with_moisture(still, moisture, scene, radar, table, lookups, visit.day)
     grid = echo_grid(frame, radar)
     sums = echo_sums(frame, radar, grid, sigma0_lut(lookups, occasion), field_factors(occasion), threads)
     if targets:
         add_targets(sums, targets, scene.shape, radar, frame, grid)
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
     speckle = stream_key(seed, run_id, visit.purpose("speckle"))
-    return _form_image(sums, scene, radar, frame, grid, occasion, speckle, notes, threads)
+    image = _form_image(sums, scene, radar, frame, grid, occasion, speckle, notes, threads)
+    return replace(image, table=table.in_world(None), day=visit.day)
 
 
 def _form_image(

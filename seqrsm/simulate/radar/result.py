@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.occasion import Occasion
 from seqrsm.units import linear_to_db
+
+if TYPE_CHECKING:
+    from seqrsm.scattering.sigma0 import Sigma0Table
 
 _POINTS: Final = 3
 """Points a side at which a pixel of the rectangular picture looks up the polar image."""
@@ -53,6 +56,10 @@ class RadarImage:
         Side of a cell [m], rows and columns of the scene.
     notes : tuple of str
         Assumptions that went into the image.
+    table : Sigma0Table
+        With its own means whatever the world: what a retrieval can know.
+    day : float or None
+        Day of the year, where the image has one.
     """
 
     intensity: AnyArray
@@ -74,6 +81,8 @@ class RadarImage:
     cell_m: float
     scene_shape: tuple[int, int]
     notes: tuple[str, ...]
+    table: Sigma0Table | None = None
+    day: float | None = None
 
     @property
     def pixel_of_cell(self) -> AnyArray:

@@ -74,7 +74,7 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     radiometer = image.radiometer
     lookups = lookups_of(scene, radiometer, image.table, image.day)
     frame = make_radiometer_frame(scene, radiometer, "float32")
-    nominal = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields)
+    nominal = nominal_radiometer_occasion(radiometer, lookups, scene)
     kelvin = np.rot90(surface_temperature_k(scene, frame, radiometer, lookups[0], nominal), -frame.quarter_turns)
     n_pixels, n_categories = image.brightness_k[0].size, len(scene.categories)
     known = (pixel >= 0) & (scene.cover < n_categories)

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import FloatArray
 from seqrsm.rng import generator
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
+from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
-from seqrsm.simulate.visits import Visit, deviates, half_lasting, moisture_share, smooth_departure
+from seqrsm.simulate.soil import field_moisture, known_moisture
+from seqrsm.simulate.visits import Visit, deviates, half_lasting, moisture_share
 
-_ANY_GHZ: Final = 1.0  # a field's moisture is the same for all frequencies
+if TYPE_CHECKING:
+    from seqrsm.scene.scene import Scene
+
+MOISTURE_LIMITS: Final = (float(MOISTURE_NODES[0]), float(MOISTURE_NODES[-1]))
+"""Moistures that the table of emissivity knows [m3/m3]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +68,11 @@ class RadiometerOccasion:
 def draw_radiometer_occasion(
     radiometer: RadiometerConfiguration,
     lookups: Sequence[EmissivityLookup],
-    field_category: AnyArray,
+    scene: Scene,
     visit: Visit,
     *,
     seed: int,
     run_id: int,
-    field_moisture: FloatArray | None = None,
-    centres_m: FloatArray,
 ) -> RadiometerOccasion:
     """Draw the ground's state of one visit.
 
@@ -81,17 +85,12 @@ def draw_radiometer_occasion(
     radiometer : RadiometerConfiguration
     lookups : sequence of EmissivityLookup
         One for each channel.
-    field_category : uint8 array (n_fields,)
-        Category of each field, 255 for none.
+    scene : Scene
     visit : Visit
     seed, run_id : int
         Campaign and run.
-    field_moisture : float64 array (n_fields,), optional
-        Moisture of each field in the data base [m3/m3]; the run's mean, less the middle of its range, is added to it.
-        None: neighbouring fields have a departure in common.
-    centres_m : float64 array (2, n_fields)
-        Places of the fields [m].
     """
+    field_category = categories_of_fields(scene)
     n_categories, n_fields = len(lookups[0].categories), len(field_category)
     key = {"seed": seed, "run_id": run_id}
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
@@ -99,13 +98,7 @@ def draw_radiometer_occasion(
     warm = float(
         radiometer.temperature_date_sd_k * generator(seed, run_id, visit.dated("temperature")).standard_normal()
     )
-    moisture = half_lasting(visit, "field moisture", (n_fields,), _ANY_GHZ, **key)
-    if field_moisture is None:
-        common = smooth_departure(visit, "regional moisture", centres_m, radiometer.soil_moisture_region_m, **key)
-        level = mean + radiometer.soil_moisture_region_sd * common
-    else:
-        level = _by_field(field_moisture, mean - 0.5 * (low + high), mean)
-    moisture = np.clip(level + radiometer.soil_moisture_field_sd * moisture, MOISTURE_NODES[0], MOISTURE_NODES[-1])
+    moisture = field_moisture(scene, radiometer, mean, visit, MOISTURE_LIMITS, **key)
     temperature = generator(seed, run_id, visit.dated("field temperature")).standard_normal(n_fields)
     parts, f = 1 + len(CHANNELS), radiometer.frequency_ghz
     dates = deviates(seed, run_id, visit.dated("date emissivity"), (parts, n_categories), f)
@@ -125,25 +118,17 @@ def draw_radiometer_occasion(
 
 
 def nominal_radiometer_occasion(
-    radiometer: RadiometerConfiguration,
-    lookups: Sequence[EmissivityLookup],
-    n_fields: int,
-    field_moisture: FloatArray | None = None,
+    radiometer: RadiometerConfiguration, lookups: Sequence[EmissivityLookup], scene: Scene
 ) -> RadiometerOccasion:
     """The table's own state and the middle of the moistures: for pictures and tests, not for scores."""
     mean = 0.5 * (radiometer.soil_moisture_low + radiometer.soil_moisture_high)
-    n_channels = len(lookups)
+    known = known_moisture(scene, radiometer, mean, MOISTURE_LIMITS)
+    n_channels, n_fields = len(lookups), scene.n_fields
     return RadiometerOccasion(
         mean,
-        np.full(n_fields, mean) if field_moisture is None else _by_field(field_moisture, 0.0, mean),
+        np.full(n_fields, mean) if known is None else known,
         np.zeros((n_channels, len(lookups[0].categories))),
         np.zeros((n_channels, n_fields)),
         0.0,
         np.zeros(n_fields),
     )
-
-
-def _by_field(field_moisture: FloatArray, change: float, otherwise: float) -> FloatArray:
-    """Moisture of fields shifted by a change, within the table's ends; `otherwise` where the data base has none."""
-    shifted = np.clip(field_moisture + change, MOISTURE_NODES[0], MOISTURE_NODES[-1])
-    return np.asarray(np.where(np.isfinite(field_moisture), shifted, otherwise))

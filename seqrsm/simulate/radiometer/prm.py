@@ -22,7 +22,6 @@ from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
 from seqrsm.scene import kernels
-from seqrsm.scene.layers import categories_of_fields, centres_of_fields, moisture_of_fields
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
@@ -150,19 +149,9 @@ def meet_radiometer(
     scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
     lookups = lookups_of(scene, radiometer, table, visit.day)
     if random_occasion:
-        field_category = categories_of_fields(scene)
-        occasion = draw_radiometer_occasion(
-            radiometer,
-            lookups,
-            field_category,
-            visit,
-            seed=seed,
-            run_id=run_id,
-            field_moisture=moisture_of_fields(scene),
-            centres_m=centres_of_fields(scene),
-        )
+        occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
     else:
-        occasion = nominal_radiometer_occasion(radiometer, lookups, scene.n_fields, moisture_of_fields(scene))
+        occasion = nominal_radiometer_occasion(radiometer, lookups, scene)
     planck_k = planck_offset_used_k(radiometer)
     own = table.in_world(None)
     return Meeting(frame, scan, lookups, occasion, air_over(radiometer, planck_k), planck_k, own, visit.day)
