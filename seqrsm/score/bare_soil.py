@@ -84,8 +84,9 @@ def retrieved_fields(image: RadarImage, scene: Scene, seed: int, run_id: int) ->
 def _tables(image: RadarImage, scene: Scene) -> list[list[Sigma0Lookup]]:
     """The table's own means at each moisture of `GRID`, one for each channel."""
     assert image.table is not None
+    table = image.table.in_world(None)
     _, wind = nominal_ground_state(image.radar)
-    return [look_up(scene, image.radar, image.table, (float(m), wind), image.day) for m in GRID]
+    return [look_up(scene, image.radar, table, (float(m), wind), image.day) for m in GRID]
 
 
 def _expected_db(

@@ -115,7 +115,7 @@ def simulate_radar(
     notes = tuple(dict.fromkeys(note for lookup in lookups for note in lookup.notes))
     speckle = stream_key(seed, run_id, visit.purpose("speckle"))
     image = _form_image(sums, scene, radar, frame, grid, occasion, speckle, notes, threads)
-    return replace(image, table=table.in_world(None), day=visit.day)
+    return replace(image, table=table, day=visit.day)
 
 
 def _form_image(

@@ -57,7 +57,7 @@ class RadarImage:
     notes : tuple of str
         Assumptions that went into the image.
     table : Sigma0Table
-        With its own means whatever the world: what a retrieval can know.
+        That the ground was looked up in.
     day : float or None
         Day of the year, where the image has one.
     """

@@ -72,7 +72,7 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
         Footprint of each cell, -1 for none.
     """
     radiometer = image.radiometer
-    lookups = lookups_of(scene, radiometer, image.table, image.day)
+    lookups = lookups_of(scene, radiometer, image.table.in_world(None), image.day)
     frame = make_radiometer_frame(scene, radiometer, "float32")
     nominal = nominal_radiometer_occasion(radiometer, lookups, scene)
     kelvin = np.rot90(surface_temperature_k(scene, frame, radiometer, lookups[0], nominal), -frame.quarter_turns)

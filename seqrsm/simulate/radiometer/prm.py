@@ -119,7 +119,7 @@ class Meeting:
     """What one run of a radiometer meets: the scene in its frame, its scan, emissivities, air, and the occasion.
 
     ``planck_k`` is h f / k [K], and the air made with it, where radiation is by Planck's law; 0 by Rayleigh-Jeans, eqs.
-    (3-32) to (3-34). ``table`` has its own means, whatever the world; ``day`` is that of the visit.
+    (3-32) to (3-34). ``table`` is what the ground was looked up in; ``day`` is that of the visit.
     """
 
     frame: RadiometerFrame
@@ -153,8 +153,7 @@ def meet_radiometer(
     else:
         occasion = nominal_radiometer_occasion(radiometer, lookups, scene)
     planck_k = planck_offset_used_k(radiometer)
-    own = table.in_world(None)
-    return Meeting(frame, scan, lookups, occasion, air_over(radiometer, planck_k), planck_k, own, visit.day)
+    return Meeting(frame, scan, lookups, occasion, air_over(radiometer, planck_k), planck_k, table, visit.day)
 
 
 def lookups_of(

@@ -37,7 +37,7 @@ class RadiometerImage:
     moist : bool array (n_categories,)
         Categories whose emissivity depends on soil moisture.
     table : EmissivityTable
-        Of the image's covers, with its own means whatever the world: what a retrieval can know.
+        That the ground was looked up in.
     day : float or None
         Day of the year, where the image has one.
     quarter_turns : int
