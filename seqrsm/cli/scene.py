@@ -34,6 +34,7 @@ def scene_import(
     """Build a data base from elevation and ground cover on a projected grid in metres."""
     from seqrsm.scene.raster import import_scene
 
+    replaced = out.exists()
     scene = import_scene(
         elevation,
         cover,
@@ -45,7 +46,16 @@ def scene_import(
         bands=_bands(band or []),
         name=out.stem,
     )
+    _set_aside(out, replaced)
     say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
+
+
+def _set_aside(out: Path, replaced: bool) -> None:
+    """Rename the words on a template's scene, which are about another site than the scene that takes its place."""
+    words = out.parent / "SCENE.md"
+    if replaced and words.exists():
+        words.replace(out.parent / "SCENE-of-template.md")
+        say(f"{words} is about the scene that was there: it is SCENE-of-template.md now")
 
 
 def _bands(texts: list[str]) -> dict[str, int]:
@@ -95,7 +105,9 @@ def scene_synthetic(
         features=Features(rivers, towns, roads, town_m=town_m),
         seed=seed,
     )
+    replaced = out.exists()
     save_scene(scene, out)
+    _set_aside(out, replaced)
     say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, {scene.n_fields} fields")
 
 

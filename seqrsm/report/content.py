@@ -78,7 +78,7 @@ def build_report(dossier: Dossier) -> Report:
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
         state=_state_text(dossier),
         version=seqrsm.__version__,
-        sections=numbered((*_on_new_page(_there(sections)), appendix)),
+        sections=numbered((*(_on_new_page(_there(sections)) if alone else _there(sections)), appendix)),
         profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
@@ -89,7 +89,7 @@ def _there(sections: Iterable[Section | None]) -> tuple[Section, ...]:
 
 
 def _on_new_page(sections: tuple[Section, ...]) -> tuple[Section, ...]:
-    """Let the section after the summary start a page, so that the summary is a page of its own."""
+    """Let the section after the summary of one application start a page: the summary fills one."""
     summary, first, *rest = sections
     return (summary, Section(first.key, first.title, first.blocks, first.sections, new_page=True), *rest)
 

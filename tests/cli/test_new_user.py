@@ -198,3 +198,15 @@ def test_a_wrong_fixed_parameter_is_told_with_its_line_and_its_own_remedy(tiny) 
 def test_a_form_that_cannot_be_written_issues_no_runs(tiny) -> None:
     assert "cannot write" in call("propose", tiny, "--csv", tiny / "nowhere" / "form.csv", code=2)
     assert json.loads(call("status", tiny, "--json"))["runs"] == {}
+
+
+def test_words_on_a_templates_scene_do_not_stay_beside_another_scene(tmp_path: Path) -> None:
+    made, scene = tmp_path / "mine", tmp_path / "mine" / "scene.npz"
+    command = ["scene", "synthetic", "--out", str(scene), "--rows", "20", "--cols", "20"]
+    assert CliRunner().invoke(app, ["init", str(made), "--template", "limburg-radar"]).exit_code == 0
+    about = (made / "SCENE.md").read_text(encoding="utf-8")
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    assert "SCENE-of-template.md" in done.output
+    assert not (made / "SCENE.md").exists()
+    assert (made / "SCENE-of-template.md").read_text(encoding="utf-8") == about

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from seqrsm.spec.read import StopSpec
 
 _CLOUD_POINTS = 220
+_FAR = 3.0
+"""Times the widest interval beyond which a target is not drawn: the intervals would be points."""
 _WHITE = "#ffffff"
 _BLACK = "#000000"
 
@@ -253,12 +255,14 @@ def intervals_panel(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
                     axes.annotate(
                         f"{end:.3g}", (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points"
                     )
-        for end in (mean - stop.half_width, mean + stop.half_width):
+        widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
+        near = stop.half_width < _FAR * widest
+        for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
             axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
         names = [name.replace(" at these", "\nat these").replace(", by", ",\nby") for name, _ in intervals]
         axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
         axes.set_ylim(-0.6, len(intervals) - 0.3)
-        axes.margins(x=0.12)
+        axes.margins(x=0.2)
         axes.set_xlabel(score_label(analysis))
         axes.grid(visible=True, axis="x")
 

@@ -115,7 +115,8 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
         slices = _slices(analysis, [names.index(ranked_factors(analysis)[0])])
         first, caption = slices.panels[0], slices.caption
     level = level_phrase(analysis)
-    caption += f" Beside it the {level} intervals of the mean score and of future runs; dashed: the target around it."
+    caption += f" Beside it the {level} intervals of the mean score and of future runs; "
+    caption += "dashed: the target, where it is not far wider."
     return FigureBlock((first, intervals), caption)
 
 

@@ -91,8 +91,13 @@ def summary_section(
     else:
         blocks += compromise_summary(spec.factors, compromise)
     blocks.append(_own_table(analyses))
-    todo = tuple(f"{one.application}: {text}" for one in analyses for text in _next_steps(spec, one))
-    return Section("summary", "Summary", tuple(blocks), (Section("summary-next", "What to do next", (Bullets(todo),)),))
+    todo = tuple(f"{one.application}: {': '.join(_decision_words(one))}." for one in analyses)
+    scored = [run for run in runs if run.state == "scored"]
+    parts = (
+        Section("summary-next", "What to do next", (Bullets(todo),)),
+        *((Section("summary-rests", "What this rests on", (_made(spec, scored),)),) if scored else ()),
+    )
+    return Section("summary", "Summary", tuple(blocks), parts)
 
 
 def has_one_result(analyses: Sequence[Analysis], compromise: CompromiseEstimate | None) -> bool:
@@ -242,14 +247,15 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
         (
             analysis.application,
             mean_text(analysis),
+            interval_text(analysis, analysis.optimum.prediction),
             *_most_important(analysis),
             _deciding(analysis),
             _decision_words(analysis)[0],
         )
         for analysis in analyses
     )
-    half = right("Half-width that decides")
-    columns = ("Application", right("Best mean score alone"), "Most important", "Test", half, "Decision")
+    numbers = (right("Best mean score alone"), right("One future run"))
+    columns = ("Application", *numbers, "Most important", "Test", right("Half-width that decides"), "Decision")
     return table("Each application by itself", columns, rows)
 
 
@@ -299,8 +305,7 @@ def _rests(
 ) -> Iterator[Paragraph]:
     scored = [run for run in runs if run.state == "scored"]
     if scored:
-        costs = _cost_text(spec.cost, sum(run.cost for run in scored))
-        yield Paragraph(f"{capital(source_counts(scored))}.{f' They cost {costs}.' if costs else ''}")
+        yield _made(spec, scored)
     if spec.simulator is not None and (ground := ground_sentence(analysis, spec.stop)):
         yield Paragraph(ground)
     if shares := rests.get(analysis.application):
@@ -308,6 +313,11 @@ def _rests(
         yield Paragraph(f"By area, the means behind the score at these settings are {parts}.")
     if analysis.confirmation is not None:
         yield Paragraph(analysis.confirmation.text)
+
+
+def _made(spec: CampaignSpec, scored: Sequence[RunRecord]) -> Paragraph:
+    costs = _cost_text(spec.cost, sum(run.cost for run in scored))
+    return Paragraph(f"{capital(source_counts(scored))}.{f' They cost {costs}.' if costs else ''}")
 
 
 def _cost_text(cost: CostSpec, spent: float) -> str:
