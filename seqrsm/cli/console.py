@@ -28,6 +28,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 from rich.text import Text
 
 from seqrsm.errors import ConvergenceError, UserError
@@ -58,6 +59,9 @@ _said: list[str] = []
 
 _to_do: list[Callable[[], None]] = []
 
+_shown: list[Console] = []
+"""The console of the bar that is shown."""
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -68,18 +72,25 @@ def stdout() -> Console:
 
 
 def stderr() -> Console:
-    """Console for messages and progress."""
-    return Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
+    """Console for messages: that of the bar while one is shown, which makes room for them."""
+    return _shown[-1] if _shown else Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 def say(text: str) -> None:
-    """One line for people, on stderr, taken literally (no markup)."""
-    stderr().print(ascii_signs(text), markup=False)
+    """One statement for people, on stderr, taken literally (no markup); on a terminal wrapped at words."""
+    console, text = stderr(), ascii_signs(text)
+    if console.is_terminal:
+        text = textwrap.fill(text, max(console.width, 20), subsequent_indent="    ", break_on_hyphens=False)
+    console.print(text, markup=False)
 
 
 def fail(text: str, code: int) -> NoReturn:
     """End with a message on stderr and an exit code."""
-    stderr().print(text, markup=False, style="red" if sys.stderr.isatty() else None)
+    console = stderr()
+    if console.is_terminal:
+        wrap = textwrap.TextWrapper(max(console.width, 20), break_long_words=False, break_on_hyphens=False)
+        text = "\n".join(wrap.fill(part) for part in text.splitlines())
+    console.print(text, markup=False, style="red" if sys.stderr.isatty() else None)
     raise typer.Exit(code)
 
 
@@ -336,22 +347,35 @@ def display(label: str, *, inner: bool = True) -> Iterator[Display]:
     if not sys.stderr.isatty():
         yield Display(None, label)
         return
-    with Progress(*_bar_columns(), console=stderr(), transient=True) as bar:
+    console = Console(stderr=True, highlight=False, emoji=False)
+    with Progress(*_bar_columns(console.width), console=console, transient=True) as bar:
         shown = Display(bar, label)
-        with listening(shown.count if inner else None):
-            yield shown
+        _shown.append(console)
+        try:
+            with listening(shown.count if inner else None):
+                yield shown
+        finally:
+            _shown.pop()
 
 
-def _bar_columns() -> tuple[ProgressColumn, ...]:
+def _bar_columns(columns: int) -> tuple[ProgressColumn, ...]:
+    """Columns of the one line; where there is little room neither rate nor the time that went by."""
+
+    def whole() -> Column:
+        return Column(no_wrap=True)
+
+    more = (_RateColumn(whole()), TimeElapsedColumn(whole())) if columns >= _WIDE else ()
     # A bar without a total pulses: it tells that the program lives.
     return (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=20),
-        _CountColumn(),
-        _RateColumn(),
-        TimeElapsedColumn(),
-        _LeftColumn(),
+        TextColumn("{task.description}", table_column=Column(no_wrap=True, overflow="ellipsis")),
+        BarColumn(bar_width=20 if more else 10),
+        _CountColumn(table_column=whole()),
+        *more,
+        _LeftColumn(table_column=whole()),
     )
+
+
+_WIDE = 80
 
 
 class _CountColumn(MofNCompleteColumn):

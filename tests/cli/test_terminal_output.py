@@ -56,13 +56,13 @@ half_width = 3.0
 """
 
 
-def on_terminal(*arguments: object, **environment: str) -> str:
-    """Output of a command on a terminal of 80 columns."""
+def on_terminal(*arguments: object, columns: int = 80, **environment: str) -> str:
+    """Output of a command on a terminal."""
     child, terminal = pty.fork()
     if child == 0:
-        ioctl(1, termios.TIOCSWINSZ, struct.pack("HHHH", 50, 80, 0, 0))
+        ioctl(1, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
         kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR", "CI")}
-        settings = {**kept, "TERM": "xterm-256color", "COLUMNS": "80", "LINES": "50", **environment}
+        settings = {**kept, "TERM": "xterm-256color", "COLUMNS": str(columns), "LINES": "50", **environment}
         command = [sys.executable, "-m", "seqrsm", *(str(argument) for argument in arguments)]
         os.execve(sys.executable, command, settings)
     read = b""
@@ -82,6 +82,51 @@ def on_terminal(*arguments: object, **environment: str) -> str:
 def without_codes(text: str) -> list[str]:
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)
     return [line.split("\r")[-1] for line in plain.replace("\r\n", "\n").split("\n")]
+
+
+def screen(text: str, columns: int) -> list[str]:
+    """Lines as they stand on a terminal of endless height in the end."""
+    rows, at, column = [""], 0, 0
+    for code, moved, letter, sign in re.findall(r"(\x1b\[([0-9;?]*)([A-Za-z]))|(\r|\n|.)", text, re.DOTALL):
+        if code:
+            if letter == "A":
+                at = max(at - int(moved or 1), 0)
+            elif letter == "K":
+                rows[at] = "" if moved == "2" else rows[at][:column]
+        elif sign == "\r":
+            column = 0
+        elif sign == "\n" or column == columns:
+            at, column = at + 1, 0
+            rows += [""] * (at + 1 - len(rows))
+        if sign and sign not in "\r\n":
+            rows[at] = rows[at].ljust(column)[:column] + sign + rows[at][column + 1 :]
+            column += 1
+    return [row.rstrip() for row in rows]
+
+
+@pytest.mark.parametrize("columns", [60, 100])
+def test_messages_and_bars_do_not_meet(tiny: Path, columns: int) -> None:
+    text = on_terminal("run", tiny, "--max-runs", 14, columns=columns)
+    assert "\u2501" in text  # there was a bar
+    lines = screen(text, columns)
+    assert not any("\u2501" in line for line in lines)  # and nothing is left of it
+    assert max(map(len, lines)) <= columns
+    said = " ".join(line.strip() for line in lines)
+    assert "checking the simulator with one image at the centre of the region searching the start design" in said
+    starts = [line for line in lines if re.match(r" +\d+ runs  ", line)]
+    assert len(starts) >= 1
+    assert all("target 16" in line for line in starts)
+
+
+def test_an_error_is_wrapped_at_words(tiny: Path) -> None:
+    path = tiny / "campaign.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace("altitude_m = 4000.0", "wings = 2"), encoding="utf-8")
+    lines = screen(on_terminal("check", tiny, columns=60), 60)
+    short = [line for line in lines if len(line) <= 60 and "/" not in line]
+    assert len(short) > 2
+    words = " ".join(lines)
+    assert "altitude_m" in words
+    assert "[simulator.fixed]" in words
 
 
 def test_notes_are_grouped_by_what_they_are_about():
