@@ -32,11 +32,23 @@ def _numbered(sections: tuple[Section, ...], figures: Iterator[int], tables: Ite
         for place, names in found.items():
             paragraph = blocks[place]
             assert isinstance(paragraph, Paragraph)
-            see = f"See {listing(names)}."
+            see = f"See {_together(names)}."
             joined = f"{paragraph.method} {see}" if paragraph.text or paragraph.method else see
             blocks[place] = replace(paragraph, method=joined)
         shown = blocks if 0 in found else blocks[1:]
         yield replace(section, blocks=tuple(shown), sections=tuple(_numbered(section.sections, figures, tables)))
+
+
+def _together(names: list[str]) -> str:
+    """Names by kind: ``"Figures 3 and 4 and Table 2"``."""
+    parts = []
+    for kind in ("Figure", "Table"):
+        numbers = [name.removeprefix(f"{kind} ") for name in names if name.startswith(kind)]
+        if numbers:
+            run = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
+            shown = f"{numbers[0]} to {numbers[-1]}" if run else listing(numbers)
+            parts.append(f"{kind}{'s' if len(numbers) > 1 else ''} {shown}")
+    return " and ".join(parts)
 
 
 def _captioned(block: Block, figures: Iterator[int], tables: Iterator[int]) -> tuple[Block, list[str]]:

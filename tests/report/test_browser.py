@@ -134,3 +134,24 @@ def test_the_harness_finds_what_is_too_wide(flight, tmp_path):
     assert found[0]["scroll"] >= 500
     assert any("DIV" in text for text in found[0]["outside"])
     assert found[1]["outside"] == []
+
+
+def test_paper_from_the_page_holds_what_is_folded(simulated, tmp_path):
+    """Every cell of the folded table of runs is on the printed pages; sliders are not."""
+    from pypdf import PdfReader
+    from report_texts import squeezed
+
+    assert BROWSER is not None
+    report = build_report(simulated)
+    (tmp_path / "page.html").write_text(render_html(report), encoding="utf-8")
+    command = [
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--no-pdf-header-footer",
+        f"--user-data-dir={tmp_path / 'profile'}", f"--print-to-pdf={tmp_path / 'page.pdf'}",
+        (tmp_path / "page.html").as_uri(),
+    ]  # fmt: skip
+    subprocess.run(command, capture_output=True, timeout=120, check=True)
+    printed = squeezed("".join(page.extract_text() for page in PdfReader(tmp_path / "page.pdf").pages))
+    runs = next(one for one in report.sections[-1].sections if one.key == "runs").blocks[-1].blocks[0]
+    for row in runs.rows:
+        assert squeezed("".join(cell.text for cell in row)) in printed, row
+    assert "Tryothersettings" not in printed

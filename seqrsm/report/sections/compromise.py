@@ -58,7 +58,7 @@ def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> 
     ]
     if found.front_settings:
         blocks.append(Details("Settings that no other beats in everything", (_front_table(factors, found),)))
-    return Section("compromise", "Compromise between the applications", tuple(blocks))
+    return Section("compromise", "Behind the compromise", tuple(blocks))
 
 
 def compromise_summary(factors: Sequence[Factor], found: CompromiseEstimate) -> tuple[Block, ...]:
