@@ -28,7 +28,7 @@ from seqrsm.cli.console import (
     stop_on_signals,
 )
 from seqrsm.cli.scene import scene_app
-from seqrsm.cli.standalone import catalog, design, doctor, parameters
+from seqrsm.cli.standalone import catalog, design, doctor, parameters, schema
 from seqrsm.errors import Problem, SpecError, UserError
 
 if TYPE_CHECKING:
@@ -554,3 +554,4 @@ def export(
 
 
 app.command()(doctor)
+app.command()(schema)

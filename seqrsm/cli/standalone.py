@@ -1,4 +1,4 @@
-"""Commands that need no campaign: ``seqrsm design``, ``catalog``, ``parameters`` and ``doctor``."""
+"""Commands that need no campaign: ``seqrsm design``, ``catalog``, ``parameters``, ``schema`` and ``doctor``."""
 
 from __future__ import annotations
 
@@ -144,3 +144,14 @@ def doctor(
     with display("compiling the kernels"):
         result = examine()
     print_json(result) if as_json else show_doctor(result)
+
+
+@guarded
+def schema() -> None:
+    """Print the JSON schema of campaign.toml, by which editors complete and check it.
+
+    Write it beside the file (seqrsm schema > campaign.schema.json) and begin that with: #:schema campaign.schema.json
+    """
+    from seqrsm.spec.schema import campaign_schema
+
+    print_json(campaign_schema())

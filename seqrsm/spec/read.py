@@ -139,7 +139,7 @@ SPEC_NAME = "campaign.toml"
 MAX_BYTES = 1_000_000
 
 
-_SINGLE: Mapping[str, type[Table]] = {
+SINGLE: Mapping[str, type[Table]] = {
     "campaign": CampaignTable,
     "model": ModelSpec,
     "simulator": SimulatorSpec,
@@ -147,14 +147,14 @@ _SINGLE: Mapping[str, type[Table]] = {
     "stop": StopSpec,
     "store": StoreTable,
 }
-_REPEATED: Mapping[str, type[Table]] = {
+REPEATED: Mapping[str, type[Table]] = {
     "factor": FactorTable,
     "constraint": ConstraintTable,
     "application": ApplicationSpec,
     "consideration": ConsiderationSpec,
     "candidate": CandidateSpec,
 }
-_REQUIRED = ("campaign", "factor", "application", "stop")
+REQUIRED = ("campaign", "factor", "application", "stop")
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,20 +312,20 @@ def _validated(model: type[_T], raw: object, path: tuple[str | int, ...], report
 
 def _tables(raw: Mapping[str, Any], report: Reporter) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """Every table that is right in itself; the others are reported."""
-    known = (*_SINGLE, *_REPEATED)
+    known = (*SINGLE, *REPEATED)
     for key in raw:
         if key not in known:
             report.unknown_key((key,), known)
-    for key in _REQUIRED:
+    for key in REQUIRED:
         if key not in raw:
-            report.missing_table(key, repeated=key in _REPEATED)
+            report.missing_table(key, repeated=key in REPEATED)
     single = {}
-    for key, model in _SINGLE.items():
-        optional = key not in _REQUIRED and key != "simulator"
+    for key, model in SINGLE.items():
+        optional = key not in REQUIRED and key != "simulator"
         if key in raw or optional:
             single[key] = _validated(model, raw.get(key, {}), (key,), report)
     repeated: dict[str, list[Any]] = {}
-    for key, model in _REPEATED.items():
+    for key, model in REPEATED.items():
         tables = raw.get(key, [])
         if tables == [] and key in raw:
             report.add((key,), f"the list of [[{key}]] is empty", f"Add a table [[{key}]].")
