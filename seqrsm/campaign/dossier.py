@@ -127,9 +127,10 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
         "counts": "variance in proportion to that of independent decisions, as many as were counted",
     }[spec.model.weights]
     found = [
-        f"errors of different runs are independent, {spec.errors.words}, with {variance}"
+        f"errors of different runs about the polynomial are independent, {spec.errors.words}, with {variance}"
         + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
-        f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region",
+        f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region, or the "
+        "other surface that was weighed, where the report tells of one",
     ]
     if spec.simulator is not None:
         size = spec.runs_an_occasion

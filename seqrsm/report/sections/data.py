@@ -99,8 +99,8 @@ def _stop_text(dossier: Dossier) -> str:
     }
     return (
         f"Stop rule: the {watched_interval(stop)} at the optimum ({level_text(stop.level)}) has a half-width of at "
-        f"most {with_unit(format_plain(stop.half_width), unit)}, guarded by {guards[stop.guard]}; where no surface "
-        "but the quadratic is weighed, pure error must be known, and no lack of fit significant (at "
+        f"most {with_unit(format_plain(stop.half_width), unit)}, guarded by {guards[stop.guard]}; where only the "
+        "quadratic is weighed, pure error must be known and lack of fit not significant (at "
         f"{level_text(stop.lack_of_fit_alpha)}); no more than {stop.max_runs} runs."
     )
 
@@ -125,7 +125,7 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
         )
     purposes = Counter(run.purpose or "not stated" for run in runs)
     whys = listing([f"{readable(purpose)} ({count})" for purpose, count in purposes.items()])
-    blocks: list[Block] = [Paragraph(f"{text} They were made for: {whys}. All stand at the end of the report.")]
+    blocks: list[Block] = [Paragraph(f"{text} They were made for: {whys}. All are listed at the end of the report.")]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
         blocks.append(_left_out_table(left_out))

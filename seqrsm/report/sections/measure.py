@@ -58,8 +58,11 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     head = (
         "How the score at the recommended settings moves when one cover's mean is off by its standard deviation, all "
-        "else as the tables have it, and the share of that in all covers. Now the half-width is "
-        f"{half_width_text(analysis, total)}; measuring a cover's mean twice as well would bring the last column, one "
-        f"flight over the ground in question {with_less(of_ground / (of_ground + chance))}."
+        "else being as tabulated, and that cover's share of the total. The half-width is "
+        f"{half_width_text(analysis, total)} now; measuring a cover's mean twice as well would bring it to the last "
+        "column, and one flight over the ground in question to "
+        f"{with_less(of_ground / (of_ground + chance))}."
     )
-    return Section(key, "What to measure", (Paragraph(head), table("Covers by what they carry", columns, rows)))
+    return Section(
+        key, "What to measure", (Paragraph(head), table("Covers by their share of the uncertainty", columns, rows))
+    )

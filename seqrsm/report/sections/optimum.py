@@ -131,7 +131,9 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     floor = analysis.decision.noise_floor
     if math.isfinite(floor) and floor > 0.0:
         text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
-        blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs brings it below that."))
+        blocks.append(
+            Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs can bring it below that.")
+        )
     blocks.append(table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows))
     blocks += _steps(analysis)
     blocks += _surfaces(analysis, chosen_pairs(analysis)[1:])  # the first opens the report
@@ -218,7 +220,7 @@ def _shape(analysis: Analysis) -> list[Block]:
         else "The fitted surface "
     )
     text += f"has a {stationary.kind} {where} the region, at {_place(analysis, stationary.point, stationary.se)}."
-    method = " After \u00b1 stand standard errors, by the delta method from those of the coefficients."
+    method = " The values after \u00b1 are standard errors, by the delta method from those of the coefficients."
     blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))

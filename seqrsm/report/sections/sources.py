@@ -51,9 +51,8 @@ from seqrsm.report.wording import (
 )
 
 LIMITS = (
-    "A polynomial of low order describes the score inside the region only; nothing is claimed outside it.",
-    "Intervals take the errors of different runs as independent and normal with one variance, on the scale of the fit.",
-    "The optimum is that of the fitted surface; how far the true one may lie from it is said by its posterior.",
+    "The fitted surface describes the score inside the region only; nothing is claimed outside it.",
+    "The optimum is that of the fitted surface; its posterior says how far the true one may lie from it.",
     "Stopping on the width of an interval makes it a little too narrow on average; the guards of the stop rule limit "
     "this, and only fresh runs at the recommended settings give an interval of exact coverage.",
 )

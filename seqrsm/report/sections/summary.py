@@ -155,7 +155,7 @@ def recommendation(analysis: Analysis) -> str:
     if any(check.name == "guess" and check.holds is False for check in analysis.decision.checks):
         text = f"No setting is seen to measure {analysis.application}: a guess may do as well. The best of the fitted "
         text += f"surface: {settings_sentence(analysis)}. "
-    text += f"There the {best} mean score in the region is expected: "
+    text += f"The {best} mean score in the region is expected there: "
     missing = no_error_estimate(analysis)
     if missing:
         return text + f"{score_text(analysis, analysis.optimum.mean)} ({missing})."
@@ -278,9 +278,9 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
         yield f"Go on: the stop rule does not hold yet. {_loss_sentence(analysis)}".strip()
     if best.at_bound:
         edges = listing([_edge(text) for text in best.at_bound])
-        yield f"Ask whether the region can be widened: the optimum lies at its edge, {edges}."
+        yield f"Consider widening the region: the optimum lies on its edge, {edges}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
-        yield "Fly, or measure the covers: most of the half-width is what is not known of the ground."
+        yield "Fly, or measure the covers: most of the half-width comes from what is not known of the ground."
 
 
 def _edge(text: str) -> str:
