@@ -259,8 +259,8 @@ def importance_section(analysis: Analysis, key: str) -> Section:
         Paragraph(
             "",
             method="Importance of a factor: the partial F test of all terms that contain it, against the model without "
-            "it (RSL TR 380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of terms "
-            "left.",
+            "it (RSL TR 380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of "
+            "terms left.",
         ),
         PARTIAL_F_EQUATION,
     ]
