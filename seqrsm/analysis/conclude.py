@@ -126,7 +126,7 @@ def analyse(
         ),
         steps=_steps(spec, fitted, belief, best, draws) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, described, stationary, draws) if thorough else None,
+        study=study_fit(spec, fitted, described, draws) if thorough else None,
     )
 
 

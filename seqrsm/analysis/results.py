@@ -24,7 +24,6 @@ from seqrsm.design.region import Region
 from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.intervals import AnovaRow, LackOfFit
 from seqrsm.fit.least_squares import InfluentialRun, LeastSquaresFit, NormalPlot
-from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.optimum import Goal, Optimum
 from seqrsm.fit.transforms import PowerProfile
 
@@ -160,10 +159,6 @@ class Study:
     Attributes
     ----------
     searched : SearchedOptimum or str
-    locations : tuple of LocationRegion
-        Where the optimum may lie, by method; points are coded, natural ranges in units.
-    no_location : str
-        Why there is none; empty when there is.
     terms : TermChoice or str
     profile : PowerProfile or str
         On which scale the scores obey the model.
@@ -181,8 +176,6 @@ class Study:
     """
 
     searched: SearchedOptimum | str
-    locations: tuple[LocationRegion, ...]
-    no_location: str
     terms: TermChoice | str
     profile: PowerProfile | str
     normal: NormalPlot

@@ -1,4 +1,4 @@
-"""What a thorough analysis adds to the fit: where the optimum may lie, which terms, which scale, which runs, which way.
+"""What a thorough analysis adds to the fit: what its search adds, which terms, which scale, which runs, which way.
 
 Each part is made for the model it is right for; a sentence stands for what cannot be had.
 """
@@ -27,12 +27,11 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, UserError
-from seqrsm.fit.canonical import StationaryPoint, steepest_path
+from seqrsm.fit.canonical import steepest_path
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import FTest, Prediction
 from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import block_columns, extrapolated, influential_runs, normal_plot
-from seqrsm.fit.location import LocationRegion, best_settings, box_hunter_region, location_region, simulation_set
 from seqrsm.fit.optimum import Goal, optimum
 from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
 from seqrsm.fit.selection import average_models
@@ -43,12 +42,10 @@ from seqrsm.spec.read import CampaignSpec
 _STEP = 0.25  # coded distance between the points of a ridge path
 _PATH_POINTS = 12
 _TOP_MODELS = 10
-_SETS = 2000  # posterior draws in the simulation set
+_SETS = 2000  # posterior draws that repeat the search
 
 
-def study_fit(
-    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, stationary: StationaryPoint | None, draws: Draws
-) -> Study:
+def study_fit(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws) -> Study:
     """Everything beyond the fit.
 
     Parameters
@@ -57,17 +54,13 @@ def study_fit(
     fitted : Fitted
     estimate : OptimumEstimate
         Recommended settings and the intervals there.
-    stationary : StationaryPoint or None
     draws : Draws
         Of the posterior.
     """
     fit, point = fitted.fit, estimate.point
     row = fitted.model.matrix(point[None, :])
-    locations, no_location = _locations(spec, fitted, point, stationary, draws)
     return Study(
         searched=_searched(spec, fitted, estimate, draws),
-        locations=locations,
-        no_location=no_location,
         terms=_terms(spec, fitted, point),
         profile=_profile(spec, fitted),
         normal=normal_plot(fit),
@@ -143,28 +136,6 @@ def _searched_from_draws(
 
 def _best_value(fitted: Fitted, goal: Goal) -> float:
     return optimum(fitted.model, fitted.region, fitted.surface.estimate, goal).value
-
-
-def _locations(
-    spec: CampaignSpec, fitted: Fitted, point: FloatArray, stationary: StationaryPoint | None, draws: Draws
-) -> tuple[tuple[LocationRegion, ...], str]:
-    model, region, fit, level = fitted.model, fitted.region, fitted.fit, spec.stop.level
-    goal: Goal = fitted.application.goal
-    found: list[LocationRegion] = []
-    reason = fitted.surface.limits("the confidence region of the best settings")
-    if not reason and model.p > 1:
-        try:
-            found.append(location_region(best_settings(model, region, fit, goal, level=level)))
-            kind = "maximum" if goal == "maximize" else "minimum"
-            if stationary is not None and stationary.inside_region and stationary.kind == kind:
-                levels = tuple(int(point[j]) for j in region.categorical)
-                inner = box_hunter_region(model, region, fit, levels, level=level)
-                found += [inner] if len(inner.points) else []
-        except FitError as error:
-            reason = error.problems[0].message
-    if model.p > 1 and len(draws.terms) > 10 * model.p and float(np.max(np.std(draws.terms, axis=0))) > 0.0:
-        found.append(simulation_set(model, region, draws.terms[:_SETS], goal, level=level))
-    return tuple(found), reason if not found else ""
 
 
 def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice | str:

@@ -12,10 +12,8 @@ from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, PathP
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor
 from seqrsm.fit.canonical import natural_errors
 from seqrsm.fit.intervals import LackOfFit
-from seqrsm.fit.location import LocationRegion
 from seqrsm.fit.natural import natural_coefficients
 
 
@@ -302,9 +300,6 @@ def _diagnostics(analysis: Analysis) -> dict[str, Any]:
     }
 
 
-_POINTS = 200
-
-
 def interval_to_json(interval: Interval) -> dict[str, float]:
     """Ends and half-width."""
     return {"low": interval.low, "high": interval.high, "half_width": interval.half_width}
@@ -314,9 +309,6 @@ def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
     """Keys of the document, beside those of the fit; ``{"reason": ...}`` where something cannot be had."""
     return {
         "searched": _or_reason(study.searched),
-        "location": [_location(analysis, region) for region in study.locations]
-        if study.locations
-        else {"reason": study.no_location},
         "models": _models(study.terms),
         "transform": _or_reason(study.profile),
         "blocks": None if study.blocks is None else _blocks(study.blocks),
@@ -338,23 +330,6 @@ def study_diagnostics(analysis: Analysis, study: Study) -> dict[str, Any]:
 def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
     """Partial F tests that were asked for."""
     return [{"test": one.asked, "terms": list(one.terms), **fields_to_json(one.test)} for one in tests]
-
-
-def _location(analysis: Analysis, region: LocationRegion) -> dict[str, Any]:
-    factors: dict[str, Any] = {}
-    for factor, found in zip(analysis.region.factors, region.ranges, strict=True):
-        if isinstance(factor, CategoricalFactor):
-            factors[found.factor] = {"levels": list(found.levels)}
-        else:
-            factors[found.factor] = {"low": found.low_natural, "high": found.high_natural}
-    some = np.unique(np.linspace(0, max(len(region.points) - 1, 0), _POINTS).astype(np.int64))
-    return {
-        "method": region.method,
-        "level": region.level,
-        "share": region.share,
-        "factors": factors,
-        "points": analysis.region.decode(region.points[some]) if len(region.points) else [],
-    }
 
 
 def _models(found: TermChoice | str) -> dict[str, Any]:

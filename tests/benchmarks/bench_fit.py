@@ -29,7 +29,6 @@ from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
 from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior, sample_model, sample_posterior
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
-from seqrsm.fit.location import best_settings, location_region
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
@@ -136,7 +135,6 @@ def measure() -> list[str]:
         f"| {name} | {1e3 * cpu_time(function, 3):.1f} ms | | |"
         for name, function in {
             "exact optimum of one surface": lambda: optimum(model, region, fit.estimate),
-            "location region (Scheffe)": lambda: location_region(best_settings(model, region, fit)),
             "interval allowing for the search": lambda: searched_interval(model, region, fit),
             "average over 38,619 models": lambda: average_models(Z, y, model.terms),
             "random days, exact, with REML": lambda: fit_random_blocks(Z, y, days),

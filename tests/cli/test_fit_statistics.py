@@ -58,12 +58,6 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
         low, high = at.conf_int(obs=single)[0]
         assert found["searched"][name]["low"] <= low + 1e-9
         assert found["searched"][name]["high"] >= high - 1e-9
-    methods = {region["method"]: region for region in found["location"]}
-    assert set(methods) == {"scheffe", "box_hunter", "simulation set"}
-    for region in methods.values():
-        for name, value in found["departure"]["optimum_of_quadratic"].items():
-            assert region["factors"][name]["low"] <= value <= region["factors"][name]["high"]
-        assert all(0 <= point["x"] <= 10 and 1 <= point["frequency"] <= 16 for point in region["points"])
     units = {unit["name"]: unit["inclusion"] for unit in found["models"]["units"]}
     assert units["x^2"] > 0.99
     assert units["x:frequency"] < 0.5
@@ -88,7 +82,7 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
     assert steepest[-1] == pytest.approx(top, abs=0.1)
     code, out, _ = command("fit", folder, "--test", "interactions")
     assert code == 0
-    for words in ("too good", "Where the optimum may lie", "over hierarchical models", "Partial F tests"):
+    for words in ("too good", "Ways over the fitted surface", "over hierarchical models", "Partial F tests"):
         assert words in out
 
 
@@ -397,7 +391,6 @@ def test_search_is_allowed_for_with_other_errors_sources_and_blocks(tmp_path: Pa
             assert searched[kind]["high"] >= best[kind]["high"] - slack, (name, kind)
         assert searched["confidence"]["half_width"] < searched["prediction_mean"]["half_width"]
         assert searched["prediction_mean"]["half_width"] < searched["prediction"]["half_width"]
-        assert [region["method"] for region in found["location"]] == ["simulation set"]
 
 
 def test_contradicted_bounds_of_effects(tmp_path: Path) -> None:

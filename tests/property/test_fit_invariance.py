@@ -11,7 +11,6 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.location import best_settings, box_hunter_statistic
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 
@@ -57,7 +56,7 @@ def test_units(seed: int, scale: float, shift: float) -> None:
 @settings(max_examples=25, deadline=None)
 @given(SEEDS, st.permutations([0, 1, 2]), st.permutations("uvw"))
 def test_order_of_factors_and_levels(seed: int, order: list[int], levels: list[str]) -> None:
-    model, region, _, fit, settings_ = campaign(seed)
+    model, region, _, fit, _ = campaign(seed)
     model2, region2, _, fit2, _ = campaign(seed, order=tuple(order), levels="".join(levels))
     np.testing.assert_allclose(fit2.fitted, fit.fitted, rtol=1e-10)
     assert fit2.s == pytest.approx(fit.s, rel=1e-10)
@@ -69,12 +68,6 @@ def test_order_of_factors_and_levels(seed: int, order: list[int], levels: list[s
     interval = fit.predict(model.matrix(best.point[None, :])).prediction
     interval2 = fit2.predict(model2.matrix(best2.point[None, :])).prediction
     assert interval2.low[0] == pytest.approx(interval.low[0], rel=1e-8)
-    at = settings_[:3]
-    np.testing.assert_allclose(
-        box_hunter_statistic(model2, fit2, region2.code(at)),
-        box_hunter_statistic(model, fit, region.code(at)),
-        rtol=1e-7,
-    )
     for factor in ("a", "b", "c"):
         ours, theirs = (f.partial_f(m.factor_terms(factor)).f for m, f in ((model, fit), (model2, fit2)))
         assert theirs == pytest.approx(ours, rel=1e-8)
@@ -97,11 +90,8 @@ def test_order_of_runs_and_positive_covariance(seed: int) -> None:
 
 @settings(max_examples=10, deadline=None)
 @given(SEEDS)
-def test_optimum_is_not_below_any_of_100_000_feasible_points_and_belongs_to_its_own_region(seed: int) -> None:
+def test_optimum_is_not_below_any_of_100_000_feasible_points(seed: int) -> None:
     model, region, _, fit, _ = campaign(seed)
     best = optimum(model, region, fit.estimate)
     values = model.matrix(region.sample(100_000, np.random.default_rng(seed))) @ fit.estimate
     assert best.value >= values.max() - 1e-9
-    test = best_settings(model, region, fit, n_against=100)
-    assert test.statistic(best.point)[0] <= 1e-6
-    assert test.contains(best.point)[0]

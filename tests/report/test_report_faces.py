@@ -32,8 +32,6 @@ from seqrsm.report.blocks import (
     Table,
 )
 from seqrsm.report.content import build_report
-from seqrsm.report.figures import drawing
-from seqrsm.report.figures import study as figures_study
 from seqrsm.report.html import render_html
 from seqrsm.report.pdf import render_pdf
 from seqrsm.report.sections.data import question_section
@@ -361,11 +359,6 @@ def test_a_report_of_very_many_runs_shows_the_last_and_says_so(simulated, monkey
     assert f"last {total - 3} of {total} runs" in note.text
     (table,) = details.blocks
     assert [row[0].text for row in table.rows] == [str(run.run_id) for run in simulated.runs[3:]]
-
-
-def test_the_colours_named_under_the_picture_of_the_place_are_those_drawn():
-    for name, color in figures_study._COLORS.values():
-        assert color == getattr(drawing, name.upper())
 
 
 def test_counted_nouns():

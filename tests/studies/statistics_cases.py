@@ -13,16 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from seqrsm.design.classical import central_composite
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
-from seqrsm.fit.location import best_settings, box_hunter_statistic, simulation_set
 from seqrsm.fit.natural import natural_coefficients
-from seqrsm.fit.optimum import optimum, optimum_draws
+from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
 from seqrsm.fit.transforms import box_cox_profile, logit_profile
@@ -278,52 +276,6 @@ def at_the_optimum(sets: int, k: int) -> Iterator[Row]:
             COMPARED,
             plain[1],
         )
-
-
-def location(sets: int, k: int) -> Iterator[Row]:
-    """Regions of the place of the optimum, inside and at a bound."""
-    for where, tilt in (("inside", 0.5), ("at a corner", 2.5)):
-        factors = tuple(ContinuousFactor(f"x{i}", -1.0, 1.0) for i in range(k))
-        model, region = QuadraticModel(factors), Region(factors)
-        points = central_composite(k, centre_runs=4)
-        _, _, _, beta = surface(k, 2**k + 2, 4.0, tilt)
-        best = optimum(model, region, beta).point[None, :]
-        Z, rng = model.matrix(points), np.random.default_rng(k)
-        fit, _, b, s = many(Z, Z @ beta, list(model.terms), sets, 1.5, rng)
-        fits = [dataclasses.replace(fit, estimate=e, s=float(v)) for e, v in zip(b, s, strict=True)]
-        what = f"k = {k}, optimum {where}"
-        if where == "inside":
-            value = np.array([box_hunter_statistic(model, one, best)[0] for one in fits])
-            F = stats.f(k, fit.df_residual).ppf(LEVEL)
-            yield Row(
-                f"Box-Hunter region; {what}",
-                np.mean(value <= F),
-                LEVEL,
-                False,
-                sets,
-                "chi-squared limit",
-                np.mean(value <= stats.chi2(k).ppf(LEVEL) / k),
-            )
-        test = best_settings(model, region, fit, level=LEVEL, n_against=150)
-        critical = test.critical_value(best[0])
-        value = np.array([dataclasses.replace(test, fit=one).statistic(best)[0] for one in fits])
-        # At a corner no constant is too small: the best setting stands out by itself.
-        half = float(np.mean(value <= 0.5 * critical)) if where == "inside" else float("nan")
-        control = "half the constant" if where == "inside" else ""
-        for name, constant in (("Scheffe", test.scheffe), ("simulated constant", critical)):
-            share = float(np.mean(value <= constant))
-            yield Row(f"confidence region, {name}; {what}", share, LEVEL, True, sets, control, half)
-        hits, single = np.zeros((sets, k), dtype=bool), np.zeros((sets, k), dtype=bool)
-        for i in range(sets):
-            sigma = s[i] * np.sqrt(fit.df_residual / rng.chisquare(fit.df_residual, DRAWS))
-            draws = b[i] + sigma[:, None] * (rng.normal(size=(DRAWS, model.p)) @ fit.factor.T)
-            ranges = simulation_set(model, region, draws[: DRAWS // 5], level=LEVEL).ranges
-            hits[i] = [r.low <= x <= r.high for r, x in zip(ranges, best[0], strict=True)]
-            place, _ = optimum_draws(model, region, draws)
-            low, high = np.quantile(place, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL], axis=0)
-            single[i] = (low <= best[0]) & (best[0] <= high)
-        yield Row(f"posterior set, factor by factor; {what}", hits.mean(axis=0).min(), LEVEL, True, sets)
-        yield Row(f"credible interval of the setting; {what}", single.mean(axis=0).min(), LEVEL, True, sets)
 
 
 def averages(sets: int) -> Iterator[Row]:

@@ -12,7 +12,6 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import Flat
 from seqrsm.fit.least_squares import fit_least_squares
-from seqrsm.fit.location import simulation_set
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.optimum_interval import searched_from_draws
 from seqrsm.fit.robust import STUDENT_DF, student_draws, student_weights
@@ -59,11 +58,11 @@ def flights(model: QuadraticModel, points: np.ndarray, beta: np.ndarray, rng: np
 
 
 def at_the_optimum(sets: int, name: str) -> Iterator[Row]:
-    """Mean and one run at the recommended settings, after search; the posterior set of the best settings."""
+    """Mean and one run at the recommended settings, after search."""
     for curvature in (6.0, 0.5):
         model, region, points, beta = surface(2, RUNS, curvature)
         rng = np.random.default_rng(5)
-        hits, inside = np.zeros((sets, 4), dtype=bool), np.zeros((sets, 2), dtype=bool)
+        hits = np.zeros((sets, 4), dtype=bool)
         for i in range(sets):
             truth, estimate, betas, noise, own = CASES[name](model, points, beta, rng)
             best = optimum(model, region, estimate)
@@ -73,14 +72,10 @@ def at_the_optimum(sets: int, name: str) -> Iterator[Row]:
             plain = [np.quantile(draws + extra, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL]) for extra in (0.0, noise)]
             pairs = zip([*ends, *plain], (here, here + own) * 2, strict=True)
             hits[i] = [low <= value <= high for (low, high), value in pairs]
-            place = optimum(model, region, truth).point
-            ranges = simulation_set(model, region, betas, level=LEVEL).ranges
-            inside[i] = [r.low <= x <= r.high for r, x in zip(ranges, place, strict=True)]
         shares = hits.mean(axis=0)
         what = f"{name}, curvature {curvature / SIGMA:g} sigma"
         yield Row(f"mean at the optimum; {what}", shares[0], LEVEL, True, sets, COMPARED, shares[2])
         yield Row(f"one run at the optimum; {what}", shares[1], LEVEL, True, sets, COMPARED, shares[3])
-        yield Row(f"posterior set, factor by factor; {what}", inside.mean(axis=0).min(), LEVEL, True, sets)
 
 
 CASES = {"Student-t errors": student, "random days": days, "flights and simulations": flights}

@@ -75,10 +75,6 @@ NOTES = {
         "surface they miss far more often, since the same scores chose the place (last column). The program shows "
         "both; those that allow for the search lie between nominal and 2 % above it."
     ),
-    "place of the optimum": (
-        "The regions of Peterson, Cahya and del Castillo's type compare a setting with every other at once and are "
-        "conservative for a single truth; with the optimum at a corner no wrong constant could make them miss it."
-    ),
 }
 
 

@@ -39,7 +39,6 @@ COVERAGE: dict[str, dict[str, Study]] = {
     "at the fitted optimum, other errors, days and sources": {
         name: partial(statistics_models.at_the_optimum, name=name) for name in statistics_models.CASES
     },
-    "place of the optimum": {f"k = {k}": partial(cases.location, k=k) for k in (2, 3)},
     "models and scales": {"averages": cases.averages, "powers": cases.scales},
     "F tests": {"all": cases.f_tests},
 }

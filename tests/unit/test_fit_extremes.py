@@ -13,7 +13,6 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import posterior, weakly_informative
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
-from seqrsm.fit.location import best_settings
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.robust import student_weights
@@ -43,7 +42,6 @@ def test_scores_that_do_not_vary_refuse_what_needs_scatter() -> None:
     assert normal_plot(fit).runs.size == 0
     days = ["a", "b"] * 6
     for asked in (
-        lambda: best_settings(model, region, fit),
         lambda: average_models(Z, y, model.terms),
         lambda: box_cox_profile(Z, y),
         lambda: fit_random_blocks(Z, y, days),

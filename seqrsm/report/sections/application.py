@@ -9,7 +9,7 @@ from seqrsm.report.blocks import Section
 from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
 from seqrsm.report.sections.optimum import optimum_section, shape_section
-from seqrsm.report.sections.study import location_section
+from seqrsm.report.sections.study import paths_section
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import LookRecord
 
@@ -37,11 +37,11 @@ def application_sections(
 
 
 def method_sections(analysis: Analysis, key: str) -> tuple[Section, ...]:
-    """Return how the findings on one application were found: model, shape, place, diagnostics."""
+    """Return how the findings on one application were found: model, shape, paths, diagnostics."""
     sections = (
         model_section(analysis, key),
         shape_section(analysis, key),
-        location_section(analysis, key),
+        paths_section(analysis, key),
         diagnostics_section(analysis, key),
     )
     return tuple(section for section in sections if section is not None)

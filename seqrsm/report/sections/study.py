@@ -1,20 +1,15 @@
-"""What a thorough analysis adds: the place of the optimum, averages over models, blocks, paths, and tests asked for."""
+"""What a thorough analysis adds: what the search adds, averages over models, blocks, paths, and tests asked for."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
 from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint, SearchedOptimum, Study, TermChoice
 from seqrsm.analysis.study import TermTest
-from seqrsm.fit.location import LocationRegion
-from seqrsm.report.blocks import Block, Details, FigureBlock, Panel, PanelData, Paragraph, Section, Table, right, table
-from seqrsm.report.figures.study import LOCATION_METHODS, location_key, location_panel
-from seqrsm.report.figures.surfaces import MAX_PAIRS, chosen_pairs
+from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, right, table
 from seqrsm.report.rounding import format_percent, format_significant
 from seqrsm.report.wording import (
     axis_label,
@@ -23,12 +18,10 @@ from seqrsm.report.wording import (
     interval_text,
     level_phrase,
     p_cell,
-    readable,
     readable_term,
     score_text,
     share_cell,
     significant_cell,
-    slug,
     whole_cell,
 )
 
@@ -48,94 +41,10 @@ def searched_blocks(analysis: Analysis) -> list[Block]:
     return [Paragraph(text + how)]
 
 
-def location_section(analysis: Analysis, key: str) -> Section | None:
-    """Where the optimum may lie, factor by factor and in pairs; None without a study."""
-    study = analysis.study
-    if study is None:
-        return None
-    if not study.locations:
-        blocks: tuple[Block, ...] = (Paragraph(f"There is no confidence region of the place: {study.no_location}."),)
-        return Section(f"{key}-location", "Place of the optimum", blocks)
-    rows = (
-        (axis_label(factor), *(location_text(region, j) for region in study.locations))
-        for j, factor in enumerate(analysis.region.factors)
-    )
-    columns = ("Factor", *(capital(LOCATION_METHODS[region.method]) for region in study.locations))
-    caption = f"Where the optimum may lie, {level_phrase(analysis)}. {_location_caption(analysis, study.locations)}"
-    found: list[Block] = [table(caption, columns, rows)]
-    if analysis.fitted.departure.probability > 0.0:
-        text = (
-            "These are regions of the quadratic's optimum; the credible intervals of the settings count both surfaces."
-        )
-        found.insert(0, Paragraph(text))
-    found += _location_figure(analysis, study.locations)
-    found += _paths(analysis, study)
-    return Section(f"{key}-location", "Place of the optimum", tuple(found))
-
-
-def location_text(region: LocationRegion, j: int) -> str:
-    """Extent of a location region along factor ``j``."""
-    found = region.ranges[j]
-    if found.levels:
-        return ", ".join(found.levels)
-    if not math.isfinite(found.low_natural):
-        return "none"
-    return f"{format_significant(found.low_natural, 3)} to {format_significant(found.high_natural, 3)}"
-
-
-def _location_caption(analysis: Analysis, regions: Sequence[LocationRegion]) -> str:
-    """What the regions are."""
-    level = level_phrase(analysis)
-    texts = {
-        "scheffe": (
-            f"Confidence region ({level} or more) of the best settings of the bounded region: no other setting is "
-            "better beyond what Scheff\u00e9's simultaneous bound allows (Peterson, Cahya and del Castillo 2002)."
-        ),
-        "box_hunter": f"Box and Hunter's region ({level}) of the stationary point, where it lies inside the bounds.",
-        "simulation set": f"Posterior set: the best settings of the {level} deepest draws of the coefficients.",
-    }
-    return " ".join(texts[region.method] for region in regions)
-
-
-def _location_figure(analysis: Analysis, regions: Sequence[LocationRegion]) -> list[Block]:
-    pairs = chosen_pairs(analysis)
-    if not pairs:
-        return []
-    panels = []
-    for x, y in pairs:
-        names = [readable(analysis.region.names[j]) for j in (x, y)]
-        ends = "; ".join(
-            f"{LOCATION_METHODS[region.method]}: {names[0]} {location_text(region, x)}, "
-            f"{names[1]} {location_text(region, y)}"
-            for region in regions
-        )
-        panels.append(
-            Panel(
-                f"{names[1]} against {names[0]}",
-                f"Settings that may be the best, seen along {names[0]} (across) and {names[1]} (up). {ends}.",
-                partial(location_panel, analysis, regions, x, y),
-                name=slug(f"location {names[1]} against {names[0]}"),
-                data=partial(_location_data, analysis, regions, x, y),
-            )
-        )
-    caption = (
-        "Settings that may be the best, in pairs of factors: a point belongs to a region at some setting of the "
-        f"others. Lines are hulls. {capital(location_key(regions))}; star: recommended settings."
-    )
-    total = len(list(itertools.combinations(analysis.region.numeric, 2)))
-    if len(pairs) < total:
-        caption += f" Of {total} pairs the {MAX_PAIRS} of the most important factors are drawn."
-    return [FigureBlock(tuple(panels), caption, columns=3)]
-
-
-def _location_data(analysis: Analysis, regions: Sequence[LocationRegion], x: int, y: int) -> PanelData:
-    names = [analysis.region.names[j] for j in (x, y)]
-    rows = [
-        (LOCATION_METHODS[region.method], float(settings[names[0]]), float(settings[names[1]]))
-        for region in regions
-        for settings in analysis.region.decode(region.points)
-    ]
-    return PanelData(("region", *(axis_label(analysis.region.factors[j]) for j in (x, y))), tuple(rows))
+def paths_section(analysis: Analysis, key: str) -> Section | None:
+    """Ways over the fitted surface; None without a study, or where there is none."""
+    found = () if analysis.study is None else tuple(_paths(analysis, analysis.study))
+    return Section(f"{key}-paths", "Ways over the fitted surface", found) if found else None
 
 
 def _paths(analysis: Analysis, study: Study) -> list[Block]:
