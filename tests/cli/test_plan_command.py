@@ -95,7 +95,7 @@ def test_page_works_offline_and_shows_the_numbers(scored: Path, document: dict, 
     n, model = document["max_runs"], model_of(document, 2, 0, 1)
     s = float(f"{document['s']:.3g}")
     drop = float(f"{document['drop']:.3g}")
-    width, lost = re.search(r"half-width ± ([\d.]+); expected loss about ([\d.e-]+)", said).groups()  # type: ignore[union-attr]
+    width, lost = re.search(r"half-width ± ([\d.]+); expected loss at least ([\d.e-]+)", said).groups()  # type: ignore[union-attr]
     assert float(width) == pytest.approx(half_width_of(document, model, n, s), rel=6e-3)
     assert float(lost) == pytest.approx(loss_of(model, n, s, drop), rel=6e-3)
     (reached,) = re.findall(r"reached from (\d+) runs", said)

@@ -4,7 +4,7 @@
     var holder = document.createElement("div");
     holder.innerHTML = "<svg></svg>";
     var NS = holder.firstChild.namespaceURI, W = 640, H = 300, LEFT = 60, BOTTOM = 40, TOP = 12, RIGHT = 16;
-    var data = JSON.parse(box.querySelector("script").textContent), unit = data.unit ? " " + data.unit : "";
+    var data = JSON.parse(box.querySelector("script").textContent), unit = data.unit ? " " + data.unit : "", head = data.unit ? " [" + data.unit + "]" : "";
     var most = Math.max(3 * data.max_runs, 60), controls = box.querySelector(".controls"), fields = {};
     function add(parent, name, attributes, text) {
       var svg = parent.namespaceURI === NS || name === "svg";
@@ -27,11 +27,11 @@
     data.factors.forEach(function (name, j) { control("factor-" + j, "vary " + data.labels[j], true, { type: "checkbox" }); });
     control("order", "second order (else first)", data.order === 2, { type: "checkbox" });
     control("runs", "runs", data.max_runs, { type: "range", min: 4, max: most, step: 1 });
-    control("target", "target half-width" + unit, data.half_width, { type: "number", min: 0, step: "any" });
-    control("s", "standard deviation of a run" + unit, short(data.s || guess), { type: "number", min: 0, step: "any" });
-    control("drop", "fall of the score to the end of a factor" + unit, short(data.drop || 4 * guess),
+    control("target", "target half-width" + head, data.half_width, { type: "number", min: 0, step: "any" });
+    control("s", "standard deviation of a run" + head, short(data.s || guess), { type: "number", min: 0, step: "any" });
+    control("drop", "fall of the score to the end of a factor" + head, short(data.drop || 4 * guess),
       { type: "number", min: 0, step: "any" });
-    control("cost", "cost of a run" + (data.cost_unit ? " " + data.cost_unit : ""), data.cost,
+    control("cost", "cost of a run" + (data.cost_unit ? " [" + data.cost_unit + "]" : ""), data.cost,
       { type: "number", min: 0, step: "any" });
     // The formulas of seqrsm.campaign.plan: half_width_of, loss_of and the interpolation between designs.
     function between(designs, n, column) {
@@ -75,7 +75,7 @@
       fields.runs.setAttribute("aria-valuetext", n + " runs");
       box.querySelector(".said").textContent = n + " runs, " + model.p + " terms: " +
         (isFinite(width) ? "half-width \u00b1 " + short(width) + unit : "too few runs for a half-width") +
-        (isNaN(lost) ? "" : "; expected loss about " + short(lost) + unit) +
+        (isNaN(lost) ? "" : "; expected loss at least " + short(lost) + unit) +
         "; cost " + short(n * Number(fields.cost.value)) + (data.cost_unit ? " " + data.cost_unit : "") +
         (first ? ". The target is reached from " + first + " runs on."
           : ". The target is not reached by " + most + " runs: fewer factors, first order, or a wider target.");
@@ -99,7 +99,7 @@
         add(svg, "text", { x: LEFT - 6, y: y(at) + 4, "text-anchor": "end" }, short(at));
       });
       add(svg, "text", { x: (LEFT + W) / 2, y: H - 6, "text-anchor": "middle" }, "runs");
-      add(svg, "text", { x: LEFT + 6, y: TOP + 10 }, "half-width" + unit + " (dashed: target)");
+      add(svg, "text", { x: LEFT + 6, y: TOP + 10 }, "half-width" + head + ", dashed: target");
     }
     draw();
   });
