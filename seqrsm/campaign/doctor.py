@@ -48,7 +48,6 @@ def _warm_up() -> dict[str, float]:
     from seqrsm.design.optimal import optimal_design
     from seqrsm.design.quadratic import QuadraticModel
     from seqrsm.design.region import Region
-    from seqrsm.design.split_plot import plot_sizes, split_plot_design
     from seqrsm.scattering.emissivity import load_emissivity_table
     from seqrsm.scattering.sigma0 import load_sigma0_table
     from seqrsm.scene.synthetic import Terrain, synthetic_scene
@@ -62,7 +61,6 @@ def _warm_up() -> dict[str, float]:
     factors = (ContinuousFactor("x", -1.0, 1.0), ContinuousFactor("y", -1.0, 1.0))
     model, region = QuadraticModel(factors), Region(factors)
     optimal_design(model, region, 8, "G", seed=0, starts=2)  # begins with a D-optimal one
-    split_plot_design(model, region, plot_sizes(8, 4), (0,))
     designed = time.perf_counter()
     scene = synthetic_scene(60, 60, 10.0, categories=("Grass", "Trees"), terrain=Terrain(20.0))
     radar = from_settings(

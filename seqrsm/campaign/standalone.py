@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from seqrsm.arrays import FloatArray, IntArray
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.form import factor_columns
 from seqrsm.design import classical
 from seqrsm.design.constraints import Constraint
@@ -19,7 +19,6 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.design.split_plot import FIXED_BLOCKS, plot_sizes, split_plot_design
 from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
 from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
@@ -65,16 +64,11 @@ class DesignRequest:
         Runs at the centre.
     prior_runs : Path or None
         CSV of runs already made, a column for each factor.
-    blocks, plots : int
-        Fixed blocks; plots (flights) that keep the factors ``hard``.
-    hard : tuple of str
-    variance_ratio : float
-        Variance between plots over that between runs.
     if_possible : float or None
         Prior standard deviation, in those of a run, of the terms of second order, which are then estimated if possible.
     seed : int
     random_order : bool
-        Rows in random order, plots or blocks and the runs in them apart; else as the design is made.
+        Rows in random order; else as the design is made.
     """
 
     factors: int | None = None
@@ -86,10 +80,6 @@ class DesignRequest:
     order: int = 2
     centre: int | None = None
     prior_runs: Path | None = None
-    blocks: int = 0
-    plots: int = 0
-    hard: tuple[str, ...] = ()
-    variance_ratio: float = 1.0
     if_possible: float | None = None
     seed: int = 1979
     random_order: bool = False
@@ -225,47 +215,25 @@ def _if_possible(request: DesignRequest, model: QuadraticModel) -> FloatArray | 
 
 def _optimal(
     request: DesignRequest, model: QuadraticModel, region: Region, prior: FloatArray
-) -> tuple[FloatArray, IntArray, dict[str, Any]]:
-    """Points, plot of each run (empty without plots), and what the search tells."""
+) -> tuple[FloatArray, dict[str, Any]]:
+    """Points, and what the search tells."""
     if request.runs is None:
         raise _wrong("the number of runs is missing", f"Give --runs, {model.p} or more.", "--runs")
     if (request.centre or 0) >= request.runs:
         remedy = "Give fewer, or more --runs: these count the runs at the centre."
         raise _wrong("no run is left beside those at the centre", remedy, "--centre", request.centre)
-    criterion, none = _criterion(request.criterion), np.empty(0, dtype=np.int64)
-    n_plots = request.blocks or request.plots
-    if not n_plots:
-        if request.hard:
-            raise _wrong("hard-to-change factors need plots", "Give --plots, say the number of flights.", "--plots")
-        repeats = np.tile(region.centre(), (request.centre or 0, 1))
-        design = optimal_design(
-            model,
-            region,
-            request.runs - len(repeats),
-            criterion,
-            seed=request.seed,
-            fixed=np.vstack([prior, repeats]),
-            prior_precision=_if_possible(request, model),
-        )
-        told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
-        return np.vstack([repeats, design.points]), none, told
-    if request.blocks and (request.plots or request.hard):
-        remedy = "Give --blocks for days, or --plots with --hard for flights."
-        raise _wrong("blocks and plots exclude each other", remedy, "--blocks", request.blocks)
-    if criterion != "D" or len(prior) or request.centre or request.if_possible is not None:
-        what = "Designs in blocks or plots are D-optimal, without prior or centre runs."
-        raise _wrong("this option does not go with blocks or plots", what, "--blocks" if request.blocks else "--plots")
-    if not request.variance_ratio >= 0.0 or not np.isfinite(request.variance_ratio):
-        remedy = "Give 0 or more, for instance 1."
-        raise _wrong("the variance ratio is impossible", remedy, "--variance-ratio", request.variance_ratio)
-    unknown = [name for name in request.hard if name not in region.names]
-    if unknown:
-        known = ", ".join(region.names)
-        raise _wrong("a hard-to-change factor is not among the factors", f"Known: {known}.", "--hard", unknown[0])
-    plots = plot_sizes(request.runs, n_plots)
-    hard = tuple(region.names.index(name) for name in request.hard)
-    eta = FIXED_BLOCKS if request.blocks else request.variance_ratio
-    return split_plot_design(model, region, plots, hard, eta, request.seed), plots, {"seed": request.seed}
+    repeats = np.tile(region.centre(), (request.centre or 0, 1))
+    design = optimal_design(
+        model,
+        region,
+        request.runs - len(repeats),
+        _criterion(request.criterion),
+        seed=request.seed,
+        fixed=np.vstack([prior, repeats]),
+        prior_precision=_if_possible(request, model),
+    )
+    told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
+    return np.vstack([repeats, design.points]), told
 
 
 def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[str, Any]:
@@ -275,7 +243,7 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
     ----------
     request : DesignRequest
     out : Path, optional
-        CSV of the new runs: natural settings, and their block or plot.
+        CSV of the new runs, natural settings.
 
     Returns
     -------
@@ -295,16 +263,13 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
     region = Region(factors, tuple(Constraint(text) for text in request.constraints))
     model = QuadraticModel(factors, 1 if request.order == 1 else 2)
     prior = read_prior_runs(request.prior_runs, region) if request.prior_runs else np.empty((0, region.k))
-    plots, told = np.empty(0, dtype=np.int64), {"seed": request.seed}
+    told: dict[str, Any] = {"seed": request.seed}
     if request.kind == "optimal":
-        points, plots, told = _optimal(request, model, region, prior)
+        points, told = _optimal(request, model, region, prior)
     else:
         points = _classical(request, factors, request.runs)
         if request.kind == "fractional":
             told |= _relation(region, (request.runs or 0) - (request.centre or 0))
-        if request.blocks or request.plots or request.hard:
-            remedy = "Use an optimal design (--design optimal)."
-            raise _wrong("classical designs come without blocks and plots", remedy, "--design", request.kind)
         out_of_region = np.flatnonzero(~region.feasible(points)) if request.constraints else np.empty(0)
         if len(out_of_region):
             raise DesignError(
@@ -316,21 +281,11 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
                 )
             )
     if request.random_order:
-        points, plots = _in_random_order(points, plots, request.seed)
+        points = points[generator(request.seed, 0, "order of runs").permutation(len(points))]
     if out is not None:
-        _write(out, region, points, plots, "block" if request.blocks else "plot")
+        _write(out, region, points)
     report = evaluate_design(model, region, np.vstack([prior, points]))
-    return _document(request, model, region, points, plots, prior, report, told)
-
-
-def _in_random_order(points: FloatArray, plots: IntArray, seed: int) -> tuple[FloatArray, IntArray]:
-    """Runs in random order; plots, which stay whole, are shuffled and numbered anew, and the runs within each."""
-    rng = generator(seed, 0, "order of runs")
-    if not len(plots):
-        return points[rng.permutation(len(points))], plots
-    place = rng.permutation(int(plots.max()) + 1)[plots]
-    order = np.lexsort((rng.random(len(points)), place))
-    return points[order], place[order]
+    return _document(request, model, region, points, prior, report, told)
 
 
 def _document(
@@ -338,7 +293,6 @@ def _document(
     model: QuadraticModel,
     region: Region,
     points: FloatArray,
-    plots: IntArray,
     prior: FloatArray,
     report: DesignReport,
     told: dict[str, Any],
@@ -364,7 +318,6 @@ def _document(
         "run_order": "random" if request.random_order else "standard",
         "points": points.tolist(),
         "settings": region.decode(points),
-        "block" if request.blocks else "plot": (plots + 1).tolist() if len(plots) else None,
         "d_efficiency": report.d_efficiency,
         "i_efficiency": report.i_efficiency,
         "g_efficiency": _number(report.g_efficiency),
@@ -388,15 +341,14 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _write(out: Path, region: Region, points: FloatArray, plots: IntArray, column: str) -> None:
+def _write(out: Path, region: Region, points: FloatArray) -> None:
     names: Sequence[str] = region.names
     try:
         with out.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow([*([column] if len(plots) else []), *names])
-            for i, settings in enumerate(region.decode(points)):
+            writer.writerow(names)
+            for settings in region.decode(points):
                 cells = [settings[name] for name in names]
-                row = [cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells]
-                writer.writerow([*([int(plots[i]) + 1] if len(plots) else []), *row])
+                writer.writerow([cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells])
     except OSError as error:
         raise UserError(Problem(f"cannot write the file: {error.strerror}", file=str(out))) from error

@@ -143,13 +143,11 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
 
 def show_design(result: Mapping[str, Any]) -> None:
     """A stand-alone design and its quality."""
-    plots = result.get("block") or result.get("plot")
-    head = "block" if result.get("block") else "plot"
     rows = []
     for i, settings in enumerate(result["settings"]):
         cells = [value if isinstance(value, str) else f"{round(value, 4) + 0.0:.5g}" for value in settings.values()]
-        rows.append([str(i + 1), *([str(plots[i])] if plots else []), *cells])
-    show_table(["run", *([head] if plots else []), *result["names"]], rows)
+        rows.append([str(i + 1), *cells])
+    show_table(["run", *result["names"]], rows)
     if result["prior_runs"]:
         line(f"together with {result['prior_runs']} runs made before:")
     for name, value in result.items():

@@ -36,10 +36,6 @@ def design(
     prior_runs: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV of runs already made: the design completes them.")
     ] = None,
-    blocks: Annotated[int, typer.Option(min=0, help="Blocks, such as days.")] = 0,
-    plots: Annotated[int, typer.Option(min=0, help="Plots, such as flights, that keep the --hard factors.")] = 0,
-    hard: Annotated[list[str] | None, typer.Option(metavar="NAME", help="A factor that is hard to change.")] = None,
-    variance_ratio: Annotated[float, typer.Option(help="Variance between plots over that between runs.")] = 1.0,
     if_possible: Annotated[
         float | None,
         typer.Option(metavar="SD", help="Estimate second-order terms if possible: their prior sd, in sd of a run."),
@@ -49,7 +45,7 @@ def design(
         Path | None, typer.Option(metavar="FILE", help="Prediction variance over the region (.png, .svg, .pdf).")
     ] = None,
     random_order: Annotated[
-        bool, typer.Option("--random-order", help="Rows in the order to carry them out: random, plots kept whole.")
+        bool, typer.Option("--random-order", help="Rows in random order, as to be carried out.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the search and of the random order.")] = 1979,
     as_json: AsJson = False,
@@ -60,7 +56,7 @@ def design(
 
     request = DesignRequest(
         factors, tuple(factor or ()), tuple(constraint or ()), runs, kind, criterion, order, centre, prior_runs,
-        blocks, plots, tuple(hard or ()), variance_ratio, if_possible, seed, random_order,
+        if_possible, seed, random_order,
     )  # fmt: skip
     with display("searching"):
         result: dict[str, Any] = standalone_design(request, csv)

@@ -23,7 +23,6 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.optimal import optimal_design, start_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.design.split_plot import split_plot_design
 
 DATA = Path(__file__).parents[1] / "reference" / "data"
 FIELDS = ("kind", "k", "levels", "N", "criterion", "seed", "known", "reached", "cpu_s", "hits", "starts")
@@ -49,11 +48,9 @@ def tasks(seeds: int) -> Iterator[tuple[str, int, str, int, str, int, float]]:
                     known = float(row[column])
                     yield "table", int(row["k"]), row["categorical_levels"], int(row["N"]), criterion, seed, known
     golden = json.loads((DATA / "optimal_designs_golden.json").read_text(encoding="utf-8"))
-    for kind, value in (("bayes", "value"), ("splitplot", "logdet")):
-        for number, case in enumerate(golden[kind]):
-            for seed in range(seeds):
-                n = int(case["N"]) if kind == "bayes" else int(case["n_whole_plots"]) * int(case["runs_per_plot"])
-                yield kind, int(case["k"]), str(number), n, "D", seed, float(case[value])
+    for number, case in enumerate(golden["bayes"]):
+        for seed in range(seeds):
+            yield "bayes", int(case["k"]), str(number), int(case["N"]), "D", seed, float(case["value"])
 
 
 def search(kind: str, k: int, levels: str, n: int, criterion: str, seed: int) -> tuple[float, float, int, int]:
@@ -67,16 +64,9 @@ def search(kind: str, k: int, levels: str, n: int, criterion: str, seed: int) ->
         return value, seconds, design.hits, design.starts
     golden = json.loads((DATA / "optimal_designs_golden.json").read_text(encoding="utf-8"))
     case = golden[kind][int(levels)]
-    if kind == "bayes":
-        prior = case["prior_precision"] * np.diag([0.0] + [1.0] * (model.p - 1))
-        design = optimal_design(model, region, n, seed=seed, prior_precision=prior)
-        return design.log_det, time.process_time() - began, design.hits, design.starts
-    plots = np.repeat(np.arange(case["n_whole_plots"]), case["runs_per_plot"])
-    points = split_plot_design(model, region, plots, tuple(range(case["k_hard"])), case["eta"], seed=seed)
-    seconds = time.process_time() - began
-    Z = model.matrix(points)
-    V = np.eye(n) + case["eta"] * (plots[:, None] == plots[None, :])
-    return float(np.linalg.slogdet(Z.T @ np.linalg.solve(V, Z))[1]), seconds, 0, 0
+    prior = case["prior_precision"] * np.diag([0.0] + [1.0] * (model.p - 1))
+    design = optimal_design(model, region, n, seed=seed, prior_precision=prior)
+    return design.log_det, time.process_time() - began, design.hits, design.starts
 
 
 def shortfall(row: dict[str, str]) -> float:
@@ -91,15 +81,15 @@ def limit(row: dict[str, str]) -> float:
     """What the project allows."""
     k = int(row["k"])
     if row["kind"] != "table":
-        return 1e-6 if row["kind"] == "bayes" else 1e-4
+        return 1e-6
     return {"D": 1e-6 if k <= 4 else 1e-3, "I": 1e-3, "G": 0.5 if k <= 3 else 2.0}[row["criterion"]]
 
 
 HEAD = """# Optimal designs against the best known
 
 `OPENBLAS_NUM_THREADS=1 python tests/benchmarks/bench_design.py` makes this page: every row of
-`tests/reference/data/optimal_designs.csv` for each criterion it has a value for, and the golden Bayesian and split-plot
-designs, by the defaults of `optimal_design` and `split_plot_design`. A row counts as reached where the *worst* of its
+`tests/reference/data/optimal_designs.csv` for each criterion it has a value for, and the golden Bayesian designs,
+by the defaults of `optimal_design`. A row counts as reached where the *worst* of its
 seeds is within the limit. Shortfall: D and I as a share of the best known value, G in points of efficiency, golden
 designs in log|M|; negative is better than the best known. For G with k >= 4 the table has for most N only a lower bound
 (the G-efficiency of a design that was sought by another criterion). Times are CPU seconds of one search on one core
@@ -125,7 +115,7 @@ def write(rows: list[dict[str, str]], folder: Path) -> None:
         bound = limit(group[0])
         good = sum(value <= bound for value in worst.values())
         seconds = [float(row["cpu_s"]) for row in group]
-        name = {"table": criterion, "bayes": "Bayesian D", "splitplot": "split-plot D"}[kind]
+        name = {"table": criterion, "bayes": "Bayesian D"}[kind]
         name += " with a category" if mixed else ""
         asked = f"{SECONDS[k]:g}" if kind == "table" and not mixed else ""
         lines.append(
@@ -179,7 +169,6 @@ def main() -> None:
     optimal_design(*build(1, "2"), 6, "I", starts=2)
     for k in (1, 2):
         optimal_design(*build(k), 7, "G", starts=2)
-    split_plot_design(*build(1), np.repeat(np.arange(4), 2), (0,))
     with path.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, FIELDS)
         if not rows:

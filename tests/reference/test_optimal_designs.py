@@ -15,7 +15,6 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.design.split_plot import split_plot_design
 
 DATA = Path(__file__).parent / "data"
 with (DATA / "optimal_designs.csv").open() as _file:
@@ -108,20 +107,6 @@ def test_bayesian_designs_reach_the_best_known(case):
     design = optimal_design(model, region, case["N"], seed=2, prior_precision=prior)
     assert design.log_det >= case["value"] - 1e-6
     assert design.d_efficiency is None
-
-
-@pytest.mark.parametrize("case", GOLDEN["splitplot"], ids=lambda c: f"{c['n_whole_plots']}x{c['runs_per_plot']}")
-def test_split_plots_reach_the_best_known(case):
-    plots = np.repeat(np.arange(case["n_whole_plots"]), case["runs_per_plot"])
-    hard = tuple(range(case["k_hard"]))
-    points = split_plot_design(*build(case["k"]), plots, hard, case["eta"], seed=1)
-    V = np.eye(len(plots)) + case["eta"] * (plots[:, None] == plots[None, :])
-    Z = direct(points)
-    assert np.linalg.slogdet(Z.T @ np.linalg.solve(V, Z))[1] >= case["logdet"] - 1e-6
-    known = direct(np.array(case["X"]))
-    assert np.linalg.slogdet(known.T @ np.linalg.solve(V, known))[1] == pytest.approx(case["logdet"], abs=1e-6)
-    for j in hard:
-        assert all(np.ptp(points[plots == plot, j]) == 0.0 for plot in np.unique(plots))
 
 
 def base_points(case) -> np.ndarray:
