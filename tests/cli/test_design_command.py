@@ -95,7 +95,7 @@ def test_random_order_keeps_the_design(tmp_path) -> None:
     assert mixed["d_value"] == pytest.approx(plain["d_value"], rel=1e-12)
     with (tmp_path / "runs.csv").open(encoding="utf-8") as stream:
         assert [[float(cell) for cell in row] for row in list(csv.reader(stream))[1:]] == mixed["points"]
-    made("--factors", 3, "--runs", 12, "--csv", tmp_path / "steps.csv")
+    made("--factors", 3, "--design", "ccd-inscribed", "--csv", tmp_path / "steps.csv")
     cells = (tmp_path / "steps.csv").read_text(encoding="utf-8").replace("\n", ",").split(",")
     assert max(len(cell) for cell in cells) <= len("-0.123456789012")  # no dust such as 0.6000000000000001
     assert made("--factors", 2, "--design", "factorial3", "--random-order", "--seed", 4)["points"] != mixed["points"]
@@ -196,16 +196,6 @@ def test_mistakes_are_named(options, named) -> None:
     message = call(*options, code=2).stderr
     assert named in message
     assert "Traceback" not in message
-
-
-def test_blocks_leave_runs_for_the_terms() -> None:
-    """Twelve runs carry ten terms and the differences of three blocks, not of four: a block each says nothing."""
-    found = made("--factors", 3, "--runs", 12, "--blocks", 3)
-    blocks = np.array(found["block"])
-    assert np.linalg.matrix_rank(np.column_stack([quadratic(found["points"]), blocks == 2, blocks == 3])) == 12
-    for blocks_asked in (4, 12):
-        message = call("--factors", 3, "--runs", 12, "--blocks", blocks_asked, code=2).stderr
-        assert f"{10 + blocks_asked - 1} runs or more" in message
 
 
 def test_the_centre_leaves_runs_to_choose() -> None:
