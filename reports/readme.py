@@ -97,7 +97,7 @@ def _parts(lines: Sequence[str], kept: str) -> list[str]:
         stop = next((i for i in range(start + 1, len(lines)) if last and lines[i].strip().startswith(last)), len(lines))
         while stop > start and not lines[stop - 1]:
             stop -= 1
-        out += ["..."] * (start > at) + lines[start:stop]
+        out += ["..."] * (start > at) + list(lines[start:stop])
         at = stop
     return out + ["..."] * (at < len(lines))
 
@@ -124,11 +124,12 @@ def _answer(one: dict[str, Any], units: dict[str, str], *, alone: bool) -> str:
     future = best["prediction"]
     verdict = "the stop rule held" if one["stop"]["held"] else "the stop rule does not hold yet"
     if fresh is not None and not fresh["agrees"]:
-        verdict += f", but fresh runs contradict it: {fresh['interval']['low']:.1f} to {fresh['interval']['high']:.1f}"
+        verdict += f", but fresh runs contradict it: {fresh['interval']['low']:.3g} to {fresh['interval']['high']:.3g}"
     name = "" if alone else f"{one['application']}: "
+    scored = f"{best['mean']:.3g} {one['score_unit']}".rstrip()
     return (
-        f"{name}{settings}. Mean score {best['mean']:.1f} {one['score_unit']}; one "
-        f"future run {future['low']:.1f} to {future['high']:.1f} (95 % prediction interval); {one['n_runs']} runs, "
+        f"{name}{settings}. Mean score {scored}; one "
+        f"future run {future['low']:.3g} to {future['high']:.3g} (95 % prediction interval); {one['n_runs']} runs, "
         f"{verdict}."
     )
 

@@ -9,7 +9,7 @@ from seqrsm.analysis.ground import RANKED, ranked_values
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
 from seqrsm.report.rounding import format_significant
-from seqrsm.report.wording import half_width_text
+from seqrsm.report.wording import half_width_text, score_decimals
 from seqrsm.store.records import EventRecord
 
 _SHOWN = 8
@@ -37,12 +37,12 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         """Half-width where a share of the ground's variance is gone."""
         return half_width_text(analysis, math.sqrt(max(total**2 - share * best.of_ground**2, 0.0)))
 
-    unit = found[-1]["unit"]
+    unit, places = found[-1]["unit"], max(score_decimals(analysis), 0)
     rows = tuple(
         (
             value["category"],
             f"\u00b1 {format_significant(value['mean_sd'], 2)}{f' {unit}' if unit else ''}",
-            f"{value['up']:+.1f} / {value['down']:+.1f}",
+            f"{value['up']:+.{places}f} / {value['down']:+.{places}f}",
             f"{100.0 * value['share']:.0f} %",
             with_less(0.75 * value["share"]),
         )
