@@ -2,8 +2,7 @@
 
 Every number follows from optimal designs: of N runs over the factors that are kept, h = tr(moments (Z'Z)^-1) is the
 mean variance of the fitted score over the region, in those of a run, and the variances of the linear terms tell how far
-the estimated optimum lies from the true one. Half-width and loss follow by the formulas of `half_width_of` and
-`loss_of`, which a page evaluates in the same way.
+the estimated optimum lies from the true one. Half-width and loss are worked out from these by the page that shows them.
 """
 
 from __future__ import annotations
@@ -83,32 +82,6 @@ def plan(campaign: Campaign, progress: Callable[[int, int], None] = lambda done,
         "t": [round(float(x), 5) for x in t_quantile(np.arange(1, _MOST_DF + 1), spec.stop.level)],
         "models": models,
     }
-
-
-def half_width_of(document: dict[str, Any], model: dict[str, Any], n: int, s: float) -> float:
-    """Half-width of the watched interval after ``n`` runs; inf where they leave no degree of freedom."""
-    df = n - model["p"]
-    if df < 1:
-        return math.inf
-    t = document["t"][min(df, len(document["t"])) - 1]
-    return float(t * s * math.sqrt(document["share"] + _between(model["designs"], n, 1)))
-
-
-def loss_of(model: dict[str, Any], n: int, s: float, drop: float) -> float:
-    """Expected loss at the estimated optimum of a quadratic that falls by ``drop`` from its best to the ends.
-
-    With curvature 2 drop in each numeric factor and gradient variance s^2 g in all, it is s^2 g / (4 drop); nan for a
-    model of first order, whose optimum is a corner.
-    """
-    if model["order"] == 1 or n <= model["p"] or not drop > 0.0:
-        return math.nan
-    return float(min(s * s * _between(model["designs"], n, 2) / (4.0 * drop), drop * max(model["numeric"], 1)))
-
-
-def _between(designs: list[list[float]], n: int, column: int) -> float:
-    """N times a variance, straight between the designs and level beyond them, over N."""
-    places = [row[0] for row in designs]
-    return float(np.interp(n, places, [row[0] * row[column] for row in designs])) / n
 
 
 def _subsets(k: int) -> list[tuple[int, ...]]:

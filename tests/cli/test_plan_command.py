@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,35 @@ from measured_campaign import FREQUENCY, HEAD, MEASURED, POL, STOP, X, make, qua
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
-from seqrsm.campaign.plan import half_width_of, loss_of
 from seqrsm.cli.app import app
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+def half_width_of(document: dict[str, Any], model: dict[str, Any], n: int, s: float) -> float:
+    """Half-width of the watched interval after ``n`` runs; inf where they leave no degree of freedom."""
+    df = n - model["p"]
+    if df < 1:
+        return math.inf
+    t = document["t"][min(df, len(document["t"])) - 1]
+    return float(t * s * math.sqrt(document["share"] + _between(model["designs"], n, 1)))
+
+
+def loss_of(model: dict[str, Any], n: int, s: float, drop: float) -> float:
+    """Expected loss at the estimated optimum of a quadratic that falls by ``drop`` from its best to the ends.
+
+    With curvature 2 drop in each numeric factor and gradient variance s^2 g in all, it is s^2 g / (4 drop); nan for a
+    model of first order, whose optimum is a corner.
+    """
+    if model["order"] == 1 or n <= model["p"] or not drop > 0.0:
+        return math.nan
+    return float(min(s * s * _between(model["designs"], n, 2) / (4.0 * drop), drop * max(model["numeric"], 1)))
+
+
+def _between(designs: list[list[float]], n: int, column: int) -> float:
+    """N times a variance, straight between the designs and level beyond them, over N."""
+    places = [row[0] for row in designs]
+    return float(np.interp(n, places, [row[0] * row[column] for row in designs])) / n
 
 
 def planned(folder: Path) -> dict:

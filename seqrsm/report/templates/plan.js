@@ -33,7 +33,7 @@
       { type: "number", min: 0, step: "any" });
     control("cost", "cost of a run" + (data.cost_unit ? " [" + data.cost_unit + "]" : ""), data.cost,
       { type: "number", min: 0, step: "any" });
-    // The formulas of seqrsm.campaign.plan: half_width_of, loss_of and the interpolation between designs.
+    // N times a variance hardly changes with N: straight between the designs, level beyond them.
     function between(designs, n, column) {
       var value = designs[0][0] * designs[0][column];
       for (var i = 0; i < designs.length; i += 1) {
@@ -53,6 +53,8 @@
       if (df < 1) { return Infinity; }
       return data.t[Math.min(df, data.t.length) - 1] * s * Math.sqrt(data.share + between(model.designs, n, 1));
     }
+    // A quadratic of curvature 2 drop in each numeric factor and gradient variance s^2 g in all loses s^2 g / (4 drop)
+    // at its estimated optimum; the optimum of a first order is a corner.
     function loss(model, n, s, drop) {
       if (model.order === 1 || n <= model.p || !(drop > 0)) { return NaN; }
       return Math.min(s * s * between(model.designs, n, 2) / (4 * drop), drop * Math.max(model.numeric, 1));
