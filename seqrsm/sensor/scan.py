@@ -39,8 +39,8 @@ class ScanGeometry:
         Half-power beamwidth; reach of the sweep to either side [rad].
     sweep_advance_m, advance_m : float
         Way flown from one sweep to the next, and from one line of the image to the next [m].
-    sweep_time_s, dwell_ms : float
-        Time of one sweep [s]; time in which the beam moves by its own width [ms] (inf in the report's mode).
+    dwell_ms : float
+        Time in which the beam moves by its own width [ms] (inf in the report's mode).
     smear : float
         Way the beam moves while it integrates [beamwidths].
     look_rad : float64 array (n_samples,)
@@ -62,7 +62,6 @@ class ScanGeometry:
     half_angle_rad: float
     sweep_advance_m: float
     advance_m: float
-    sweep_time_s: float
     dwell_ms: float
     smear: float
     look_rad: FloatArray
@@ -73,17 +72,6 @@ class ScanGeometry:
     along: FloatArray
     across: FloatArray
     notes: tuple[str, ...]
-
-    @property
-    def footprint_across_m(self) -> FloatArray:
-        """Length of each footprint of a line in the direction of the sweep, without smear [m]."""
-        half = 0.5 * self.beamwidth_rad
-        return np.asarray(self.height_m * (np.tan(self.look_rad + half) - np.tan(self.look_rad - half)))
-
-    @property
-    def footprint_along_m(self) -> FloatArray:
-        """Width of each footprint of a line along the track [m]."""
-        return np.asarray(2.0 * self.height_m * math.tan(0.5 * self.beamwidth_rad) / np.cos(self.look_rad))
 
 
 def scan_geometry(
@@ -141,7 +129,6 @@ def scan_geometry(
         half_angle_rad=half_angle,
         sweep_advance_m=advance,
         advance_m=advance * sweeps_a_line,
-        sweep_time_s=sweep_time,
         dwell_ms=dwell_ms,
         smear=smear,
         look_rad=np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * step, dtype=np.float64),

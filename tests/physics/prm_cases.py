@@ -36,6 +36,17 @@ class Table:
         )  # fmt: skip
 
 
+def footprint_across_m(scan) -> np.ndarray:
+    """Length of each footprint of a line in the direction of the sweep, without smear [m]."""
+    half = 0.5 * scan.beamwidth_rad
+    return scan.height_m * (np.tan(scan.look_rad + half) - np.tan(scan.look_rad - half))
+
+
+def footprint_along_m(scan) -> np.ndarray:
+    """Width of each footprint of a line along the track [m]."""
+    return 2.0 * scan.height_m * np.tan(0.5 * scan.beamwidth_rad) / np.cos(scan.look_rad)
+
+
 def radiometer(**changes) -> RadiometerConfiguration:
     given = {
         "frequency_ghz": 10.0,

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from prm_cases import Table, image, isothermal_air, mapped, radiometer, scene
+from prm_cases import Table, footprint_across_m, image, isothermal_air, mapped, radiometer, scene
 
 from seqrsm.errors import ConfigurationError, SceneError
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
@@ -202,4 +202,4 @@ def test_grazing_and_vertical_looks_stay_finite():
     assert np.isfinite(found.mean_k[:, reached]).all()
     beyond = np.abs(found.scan.look_rad) > np.arctan(1600.0 / 6000.0) + 2.0 * found.scan.beamwidth_rad
     assert np.isnan(found.mean_k[:, beyond]).all()
-    assert math.isfinite(float(found.scan.footprint_across_m.max()))
+    assert math.isfinite(float(footprint_across_m(found.scan).max()))

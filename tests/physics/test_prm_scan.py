@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from prm_cases import Table, image, radiometer, scene, small_score
+from prm_cases import Table, footprint_across_m, footprint_along_m, image, radiometer, scene, small_score
 
 from seqrsm.errors import ConfigurationError
 from seqrsm.scattering.emissivity import load_emissivity_table
@@ -23,7 +23,7 @@ def test_footprint_at_nadir_is_the_square_of_the_resolution():
         scan = scan_geometry(r, height, 2.0 * height, 3.0 * height)
         middle = len(scan.look_rad) // 2
         assert scan.look_rad[middle] == 0.0
-        assert scan.footprint_across_m[middle] * scan.footprint_along_m[middle] == pytest.approx(
+        assert footprint_across_m(scan)[middle] * footprint_along_m(scan)[middle] == pytest.approx(
             r.resolution_m**2, rel=1e-12
         )
 
@@ -32,9 +32,9 @@ def test_footprints_lengthen_and_widen_to_the_sides():
     scan = scan_geometry(radiometer(), 1000.0, 2000.0, 1000.0)
     k = len(scan.look_rad) - 1
     phi, half = scan.look_rad[k], 0.5 * scan.beamwidth_rad
-    assert scan.footprint_across_m[k] == pytest.approx(1000.0 * (math.tan(phi + half) - math.tan(phi - half)))
-    assert scan.footprint_along_m[k] == pytest.approx(50.0 / math.cos(phi))
-    assert scan.footprint_across_m[k] / 50.0 == pytest.approx(1.0 / math.cos(phi) ** 2, rel=0.01)
+    assert footprint_across_m(scan)[k] == pytest.approx(1000.0 * (math.tan(phi + half) - math.tan(phi - half)))
+    assert footprint_along_m(scan)[k] == pytest.approx(50.0 / math.cos(phi))
+    assert footprint_across_m(scan)[k] / 50.0 == pytest.approx(1.0 / math.cos(phi) ** 2, rel=0.01)
     # Neighbours of one line touch and do not overlap.
     edges = np.tan(scan.look_rad + half)[:-1], np.tan(scan.look_rad - half)[1:]
     np.testing.assert_allclose(*edges, atol=1e-12)
@@ -46,7 +46,7 @@ def test_coverage_sums_to_the_area_of_all_footprints():
     scan = found.scan
     # Footprints of the middle third of each line lie inside the scene whatever the line.
     inner = np.abs(scan.look_rad) < np.arctan(300.0 / 2000.0)
-    area = float((scan.footprint_across_m * scan.footprint_along_m)[inner].sum()) * scan.n_lines
+    area = float((footprint_across_m(scan) * footprint_along_m(scan))[inner].sum()) * scan.n_lines
     reach = 2000.0 * np.tan(np.abs(scan.look_rad[inner]).max() + 0.5 * scan.beamwidth_rad)
     y = (np.arange(200) - 99.5) * 5.0
     counted = found.coverage[np.abs(y) < reach].sum() * 25.0
