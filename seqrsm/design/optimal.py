@@ -100,7 +100,6 @@ def optimal_design(
     starts: int | None = None,
     fixed: FloatArray | None = None,
     prior_precision: FloatArray | None = None,
-    weight: FloatArray | None = None,
 ) -> Design:
     """Choose the runs that estimate the model best.
 
@@ -122,8 +121,6 @@ def optimal_design(
     prior_precision : ndarray (p, p), optional
         Precision of the coefficients before the runs, over the noise variance (R = sigma^2 Sigma^-1): Bayesian
         designs (DuMouchel & Jones 1994, Technometrics 36, 37-47), and fewer runs than terms.
-    weight : ndarray (p, p), optional
-        Takes the place of the moments of the region in criterion ``"I"``: any linear criterion tr(weight M^-1).
 
     Raises
     ------
@@ -141,7 +138,7 @@ def optimal_design(
         lost = inestimable_terms(model, region.candidates(limit=2000))
         if lost:
             raise _coinciding(lost)
-    moments = region_moments(model, region) if weight is None else np.asarray(weight, dtype=np.float64)
+    moments = region_moments(model, region)
     if criterion == "G":
         return _minimax(model, region, n_runs, kept, prior, moments, seed, starts)
     weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]

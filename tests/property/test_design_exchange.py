@@ -129,21 +129,6 @@ def test_box_moments_are_the_mean_over_a_fine_crossing():
     np.testing.assert_allclose(region_moments(MODEL, region), Z.T @ (Z * np.array(mass)[:, None]), atol=1e-15)
 
 
-def test_any_linear_criterion_may_be_given():
-    model = QuadraticModel(PLANE)
-    region, place = Region(PLANE), np.array([[0.2, -0.4]])
-    z = model.matrix(place)
-    weight = z.T @ z + 0.01 * region_moments(model, region)
-    focused = optimal_design(model, region, 10, "I", weight=weight, starts=60)
-    assert focused.value == pytest.approx(
-        float(np.trace(np.linalg.inv(model.matrix(focused.points).T @ model.matrix(focused.points)) @ weight)), rel=1e-9
-    )
-    plain = optimal_design(model, region, 10, "I", starts=60)
-    # N Var >= 1 for any model with an intercept.
-    at = [float(prediction_variance(model, d.points, place)[0]) for d in (focused, plain)]
-    assert 1.0 <= at[0] < 0.6 * at[1]
-
-
 def test_fewer_runs_than_terms_need_a_prior():
     region = Region(MIXED)
     with pytest.raises(DesignError, match=r"17 runs cannot estimate 18 terms"):
