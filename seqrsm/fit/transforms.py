@@ -48,9 +48,7 @@ class LogitScores:
     variance_unit: float
 
 
-def logit_scores(
-    percent: FloatArray, *, counts: FloatArray | None = None, se_percent: FloatArray | None = None
-) -> LogitScores:
+def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> LogitScores:
     """Logit of percent scores and delta-method weights.
 
     Parameters
@@ -60,16 +58,12 @@ def logit_scores(
     counts : ndarray (n,), optional
         Independent trials behind each score, > 0; nan where unknown. The empirical logit
         log((c + 1/2) / (m - c + 1/2)) with variance 1 / (c + 1/2) + 1 / (m - c + 1/2) is used for them.
-    se_percent : ndarray (n,), optional
-        Standard error of each score [%], > 0; nan where unknown. Used where no count is known, as
-        (se / 100)^2 / (p (1 - p))^2.
 
     Returns
     -------
     LogitScores
-        Where neither is known the variance is taken as equal on the percent scale, with the median of the standard
-        errors that are known (1 point if none is). Proportions without a count are clipped to 0.5 / n from the ends,
-        n = 200, so that 0 and 100 have finite logits and small weights.
+        Scores without a count have equal variance on the percent scale, (1 point)^2: 0.01^2 / (p (1 - p))^2 here. They
+        are clipped to 0.5 / n from the ends, n = 200, so that 0 and 100 have finite logits and small weights.
 
     Raises
     ------
@@ -83,25 +77,22 @@ def logit_scores(
         message = f"run {runs} (counted from 1) has a score outside 0 to 100 percent"
         raise FitError(Problem(message, 'use response = "identity" or correct the scores'))
     m = _or_nan(counts, percent)
-    se = _or_nan(se_percent, percent)
-    known = np.isfinite(se)
-    se = np.where(known, se, float(np.median(se[known])) if np.any(known) else 1.0)
     counted = np.isfinite(m)
     correct = percent / 100.0 * np.where(counted, m, NOMINAL_COUNT)
     wrong = np.where(counted, m, NOMINAL_COUNT) - correct
     p = clip_percent(percent) / 100.0
     value = np.where(counted, np.log((correct + 0.5) / (wrong + 0.5)), np.log(p / (1.0 - p)))
-    variance = np.where(counted, 1.0 / (correct + 0.5) + 1.0 / (wrong + 0.5), np.square(se / 100.0 / (p * (1.0 - p))))
+    variance = np.where(counted, 1.0 / (correct + 0.5) + 1.0 / (wrong + 0.5), np.square(0.01 / (p * (1.0 - p))))
     unit = float(1.0 / np.mean(1.0 / variance))
     return LogitScores(value, unit / variance, unit)
 
 
-def logit_variance(percent: FloatArray, *, count: float | None = None, se_percent: float = 1.0) -> FloatArray:
-    """Delta-method variance of the logit of a score expected at ``percent`` [%], by count or by standard error [%]."""
+def logit_variance(percent: FloatArray, *, count: float | None = None) -> FloatArray:
+    """Delta-method variance of the logit of a score expected at ``percent`` [%], by count or of 1 point."""
     p = clip_percent(percent) / 100.0
     if count is not None:
         return np.asarray(1.0 / (count * p + 0.5) + 1.0 / (count * (1.0 - p) + 0.5))
-    return np.asarray(np.square(se_percent / 100.0 / (p * (1.0 - p))))
+    return np.asarray(np.square(0.01 / (p * (1.0 - p))))
 
 
 def clip_percent(percent: FloatArray) -> FloatArray:

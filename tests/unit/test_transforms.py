@@ -31,14 +31,11 @@ def test_ends_without_counts_are_finite_and_light() -> None:
 
 
 def test_known_and_unknown_precision_mix() -> None:
-    y = np.array([60.0, 60.0, 60.0, 60.0])
-    counts = np.array([np.nan, 100.0, np.nan, np.nan])
-    se = np.array([2.0, 1.0, 4.0, np.nan])
-    scores = logit_scores(y, counts=counts, se_percent=se)
+    scores = logit_scores(np.array([60.0, 60.0]), counts=np.array([np.nan, 100.0]))
     variance = scores.variance_unit / scores.weight
-    np.testing.assert_allclose(variance[[0, 2, 3]], (np.array([2.0, 4.0, 2.0]) / 100 / 0.24) ** 2, rtol=1e-13)
+    assert variance[0] == pytest.approx((0.01 / 0.24) ** 2, rel=1e-13)
     assert variance[1] == pytest.approx(1 / 60.5 + 1 / 40.5, rel=1e-13)
-    assert logit_variance(np.array([60.0]), se_percent=4.0)[0] == pytest.approx(variance[2], rel=1e-13)
+    assert logit_variance(np.array([60.0]))[0] == pytest.approx(variance[0], rel=1e-13)
     assert logit_variance(np.array([60.0]), count=100.0)[0] == pytest.approx(variance[1], rel=1e-13)
 
 
