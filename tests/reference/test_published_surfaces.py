@@ -114,7 +114,6 @@ def test_odour_of_a_chemical(tmp_path: Path) -> None:
         assert point["natural"][name] == pytest.approx(want, abs=5e-7)
     assert point["inside_region"] is False
     assert found["optimum"]["at_bound"] == ["H (high)"]
-    assert [region["method"] for region in found["location"]] == ["scheffe", "simulation set"]  # no Box-Hunter outside
     ridge = [row["mean"] for row in found["ridge"]]
     assert ridge == sorted(ridge, reverse=True)  # goal: minimise
 
