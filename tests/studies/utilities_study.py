@@ -1,0 +1,177 @@
+"""What pixels, neighbourhoods and fields score over windows, and how well soil moisture is retrieved by band and cover.
+
+    OPENBLAS_NUM_THREADS=1 python tests/studies/utilities_study.py [--worlds 30]
+
+Writes ``reports/validation/utilities.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from seqrsm.scattering.calendar import canopy_share
+from seqrsm.scattering.emissivity import load_emissivity_table
+from seqrsm.scattering.sigma0 import load_sigma0_table
+from seqrsm.scattering.worlds import World
+from seqrsm.scene.file import load_scene
+from seqrsm.scene.scene import Scene
+from seqrsm.score.cover import percent_correct
+from seqrsm.score.moisture import score_moisture
+from seqrsm.score.utilities import asked_for
+from seqrsm.sensor import radar, radiometer
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radiometer.prm import simulate_radiometer
+from seqrsm.simulate.visits import Visit
+
+ROOT = Path(__file__).parents[2]
+SKILL, ERROR = asked_for("soil_moisture_skill"), asked_for("soil_moisture_error")
+WINDOWS = (1, 3, 7, 15)
+PIXEL_M = 5.0
+UNITS = ("pixel", "neighbourhood", "field")
+BANDS = (1.4, 2.7, 5.4, 10.7, 18.7)
+DAYS = {"Bareground": (None,), "Grass": (None,), "Corn": (150.0, 210.0), "Wheat": (120.0, 170.0), "Trees": (None,)}
+
+
+def shown(values: list[float], digits: int = 1) -> str:
+    """Mean and the half-width of its 95 % interval."""
+    half = 2.0 * np.std(values, ddof=1) / np.sqrt(len(values))
+    return f"{np.mean(values):.{digits}f} ± {half:.{digits}f}"
+
+
+def windows(worlds: int) -> list[str]:
+    """Percent correct over the multilook windows of a fine radar."""
+    scene = load_scene(ROOT / "campaigns" / "langegracht-radar" / "scene.npz")
+    lines = ["| band | window | looks | " + " | ".join(f"by {unit}" for unit in UNITS) + " |", "|" + "---|" * 6]
+    for name, frequency in (("L", 1.25), ("C", 5.4)):
+        for window in WINDOWS:
+            settings = {"frequency": frequency, "polarization": "HH+HV+VV", "depression_angle": 45.0}
+            one = radar.from_settings(
+                {**settings, "resolution": window * PIXEL_M},
+                {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 6000.0},
+            )
+            found: dict[str, list[float]] = {unit: [] for unit in UNITS}
+            for run in range(worlds):
+                table = load_sigma0_table().in_world(World(19, run))
+                image = simulate_radar(scene, one, table, seed=19, run_id=run)
+                for unit in UNITS:
+                    found[unit].append(percent_correct([image], scene, by=unit, seed=19, run_id=run).value)
+            cells = " | ".join(shown(found[unit]) for unit in UNITS)
+            lines.append(f"| {name} | {window} | {image.looks.mean():.0f} | {cells} |")
+    return lines
+
+
+def one_cover(cover: str) -> Scene:
+    """The valley's parcels all under one cover."""
+    scene = load_scene(ROOT / "campaigns" / "crops-and-moisture" / "scene.npz")
+    zeros = np.zeros_like(scene.cover)
+    return replace(scene, cover=zeros, categories=(cover,), scored=np.isfinite(scene.elevation_m), category_notes={})
+
+
+def skills(worlds: int) -> list[str]:
+    """Skill of a radiometer's moisture under one cover."""
+    head = "| cover | day | optical depth at 1.4 GHz | " + " | ".join(f"{f:g} GHz" for f in BANDS) + " |"
+    lines = [head, "|" + "---|" * (3 + len(BANDS))]
+    table = load_emissivity_table()
+    for cover, days in DAYS.items():
+        scene = one_cover(cover)
+        for day in days:
+            model = table.models[cover]
+            water = 1.0 if day is None else canopy_share(cover, day, "")
+            depth = water * model.tau_20ghz * (1.4 / 20.0) ** model.tau_exponent
+            cells = []
+            for frequency in BANDS:
+                one = radiometer.from_settings(
+                    {"frequency": frequency, "polarization": "H+V", "resolution": 100.0, "integration_time": 5.0},
+                    {"bandwidth": 25.0, "noise_temperature": 500.0, "scan_period": 1.0, "altitude_m": 1500.0,
+                     "speed_m_s": 60.0},
+                )  # fmt: skip
+                visit = Visit() if day is None else Visit((day,))
+                values = []
+                for run in range(worlds):
+                    own = table.in_world(World(19, run))
+                    image = simulate_radiometer(scene, one, own, seed=19, run_id=run, visit=visit)
+                    values.append(score_moisture([image], scene, SKILL, seed=19, run_id=run).value)
+                cells.append(shown(values, 2))
+            when = "season" if day is None else f"{day:.0f}"
+            lines.append(f"| {cover} | {when} | {depth:.2f} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def errors(worlds: int) -> list[str]:
+    """Error over the valley as it is, by a radiometer and on its bare fields by a radar."""
+    lines = ["| band [GHz] | radiometer, squares of 250 m [m3/m3] | radar, bare fields [m3/m3] |", "|---|---|---|"]
+    low, high = (load_scene(ROOT / "campaigns" / n / "scene.npz") for n in ("crops-and-moisture", "langegracht-radar"))
+    for frequency in BANDS:
+        passive = radiometer.from_settings(
+            {"frequency": frequency, "polarization": "H+V", "resolution": 100.0, "integration_time": 5.0},
+            {"bandwidth": 25.0, "noise_temperature": 500.0, "scan_period": 1.0, "altitude_m": 1500.0,
+             "speed_m_s": 60.0},
+        )  # fmt: skip
+        felt, seen = [], []
+        for run in range(worlds):
+            key, world = {"seed": 19, "run_id": run}, World(19, run)
+            image = simulate_radiometer(low, passive, load_emissivity_table().in_world(world), **key)
+            felt.append(score_moisture([image], low, ERROR, **key))
+            if frequency > 10.8:
+                continue
+            active = radar.from_settings(
+                {"frequency": max(frequency, 1.25), "polarization": "HH+VV", "resolution": 10.0,
+                 "depression_angle": 50.0},
+                {"bandwidth": 80.0, "peak_power": 300.0, "altitude_m": 6000.0, "soil_moisture_field_sd": 0.04,
+                 "soil_moisture_region_sd": 0.045},
+            )  # fmt: skip
+            pixels = simulate_radar(high, active, load_sigma0_table().in_world(world), **key)
+            seen.append(score_moisture([pixels], high, ERROR, **key))
+        cells = [
+            f"{shown([one.value for one in found], 3)} (a guess {found[0].guess:.3f})" if found else "-"
+            for found in (felt, seen)
+        ]
+        lines.append(f"| {frequency:g} | {cells[0]} | {cells[1]} |")
+    return lines
+
+
+def main() -> None:
+    """Run all and write the page."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--worlds", type=int, default=30)
+    worlds = parser.parse_args().worlds
+    parts = (
+        f"""# Utilities: covers by pixel and by field, soil moisture by band and cover
+
+Written by `python tests/studies/utilities_study.py --worlds {worlds}`; means over {worlds} worlds, each with an
+occasion of its own, with 95 % intervals.
+
+## Windows
+
+Percent of the Langegracht valley's ground named rightly by one Gaussian classifier, over multilook windows of a radar
+with pixels of {PIXEL_M:g} m. By pixel the score rises with the looks until windows straddle borders; by field
+it is best at the finest pixels, since the mean over a field has looks enough. On real C-band data windows of 1, 3, 7
+and 15 gave 59, 80, 87 and 87 % by pixel and 93, 93, 94 and 87 % by field: the curves differ in the same way, at higher
+levels.
+""",
+        *windows(worlds),
+        """
+## Soil moisture under one cover
+
+Skill of a radiometer with footprints of 100 m: share of the variance of the moisture of squares of 250 m that is
+retrieved (0 a guess, 1 perfect), with the valley's parcels all under one cover. Optical depths are the table's, which
+are assumed; the trees of Table 3 let far more through than forests do, so that their row is too good.
+""",
+        *skills(worlds),
+        """
+## Soil moisture of the valley
+
+Unbiased root mean square error over the covers as they are: a radiometer's by squares of 250 m, a radar's of
+bare fields.
+""",
+        *errors(worlds),
+    )
+    (ROOT / "reports" / "validation" / "utilities.md").write_text("\n".join(parts) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
