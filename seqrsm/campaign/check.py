@@ -134,7 +134,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     spread = float("nan")
     if spec.simulator is not None:
         combinations = check_simulator(spec)
-        noise, share, df, seconds, notes = _probe(spec, progress)
+        noise, share, df, seconds, notes = probe_noise(spec, progress)
         spread = float("nan") if analysis is not None else _spread(spec, noise)
         rule = replace(rule, ground_share=share)
         covers = scene_at(str(spec.scene_path)).categories
@@ -218,7 +218,7 @@ def _by_flights(rule: StopRule, noise: float) -> str:
     )
 
 
-def _probe(
+def probe_noise(
     spec: CampaignSpec, progress: Callable[[int, int], None]
 ) -> tuple[float, float, int, float, tuple[str, ...]]:
     """Noise, the ground's share of its variance, degrees of freedom, seconds of a simulated run, and notes."""

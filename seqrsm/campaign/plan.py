@@ -16,7 +16,7 @@ import numpy as np
 
 from seqrsm.analysis.conclude import stop_rule
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.check import _probe
+from seqrsm.campaign.check import probe_noise
 from seqrsm.decide.intervals import t_quantile
 from seqrsm.design.factors import Factor
 from seqrsm.design.moments import region_moments
@@ -125,6 +125,6 @@ def _noise(campaign: Campaign, progress: Callable[[int, int], None]) -> tuple[fl
                 f"the fit to {analysis.fit.n_runs} runs",
             )
     if spec.simulator is not None:
-        noise, share, df, *_ = _probe(spec, progress)
+        noise, share, df, *_ = probe_noise(spec, progress)
         return noise, None, share, f"simulations at the centre, {df} degrees of freedom"
     return None, None, 0.0, "nothing yet: move it"

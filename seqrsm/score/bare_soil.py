@@ -13,11 +13,12 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.score import kernels_classify
-from seqrsm.score.evidence import Evidence, evidence_of, pixels_of
+from seqrsm.score.evidence import Evidence, evidence_of
 from seqrsm.score.optimal import mahalanobis, posterior_mean
 from seqrsm.simulate.radar.ground import look_up
 from seqrsm.simulate.radar.occasion import nominal_ground_state
 from seqrsm.simulate.soil import moisture_spread
+from seqrsm.units import linear_to_db
 
 if TYPE_CHECKING:
     from seqrsm.scattering.sigma0 import Sigma0Lookup
@@ -97,13 +98,14 @@ def _expected_db(
     The covariance (n, n_channels, n_channels) is that of fields of one cover on one date: channels are related as the
     table has them; and speckle.
     """
-    pixels = pixels_of(image, scene, seed=0, run_id=0)
     n_azimuth = image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
     layers = np.repeat(rows, n_azimuth, axis=1)
     unit = evidence.unit_of_cell
     assert unit is not None
-    theta, noise, looks = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(evidence.counts))[:, units]
+    theta, noise, looks = kernels_classify.mean_of_pixels(unit, image.pixel_of_cell, layers, len(evidence.counts))[
+        :, units
+    ]
     kind = evidence.counts[units].argmax(axis=1)
     n_channels = len(image.radar.channels)
     found = np.empty((n_channels, len(units), len(FINE)))
@@ -127,4 +129,4 @@ def _expected_db(
 
 
 def _db(power: FloatArray) -> FloatArray:
-    return np.asarray(_DB * np.log(np.maximum(power, 1e-12)))
+    return linear_to_db(np.maximum(power, 1e-12))

@@ -18,10 +18,10 @@ from scipy import sparse
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
-from seqrsm.scene.layers import moisture_of_fields
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.optimal import mahalanobis, posterior_mean
 from seqrsm.simulate.radiometer.expected import ExpectedGround, expected_ground
+from seqrsm.simulate.soil import region_spread
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
@@ -89,8 +89,7 @@ def retrieved_moisture(
     ground = expected_ground(image, scene, pixel)
     radiometer = image.radiometer
     n_channels, n_pixels = len(image.brightness_k), image.brightness_k[0].size
-    layer = moisture_of_fields(scene)
-    spread = radiometer.soil_moisture_region_sd if layer is None else float(np.nanstd(layer))
+    spread = region_spread(scene, radiometer)
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
     middle = float(posterior_mean(_costs(image, ground, np.ones((1, n_pixels)) / n_pixels, None), GRID, centre, sd)[0])
@@ -121,7 +120,7 @@ def _scatter(
     found = np.zeros(away_k.shape[1])
     for s, own in enumerate(ground.samples):
         expected = _expected_k(image, ground, s)
-        slope = (expected[:, :, -1] - expected[:, :, 0]) / (GRID[-1] - GRID[0])
+        slope = _slope(expected)
         covariance = _covariance(image, ground, s, slope, common=False)
         covariance += spread**2 * slope.T[:, :, None] * slope.T[:, None, :]
         found[own] = mahalanobis(np.nan_to_num(away_k[:, own, None]), covariance)[:, 0]
@@ -154,8 +153,7 @@ def _costs(
     for s, own in enumerate(ground.samples):
         expected = _expected_k(image, ground, s)
         away = image.brightness_k[:, s, :, None] - expected - (0.0 if level_k is None else level_k[:, own, None])
-        slope = (expected[:, :, -1] - expected[:, :, 0]) / (GRID[-1] - GRID[0])
-        cost = mahalanobis(away, _covariance(image, ground, s, slope, common=level_k is None))
+        cost = mahalanobis(away, _covariance(image, ground, s, _slope(expected), common=level_k is None))
         total += weights[:, own] @ np.where(np.isfinite(cost), cost, 0.0)
     return total
 
@@ -173,6 +171,11 @@ def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int) -> 
             e = e[:, k] * (1.0 - (place - k)) + e[:, k + 1] * (place - k)
         layer[:] = up + through * (e * radiation_equivalent_k(warm, ground.planck_k)[:, None] + (1.0 - e) * sky)
     return ground.planck_k / np.log1p(ground.planck_k / out) if ground.planck_k > 0.0 else out
+
+
+def _slope(expected_k: FloatArray) -> FloatArray:
+    """Change of brightness (n_channels, n_lines) by moisture, over all of `GRID` [K / (m3/m3)]."""
+    return np.asarray((expected_k[:, :, -1] - expected_k[:, :, 0]) / (GRID[-1] - GRID[0]))
 
 
 def _at_angle(lookup: EmissivityLookup, theta_deg: float) -> FloatArray:

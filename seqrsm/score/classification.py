@@ -74,7 +74,28 @@ class Classified:
     taught: AnyArray
 
 
-def classify(evidence: Evidence, favoured: Sequence[int] = (), bonus: float = 0.0) -> Classified:
+@dataclass(frozen=True, slots=True, eq=False)
+class Taught:
+    """What the halves of the tiles teach.
+
+    Attributes
+    ----------
+    seen : bool array (n_tiles,)
+        Tiles that hold scored cells.
+    half : int64 array (n_tiles,)
+    laws : tuple of float64 array
+        Centres, scales, scales of the covariates and constants of the classes' laws, by the half that they test.
+    classes : bool array (n_classes,)
+        Classes that either half could teach.
+    """
+
+    seen: AnyArray
+    half: IntArray
+    laws: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+    classes: AnyArray
+
+
+def classify(evidence: Evidence) -> Classified:
     """Name each unit of ground by what the other half of the tiles taught.
 
     Tiles are split at random into two halves; each half is classified by what the other taught, so all ground is tested
@@ -87,21 +108,30 @@ def classify(evidence: Evidence, favoured: Sequence[int] = (), bonus: float = 0.
     ----------
     evidence : Evidence
         Finite where a unit has scored cells.
-    favoured : sequence of int
-        Classes whose log likelihood is raised by ``bonus``.
-    bonus : float
 
     Raises
     ------
     SceneError
         No unit holds a scored cell.
     """
+    return named(evidence, taught(evidence))
+
+
+def taught(evidence: Evidence) -> Taught:
+    """The laws of `classify`; errors as there."""
     seen, half = _halves_of(evidence)
     # With a single tile there is no other ground to learn from.
-    laws, taught = _laws(evidence, half, alone=int(seen.sum()) == 1)
-    laws[-1][:, list(favoured)] += bonus
-    confusion = kernels_classify.name_classes(evidence.features, evidence.counts, evidence.tile, half, *laws)
-    return Classified(confusion[seen], taught)
+    return Taught(seen, half, *_laws(evidence, half, alone=int(seen.sum()) == 1))
+
+
+def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: float = 0.0) -> Classified:
+    """Names by the laws that were taught, the log likelihood of ``favoured`` classes raised by ``bonus``."""
+    centre, scale, known_scale, constant = by.laws
+    constant = constant.copy()
+    constant[:, list(favoured)] += bonus
+    laws = (centre, scale, known_scale, constant)
+    confusion = kernels_classify.name_classes(evidence.features, evidence.counts, evidence.tile, by.half, *laws)
+    return Classified(confusion[by.seen], by.classes)
 
 
 def classify_by_forest(evidence: Evidence) -> Classified:

@@ -19,6 +19,8 @@ from seqrsm.score.classification import (
     classify,
     classify_by_forest,
     cluster_ratio,
+    named,
+    taught,
 )
 from seqrsm.score.evidence import Evidence, evidence_of
 from seqrsm.score.utilities import Asked
@@ -206,13 +208,16 @@ def _at_false_alarms(evidence: Evidence, found: Classified, covers: Sequence[int
 
     if not np.delete(found.confusion.sum(axis=(0, 2)), covers).any():
         raise SceneError(Problem("the image has no other ground than these covers", field="utility"))
-    low, high = -1.0, 1.0
-    while alarms(classify(evidence, covers, high).confusion) < FALSE_ALARMS and high < 1e9:
+    by, low, high = taught(evidence), -1.0, 1.0
+
+    def at(bonus: float) -> Classified:
+        return named(evidence, by, covers, bonus)
+
+    while alarms(at(high).confusion) < FALSE_ALARMS and high < 1e9:
         high *= 4.0
-    while alarms(classify(evidence, covers, low).confusion) > FALSE_ALARMS and low > -1e9:
+    while alarms(at(low).confusion) > FALSE_ALARMS and low > -1e9:
         low *= 4.0
     for _ in range(24):
         middle = 0.5 * (low + high)
-        found = classify(evidence, covers, middle)
-        low, high = (middle, high) if alarms(found.confusion) < FALSE_ALARMS else (low, middle)
-    return classify(evidence, covers, low)
+        low, high = (middle, high) if alarms(at(middle).confusion) < FALSE_ALARMS else (low, middle)
+    return at(low)

@@ -65,6 +65,10 @@ def known_moisture(scene: Scene, sensor: Sensor, mean: float, limits: tuple[floa
 
 def moisture_spread(scene: Scene, sensor: Sensor) -> float:
     """Standard deviation of the fields' moisture about the date's mean [m3/m3], as it can be known beforehand."""
+    return math.hypot(sensor.soil_moisture_field_sd, region_spread(scene, sensor))
+
+
+def region_spread(scene: Scene, sensor: Sensor) -> float:
+    """The part of it that near fields share [m3/m3]: that of the data base, else that of the sensor's ground."""
     layer = moisture_of_fields(scene)
-    region = sensor.soil_moisture_region_sd if layer is None else float(np.nanstd(layer))
-    return math.hypot(sensor.soil_moisture_field_sd, region)
+    return sensor.soil_moisture_region_sd if layer is None else float(np.nanstd(layer))

@@ -135,6 +135,20 @@ def test_evidence_of_a_field_is_the_mean_over_the_pixels_inside_it() -> None:
         assert found.counts[17 * place].sum() == mine.sum()
 
 
+def test_fields_that_hold_no_pixel_do_not_teach_but_are_tested() -> None:
+    """Small fields among large ones: their mixed pixels count in the score, not in the laws."""
+    fine = np.kron(np.arange(6400).reshape(80, 80), np.ones((2, 2), dtype=int)) + SCENE.n_fields
+    field = np.where(np.arange(160) < 120, SCENE.field_id, fine)
+    _, number = np.unique(field, return_inverse=True)
+    scene = replace(SCENE, field_id=number.reshape(field.shape).astype(np.int32))
+    evidence = evidence_of([image(scene, 30.0)], scene, by="field", **KEY)
+    cells = evidence.counts.sum(axis=1)
+    assert (evidence.teaching[cells >= 40].sum(axis=1) > 0).all()
+    assert (evidence.teaching[cells <= 4].sum(axis=1) > 0).mean() < 0.05  # pixels cut by the scene's edge
+    assert (cells <= 4).sum() > 1000
+    assert np.isfinite(evidence.features[:, cells > 0]).all()
+
+
 def test_windows_help_pixels_and_fields_hardly_need_them() -> None:
     """Over the windows of a multilook: by pixel the score climbs and stays, by field it is high from the start."""
     scene = fields(side=16, n=192, cell_m=5.0)

@@ -101,6 +101,26 @@ def test_longer_waves_see_moister_soil_and_dense_crops_hide_it() -> None:
     assert skills[18.7] < 0.1
 
 
+def mean_skill(s, frequency: float) -> float:
+    found = []
+    for run in range(8):
+        table = load_emissivity_table().in_world(World(4, run))
+        one = simulate_radiometer(s, radiometer(frequency_ghz=frequency, **BAND), table, seed=4, run_id=run)
+        found.append(score_moisture([one], s, SKILL, seed=4, run_id=run).value)
+    return float(np.mean(found))
+
+
+def test_footprints_of_one_field_do_not_count_as_so_many_fields() -> None:
+    """25 fields under some 700 footprints: counted apart they would be believed too much (skill 0.1)."""
+    large = np.kron(np.arange(25).reshape(5, 5), np.ones((32, 32), dtype=int))
+    assert mean_skill(scene(np.zeros((SIDE, SIDE)), 10.0, np.zeros((SIDE, SIDE)), large, ("Grass",)), 10.7) > 0.35
+
+
+def test_what_a_table_has_wrong_may_change_with_the_angle() -> None:
+    """One level a cover for all angles would leave less (0.62)."""
+    assert mean_skill(land(("Bareground", "Grass")), 10.7) > 0.69
+
+
 def test_what_is_expected_is_what_an_undisturbed_image_shows() -> None:
     s = land(("Bareground", "Grass"))
     r = radiometer(frequency_ghz=1.4, **BAND)
