@@ -33,6 +33,7 @@ DAYS: Final[FloatArray] = np.arange(1.0, 366.0)
 
 _MID_MONTH: Final = np.array([16, 45, 75, 105, 136, 166, 197, 228, 258, 289, 319, 350], dtype=np.float64)
 _SUMMER: Final = slice(4, 8)  # May to August
+_SUMMER_DAYS: Final = slice(120, 243)
 _FLIGHTS: Final = slice(172, 200)  # 22 June to 19 July
 _L_GHZ, _C_GHZ, _X_GHZ, _KU_GHZ = 1.25, 5.4, 9.6, 13.6
 _B_AT_GHZ: Final = (0.15, 1.4)
@@ -81,7 +82,7 @@ class Course:
     spread : float64 array (n_categories, 365)
         Factor of the standard deviation between fields: 1 where a canopy is closed, 2 over bare soil (assumed).
     sd_db : float64 array (n_categories,)
-        Standard deviation of the course about that of a given ground [dB].
+        Standard deviation of the course about that of a given ground [dB], root mean square over the year.
     lasting_share, memory_days, shift_days : float64 arrays (n_categories,)
         See `Fields`.
     even : bool array (n_categories,)
@@ -110,6 +111,14 @@ class Course:
 def on_day(year: FloatArray, day: float | FloatArray) -> FloatArray:
     """Values on days, any shape, of what is given on `DAYS` (365,); straight lines between, one year as the next."""
     return np.asarray(np.interp(day, DAYS, year, period=float(DAYS.size)))
+
+
+def level_days(frequency_ghz: float) -> FloatArray:
+    """Weights (365,) of the days for which the tables' levels hold: the L-band flights', May to August from C band."""
+    share, weights = _share_of_c(frequency_ghz), np.zeros(DAYS.size)
+    weights[_FLIGHTS] += (1.0 - share) / (_FLIGHTS.stop - _FLIGHTS.start)
+    weights[_SUMMER_DAYS] += share / (_SUMMER_DAYS.stop - _SUMMER_DAYS.start)
+    return weights
 
 
 def course(
@@ -223,7 +232,7 @@ def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str
         at_c = np.where(at_c < 0.0, 0.5 * at_c, at_c)
     if fields.group == "cereal":
         at_c = at_c * np.interp(math.log(frequency_ghz), np.log([_C_GHZ, _X_GHZ, _KU_GHZ]), [1.0, 0.7, 0.5])
-    share = float(np.clip(math.log(frequency_ghz / _L_GHZ) / math.log(_C_GHZ / _L_GHZ), 0.0, 1.0))
+    share = _share_of_c(frequency_ghz)
     if share == 1.0:
         return at_c
     rate = 2.0 * _B_AT_GHZ[0] * frequency_ghz / _B_AT_GHZ[1] / math.cos(math.radians(_THETA_DEG))
@@ -233,6 +242,11 @@ def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str
     soil = min(10.0 ** (0.1 * soil_db), (1.0 - _CANOPY_LEAST) / reference)
     own = (1.0 - soil * reference) / (1.0 - reference)
     return np.asarray(share * at_c + (1.0 - share) * 10.0 * np.log10(own * (1.0 - through) + soil * through))
+
+
+def _share_of_c(frequency_ghz: float) -> float:
+    """Where a frequency lies from L band, 0, to C band and beyond, 1."""
+    return float(np.clip(math.log(frequency_ghz / _L_GHZ) / math.log(_C_GHZ / _L_GHZ), 0.0, 1.0))
 
 
 @lru_cache(maxsize=64)

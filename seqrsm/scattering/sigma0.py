@@ -19,7 +19,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.calendar import Course, calendar_sources, course
+from seqrsm.scattering.calendar import Course, calendar_sources, course, level_days, on_day
 from seqrsm.scattering.curves import (
     THETA_DEG,
     Curve,
@@ -32,7 +32,7 @@ from seqrsm.scattering.curves import (
 from seqrsm.scattering.longtable import read_long_table
 from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_citations, read_rows
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
-from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
+from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 from seqrsm.units import db_to_linear
 
 DEFAULT_SEASON: Final = "spring_summer"
@@ -229,7 +229,8 @@ class Sigma0Table:
         if through is not None and day is not None:
             through = through.of([list(found).index(name) for name in names])
             value = value + np.array([through.at_angles(k, day, THETA_DEG) for k in range(len(names))])
-            sd = np.hypot(sd, through.sd_db)
+            shape = course_deviation(level_days(float(frequency_ghz)))
+            sd = np.hypot(sd, through.sd_db * float(on_day(shape, day)))
             keys = dict.fromkeys((*keys, *calendar_sources(names)))
         return Sigma0Lookup(
             categories=names,
@@ -254,7 +255,8 @@ class Sigma0Table:
         own = course(tuple(found), frequency_ghz, channel, level, bare, self.file)
         if self.world is None:
             return own
-        departure = [self.world.season(category, frequency_ghz, channel) for category in found]
+        days, season = level_days(frequency_ghz), self.world.season
+        departure = [season(name, item.kin, frequency_ghz, channel, days) for name, item in found.items()]
         return replace(own, change_db=own.change_db + own.sd_db[:, None] * np.array(departure))
 
     def _curve(self, category: str, season: str) -> Curve:
@@ -290,11 +292,12 @@ class _State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What a look-up finds for one category: sigma0 [dB] (91,), sd of its mean [dB], status, notes."""
+    """What a look-up finds for one category: sigma0 [dB] (91,), sd of its mean [dB], status, its kin, notes."""
 
     value_db: FloatArray
     mean_sd_db: float
     status: str
+    kin: str
     notes: tuple[str, ...]
 
 
@@ -321,7 +324,7 @@ def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway 
     sd = math.hypot(_mean_sd_db(curve, channel, state.frequency_ghz), sd)
     if world is not None and sd > 0.0:
         at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
-    return _Found(at_channel, sd, status, tuple(notes))
+    return _Found(at_channel, sd, status, curve.kin, tuple(notes))
 
 
 def _mean_sd_db(curve: Curve, channel: str, frequency_ghz: float) -> float:

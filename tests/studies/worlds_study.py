@@ -1,6 +1,6 @@
 """Do intervals hold over grounds that the tables do not know? Campaigns, and then flights in worlds drawn afresh.
 
-    OPENBLAS_NUM_THREADS=1 python tests/studies/worlds_study.py [--seeds 20] [--others 5]
+    OPENBLAS_NUM_THREADS=1 python tests/studies/worlds_study.py [--seeds 20] [--others 5] [--workers 2]
 
 Each example campaign is run to its end with several seeds. At what it recommends five flights are simulated in each of
 some fresh worlds, 200 or more in all: how many single flights, and means of five, lie in their 95 % intervals? And what
@@ -17,6 +17,7 @@ import re
 import shutil
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -177,22 +178,24 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--others", type=int, default=5)
+    parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     store = OUT / "worlds.json"
     kept = json.loads(store.read_text(encoding="utf-8")) if store.exists() else {"campaigns": [], "contrasts": {}}
     done = {(row["name"], row["seed"]) for row in kept["campaigns"]}
-    for channels in {c[1] for c in CONTRASTS}:
-        key = "+".join(channels)
-        if key not in kept["contrasts"]:
-            kept["contrasts"][key] = [round(contrast(w, channels), 2) for w in range(CONTRAST_WORLDS)]
+    wanted = [("langegracht-radar", s, -(-WORLDS // given.seeds)) for s in range(1, given.seeds + 1)]
+    others = ("limburg-radar", "wake-radiometer")
+    wanted += [(name, s, -(-WORLDS // given.others)) for name in others for s in range(1, given.others + 1)]
+    with ProcessPoolExecutor(given.workers) as pool:
+        jobs = [pool.submit(campaign, *one) for one in wanted if one[:2] not in done]
+        for channels in {c[1] for c in CONTRASTS} - {tuple(key.split("+")) for key in kept["contrasts"]}:
+            found = pool.map(contrast, range(CONTRAST_WORLDS), [channels] * CONTRAST_WORLDS)
+            kept["contrasts"]["+".join(channels)] = [round(x, 2) for x in found]
+        for job in as_completed(jobs):
+            kept["campaigns"].append(job.result())
             store.write_text(json.dumps(kept), encoding="utf-8")
-    wanted = [(n, s) for n in ("wake-radiometer", "limburg-radar") for s in range(1, given.others + 1)]
-    wanted += [("langegracht-radar", s) for s in range(1, given.seeds + 1)]
-    for name, seed in wanted:
-        if (name, seed) not in done:
-            n = given.seeds if name == "langegracht-radar" else given.others
-            kept["campaigns"].append(campaign(name, seed, -(-WORLDS // n)))
-            store.write_text(json.dumps(kept), encoding="utf-8")
+    kept["campaigns"].sort(key=lambda row: (row["name"], row["seed"]))
+    store.write_text(json.dumps(kept), encoding="utf-8")
     (OUT / "worlds.md").write_text(page(kept["campaigns"], kept["contrasts"]), encoding="utf-8")
 
 

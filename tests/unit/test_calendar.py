@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.calendar import DAYS, canopy_share
+from seqrsm.scattering.calendar import DAYS, canopy_share, level_days
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.readers import DATA
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.scattering.worlds import World
+from seqrsm.scattering.worlds import World, course_deviation
 from seqrsm.sensor.radar import from_settings
 from seqrsm.simulate.radar import occasion
 from seqrsm.simulate.radar.ground import look_up
@@ -93,8 +93,32 @@ def test_a_cover_without_a_calendar_is_refused_by_name(tmp_path):
 def test_worlds_differ_in_the_course_as_its_error_says():
     draws = np.array([at(150, "VV", table=TABLE.in_world(World(5, k))).course.change_db[:, 149] for k in range(400)])
     own = at(150, "VV").course
-    np.testing.assert_allclose(draws.std(axis=0), own.sd_db, rtol=0.2)
+    np.testing.assert_allclose(draws.std(axis=0), own.sd_db * course_deviation(level_days(5.4))[149], rtol=0.2)
     np.testing.assert_allclose(draws.mean(axis=0), own.change_db[:, 149], atol=0.45)
+
+
+@pytest.mark.parametrize(("frequency", "days"), [(1.25, slice(172, 200)), (5.4, slice(120, 243))])
+def test_the_course_is_known_where_the_level_was_measured(frequency, days):
+    """A level of late June and July leaves nothing open on these days but the level itself."""
+    departure = World(5, 7).season("Wheat", "crop", frequency, "VV", level_days(frequency))
+    assert np.abs(departure).max() > 0.5
+    assert departure[days].mean() == pytest.approx(0.0, abs=1e-12)
+    here, without = (TABLE.lookup(CROPS, 1.25, "HH", day=day).mean_sd_db for day in (186, None))
+    np.testing.assert_allclose(here, without, rtol=0.02)
+    winter = TABLE.lookup(CROPS, 1.25, "HH", day=10).mean_sd_db
+    assert (winter > without + 0.7).all()
+
+
+def test_crops_share_part_of_their_departures_from_the_course():
+    """A quarter is common to all covers, another to kin, as of their means; of C-band sites, see worlds.py."""
+    days = level_days(5.4)
+    worlds = [World(9, k) for k in range(500)]
+    wheat, corn, grass = (
+        np.array([w.season(*key, 5.4, "VV", days)[20] for w in worlds])
+        for key in (("Wheat", "crop"), ("Corn", "crop"), ("Grass", "grass"))
+    )
+    assert np.corrcoef(wheat, corn)[0, 1] == pytest.approx(0.5, abs=0.1)
+    assert np.corrcoef(wheat, grass)[0, 1] == pytest.approx(0.25, abs=0.1)
 
 
 def test_emissivity_follows_the_water_of_the_canopy():
@@ -207,7 +231,10 @@ def test_other_channels_and_bands_follow_c_band_as_is_said():
 
 
 def test_the_course_of_worlds_has_four_harmonics():
-    draws = np.array([World(3, k).season("Wheat", 5.4, "VV") for k in range(600)])
+    days = np.full(365, 1.0 / 365.0)  # over which harmonics have no mean
+    draws = np.array([World(3, k).season("Wheat", "crop", 5.4, "VV", days) for k in range(600)])
+    assert np.mean(draws**2) == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_allclose(course_deviation(days), 1.0)
     shares = (0.4, 0.3, 0.2, 0.1)
     for lag in (30, 91, 182):
         expected = sum(w * np.cos(2.0 * np.pi * h * lag / 365.0) for h, w in enumerate(shares, start=1))
