@@ -108,7 +108,10 @@ def fit_application(
     surface = surface_of(spec, model, data, scale, fit)
     dropped = tuple(name for name in whole.term_names if name not in model.term_names)
     departure = weigh_departure(whole, data, fit, surface, application.goal, spec.seed, spec.states_prior(application))
-    return Fitted(application, region, model, data, scale, fit, surface, departure, dropped, ground_in(data, ground))
+    ground = ground_in(data, ground)
+    if ground is not None and scale.kind == "identity" and fit.df_residual:
+        ground = ground.beside(fit.s, fit.df_residual)
+    return Fitted(application, region, model, data, scale, fit, surface, departure, dropped, ground)
 
 
 def fit_surface(

@@ -2,13 +2,14 @@
 
 Every simulated run meets a world of its own (`seqrsm.scattering.worlds`), so that the fitted surface is the expected
 score over worlds and a run scatters about it as one flight over an unknown ground does. Several flights over one ground
-share their world. A bundle of simulations at one setting, two occasions in each of some worlds, tells the two parts.
+share their world. A bundle of simulations at one setting, two occasions in each of some worlds, tells what chance is;
+with the scatter of the runs about the surface, which is of more runs, it tells what is left for the ground.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,7 @@ class Ground:
         Standard deviation from world to world, and from occasion to occasion in one world: estimates without bias of
         the variance, 0 where it would be negative.
     share : float
-        Share of a run's variance that is the ground's, 0 to 0.98: the mean of what the bundle leaves possible, since
+        Share of a run's variance that is the ground's, 0 to 0.98: the mean of what the scores leave possible, since
         few worlds tell it to a tenth or two and too small a share makes intervals too short.
     n_worlds, n_simulations : int
         Of the bundle that they were measured by.
@@ -57,22 +58,34 @@ class Ground:
     n_simulations: int
     share: float
 
+    def beside(self, s: float, df: int) -> Ground:
+        """The same with the runs about a surface, which scatter by ``s`` with ``df`` degrees of freedom.
+
+        A bundle alone tells the variance of the ground to 0.4 of itself, with 40 degrees of freedom to 0.3.
+        """
+        own = self.n_worlds - 1
+        total = (own * (self.sd_ground**2 + self.sd_chance**2) + df * s**2) / (own + df)
+        share = _share(total, own + df, self.sd_chance**2, self.n_simulations - self.n_worlds)
+        return replace(self, sd_ground=float(np.sqrt(max(total - self.sd_chance**2, 0.0))), share=share)
+
 
 def ground_of_scores(scores: ArrayLike) -> Ground:
     """Analysis of variance of scores (worlds, occasions), at least two of each."""
     y = np.asarray(scores, dtype=np.float64)
     worlds, m = y.shape
     within = float(np.mean(np.var(y, axis=1, ddof=1)))
-    of_means = float(np.var(np.mean(y, axis=1), ddof=1))
-    # Variances have scaled inverse chi-squared distributions given the scores; middles of equal parts stand for them.
-    parts = (np.arange(_PARTS) + 0.5) / _PARTS
-    chance = within * worlds * (m - 1) / chdtri(worlds * (m - 1), parts)
-    means = of_means * (worlds - 1) / chdtri(worlds - 1, parts)[:, None]
-    ground = np.maximum(means - chance / m, 0.0)
-    total = ground + chance
-    share = float(np.mean(np.divide(ground, total, out=np.zeros_like(total), where=total > 0.0)))
-    sd_ground = float(np.sqrt(max(of_means - within / m, 0.0)))
-    return Ground(sd_ground, float(np.sqrt(within)), worlds, y.size, min(share, MOST_SHARE))
+    total = float(np.var(np.mean(y, axis=1), ddof=1)) + within * (1.0 - 1.0 / m)
+    share = _share(total, worlds - 1, within, worlds * (m - 1))
+    return Ground(float(np.sqrt(max(total - within, 0.0))), float(np.sqrt(within)), worlds, y.size, share)
+
+
+def _share(total: float, df: int, chance: float, df_chance: int) -> float:
+    """Mean share of the ground in a variance, both it and chance's with scaled inverse chi-squared distributions."""
+    parts = (np.arange(_PARTS) + 0.5) / _PARTS  # middles of equal parts stand for a distribution
+    whole = total * df / chdtri(df, parts)
+    rest = chance * df_chance / chdtri(df_chance + 2, parts)[:, None]  # two more: with the estimate as its mean
+    share = 1.0 - np.divide(rest, whole, out=np.ones((_PARTS, _PARTS)), where=whole > 0.0)
+    return min(float(np.mean(np.maximum(share, 0.0))), MOST_SHARE)
 
 
 def prior_of_difference(ground: Ground, model: QuadraticModel, points: FloatArray) -> float:

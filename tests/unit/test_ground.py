@@ -47,13 +47,22 @@ def test_a_bundle_tells_ground_from_chance() -> None:
     found = [ground_of_scores(bundle(rng, 5.0, 3.0)) for _ in range(2000)]
     assert np.mean([one.sd_chance**2 for one in found]) == pytest.approx(9.0, rel=0.04)
     assert np.mean([one.sd_ground**2 for one in found]) == pytest.approx(25.0, rel=0.04)
-    assert np.mean([one.share for one in found]) == pytest.approx(
-        25.0 / 34.0 - 0.05, abs=0.02
-    )  # 16 worlds leave less possible
+    assert np.mean([one.share for one in found]) == pytest.approx(25.0 / 34.0, abs=0.04)
     scores = bundle(rng, 1e-9, 3.0)
     assert 0.0 < ground_of_scores(scores).share < 0.35  # 16 worlds cannot say that there is nothing
     assert ground_of_scores(np.repeat(scores[:, :1], 2, axis=1)).share == 0.98
     assert ground_of_scores(np.ones((16, 2))).share == 0.0
+
+
+def test_runs_about_the_surface_tell_the_ground_better_than_a_bundle_alone() -> None:
+    rng = np.random.default_rng(2)
+    alone = [ground_of_scores(bundle(rng, 5.0, 3.0)) for _ in range(2000)]
+    both = [one.beside(float(np.sqrt(34.0 * rng.chisquare(40) / 40)), 40) for one in alone]
+    assert np.mean([one.sd_ground**2 for one in both]) == pytest.approx(25.0, rel=0.04)
+    assert np.mean([one.share for one in both]) == pytest.approx(25.0 / 34.0, abs=0.02)
+    spread = [np.std([one.sd_ground**2 for one in found]) / 25.0 for found in (alone, both)]
+    assert spread == pytest.approx([0.42, 0.27], abs=0.04)
+    assert alone[0].beside(4.0, 0).share == pytest.approx(alone[0].share)
 
 
 @pytest.mark.parametrize(
