@@ -236,7 +236,6 @@ RADAR: Final = _table(
     _number("near_incidence_deg", "deg", 0.0, 89.9, "incidence angle on flat ground at the near edge of the swath"),
     _number("far_incidence_deg", "deg", 0.1, 90.0, "incidence angle on flat ground at the far edge of the swath"),
     _word("earth", ("curved", "flat"), "sphere or plane under the elevations"),
-    _word("binning", ("overlap", "nearest"), "range bins take parts of elements, or whole ones by their centres"),
     _word("fading", ("gamma", "gaussian", "none"), "law of the fading of a pixel"),
     Parameter("receiver", "receiver", "function", "transfer function M of the receiver", levels=_RECEIVERS),
     _number("receiver_level_db", "dB", -100.0, 100.0, "level of the receiver over flat ground of sigma0 = 1"),

@@ -108,8 +108,6 @@ class RadarConfiguration:
         Edges of the swath, incidence angles on flat ground [deg]; ground outside is not imaged.
     earth : {"curved", "flat"}
         Sphere or plane under the elevations.
-    binning : {"overlap", "nearest"}
-        Range bins take the parts of elements they overlap, or whole elements by their centres as in the report.
     fading : {"gamma", "gaussian", "none"}
         Eq. (3-11) with any real N; eq. (3-12), refused below 16 looks, where it goes negative too often; or none.
     receiver : str
@@ -191,7 +189,6 @@ class RadarConfiguration:
     near_incidence_deg: float = 0.0
     far_incidence_deg: float = 90.0
     earth: Literal["curved", "flat"] = "curved"
-    binning: Literal["overlap", "nearest"] = "overlap"
     fading: Literal["gamma", "gaussian", "none"] = "gamma"
     receiver: str = "linear"
     receiver_level_db: float = 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -334,17 +333,6 @@ def test_pictures_by_each_calibration(bits):
     film = np.clip(top / 2.0 * 1.5 * np.log10(power / mid), 0, top)
     np.testing.assert_allclose(levels(p_rc_w=mid, g_rc=0.0, film_gamma=1.5, film_k=3.0), film, atol=0.51)
     assert abs(np.median(levels()) - 0.5 * top) <= 0.5
-
-
-def test_nearest_binning_shows_the_reports_ripple_and_keeps_the_power():
-    s = scene(np.zeros((300, 40)), 1.0)
-    r = radar(resolution_m=3.3, bandwidth_mhz=300.0, fading="none", altitude_m=20e3, prf_hz=500.0)
-    images = {rule: quiet(s, dataclasses.replace(r, binning=rule)) for rule in ("overlap", "nearest")}
-    ripple = {k: np.std(v.mean_power[0] / v.calibration_w[:, None]) / 0.1 for k, v in images.items()}
-    assert ripple["overlap"] < 1e-3
-    assert 0.08 < ripple["nearest"] < 0.2
-    total = [v.mean_power.sum(dtype=float) for v in images.values()]
-    assert total[0] == pytest.approx(total[1], rel=0.01, abs=0.0)
 
 
 def test_strips_and_threads_give_the_same_bits_and_bins_hold_the_parts_of_elements():

@@ -223,7 +223,6 @@ def echo_sums(
             pattern,
             grid.base,
             grid.first,
-            radar.binning == "nearest",
             edges[k],
             edges[k + 1],
             out,

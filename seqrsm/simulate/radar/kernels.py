@@ -171,7 +171,6 @@ def sum_echoes(
     pattern: AnyArray,
     base: AnyArray,
     first: int,
-    nearest: bool,
     low: int,
     high: int,
     out: AnyArray,
@@ -190,8 +189,6 @@ def sum_echoes(
         Range position of the datum in each row [bins], with one row more at both ends.
     first : int
         Bin of ``out[:, 0]``.
-    nearest : bool
-        Give an element whole to the bin of its centre, as the report does; a homogeneous plane then shows a ripple.
     low, high : int
         Columns to do, ``low <= j < high``.
     out : float array (n_channels, n_bins, m)
@@ -216,11 +213,7 @@ def sum_echoes(
             beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
             _slope_row(z, row, left, m, geometry[i, 9], w)
             _facing_row(z, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
-            if nearest:
-                _keep_centres(base[i + 1] - origin, m, w)
             least, most = _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
-            if nearest:
-                least, most = _fill_centres(m, w)
             if pattern.shape[0] > 0:
                 _pattern_row(z, row, geometry, i, pattern, left, m, w)
             _index_row(cover, row, n_categories, steps, left, m, index, w)
@@ -463,27 +456,6 @@ def _echo_row(
             w[_FACTOR + j] = factor[c, np.uint32(field[row, left + j])]
         for j in range(m):
             w[_POWER + j] *= w[_FACTOR + j]
-
-
-@kernel
-def _keep_centres(middle: float, m: np.uint64, w: AnyArray) -> None:
-    """Keep the bin of each element's centre in `_POWER`, before the lines move on."""
-    number = w.dtype.type
-    centre = number(middle)
-    for j in range(m):
-        w[_POWER + j] = number(_floor(centre + w[_OFFSET + j]))
-
-
-@kernel
-def _fill_centres(m: np.uint64, w: AnyArray) -> tuple[int, int]:
-    """Make every element fill the bin that `_keep_centres` found, in place of its own edges; first and last of them."""
-    least, most = math.inf, -math.inf
-    for j in range(m):
-        w[_GAIN + j] *= w[_HIGH + j] - w[_LOW + j]
-        w[_LOW + j] = w[_POWER + j]
-        w[_HIGH + j] = w[_POWER + j] + w.dtype.type(1.0)
-        least, most = min(least, w[_POWER + j]), max(most, w[_POWER + j])
-    return int(least), int(most)
 
 
 @kernel
