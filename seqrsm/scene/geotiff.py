@@ -97,6 +97,10 @@ def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raste
             if math.prod(pages[0].shape) > 4 * MAX_CELLS:
                 raise SceneError(Problem(f"more than {4 * MAX_CELLS} cells", "Cut or coarsen the raster", file))
             page, place = _band(pages, file, layer, band)
+            parts, held = math.prod(page.chunked), len(page.dataoffsets)
+            if held < parts:
+                remedy = "Copy it again from where it came from"
+                raise SceneError(Problem(f"the file holds {held} of the {parts} parts of its raster", remedy, file))
             if page is not pages[0]:
                 tags |= {tag.code: tag.value for tag in page.tags.values()}
             values = _values(page, place, file)

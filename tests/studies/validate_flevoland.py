@@ -62,6 +62,13 @@ def class_rows() -> list[dict[str, str]]:
         return list(csv.DictReader(line for line in stream if not line.startswith("#")))
 
 
+def flight_scores() -> list[tuple[str, float, float, float]]:
+    """Channels, nominal looks, resolution [m] and score of every configuration of the flight without phases."""
+    with (ROOT / "campaigns/flevoland/flight_scores.csv").open(encoding="utf-8") as stream:
+        rows = [r for r in csv.DictReader(stream) if r["polarization"] != "FULLPOL"]
+    return [(r["polarization"], float(r["looks"]), float(r["resolution"]), float(r["score"])) for r in rows]
+
+
 @lru_cache(maxsize=1)
 def scene() -> Scene:
     """The labelled cells; unlabelled ground between them is given drawn fields of the same classes, not scored."""
@@ -168,12 +175,8 @@ def main() -> None:
         measure_fields(Path(sys.argv[2]))
         return
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-    with (ROOT / "campaigns/flevoland/flight_scores.csv").open(encoding="utf-8") as stream:
-        rows = [r for r in csv.DictReader(stream) if r["polarization"] != "FULLPOL"]
-    resolution_name = "resolution_m" if "resolution_m" in rows[0] else "resolution"
-    score_name = "score_percent_correct" if "score_percent_correct" in rows[0] else "score"
-    settings = [(r["polarization"], float(r["looks"]), float(r[resolution_name])) for r in rows]
-    measured = np.array([float(r[score_name]) for r in rows])
+    rows = flight_scores()
+    settings, measured = [row[:3] for row in rows], np.array([row[3] for row in rows])
     if sys.argv[2:3] == ["--again"]:
         write_report(settings, measured, kept_scores(), runs)
         return

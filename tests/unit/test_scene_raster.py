@@ -144,6 +144,15 @@ def test_files_that_are_no_rasters(files, tmp_path):
         import_scene(bad, files["cover"], files["legend"])
 
 
+def test_a_file_that_holds_little_of_its_raster_is_refused_at_once(files, tmp_path):
+    """A damaged height of 16 million rows took 15 s to fill with nothing, and was a scene then."""
+    tall = write(tmp_path / "tall.tif", np.ones((60, 60), np.uint8), 5.0)
+    with tifffile.TiffFile(tall, mode="r+") as tiff:
+        tiff.pages[0].tags["ImageLength"].overwrite(2_000_000)
+    with pytest.raises(SceneError, match=r"holds \d+ of the \d+ parts of its raster"):
+        import_scene(files["elevation"], tall, files["legend"])
+
+
 def test_a_raster_that_is_no_cover_is_told_so_in_few_words(files, tmp_path):
     many = np.arange(3600).reshape(60, 60).astype(np.uint16)
     files["cover"] = write(tmp_path / "many.tif", many, 5.0)
