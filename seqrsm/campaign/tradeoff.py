@@ -1,4 +1,4 @@
-"""``seqrsm tradeoff``: speed against accuracy of this campaign's own simulations and numbers, measured.
+"""``seqrsm tradeoff``: speed against accuracy of this campaign's own simulations, measured.
 
 Some configurations spread over the region are simulated on the same occasions on the data base as it is and on coarser
 ones; what each of these loses is set against the time it saves. Each configuration is kept as soon as it is measured,
@@ -17,23 +17,18 @@ from typing import Any, Final
 import numpy as np
 
 from seqrsm import __version__
-from seqrsm.analysis.fitted import fit_application
 from seqrsm.arrays import FloatArray
+from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, task_of
-from seqrsm.campaign.tradeoff_numerics import precision_rows, sampler_rows, search_rows, some_configurations
-from seqrsm.errors import FitError, UserError
+from seqrsm.errors import UserError
 from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.plain import plain
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.store import STORE_NAME, Store
 
 FILE: Final = "tradeoff.json"
 
 FIRST_RUN: Final = 2**30
 """Run id of the first occasion: far beyond any campaign's."""
-
-RESTARTS: Final = (1, 2, 4)
-"""Local searches in a design search that are compared: of few, each costs seconds."""
 
 LEVELS: Final = (0, 8, 4, 2)
 """Cells of the data base along a side of a pixel at least, where it is made coarser; 0: as it is."""
@@ -43,97 +38,67 @@ COARSENED: Final = "coarser data base measured"
 
 _CONSIDERED: Final = 60
 
-Progress = Callable[[int, int], None]
-
-
-def _silent(done: int, total: int) -> None:
-    del done, total
-
 
 def measure_tradeoff(
-    spec: CampaignSpec,
-    *,
-    configurations: int = 8,
-    occasions: int = 6,
-    numerics: bool = True,
-    progress: Progress = _silent,
+    spec: CampaignSpec, *, configurations: int, occasions: int, progress: Callable[[int, int], None]
 ) -> dict[str, Any]:
     """Measure, or go on measuring, the trade-off of a campaign.
 
     Parameters
     ----------
     spec : CampaignSpec
+        With a simulator.
     configurations : int
         Settings spread over the region, the centre among them.
     occasions : int
         Occasions on which each is simulated on every data base, the same for all.
-    numerics : bool
-        Sampler, single against double precision, and design search, too.
     progress : callable
-        Told of (done, all) pieces of work.
+        Told of (done, all) configurations.
 
     Returns
     -------
     dict
         Plain values; also written to `FILE`.
+
+    Raises
+    ------
+    SpecError
+        The campaign has no simulator.
     """
-    path = spec.folder / FILE
+    task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the simulator, before anything is measured
     key = {"spec": spec.spec_hash, "version": __version__, "configurations": configurations, "occasions": occasions}
-    kept = _read(path, key)
-    parts = 3 if numerics else 0
-    total = parts + (configurations if spec.simulator is not None else 0)
-    if spec.simulator is not None:
-        settings = some_configurations(spec, configurations)
-        for done, own in enumerate(settings):
-            if done >= len(kept["rows"]):
-                kept["rows"].append(_measured(spec, own, occasions))
-                _write(path, kept)
-            progress(done + 1, total)
-        kept["simulation"] = _summary(spec, kept["rows"])
-    else:
-        kept["simulation"] = None
-        kept["why"] = "this campaign has no simulator: its scores are measured, and there is nothing to simulate faster"
-    if numerics:
-        makers: dict[str, Callable[[], Any]] = {
-            "sampler": lambda: _sampler(spec),
-            "precision": lambda: _precision(spec, kept["rows"]),
-            "design_search": lambda: search_rows(spec, restarts=RESTARTS, searches=3),
-        }
-        for done, (name, make) in enumerate(makers.items()):
-            if name not in kept["numerics"] or name == "sampler":
-                kept["numerics"][name] = plain(make())
-                _write(path, kept)
-            progress(total - parts + done + 1, total)
-    _write(path, kept)
+    kept = _kept(spec.folder)
+    if kept.get("key") != key:
+        kept = {"key": key, "rows": [], "simulation": None}
+    for done, own in enumerate(_some_configurations(spec, configurations)):
+        if done >= len(kept["rows"]):
+            kept["rows"].append(_measured(spec, own, occasions))
+            _write(spec.folder, kept)
+        progress(done + 1, configurations)
+    kept["simulation"] = _summary(spec, kept["rows"])
+    _write(spec.folder, kept)
     return {name: value for name, value in kept.items() if name != "rows"}
-
-
-def _read(path: Path, key: Mapping[str, Any]) -> dict[str, Any]:
-    """What was measured before under the same circumstances, else nothing."""
-    empty: dict[str, Any] = {"key": dict(key), "rows": [], "numerics": {}, "simulation": None}
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return empty
-    return found if isinstance(found, dict) and found.get("key") == key else empty
 
 
 def read_tradeoff(folder: Path) -> dict[str, Any] | None:
     """The last trade-off that was measured to its end; None where there is none."""
+    found = _kept(folder)
+    return found if found.get("simulation") else None
+
+
+def _kept(folder: Path) -> dict[str, Any]:
+    """What was measured so far; nothing where the file is not there, or no such one."""
     try:
         found = json.loads((folder / FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return None
-    if not isinstance(found, dict):
-        return None
-    # Without a simulator there are only numbers to compare.
-    return found if found.get("simulation") or (found.get("why") and found.get("numerics")) else None
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    draft = path.with_name(f".{path.name}.draft")
+def _write(folder: Path, content: Mapping[str, Any]) -> None:
+    draft = folder / f".{FILE}.draft"
     draft.write_text(json.dumps(plain(content), indent=1), encoding="utf-8")
-    os.replace(draft, path)
+    os.replace(draft, folder / FILE)
 
 
 def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int = 2) -> dict[str, Any]:
@@ -148,7 +113,7 @@ def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int 
     """
     assert spec.simulator is not None
     tolerance = spec.simulator.tolerance
-    by_detail = sorted(some_configurations(spec, _CONSIDERED), key=lambda own: detail_of(task_of(spec, NO_RUN, own)))
+    by_detail = sorted(_some_configurations(spec, _CONSIDERED), key=lambda own: detail_of(task_of(spec, NO_RUN, own)))
     places = np.linspace(0, len(by_detail) - 1, configurations).astype(int)
     rows = [_measured(spec, by_detail[k], occasions, timed=False) for k in places]
     good = [row for row in rows if not row["failure"]]
@@ -159,6 +124,13 @@ def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int 
     kept = [cells for cells, error in found.items() if error <= tolerance]
     errors = {str(cells): error for cells, error in found.items()}
     return {"cells": min(kept, default=0), "tolerance": tolerance, "rms_error": errors}
+
+
+def _some_configurations(spec: CampaignSpec, n: int) -> list[dict[str, float | str]]:
+    """The centre of the region and ``n - 1`` feasible settings spread over it, natural units."""
+    points = spec.region.candidates(limit=2000)
+    keep = np.random.default_rng(spec.seed).permutation(len(points))[: n - 1]
+    return rounded_settings(spec.region, np.vstack([spec.region.centre()[None, :], points[keep]]))
 
 
 def _measured(
@@ -242,26 +214,3 @@ def _rank_correlation(one: FloatArray, other: FloatArray) -> float | None:
     if len(one) < 3 or np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
         return None
     return float(spearmanr(one, other).statistic)
-
-
-def _sampler(spec: CampaignSpec) -> dict[str, Any]:
-    """Monte Carlo error of intervals by number of draws, for each application; a reason where there is no fit."""
-    if not spec.store_url and not (spec.folder / STORE_NAME).exists():
-        return {"why": "no scores yet: there is no posterior to sample"}
-    with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
-        runs = store.runs()
-    found: dict[str, Any] = {}
-    for application in spec.applications:
-        try:
-            found[application.name] = sampler_rows(spec, application, fit_application(spec, application, runs))
-        except FitError as error:
-            return {"why": f"no posterior to sample: {error}"}
-    return found
-
-
-def _precision(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> Any:
-    """Single against double precision at some of the configurations."""
-    if spec.simulator is None:
-        return {"why": "no simulator"}
-    chosen = [row["settings"] for row in rows if not row["failure"]][:4]
-    return precision_rows(spec, chosen)

@@ -389,12 +389,9 @@ def tradeoff(
     folder: Folder,
     configurations: Annotated[int, typer.Option(min=2, max=100, help="Settings spread over the region.")] = 8,
     occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each on every data base.")] = 6,
-    numerics: Annotated[
-        bool, typer.Option("--numerics/--no-numerics", help="Also sampler, precision and design search.")
-    ] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Measure speed against accuracy of this campaign's simulations and numbers; goes on after an interruption."""
+    """Measure speed against accuracy of this campaign's simulations; goes on after an interruption."""
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.blocks import show_blocks
     from seqrsm.report.sections.speed import tradeoff_blocks
@@ -406,7 +403,6 @@ def tradeoff(
             spec,
             configurations=configurations,
             occasions=occasions,
-            numerics=numerics,
             progress=partial(shown.count, "measuring"),
         )
     print_json(result) if as_json else show_blocks(tradeoff_blocks(result, spec.applications[0].unit))

@@ -18,7 +18,6 @@ from seqrsm.analysis.surfaces import RandomBlocks, TwoSources
 from seqrsm.campaign import rehearsal
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.simulation import carry_out, task_of
-from seqrsm.campaign.tradeoff_numerics import sampler_rows
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import CONFIRMATION
@@ -184,13 +183,6 @@ def test_the_image_of_a_run_is_of_the_occasion_that_it_shares(done: Path, tmp_pa
     code, out, error = call("image", done, "--run-id", run.run_id, *changes, "--out", tmp_path / "a.npz", "--json")
     assert code == 0, error
     assert json.loads(out)["scores"]["cover"] == pytest.approx(run.scores[0].score, rel=1e-12)
-
-
-def test_the_trade_off_calls_no_exact_draws_emcee(done: Path) -> None:
-    campaign = Campaign.open(done)
-    spec, one = campaign.spec, campaign.spec.applications[0]
-    rows = sampler_rows(spec, one, fit_application(spec, one, campaign.store.runs()), sizes=(100, 400), pool=4000)
-    assert {(row["method"], row["draws"]) for row in rows} == {("exact", 100), ("exact", 400)}
 
 
 def test_copies_keep_the_occasions(done: Path, tmp_path: Path) -> None:

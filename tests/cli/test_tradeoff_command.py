@@ -69,7 +69,7 @@ def test_a_key_of_earlier_versions_is_refused_with_what_to_do(tmp_path: Path, ti
 
 def test_tradeoff_measures_every_data_base_and_goes_on(tmp_path: Path, tiny_scene: Path) -> None:
     tiny = make_tiny(tmp_path / "wide", tiny_scene, WIDE)
-    arguments = ("tradeoff", tiny, "--configurations", 3, "--occasions", 2, "--no-numerics", "--json")
+    arguments = ("tradeoff", tiny, "--configurations", 3, "--occasions", 2, "--json")
     code, out, _ = call(*arguments)
     assert code == 0
     found = json.loads(out)
@@ -97,6 +97,6 @@ def test_tradeoff_measures_every_data_base_and_goes_on(tmp_path: Path, tiny_scen
 def test_tradeoff_without_a_simulator_says_so(tmp_path: Path) -> None:
     folder = tmp_path / "flevoland"
     assert call("init", folder, "--template", "flevoland")[0] == 0
-    code, out, _ = call("tradeoff", folder, "--no-numerics")
-    assert code == 0
-    assert "no simulator" in out
+    code, _, err = call("tradeoff", folder)
+    assert code == 2
+    assert "no simulator" in err

@@ -27,20 +27,7 @@ MEASURED = {
         "failures": [],
         "tolerance": 0.5,
     },
-    "numerics": {
-        "sampler": {
-            "ground-cover": [
-                {"method": "exact", "quantity": "future score", "draws": 250, "error_low": 0.65, "error_high": 0.72,
-                 "seconds": 0.001}
-            ]
-        },
-        "precision": [
-            {"score32": 44.72951, "score64": 44.7295, "median_difference": 7.5e-8, "seconds32": 0.006,
-             "seconds64": 0.009}
-        ],
-        "design_search": [{"restarts": 4, "efficiency": 0.9995, "least_efficiency": 0.98, "seconds": 0.01}],
-    },
-}  # fmt: skip
+}
 
 
 def with_fidelity(dossier, *averaged):
@@ -94,21 +81,3 @@ def test_runs_of_earlier_versions_are_told_apart(tmp_path: Path) -> None:
 
 def test_no_section_without_a_simulator(tmp_path: Path) -> None:
     assert speed_section(flight_dossier(tmp_path)) is None
-
-
-def test_sampler_precision_and_design_search_are_told(tmp_path: Path) -> None:
-    dossier = replace(simulated_dossier(tmp_path), tradeoff=MEASURED)
-    tables = [block for block in speed_section(dossier).blocks if isinstance(block, Table)][-3:]
-    assert [cell.text for cell in tables[0].rows[0]][:4] == ["exact", "future score", "250", "0.65 and 0.72"]
-    assert [cell.text for cell in tables[1].rows[0]][:3] == ["44.7295", "44.7295", "7.5e-08"]
-    assert [cell.text for cell in tables[2].rows[0]][:3] == ["4", "0.9995", "0.9800"]
-
-
-def test_a_campaign_of_flights_has_the_tables_of_its_numbers(tmp_path: Path) -> None:
-    measured = {
-        "simulation": None,
-        "why": "no simulator",
-        "numerics": MEASURED["numerics"] | {"precision": {"why": ""}},
-    }
-    section = speed_section(replace(flight_dossier(tmp_path), tradeoff=measured))
-    assert len([block for block in section.blocks if isinstance(block, Table)]) == 2

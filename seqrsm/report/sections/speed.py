@@ -19,7 +19,6 @@ from seqrsm.report.blocks import (
     PanelData,
     Paragraph,
     Section,
-    Table,
     right,
     table,
 )
@@ -35,14 +34,13 @@ def speed_section(dossier: Dossier) -> Section | None:
     """Return on which data base each run was simulated, and the measured trade-off; None without a simulator."""
     simulator, measured = dossier.spec.simulator, dossier.tradeoff
     if simulator is None:
-        blocks = [] if measured is None else tradeoff_blocks(measured, "")
-        return Section("speed", "Speed and accuracy of the numbers", tuple(blocks)) if blocks else None
+        return None
     unit = dossier.spec.applications[0].unit
     how = "in full, on the data base as it is"
     if simulator.tolerance > 0.0:
         accepted = with_unit(format_plain(simulator.tolerance), unit)
         how = f"on the coarsest data base whose scores were measured to differ by no more than {accepted} (rms)"
-    blocks = [Paragraph(f"Runs are simulated {how}.")]
+    blocks: list[Block] = [Paragraph(f"Runs are simulated {how}.")]
     rows = [(ground_name(one["averaged"]), whole_cell(one["runs"])) for one in simulated_by(dossier.runs)]
     if rows:
         blocks.append(table("What the runs were simulated on", ("Data base", right("Runs")), rows))
@@ -64,7 +62,7 @@ def speed_section(dossier: Dossier) -> Section | None:
 
 
 def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
-    """What ``seqrsm tradeoff`` measured: coarser data bases against the one as it is, then draws, precision, searches.
+    """What ``seqrsm tradeoff`` measured: coarser data bases against the one as it is.
 
     Parameters
     ----------
@@ -74,15 +72,12 @@ def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
         Of the scores.
     """
     simulation = measured["simulation"]
-    if simulation is None:
-        return [Paragraph(f"Nothing was simulated: {measured['why']}."), *numerics_blocks(measured["numerics"])]
     blocks: list[Block] = []
     for name, rows in simulation["applications"].items():
         if rows:
             blocks += _tradeoff_blocks(name, rows, simulation["tolerance"], unit)
     notes = [f"A configuration could not be simulated: {reason}" for reason in simulation["failures"]]
-    blocks += [Bullets(tuple(notes))] if notes else []
-    return blocks + numerics_blocks(measured["numerics"])
+    return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
 
 def _tradeoff_blocks(name: str, rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str) -> list[Block]:
@@ -159,63 +154,3 @@ def _paint(rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str, figur
     axes.set_ylabel(f"rms error of the score [{unit}]" if unit else "rms error of the score")
     axes.grid(visible=True)
     axes.margins(x=0.18, y=0.18)
-
-
-def numerics_blocks(numerics: Mapping[str, Any]) -> list[Block]:
-    """One table for each part that was measured, or why it was not; nothing for those that were not asked for."""
-    blocks: list[Block] = []
-    sampler = numerics.get("sampler") or {}
-    if "why" in sampler:
-        blocks.append(Paragraph(f"The sampler was not measured: {sampler['why']}."))
-    else:
-        blocks += [_sampler_table(name, rows) for name, rows in sampler.items()]
-    precision = numerics.get("precision") or []
-    if precision and "why" not in precision:
-        blocks.append(_precision_table(precision))
-    if numerics.get("design_search"):
-        blocks.append(_search_table(numerics["design_search"]))
-    return blocks
-
-
-def _sampler_table(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    columns = ("Method", "Interval of", right("Draws"), right("Monte Carlo error of its ends"), right("Time", "s"))
-    cells = (
-        (
-            row["method"],
-            row["quantity"],
-            whole_cell(row["draws"]),
-            f"{format_significant(row['error_low'], 2)} and {format_significant(row['error_high'], 2)}",
-            significant_cell(row["seconds"]),
-        )
-        for row in rows
-    )
-    return table(f"Draws of the posterior of {name} against the Monte Carlo error of its intervals", columns, cells)
-
-
-def _precision_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    columns = (
-        *(right("Score, single"), right("Score, double"), right("Median difference of a pixel", "1")),
-        *(right("Time, single", "ms"), right("Time, double", "ms")),
-    )
-    cells = (
-        (
-            *(number_cell(f"{row[name]:.4f}", row[name]) for name in ("score32", "score64")),
-            Cell(f"{row['median_difference']:.1e}", row["median_difference"]),
-            *(significant_cell(1000.0 * row[name]) for name in ("seconds32", "seconds64")),
-        )
-        for row in rows
-    )
-    return table("Single against double precision of the simulation, at some configurations", columns, cells)
-
-
-def _search_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    columns = (right("Restarts"), right("Efficiency, median"), right("Least"), right("Time", "s"))
-    cells = (
-        (
-            whole_cell(row["restarts"]),
-            *(number_cell(f"{row[name]:.4f}", row[name]) for name in ("efficiency", "least_efficiency")),
-            significant_cell(row["seconds"]),
-        )
-        for row in rows
-    )
-    return table("Restarts of the search of the start design, against the best that was found", columns, cells)
