@@ -6,13 +6,11 @@ commands set ``OPENBLAS_NUM_THREADS=1``.
 
 from __future__ import annotations
 
-import base64
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
     from seqrsm.campaign.campaign import Campaign as Opened
     from seqrsm.campaign.ingest import IngestReport
     from seqrsm.campaign.loop import Outcome
-    from seqrsm.report.blocks import Block, Section
+    from seqrsm.report.blocks import Section
     from seqrsm.score.source import TableSource
     from seqrsm.spec.read import CampaignSpec
     from seqrsm.store.records import RunRecord
@@ -392,7 +390,9 @@ class Fit(Shown):
         show_fit(self._campaign, self.analyses, self.tests, self.compromise)
 
     def _repr_html_(self) -> str:
-        return "".join(_html([self.summary]))
+        from seqrsm.report.html import render_sections
+
+        return render_sections((self.summary,))
 
     def to_json(self) -> dict[str, Any]:
         """As ``seqrsm fit --json``."""
@@ -433,7 +433,7 @@ class Plot(Shown):
     """Figures that a notebook shows; `Campaign.report` writes all of a campaign's to files."""
 
     def __init__(self, sections: Sequence[Section]) -> None:
-        self.sections = sections
+        self.sections = tuple(sections)
 
     def show(self) -> None:
         """Print what each figure shows; a terminal has no pictures."""
@@ -446,45 +446,6 @@ class Plot(Shown):
                     line(block.caption)
 
     def _repr_html_(self) -> str:
-        return "".join(_html(self.sections))
+        from seqrsm.report.html import render_sections
 
-
-def _html(sections: Sequence[Section]) -> Iterator[str]:
-    """Blocks for a notebook's cell, which has a style of its own."""
-    from seqrsm.report.blocks import unfolded
-
-    for section in sections:
-        yield f"<h4>{escape(section.title)}</h4>"
-        for block in unfolded(section.blocks):
-            yield from _html_of(block)
-        yield from _html(section.sections)
-
-
-def _html_of(block: Block) -> Iterator[str]:
-    from seqrsm.report.blocks import Bullets, Definitions, FigureBlock, KeyFigures, Paragraph, Table
-
-    if isinstance(block, Paragraph):
-        yield f"<p>{escape(block.text)}</p>"
-    elif isinstance(block, Bullets):
-        yield f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in block.items)}</ul>"
-    elif isinstance(block, KeyFigures):
-        yield _rows(((item.label, item.value, item.detail) for item in block.items), "td")
-    elif isinstance(block, Definitions):
-        yield _rows(block.items, "td")
-    elif isinstance(block, Table):
-        yield f"<p>{escape(block.caption)}</p>"
-        head = _rows([[column.heading for column in block.columns]], "th")
-        yield head.replace("</table>", "") + _rows(([cell.text for cell in row] for row in block.rows), "td").replace(
-            "<table>", ""
-        )
-    elif isinstance(block, FigureBlock):
-        for panel in block.panels:
-            kind, data = ("svg+xml", panel.svg.encode()) if panel.svg else ("png", panel.png)
-            source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-            yield f'<img alt="{escape(panel.alt)}" title="{escape(panel.title)}" src="{source}">'
-        yield f"<p>{escape(block.caption)}</p>"
-
-
-def _rows(rows: Any, tag: str) -> str:
-    cells = ("".join(f"<{tag}>{escape(text)}</{tag}>" for text in row) for row in rows)
-    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+        return render_sections(self.sections)

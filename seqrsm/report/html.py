@@ -9,17 +9,19 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from itertools import count
+from typing import TYPE_CHECKING, Any
 
 from seqrsm.report.blocks import Equation, Report, Section, unfolded
 from seqrsm.report.figures.drawing import svg_for_html
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from markupsafe import Markup
 
 
 # The text passes as data; only ``math``, a constant of this package, is evaluated.
@@ -68,8 +70,7 @@ def render_html(report: Report) -> str:
     script = template_text("report.js") + template_text("profiler.js")
     profiles = [{"name": name, "data": Markup(data)} for name, data in report.profiles]  # escaped by its maker
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    formulas = equations_to_mathml(tuple(dict.fromkeys(_equations(report.sections))))
-    numbers = iter(range(10**9))
+    numbers = count()
 
     def drawing(svg: str, alt: str) -> Markup:
         label = Markup('<svg role="img" aria-label="{}"').format(alt)
@@ -85,13 +86,40 @@ def render_html(report: Report) -> str:
             style=Markup(template_text("style.css")),
             script=Markup(script),
             script_hash=digest,
-            drawing=drawing,
-            unique=lambda: f"table-{next(numbers)}",
-            formula=lambda equation: Markup(formulas[equation]),
-            png_uri=lambda png: "data:image/png;base64," + base64.b64encode(png).decode(),
-            kind=lambda block: type(block).__name__,
+            **_for_blocks(report.sections, numbers, drawing),
         )
     )
+
+
+def render_sections(sections: tuple[Section, ...]) -> str:
+    """Render sections for a notebook's cell, which has a style of its own; every drawing is an image."""
+    from markupsafe import Markup
+
+    def drawing(svg: str, alt: str) -> Markup:
+        return Markup('<img src="{}" alt="{}">').format(_data_uri("svg+xml", svg.encode()), alt)
+
+    context = _for_blocks(sections, count(), drawing)
+    return environment().get_template("cell.html.j2").render(listed=sections, **context)
+
+
+def _for_blocks(
+    sections: tuple[Section, ...], numbers: Iterator[int], drawing: Callable[[str, str], Markup]
+) -> dict[str, Any]:
+    """What the template of the blocks asks for; ``drawing``: SVG and its alternative text to what shows it."""
+    from markupsafe import Markup
+
+    formulas = equations_to_mathml(tuple(dict.fromkeys(_equations(sections))))
+    return {
+        "drawing": drawing,
+        "unique": lambda: f"table-{next(numbers)}",
+        "formula": lambda equation: Markup(formulas[equation]),
+        "png_uri": lambda png: _data_uri("png", png),
+        "kind": lambda block: type(block).__name__,
+    }
+
+
+def _data_uri(kind: str, data: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
 def _equations(sections: tuple[Section, ...]) -> Iterator[Equation]:

@@ -69,7 +69,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     frame = fit.to_frame()
     assert frame.loc[0, "mean"] == fit.analyses[0].optimum.mean
     assert frame.loc[0, "prediction_low"] == fit.analyses[0].optimum.prediction.low
-    assert "<table>" in fit._repr_html_()
+    assert "Recommended settings" in fit._repr_html_()
     assert "data:image/svg+xml" in fit.plot()._repr_html_()
     assert "Contours" in repr(fit.plot())
     assert len(mine.runs()) == len(plan) + 15
