@@ -74,7 +74,7 @@ def start_batch(
     failed: Sequence[RunRecord] = (),
 ) -> list[NewRun]:
     """Start design, or what is missing of it when ``made`` holds runs already; away from what ``failed``."""
-    from seqrsm.design.optimal import optimal_design, start_design  # numba: not loaded for fit or status
+    from seqrsm.design.optimal import start_design
 
     n = start_size(model, spec)
     fixed = spec.region.code([run.settings for run in made]) if made else np.empty((0, spec.region.k))
@@ -96,7 +96,7 @@ def start_batch(
         )
         points = np.array([proposal.point for proposal in proposals])
     elif made:
-        points = optimal_design(model, spec.region, max(n - len(made), 1), seed=spec.seed, fixed=fixed).points
+        points = start_design(model, spec.region, max(n, len(made) + 1), seed=spec.seed, fixed=fixed)
     else:
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
     why = f"start design: {n} runs for a model of {model.p} terms"

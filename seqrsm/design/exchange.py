@@ -1,20 +1,22 @@
-"""Search for the rows of an optimal design, in a box (compiled) or in a region with constraints."""
+"""Search for the rows of an optimal design: among candidates, in a box (compiled), in a region with constraints."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design import kernels
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.progress import heard, tell
+
+if TYPE_CHECKING:
+    from seqrsm.design.kernels import Layout
 
 # Starts with log|M|/p below this are drawn anew: an exchange from there ends in poor optima.
 _FLOOR_PER_TERM = -6.0
@@ -74,7 +76,7 @@ def smallest_eigenvalue(M: FloatArray) -> float:
     return float(np.linalg.eigvalsh(M / np.outer(d, d))[0])
 
 
-def layout(model: QuadraticModel, region: Region) -> kernels.Layout:
+def layout(model: QuadraticModel, region: Region) -> Layout:
     """Arrays that describe factors and terms to the kernels; see :mod:`seqrsm.design.kernels`."""
     kind, count, spans, span_at, term_at = [], [], [], [0], [0]
     terms: list[int] = []
@@ -125,6 +127,8 @@ def search_box(
 def _told(total: int, *arguments: Any) -> tuple[FloatArray, float, int]:
     """The compiled search; where somebody listens it runs in a thread of its own and its count is told meanwhile."""
     done = np.zeros(1, dtype=np.int64)
+    from seqrsm.design import kernels  # numba: compiled where a box is searched, not for a start design
+
     search: Callable[..., tuple[FloatArray, float, int]] = kernels.search
     if not heard():
         return search(*arguments, done)
@@ -147,19 +151,13 @@ def _told(total: int, *arguments: Any) -> tuple[FloatArray, float, int]:
     return found[0]
 
 
-def search_constrained(
-    model: QuadraticModel, region: Region, task: Task, starts: int, seed: int
-) -> tuple[FloatArray, int]:
-    """Best rows (n, k) found in a region with constraints.
+def search_candidates(
+    model: QuadraticModel, candidates: FloatArray, task: Task, starts: int, rng: np.random.Generator
+) -> list[tuple[float, FloatArray]]:
+    """Values and rows (n, k) of local optima over candidates (m, k), the best first: exchange from random starts.
 
-    Candidate exchange from random starts over points that cover the region and its boundary (Cook & Nachtsheim 1980,
-    Technometrics 22, 315-324), then exact coordinate exchange along feasible intervals for the best few, the two in
-    turn until neither gains: candidates jump over oblique edges where coordinate moves jam.
+    Fedorov's exchange, row by row (Cook & Nachtsheim 1980, Technometrics 22, 315-324).
     """
-    rng = np.random.default_rng([seed, 1])
-    candidates = region.candidates(limit=_CANDIDATES)
-    if candidates.shape[0] > _CANDIDATES:
-        candidates = candidates[np.sort(rng.choice(candidates.shape[0], _CANDIDATES, replace=False))]
     rows = model.matrix(candidates)
     found: list[tuple[float, FloatArray]] = []
     for start in range(starts):
@@ -170,9 +168,25 @@ def search_constrained(
             ridge = replace(task, precision=task.precision + _RIDGE * np.eye(model.p), weight=None)
             _candidate_exchange(points, rows[chosen], candidates, rows, ridge, _COARSE)
         found.append((_candidate_exchange(points, model.matrix(points), candidates, rows, task, _COARSE), points))
-    found.sort(key=lambda pair: -pair[0])
+    return sorted(found, key=lambda pair: -pair[0])
+
+
+def search_constrained(
+    model: QuadraticModel, region: Region, task: Task, starts: int, seed: int
+) -> tuple[FloatArray, int]:
+    """Best rows (n, k) found in a region with constraints.
+
+    Candidate exchange from random starts over points that cover the region and its boundary, then exact coordinate
+    exchange along feasible intervals for the best few, the two in turn until neither gains: candidates jump over
+    oblique edges where coordinate moves jam.
+    """
+    rng = np.random.default_rng([seed, 1])
+    candidates = region.candidates(limit=_CANDIDATES)
+    if candidates.shape[0] > _CANDIDATES:
+        candidates = candidates[np.sort(rng.choice(candidates.shape[0], _CANDIDATES, replace=False))]
+    rows = model.matrix(candidates)
     polished = []
-    for value, points in found[:_POLISHED]:
+    for value, points in search_candidates(model, candidates, task, starts, rng)[:_POLISHED]:
         current, left = value, _POLISH_PASSES
         while left > 0:
             after, used = _polish(model, region, task, points, min(left, _MAX_PASSES))
@@ -193,6 +207,8 @@ def _polish(model: QuadraticModel, region: Region, task: Task, points: FloatArra
 
     Returns the value reached and the passes made, at most ``passes``.
     """
+    from seqrsm.design import kernels
+
     plan = layout(model, region)
     n_base = 1 + sum(len(columns) for columns in model.columns)
     linear = task.weight is not None

@@ -182,6 +182,26 @@ def test_the_start_design_has_its_centre_repeats(constraints):
         start_design(MODEL, region, 3)
 
 
+@pytest.mark.parametrize("k", [2, 3, 4, 5, 6])
+def test_a_start_design_among_three_levels_is_nearly_as_good_as_the_best(k):
+    """By D-efficiency, which counts the runs that a worse design would have to have more."""
+    factors = tuple(ContinuousFactor(f"x{j}", -1.0, 1.0) for j in range(k))
+    model, region = QuadraticModel(factors), Region(factors)
+    n = model.p + 6
+    centre = np.tile(region.centre(), (3, 1))
+    best = optimal_design(model, region, n - 3, seed=1, starts=60, fixed=centre)
+    Z = model.matrix(start_design(model, region, n, 3, seed=1))
+    assert np.linalg.slogdet(Z.T @ Z)[1] >= best.log_det + model.p * np.log(0.97)
+
+
+def test_what_is_missing_of_a_start_design_goes_well_with_what_is_made():
+    region = Region(MIXED)
+    made = start_design(MODEL, region, MODEL.p + 6, seed=2)[:10]
+    more = start_design(MODEL, region, MODEL.p + 6, seed=3, fixed=made)
+    assert more.shape == (14, 4)
+    assert evaluate_design(MODEL, region, np.vstack([made, more])).condition_number < 30.0
+
+
 def test_an_aliased_design_says_what_equals_what():
     model = QuadraticModel(PLANE)
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [0.0, 0.0]])
