@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def random_surfaces(region: Region, noise: float, spread: float, source: str, se
     return Surfaces(model, beta * (spread / np.std(values, axis=0))[:, None], noise, source)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Budget:
     """The question.
 
@@ -151,57 +152,80 @@ class Budget:
             Numbers of runs about the budget and what the models ask for, with the campaign's order and with 1.
         """
         region, budget, order = self.region, self.rule.max_runs, self.order
-        cloud = _cloud(region, self.known.model.p, generator(self.seed, 0, "budget: settings"))
-        best = (self._sign() * self.known.model.matrix(cloud) @ self.known.coefficients.T).max(axis=0)
-        ways = [("", order), ("[model] order = 1", 1)][:order]
         whole = tuple(range(region.k))
-        at_budget = [self._plan(change, budget, one, whole, cloud, best) for change, one in ways]
+        ways = [("", order), ("[model] order = 1", 1)][:order]
+        at_budget = [plan for change, one in ways for plan in self.by_runs([budget], one, whole, change)]
         asked = [plan.asked for plan in at_budget]
         if self.rule.guard == "runs" and asked[0] > budget:
-            fewer = self._plan("", budget - confirmation, order, whole, cloud, best)
+            (fewer,) = self.by_runs([budget - confirmation], order, whole)
             least = fewer.n_terms + 1 + confirmation
             at_budget.insert(1, replace(fewer, change='[stop] guard = "confirmation"', runs=budget, asked=least))
         shown = region.decode(self.at[None, :])[0]
-        for j in whole if region.k > 1 else ():
-            factor = region.factors[j]
-            points = cloud.copy()
-            points[:, j] = self.at[j]
-            points = points[region.feasible(points)]
+        for factor in region.factors if region.k > 1 else ():
             change = f"{factor.name} fixed at {setting_with_unit(factor, shown[factor.name])}"
-            kept = tuple(i for i in whole if i != j)
-            if len(points) > 1:
-                at_budget.append(self._plan(change, budget, order, kept, points, best))
+            kept = tuple(i for i in whole if region.factors[i] is not factor)
+            at_budget += self.by_runs([budget], order, kept, change)
         counts = sorted({budget, *asked, *(int(np.ceil(share * max(asked))) for share in (1.5, 2.0, 3.0))})
-        over = [self._plan(change, n, one, whole, cloud, best) for n in counts for change, one in ways]
-        return tuple(at_budget), tuple(over)
+        by_order = [self.by_runs(counts, one, whole, change) for change, one in ways]
+        return tuple(at_budget), tuple(plan for plans in zip(*by_order, strict=True) for plan in plans)
 
-    def _sign(self) -> float:
-        return sign_of(self.goal)
+    def by_runs(self, counts: Sequence[int], order: int, kept: Sequence[int], change: str = "") -> list[Plan]:
+        """What numbers of runs give.
 
-    def _plan(
-        self, change: str, n: int, order: int, kept: tuple[int, ...], points: FloatArray, best: FloatArray
-    ) -> Plan:
-        """One way: ``points`` are its settings, ``kept`` the factors of its model, ``best`` what could be had."""
+        Parameters
+        ----------
+        counts : sequence of int
+        order : int
+            Of the model.
+        kept : sequence of int
+            Factors that are varied; the others are fixed.
+        change : str
+            As of `Plan`.
+
+        Returns
+        -------
+        list of Plan
+            One for each number; none where no two settings are left.
+        """
         model = QuadraticModel(tuple(self.region.factors[j] for j in kept), order)
-        p, sign, known = model.p, self._sign(), self.known
-        asked = max(self.rule.min_runs(p), p + 1)
+        points = self._cloud.copy()
+        fixed = [j for j in range(self.region.k) if j not in kept]
+        points[:, fixed] = self.at[fixed]
+        points = points[self.region.feasible(points)] if fixed else points
+        if len(points) < 2:
+            return []
         Z = model.matrix(points[:, list(kept)])
-        n_spread = min(n, p + _EXTRA) + max(n - p - _EXTRA, 0) // 2
-        rows, m = _greedy(Z, n_spread), n - n_spread
+        truth = self.known.model.matrix(points) @ self.known.coefficients.T  # (points, campaigns)
+        rows = _greedy(Z, max(_n_spread(n, model.p) for n in counts))
+        return [self._plan(change, n, model.p, Z, truth, rows[: _n_spread(n, model.p)]) for n in counts]
+
+    @cached_property
+    def _cloud(self) -> FloatArray:
+        return _cloud(self.region, self.known.model.p, generator(self.seed, 0, "budget: settings"))
+
+    @cached_property
+    def _best(self) -> FloatArray:
+        """What could be had of each truth, the goal's sign to it."""
+        truth = self.known.model.matrix(self._cloud) @ self.known.coefficients.T
+        return np.asarray((sign_of(self.goal) * truth).max(axis=0))
+
+    def _plan(self, change: str, n: int, p: int, Z: FloatArray, truth: FloatArray, rows: list[int]) -> Plan:
+        """One number of runs ``n``: ``rows`` of ``Z`` are those that are spread, the others gather at the best."""
+        asked = max(self.rule.min_runs(p), p + 1)
+        sign, noise, n_spread, m = sign_of(self.goal), self.known.noise, len(rows), n - len(rows)
         if n <= p or np.linalg.matrix_rank(Z[rows]) < p:
             return Plan(change, n, p, asked, float("nan"), float("nan"))
         rng = generator(self.seed, n, "budget: runs")
-        truth = known.model.matrix(points) @ known.coefficients.T  # (points, campaigns)
         every = np.arange(truth.shape[1])
         inverse = np.linalg.inv(Z[rows].T @ Z[rows])
-        y = truth[rows] + known.noise * rng.standard_normal((n_spread, len(every)))
+        y = truth[rows] + noise * rng.standard_normal((n_spread, len(every)))
         beta = inverse @ Z[rows].T @ y
         rss = np.sum((y - Z[rows] @ beta) ** 2, axis=0)
         fitted = Z @ beta
         h = np.repeat(np.einsum("ij,jk,ik->i", Z, inverse, Z)[:, None], len(every), axis=1)
         if m:  # repeats at the best settings so far: one more observation of weight m there, and their own scatter
             at = np.argmax(sign * fitted, axis=0)
-            again = truth[at, every] + known.noise * rng.standard_normal((m, len(every)))
+            again = truth[at, every] + noise * rng.standard_normal((m, len(every)))
             apart, gain = again.mean(axis=0) - fitted[at, every], m / (1.0 + m * h[at, every])
             across = Z @ inverse @ Z[at].T
             fitted, h = fitted + across * (gain * apart), h - across**2 * gain
@@ -209,8 +233,13 @@ class Budget:
         at = np.argmax(sign * fitted, axis=0)
         rule = replace(self.rule, max_runs=n)
         width = rule_half_width(rule, np.sqrt(rss / (n - p)), n - p, h[at, every], p, n_runs=n)
-        loss = np.maximum(best - sign * truth[at, every], 0.0)
+        loss = np.maximum(self._best - sign * truth[at, every], 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
+
+
+def _n_spread(n: int, p: int) -> int:
+    """Runs of ``n`` that are spread over the region; the others repeat the best settings so far."""
+    return min(n, p + _EXTRA) + max(n - p - _EXTRA, 0) // 2
 
 
 def _cloud(region: Region, p: int, rng: np.random.Generator) -> FloatArray:

@@ -1,10 +1,11 @@
-"""``seqrsm check``: everything that can be known before the first run."""
+"""``seqrsm check`` and ``seqrsm plan``: everything that can be known before the first run, and what runs can give."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,12 @@ ASSUMED_SPREAD = 3.0
 
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
+
+_ALL_SUBSETS = 4
+"""Factors of which every subset is planned; of more, all of them and all but one."""
+
+_SIZES = 14
+"""Numbers of runs of which a plan is found; between them the page interpolates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,70 +132,182 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     """
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
-    rule = stop_rule(spec)
-    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "not known before the first repeats"
-    notes: tuple[str, ...] = ()
-    covers: tuple[str, ...] = ()
-    combinations: tuple[str, ...] = ()
+    combinations = check_simulator(spec) if spec.simulator is not None else ()
     analysis = _analysis(spec)
-    spread = float("nan")
-    if spec.simulator is not None:
-        combinations = check_simulator(spec)
-        noise, share, df, seconds, notes = probe_noise(spec, progress)
-        spread = float("nan") if analysis is not None else _spread(spec, noise)
-        rule = replace(rule, ground_share=share)
-        covers = scene_at(str(spec.scene_path)).categories
-        source = f"simulations at the centre, {df} degrees of freedom"
-    elif analysis is not None:
-        noise, df = float(analysis.fit.s), analysis.fit.df_residual
-        source = f"residuals of {analysis.fit.n_runs} scored runs"
+    known = _what_is_known(spec, analysis, progress)
+    noise, share, df = known.noise, known.ground_share, known.df
+    covers = scene_at(str(spec.scene_path)).categories if spec.simulator is not None else ()
     unit = spec.applications[0].unit
+    budget = _budget(spec, analysis, known)
+    rule = budget.rule
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
     least = noise * np.sqrt(df / chdtri(df, 1.0 - REFUSAL_LEVEL)) if df else 0.0
     if problem and share > 0.0 and rule.counts_ground and rule.max_runs >= rule.min_runs(model.p):
         problem += _by_flights(rule, noise)
     # What the ground adds does not refuse a target: flights may follow.
     hopeless = target_problem(replace(rule, counts_ground=False), least, model.p, unit) if least > 0.0 else ""
-    known = _surfaces(spec, noise, spread, analysis)
-    in_units = np.isfinite(noise) or known.noise != 1.0
-    at = spec.region.centre() if analysis is None else analysis.optimum.point
-    budget = Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, known, at, spec.seed)
     plans, over = budget.plans(spec.stop.confirmation_runs)
     refused = problem or hopeless if hopeless else ""
     try:
         start = start_size(model, spec)
     except SpecError as error:
         start, refused = plans[0].asked, error.problems[0].message + "."
+    in_units = known.in_units
     target = rule.half_width if in_units else float("nan")
     if refused or problem:
         out = way_out(plans, over, target, unit if in_units else "s")
         out += "" if in_units else " (s: the standard deviation of a run.)"
         refused, problem = (f"{text} {out}" if text else "" for text in (refused, problem))
-    result = CheckResult(
+    return CheckResult(
         name=spec.name,
         n_factors=spec.region.k,
         n_terms=model.p,
         start_runs=start,
         min_runs=rule.min_runs(model.p),
         max_runs=rule.max_runs,
-        seconds_per_run=seconds,
+        seconds_per_run=known.seconds,
         noise=noise,
         ground_share=share,
-        noise_source=source,
-        cost=rule.max_runs * (spec.cost.simulation if spec.simulator is not None else spec.cost.flight),
+        noise_source=known.noise_source,
+        cost=rule.max_runs * _cost(spec),
         target_problem=problem,
-        notes=notes,
+        notes=known.notes,
         covers=covers,
         combinations=combinations,
         hardware=_hardware(spec),
         plans=plans,
         over=over,
-        surfaces=known.source,
+        surfaces=known.surfaces.source,
         target=target,
         unit=unit if in_units else "s",
         refused=refused,
     )
-    return result
+
+
+def plan_campaign(
+    spec: CampaignSpec, analyses: Sequence[Analysis], progress: Callable[[int, int], None]
+) -> dict[str, Any]:
+    """What runs can give over the factors that are kept, the order and the number of runs, as a JSON document.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    analyses : sequence of Analysis
+        Of the scores so far; empty before the first.
+    progress : callable
+        Told of (done, all) pieces of work.
+
+    Returns
+    -------
+    dict
+        ``models``: for each set of kept factors and order the terms ``p``, the fewest runs ``asked`` for by the stop
+        rule, and by numbers of ``runs`` the ``half_widths`` and ``losses``, see `seqrsm.campaign.budget`; those are
+        for runs of standard deviation ``s``, which is None where nothing tells it: then for one of 1. ``source``: from
+        what surfaces they were found; ``most``: the largest number of runs; the campaign's target, budget and cost.
+    """
+    analysis = analyses[0] if analyses else None
+    known = _what_is_known(spec, analysis, progress)
+    budget = _budget(spec, analysis, known)
+    most = max(3 * spec.stop.max_runs, 60)
+    orders = (1, 2) if spec.region.numeric else (1,)
+    wanted = [(kept, order) for kept in _subsets(spec.region.k) for order in orders]
+    models = []
+    for done, (kept, order) in enumerate(wanted):
+        progress(done, len(wanted))
+        p = QuadraticModel(tuple(spec.factors[j] for j in kept), order).p
+        spread = np.unique(np.geomspace(1.0, max(most - p, 1), _SIZES).round().astype(int))
+        plans = [one for one in budget.by_runs([p + int(n) for n in spread], order, kept) if one.half_width > 0.0]
+        models.append(
+            {
+                "kept": list(kept),
+                "order": order,
+                "p": p,
+                "asked": plans[0].asked if plans else None,
+                "runs": [one.runs for one in plans],
+                "half_widths": [float(f"{one.half_width:.5g}") for one in plans],
+                "losses": [float(f"{one.loss:.5g}") for one in plans],
+            }
+        )
+    return {
+        "campaign": spec.name,
+        "factors": list(spec.region.names),
+        "unit": spec.applications[0].unit,
+        "level": spec.stop.level,
+        "interval": spec.stop.interval,
+        "replicates": spec.stop.replicates,
+        "s": known.surfaces.noise if known.in_units else None,
+        "source": known.surfaces.source,
+        "half_width": spec.stop.half_width,
+        "max_runs": spec.stop.max_runs,
+        "most": most,
+        "order": spec.model.order,
+        "cost": _cost(spec),
+        "cost_unit": spec.cost.unit,
+        "models": models,
+    }
+
+
+def _subsets(k: int) -> list[tuple[int, ...]]:
+    """Kept factors, all of them first."""
+    sizes = range(k, 0, -1) if k <= _ALL_SUBSETS else range(k, max(k - 2, 0), -1)
+    return [kept for size in sizes for kept in itertools.combinations(range(k), size)]
+
+
+def _cost(spec: CampaignSpec) -> float:
+    """Of a run, as the campaign makes them."""
+    return spec.cost.simulation if spec.simulator is not None else spec.cost.flight
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What is known of the scatter of a run and of the surface.
+
+    Attributes
+    ----------
+    noise, ground_share, df, noise_source :
+        As of `CheckResult`, with the degrees of freedom behind them; nan and 0 where nothing tells them.
+    seconds : float
+        Of a simulated run here [s]; nan without a simulator.
+    notes : tuple of str
+        What the simulation rests on.
+    surfaces : Surfaces
+        With the scatter that budgets are found from: that of the scores, where there are some.
+    """
+
+    noise: float
+    ground_share: float
+    df: int
+    noise_source: str
+    seconds: float
+    notes: tuple[str, ...]
+    surfaces: Surfaces
+
+    @property
+    def in_units(self) -> bool:
+        """Whether the scatter is known in score units; else it is 1."""
+        return bool(np.isfinite(self.noise)) or self.surfaces.noise != 1.0
+
+
+def _what_is_known(spec: CampaignSpec, analysis: Analysis | None, progress: Callable[[int, int], None]) -> _Known:
+    """The scatter of a run by simulations, else by the scores; the surface by scores, simulations, or as stated."""
+    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "not known before the first repeats"
+    notes: tuple[str, ...] = ()
+    spread = float("nan")
+    if spec.simulator is not None:
+        noise, share, df, seconds, notes = _probe_noise(spec, progress)
+        spread = float("nan") if analysis is not None else _spread(spec, noise)
+        source = f"simulations at the centre, {df} degrees of freedom"
+    elif analysis is not None:
+        noise, df = float(analysis.fit.s), analysis.fit.df_residual
+        source = f"residuals of {analysis.fit.n_runs} scored runs"
+    return _Known(noise, share, df, source, seconds, notes, _surfaces(spec, noise, spread, analysis))
+
+
+def _budget(spec: CampaignSpec, analysis: Analysis | None, known: _Known) -> Budget:
+    """The question that both faces ask; factors would be fixed at the optimum so far, else at the centre."""
+    at = spec.region.centre() if analysis is None else analysis.optimum.point
+    rule = stop_rule(spec, known.ground_share)
+    return Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, known.surfaces, at, spec.seed)
 
 
 def _hardware(spec: CampaignSpec) -> tuple[str, ...]:
@@ -218,7 +337,7 @@ def _by_flights(rule: StopRule, noise: float) -> str:
     )
 
 
-def probe_noise(
+def _probe_noise(
     spec: CampaignSpec, progress: Callable[[int, int], None]
 ) -> tuple[float, float, int, float, tuple[str, ...]]:
     """Noise, the ground's share of its variance, degrees of freedom, seconds of a simulated run, and notes."""

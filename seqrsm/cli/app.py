@@ -502,14 +502,14 @@ def plan_page(
     as_json: AsJson = False,
 ) -> None:
     """Write a page that works offline: move factors, budget and target, see half-width, loss and cost."""
-    from seqrsm.campaign.plan import plan
+    from seqrsm.campaign.check import plan_campaign
     from seqrsm.report.files import put
     from seqrsm.report.plan import render_plan
 
     campaign = _opened(folder).opened
-    with display("searching designs", inner=False) as shown:
-        document = plan(campaign, partial(shown.count, "searching designs"))
+    with display("planning", inner=False) as shown:
         analyses = campaign.analyse_all() if campaign.store.runs("scored") else ()
+        document = plan_campaign(campaign.spec, analyses, partial(shown.count, "planning"))
     if as_json:
         print_json(document)
     else:

@@ -22,7 +22,7 @@ def render_plan(document: dict[str, Any], analyses: Sequence[Analysis]) -> str:
     Parameters
     ----------
     document : dict
-        From `seqrsm.campaign.plan.plan`.
+        From `seqrsm.campaign.check.plan_campaign`.
     analyses : sequence of Analysis
         Empty before the first scores.
     """

@@ -5,7 +5,7 @@
     holder.innerHTML = "<svg></svg>";
     var NS = holder.firstChild.namespaceURI, W = 640, H = 300, LEFT = 60, BOTTOM = 40, TOP = 12, RIGHT = 16;
     var data = JSON.parse(box.querySelector("script").textContent), unit = data.unit ? " " + data.unit : "", head = data.unit ? " [" + data.unit + "]" : "";
-    var most = Math.max(3 * data.max_runs, 60), controls = box.querySelector(".controls"), fields = {};
+    var most = data.most, controls = box.querySelector(".controls"), fields = {};
     function add(parent, name, attributes, text) {
       var svg = parent.namespaceURI === NS || name === "svg";
       var node = svg ? document.createElementNS(NS, name) : document.createElement(name);
@@ -29,36 +29,19 @@
     control("runs", "runs", data.max_runs, { type: "range", min: 4, max: most, step: 1 });
     control("target", "target half-width" + head, data.half_width, { type: "number", min: 0, step: "any" });
     control("s", "standard deviation of a run" + head, short(data.s || guess), { type: "number", min: 0, step: "any" });
-    control("drop", "fall of the score to the end of a factor" + head, short(data.drop || 4 * guess),
-      { type: "number", min: 0, step: "any" });
     control("cost", "cost of a run" + (data.cost_unit ? " [" + data.cost_unit + "]" : ""), data.cost,
       { type: "number", min: 0, step: "any" });
-    // N times a variance hardly changes with N: straight between the designs, level beyond them.
-    function between(designs, n, column) {
-      var value = designs[0][0] * designs[0][column];
-      for (var i = 0; i < designs.length; i += 1) {
-        var here = designs[i][0] * designs[i][column], before = designs[i - 1];
-        if (n >= designs[i][0]) { value = here; } else {
-          if (i > 0) {
-            var old = before[0] * before[column];
-            value = old + (here - old) * (n - before[0]) / (designs[i][0] - before[0]);
-          }
-          break;
-        }
-      }
-      return value / n;
+    // Straight over the logarithm of the degrees of freedom between the numbers that were simulated.
+    function between(model, n, values) {
+      var i = model.runs.findIndex(function (here) { return here >= n; });
+      if (i < 0 || n < model.runs[0]) { return NaN; }
+      if (model.runs[i] === n) { return values[i]; }
+      var low = Math.log(model.runs[i - 1] - model.p), high = Math.log(model.runs[i] - model.p);
+      return values[i - 1] + (values[i] - values[i - 1]) * (Math.log(n - model.p) - low) / (high - low);
     }
-    function halfWidth(model, n, s) {
-      var df = n - model.p;
-      if (df < 1) { return Infinity; }
-      return data.t[Math.min(df, data.t.length) - 1] * s * Math.sqrt(data.share + between(model.designs, n, 1));
-    }
-    // A quadratic of curvature 2 drop in each numeric factor and gradient variance s^2 g in all loses s^2 g / (4 drop)
-    // at its estimated optimum; the optimum of a first order is a corner.
-    function loss(model, n, s, drop) {
-      if (model.order === 1 || n <= model.p || !(drop > 0)) { return NaN; }
-      return Math.min(s * s * between(model.designs, n, 2) / (4 * drop), drop * Math.max(model.numeric, 1));
-    }
+    // Surfaces were drawn in proportion to the standard deviation of a run.
+    function halfWidth(model, n, s) { return between(model, n, model.half_widths) * s / (data.s || 1); }
+    function loss(model, n, s) { return between(model, n, model.losses) * s / (data.s || 1); }
     function chosen() {
       var kept = data.factors.map(function (_, j) { return j; }).filter(function (j) { return fields["factor-" + j].checked; });
       var order = fields.order.checked ? 2 : 1;
@@ -72,16 +55,16 @@
         box.querySelector(".said").textContent = "This set of factors was not planned: vary all, or leave one out.";
         return;
       }
-      var width = halfWidth(model, n, s), lost = loss(model, n, s, Number(fields.drop.value)), first = 0, i;
-      for (i = model.p + 1; i <= most && !first; i += 1) { if (halfWidth(model, i, s) <= target) { first = i; } }
+      var width = halfWidth(model, n, s), lost = loss(model, n, s), first = 0, i;
+      for (i = Math.max(model.asked, 1); i <= most && !first; i += 1) { if (halfWidth(model, i, s) <= target) { first = i; } }
       fields.runs.setAttribute("aria-valuetext", n + " runs");
       box.querySelector(".said").textContent = n + " runs, " + model.p + " terms: " +
         (isFinite(width) ? "half-width \u00b1 " + short(width) + unit : "too few runs for a half-width") +
-        (isNaN(lost) ? "" : "; expected loss at least " + short(lost) + unit) +
+        (isNaN(lost) ? "" : "; expected loss " + short(lost) + unit) +
         "; cost " + short(n * Number(fields.cost.value)) + (data.cost_unit ? " " + data.cost_unit : "") +
         (first ? ". The target is reached from " + first + " runs on."
           : ". The target is not reached by " + most + " runs: fewer factors, first order, or a wider target.");
-      var top = 1.1 * Math.max(target, Math.min(halfWidth(model, model.p + 2, s), 6 * target));
+      var top = 1.1 * Math.max(target, Math.min(halfWidth(model, model.runs[0], s) || 0, 6 * target));
       var x = function (at) { return LEFT + (W - LEFT - RIGHT) * at / most; };
       var y = function (at) { return H - BOTTOM - (H - BOTTOM - TOP) * Math.min(at / top, 1); };
       var svg = add(curve, "svg", { viewBox: "0 0 " + W + " " + H, role: "img",
@@ -89,7 +72,7 @@
       add(svg, "path", { d: "M" + LEFT + " " + TOP + "V" + (H - BOTTOM) + "H" + (W - RIGHT), fill: "none",
         stroke: "var(--line)" });
       var points = [];
-      for (i = model.p + 2; i <= most; i += 1) { points.push(x(i).toFixed(1) + "," + y(halfWidth(model, i, s)).toFixed(1)); }
+      for (i = model.runs[0]; i <= model.runs[model.runs.length - 1]; i += 1) { points.push(x(i).toFixed(1) + "," + y(halfWidth(model, i, s)).toFixed(1)); }
       add(svg, "polyline", { points: points.join(" "), fill: "none", stroke: "var(--blue)", "stroke-width": 2 });
       add(svg, "line", { x1: LEFT, x2: W - RIGHT, y1: y(target), y2: y(target), stroke: "var(--green)",
         "stroke-dasharray": "6 4" });
