@@ -72,7 +72,7 @@ def build_report(dossier: Dossier) -> Report:
         provenance_section(dossier),
         run_section(dossier) if runs else None,
     )
-    appendix = Section("appendix", "Appendix: how it was found, and every run", (), _there(methods), new_page=True)
+    appendix = Section("appendix", "Appendix: how it was found, and every run", (), _there(methods))
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
