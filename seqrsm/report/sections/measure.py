@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from seqrsm.analysis.ground import RANKED, ranked_values
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import Paragraph, Section, right, table
-from seqrsm.report.rounding import format_significant
+from seqrsm.report.rounding import decimals_of_significant, format_significant
 from seqrsm.report.wording import half_width_text, score_decimals
 from seqrsm.store.records import EventRecord
 
@@ -37,7 +37,8 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
         """Half-width where a share of the ground's variance is gone."""
         return half_width_text(analysis, math.sqrt(max(total**2 - share * best.of_ground**2, 0.0)))
 
-    unit, places = found[-1]["unit"], max(score_decimals(analysis), 0)
+    largest = max(max(abs(value["up"]), abs(value["down"])) for value in values)
+    unit, places = found[-1]["unit"], max(score_decimals(analysis), decimals_of_significant(largest, 2), 0)
     rows = tuple(
         (
             value["category"],
