@@ -16,7 +16,7 @@ from seqrsm.design.evaluate import (
     nearly_inestimable_terms,
 )
 from seqrsm.design.exchange import Task, search_box, search_candidates, search_constrained
-from seqrsm.design.minimax import MinimaxSearch
+from seqrsm.design.minimax import search_minimax
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -28,8 +28,7 @@ _START_SEARCHES, _START_CANDIDATES = 8, 3**8
 START_SEARCHES_CONSTRAINED = 4
 """Local searches of a start design where constraints cut the box."""
 
-_MINIMAX_SEARCHES = 40
-_ASCENTS, _SWEEPS = 40, 8  # of a G-optimal search on its way; the design that it finds is judged by many more
+_MINIMAX_STARTS, _MINIMAX_STARTS_CONSTRAINED = 60, 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,34 +165,14 @@ def _minimax(
 ) -> Design:
     """G-optimal design, from random designs and a D-optimal one, which sometimes is G-optimal, too."""
     given = prior if np.any(prior) else None
-    total, kicks = _minimax_effort(model, region, n_runs) if starts is None else (max(starts, 1), 0)
-    quick = _MINIMAX_SEARCHES if region.is_box else START_SEARCHES_CONSTRAINED
+    quick = _MINIMAX_STARTS if region.is_box else START_SEARCHES_CONSTRAINED
     start = optimal_design(model, region, n_runs, seed=seed, starts=quick, fixed=fixed, prior_precision=given)
     rng = np.random.default_rng([seed % 2**63, 2])
+    total = (_MINIMAX_STARTS if region.is_box else _MINIMAX_STARTS_CONSTRAINED) if starts is None else max(starts, 1)
     first = [start.points] + [region.sample(n_runs, rng) for _ in range(total - 1)]
     Z_fixed = model.matrix(fixed)
-
-    def largest(D: FloatArray) -> tuple[float, FloatArray]:
-        return largest_variance(model, region, D, _ASCENTS, _SWEEPS)
-
-    engine = MinimaxSearch(model, region, prior + Z_fixed.T @ Z_fixed, largest)
-    points, hits = engine.search(first, kicks, rng)
-    return _described(model, points, fixed, "G", moments, prior, (hits, total + kicks, seed), region)
-
-
-def _minimax_effort(model: QuadraticModel, region: Region, n_runs: int) -> tuple[int, int]:
-    """Starts of a G-optimal search and kicks of their best, as many as fit into the time of a D-optimal search.
-
-    Constraints make each search far slower; then fewer are made.
-    """
-    if not region.is_box:
-        return (24, 8) if model.p <= 28 else (6, 2)
-    for p, starts, kicks in ((6, 48, 16), (10, 24, 8), (15, 50, 16), (21, 90, 30), (28, 120, 40)):
-        if model.p <= p:
-            # Levels are exchanged run by run: more optima, and no time of a D-optimal search to be kept.
-            share = min(1.0, 1.6 * model.p / n_runs) if len(region.continuous) == region.k else 2.0
-            return max(round(share * starts), 6), max(round(share * kicks), 2)
-    return max(int(120 * (28.0 / model.p) ** 4), 6), 4
+    points, hits = search_minimax(model, region, prior + Z_fixed.T @ Z_fixed, first)
+    return _described(model, points, fixed, "G", moments, prior, (hits, total, seed), region)
 
 
 def start_design(

@@ -82,7 +82,7 @@ def limit(row: dict[str, str]) -> float:
     k = int(row["k"])
     if row["kind"] != "table":
         return 1e-6
-    return {"D": 1e-6 if k <= 4 else 1e-3, "I": 1e-3, "G": 0.5 if k <= 3 else 2.0}[row["criterion"]]
+    return {"D": 1e-6 if k <= 4 else 1e-3, "I": 1e-3, "G": 1.0 if k <= 3 else 2.0}[row["criterion"]]
 
 
 HEAD = """# Optimal designs against the best known
