@@ -13,9 +13,11 @@ from seqrsm.analysis.compromise import CompromiseEstimate
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import read_candidates
-from seqrsm.campaign.images import ImagePanel, Pictures, TruthPanel, report_pictures, truth_panel
+from seqrsm.campaign.images import ImagePanel, report_pictures
 from seqrsm.campaign.rests_on import CropCalendar, crop_calendar, rests_on
+from seqrsm.campaign.simulation import scene_at
 from seqrsm.campaign.tradeoff import read_tradeoff
+from seqrsm.scene.scene import Scene
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord
 
@@ -38,8 +40,10 @@ class Dossier:
         The history.
     images : tuple of ImagePanel
         Simulated images; empty for a campaign without a simulator.
-    truth : TruthPanel or None
-        Ground truth of the simulated site.
+    scene : Scene or None
+        The simulated site.
+    quarter_turns : int
+        ``numpy.rot90`` of its layers by so many has the orientation of the first image.
     assumptions : tuple of str
         Every assumption of the simulation, one sentence each.
     provenance : Mapping[str, str]
@@ -65,7 +69,8 @@ class Dossier:
     looks: tuple[LookRecord, ...]
     events: tuple[EventRecord, ...]
     images: tuple[ImagePanel, ...]
-    truth: TruthPanel | None
+    scene: Scene | None
+    quarter_turns: int
     assumptions: tuple[str, ...]
     provenance: Mapping[str, str]
     reproduce: tuple[str, ...]
@@ -95,10 +100,13 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     spec, store = campaign.spec, campaign.store
     step("sampling the posterior")
     analyses = campaign.analyse_all(sampler="emcee", thorough=True)
-    pictures, assumptions = Pictures((), None, ()), _measured_assumptions(campaign)
-    if spec.simulator is not None:
+    images: tuple[ImagePanel, ...] = ()
+    turns, notes = 0, _measured_assumptions(campaign)
+    scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
+    if scene is not None:
         step("simulating pictures")
-        pictures = report_pictures(campaign, analyses)
+        images, turns, more = report_pictures(campaign, analyses)
+        notes += more
     compared = read_candidates(spec, analyses)
     return Dossier(
         spec=spec,
@@ -106,10 +114,11 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
         runs=store.runs(),
         looks=store.looks(),
         events=store.events(),
-        images=pictures.panels,
-        truth=pictures.truth,
-        assumptions=(*assumptions, *pictures.notes),
-        provenance=_provenance(campaign),
+        images=images,
+        scene=scene,
+        quarter_turns=turns,
+        assumptions=notes,
+        provenance=_provenance(campaign, scene),
         reproduce=_reproduce(campaign, compared is not None),
         compromise=campaign.compromise(analyses),
         tradeoff=read_tradeoff(spec.folder),
@@ -145,7 +154,7 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _provenance(campaign: Campaign) -> dict[str, str]:
+def _provenance(campaign: Campaign, scene: Scene | None) -> dict[str, str]:
     spec, store = campaign.spec, campaign.store
     found = {
         "campaign": spec.name,
@@ -157,11 +166,10 @@ def _provenance(campaign: Campaign) -> dict[str, str]:
     }
     for file in store.files():
         found[f"scores file {file.name}"] = f"{file.row_count} rows, SHA-256 {file.sha256}"
-    truth = truth_panel(spec, 0)
-    if truth is not None:
-        found["scene"] = truth.name
-        found["scene, licence"] = truth.licence
-        found["scene, provenance"] = truth.provenance
+    if scene is not None:
+        found["scene"] = scene.name
+        found["scene, licence"] = scene.licence
+        found["scene, provenance"] = scene.provenance
     return found
 
 

@@ -6,13 +6,13 @@ import math
 import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from seqrsm.arrays import Precision
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import own_function
 from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
@@ -34,7 +34,6 @@ from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
 from seqrsm.simulate.radiometer.prm import check_radiometer, simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
-from seqrsm.simulate.visits import ONCE, Visit
 
 Image = RadarImage | RadiometerImage
 Sensor = RadarConfiguration | RadiometerConfiguration
@@ -52,12 +51,10 @@ class Engine:
     table : callable
         Path, or "" for the shipped one -> table of sigma0 or emissivity, read once per process.
     simulate : callable
-        Scene, sensor, table, seed, run id and, where it is not to be single, precision -> image.
+        Scene, sensor, table, and by name seed, run id and visit -> image.
     examine : callable
         Scene, sensor, table and day of the year -> what the combination of parameters does, each note as "kind: what";
         raises UserError where the sensor cannot image the scene, without imaging it.
-    record : callable
-        What is kept with a score.
     detail_m : callable
         Sensor -> side of what it tells apart [m]; 0 where the data base must stay as it is.
     parameters : Mapping
@@ -72,7 +69,6 @@ class Engine:
     table: Callable[[str], Any]
     simulate: Callable[..., Any]
     examine: Callable[[Scene, Any, Any, float | None], tuple[str, ...]]
-    record: Callable[[Any, Scene], dict[str, Any]]
     detail_m: Callable[[Any], float]
     parameters: Mapping[str, Parameter]
     threads: bool = False
@@ -95,14 +91,8 @@ def _loaded(load: Callable[[str | None], Any], path: str, modified_ns: int) -> A
     return load(path or None)
 
 
-def _sigma0(path: str) -> Sigma0Table:
-    table: Sigma0Table = _loaded(load_sigma0_table, path, modified_ns(path))
-    return table
-
-
-def _emissivity(path: str) -> EmissivityTable:
-    table: EmissivityTable = _loaded(load_emissivity_table, path, modified_ns(path))
-    return table
+def _table(load: Callable[[str | None], Any], path: str) -> Any:
+    return _loaded(load, path, modified_ns(path))
 
 
 def modified_ns(path: str) -> int:
@@ -110,45 +100,13 @@ def modified_ns(path: str) -> int:
     return Path(path).stat().st_mtime_ns if path and Path(path).exists() else 0
 
 
-def _radar_image(
-    scene: Scene,
-    sensor: RadarConfiguration,
-    table: Sigma0Table,
-    seed: int,
-    run_id: int,
-    precision: Precision = "float32",
-    threads: int = 1,
-    visit: Visit = ONCE,
-) -> RadarImage:
-    targets = _targets(sensor.targets_file)
-    return simulate_radar(
-        scene,
-        sensor,
-        table,
-        seed=seed,
-        run_id=run_id,
-        precision=precision,
-        threads=threads,
-        targets=targets,
-        visit=visit,
-    )
+def _radar_image(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, **how: Any) -> RadarImage:
+    return simulate_radar(scene, sensor, table, targets=_targets(sensor.targets_file), **how)
 
 
 def _targets(path: str) -> tuple[CulturalTarget, ...]:
     found: tuple[CulturalTarget, ...] = _loaded(load_targets, path, modified_ns(path)) if path else ()
     return found
-
-
-def _radiometer_image(
-    scene: Scene,
-    sensor: RadiometerConfiguration,
-    table: EmissivityTable,
-    seed: int,
-    run_id: int,
-    precision: Precision = "float32",
-    visit: Visit = ONCE,
-) -> RadiometerImage:
-    return simulate_radiometer(scene, sensor, table, seed=seed, run_id=run_id, precision=precision, visit=visit)
 
 
 def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, day: float | None) -> tuple[str, ...]:
@@ -177,30 +135,17 @@ def _examine_radiometer(
     return check_radiometer(scene, sensor, table, day).notes
 
 
-def _radar_record(image: RadarImage, scene: Scene) -> dict[str, Any]:
-    return dict(image.record(scene.categories))
-
-
 def _radar_detail_m(sensor: RadarConfiguration) -> float:
     # Cultural targets lie in cells of the data base as it is.
     return 0.0 if sensor.targets_file else sensor.pixel_spacing_m
 
 
-def _radiometer_detail_m(sensor: RadiometerConfiguration) -> float:
-    return sensor.resolution_m
-
-
-def _radiometer_record(image: RadiometerImage, scene: Scene) -> dict[str, Any]:
-    return dict(image.record(scene.categories))
-
-
 ENGINES: Mapping[str, Engine] = {
     "psm": Engine(
         configure=radar.from_settings,
-        table=_sigma0,
+        table=partial(_table, load_sigma0_table),
         simulate=_radar_image,
         examine=_examine_radar,
-        record=_radar_record,
         detail_m=_radar_detail_m,
         parameters=SENSORS["psm"],
         threads=True,
@@ -208,20 +153,14 @@ ENGINES: Mapping[str, Engine] = {
     ),
     "prm": Engine(
         configure=radiometer.from_settings,
-        table=_emissivity,
-        simulate=_radiometer_image,
+        table=partial(_table, load_emissivity_table),
+        simulate=simulate_radiometer,
         examine=_examine_radiometer,
-        record=_radiometer_record,
-        detail_m=_radiometer_detail_m,
+        detail_m=attrgetter("resolution_m"),
         parameters=SENSORS["prm"],
         masks=("blocked",),
     ),
 }
-
-
-def engine_of(image: Image) -> Engine:
-    """The engine that made an image."""
-    return ENGINES["psm" if isinstance(image, RadarImage) else "prm"]
 
 
 _FIELD = "[[application]] utility"

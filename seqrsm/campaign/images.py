@@ -31,7 +31,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
 from seqrsm.progress import tell
 from seqrsm.score.classification import UtilityScore
-from seqrsm.spec.read import CampaignSpec, fixed_problem
+from seqrsm.spec.read import fixed_problem
 
 if TYPE_CHECKING:
     from seqrsm.analysis.results import Analysis
@@ -141,7 +141,7 @@ class Simulated:
         return {
             "settings": dict(task.settings),
             "shape": list(shape),
-            "record": ENGINES[made[self.number - 1].engine].record(self.image, self.scene),
+            "record": dict(self.image.record(self.scene.categories)),
             "scores": scores,
             "notes": list(self.image.notes),
             "summary": f"{shown}; {shape[1]} x {shape[2]} pixels; {', '.join(found)}",
@@ -280,40 +280,9 @@ class ImagePanel:
     caption: str
 
 
-@dataclass(frozen=True, slots=True)
-class TruthPanel:
-    """The ground truth in the frame of the images.
-
-    Attributes
-    ----------
-    cover : ndarray (range, azimuth) of uint8
-        Index into ``categories``; 255 is no data.
-    categories : tuple of str
-        Names of the cover categories.
-    cell_m : float
-        Size of a data-base cell [m].
-    name, licence, provenance : str
-        What the site is, and its terms of use.
-    """
-
-    cover: AnyArray
-    categories: tuple[str, ...]
-    cell_m: float
-    name: str
-    licence: str
-    provenance: str
-
-
-@dataclass(frozen=True, slots=True)
-class Pictures:
-    """Simulated pictures of a report, the ground truth in their frame, and what the simulation assumed."""
-
-    panels: tuple[ImagePanel, ...]
-    truth: TruthPanel | None
-    notes: tuple[str, ...]
-
-
-def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Pictures:
+def report_pictures(
+    campaign: Campaign, analyses: Sequence[Analysis]
+) -> tuple[tuple[ImagePanel, ...], int, tuple[str, ...]]:
     """Simulate the pictures of a report: the settings of `chosen_settings`, all on one occasion, in one calibration.
 
     Parameters
@@ -322,6 +291,14 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
         With a simulator.
     analyses : sequence of Analysis
         The first application's is shown.
+
+    Returns
+    -------
+    tuple of ImagePanel
+    int
+        Quarter turns that bring the scene's layers into the frame of the first image.
+    tuple of str
+        What the simulations assumed.
     """
     spec = campaign.spec
     made: list[tuple[str, dict[str, float | str], Picture, tuple[str, ...], UtilityScore]] = []
@@ -355,7 +332,7 @@ def report_pictures(campaign: Campaign, analyses: Sequence[Analysis]) -> Picture
     )
     notes = dict.fromkeys(note for _, _, _, own, _ in made for note in own)
     turns = made[0][2].quarter_turns if made else 0
-    return Pictures(panels, truth_panel(spec, turns), tuple(notes))
+    return panels, turns, tuple(notes)
 
 
 def _on_ground(grey: AnyArray, picture: Picture) -> AnyArray:
@@ -373,21 +350,6 @@ def _caption(
         f"{application}: {score:.1f} ± {se:.1f} {unit} on this one occasion (standard error within the image); "
         f"{picture.remark}; black to white, {picture.quantity}, the same for every picture of a channel: {tones}; "
         "noise, fields and date drawn at random."
-    )
-
-
-def truth_panel(spec: CampaignSpec, quarter_turns: int) -> TruthPanel | None:
-    """Ground truth of the campaign's scene in the frame of the images."""
-    if spec.scene_path is None:
-        return None
-    scene = scene_at(str(spec.scene_path))
-    return TruthPanel(
-        cover=np.rot90(scene.cover, quarter_turns),
-        categories=scene.categories,
-        cell_m=scene.cell_m,
-        name=scene.name,
-        licence=scene.licence,
-        provenance=scene.provenance,
     )
 
 

@@ -10,7 +10,7 @@ with the columns ``interpreter`` and ``rank`` holds rankings, from which scores 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.form import factor_columns
@@ -63,10 +63,6 @@ class IngestReport(IngestOutcome):
     outside_region: tuple[int, ...] = ()
     unscored: tuple[int, ...] = ()
     messages: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """The report as JSON can hold it; rows that were recognised are told in ``messages``."""
-        return {name: value for name, value in asdict(self).items() if name != "equal"}
 
 
 _Read = tuple[IngestedFile, tuple[int, ...], tuple[int, ...], list[str], ScoresFile | None]

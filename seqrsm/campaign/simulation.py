@@ -15,9 +15,9 @@ import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
-from seqrsm.arrays import FloatArray, Precision
+from seqrsm.arrays import FloatArray
 from seqrsm.campaign.acquisitions import Acquisition, acquisitions_of
-from seqrsm.campaign.engines import ENGINES, Image, check_utility, engine_of, modified_ns, score_by
+from seqrsm.campaign.engines import ENGINES, Image, check_utility, modified_ns, score_by
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -189,16 +189,16 @@ def scene_at(path: str) -> Scene:
     return _scene(path, modified_ns(path))
 
 
-def simulate_images(
-    task: SimulationTask, scene: Scene, precision: Precision = "float32", threads: int = 1
-) -> list[Image]:
+def simulate_images(task: SimulationTask, scene: Scene, threads: int = 1) -> list[Image]:
     """Images of a task over a scene, in the order of its acquisitions."""
     images = []
     for one in task.acquisitions:
         engine = ENGINES[one.engine]
         more = {"threads": threads} if engine.threads else {}
-        given = (scene, one.sensor, task.scattering(one.engine), task.seed, task.stream, precision)
-        images.append(engine.simulate(*given, visit=one.visit, **more))
+        table = task.scattering(one.engine)
+        images.append(
+            engine.simulate(scene, one.sensor, table, seed=task.seed, run_id=task.stream, visit=one.visit, **more)
+        )
     return images
 
 
@@ -233,7 +233,7 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, _fault(error, task))
     seconds = time.perf_counter() - start
     record = {
-        **engine_of(images[0]).record(images[0], scene),
+        **images[0].record(scene.categories),
         **({} if made[0].label == "" else {"images": [one.record() for one in made]}),
         **({} if task.occasion is None else {"common_random_numbers": task.occasion}),
         "fidelity": {"averaged": averaged, "seconds": round(seconds, 4)},

@@ -23,20 +23,6 @@ from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
 from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
-CLASSICAL: dict[str, str] = {
-    "factorial": "all corners",
-    "fractional": "some of the corners, --runs of them, with the fewest aliases of low order",
-    "factorial3": "all combinations of low, middle and high",
-    "ccd-face": "central composite, axial points on the faces",
-    "ccd-rotatable": "central composite, axial points beyond the faces: variance alike in every direction",
-    "ccd-inscribed": "the rotatable one shrunk into the region",
-    "box-behnken": "middles of the edges and the centre (3 to 7 factors)",
-    "definitive-screening": "three levels in 2k + 1 runs or two more (3 to 8 factors)",
-    "latin-hypercube": "each factor once in each of as many equal intervals as runs",
-    "sobol": "even filling of the region",
-}
-"""Designs by name."""
-
 _MAX_FACTORS = 8
 _SIZED = ("fractional", "latin-hypercube", "sobol")
 
@@ -56,7 +42,7 @@ class DesignRequest:
     runs : int or None
         Runs to choose; None for classical designs that have their own number.
     kind : str
-        "optimal", or one of `CLASSICAL`.
+        "optimal", or a classical one by its name.
     criterion : str
     order : int
         1 or 2.
@@ -64,8 +50,6 @@ class DesignRequest:
         Runs at the centre.
     prior_runs : Path or None
         CSV of runs already made, a column for each factor.
-    if_possible : float or None
-        Prior standard deviation, in those of a run, of the terms of second order, which are then estimated if possible.
     seed : int
     random_order : bool
         Rows in random order; else as the design is made.
@@ -80,7 +64,6 @@ class DesignRequest:
     order: int = 2
     centre: int | None = None
     prior_runs: Path | None = None
-    if_possible: float | None = None
     seed: int = 1979
     random_order: bool = False
 
@@ -184,7 +167,7 @@ def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | 
         "sobol": lambda: classical.sobol(runs or 1, k, request.seed),
     }
     if kind not in made:
-        raise _wrong("unknown design", f"Use optimal, {', '.join(CLASSICAL)}.", "--design", kind)
+        raise _wrong("unknown design", f"Use optimal, {', '.join(made)}.", "--design", kind)
     points = made[kind]()
     if runs is not None and runs != len(points):
         remedy = "Leave --runs out, or use --centre or another design."
@@ -200,17 +183,6 @@ def _relation(region: Region, runs: int) -> dict[str, Any]:
     words = classical.minimum_aberration(region.k, runs)[1]
     named = [" ".join(region.names[j] for j in word) for word in words]
     return {"resolution": len(words[0]), "defining_relation": f"1 = {' = '.join(named)}"}
-
-
-def _if_possible(request: DesignRequest, model: QuadraticModel) -> FloatArray | None:
-    """Prior precision of the terms of second order, over that of a run (DuMouchel & Jones 1994)."""
-    if request.if_possible is None:
-        return None
-    if not request.if_possible > 0.0 or not np.isfinite(request.if_possible):
-        remedy = "Give a positive number, for instance 1."
-        raise _wrong("the prior standard deviation is impossible", remedy, "--if-possible", request.if_possible)
-    second = [term.kind not in ("intercept", "linear", "category") for term in model.terms]
-    return np.diag(np.where(second, request.if_possible**-2.0, 0.0))
 
 
 def _optimal(
@@ -230,7 +202,6 @@ def _optimal(
         _criterion(request.criterion),
         seed=request.seed,
         fixed=np.vstack([prior, repeats]),
-        prior_precision=_if_possible(request, model),
     )
     told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
     return np.vstack([repeats, design.points]), told

@@ -234,14 +234,6 @@ class Platform:
         """Name for people."""
         return self.reading or self.spacecraft
 
-    def printed(self, item: str) -> str:
-        """What is printed in line ``item``; "" where nothing is."""
-        return next((line.printed for line in self.items if line.item == item), "")
-
-    def values(self, quantity: str, scope: str | None = None) -> tuple[Quantity, ...]:
-        """Every printed number of ``quantity``, of ``scope`` only when given."""
-        return tuple(q for q in self.quantities if q.quantity == quantity and scope in (None, q.scope))
-
 
 @dataclass(frozen=True, slots=True)
 class Catalog:
@@ -260,13 +252,6 @@ class Catalog:
     tables: tuple[Table, ...]
     entries: tuple[Entry, ...]
     platforms: tuple[Platform, ...]
-
-    def table(self, number: str) -> Table:
-        """Table by its number, "A.16"; KeyError if there is none."""
-        for table in self.tables:
-            if table.number == number:
-                return table
-        raise KeyError(number)
 
     def of(self, table: Table) -> tuple[Entry, ...] | tuple[Platform, ...]:
         """What a table states: its entries, or the one platform."""

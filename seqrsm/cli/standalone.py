@@ -36,10 +36,6 @@ def design(
     prior_runs: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV of runs already made: the design completes them.")
     ] = None,
-    if_possible: Annotated[
-        float | None,
-        typer.Option(metavar="SD", help="Estimate second-order terms if possible: their prior sd, in sd of a run."),
-    ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Prediction variance over the region (.png, .svg, .pdf).")
@@ -56,7 +52,7 @@ def design(
 
     request = DesignRequest(
         factors, tuple(factor or ()), tuple(constraint or ()), runs, kind, criterion, order, centre, prior_runs,
-        if_possible, seed, random_order,
+        seed, random_order,
     )  # fmt: skip
     with display("searching"):
         result: dict[str, Any] = standalone_design(request, csv)

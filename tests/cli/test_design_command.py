@@ -101,16 +101,6 @@ def test_random_order_keeps_the_design(tmp_path) -> None:
     assert made("--factors", 2, "--design", "factorial3", "--random-order", "--seed", 4)["points"] != mixed["points"]
 
 
-def test_terms_if_possible_need_fewer_runs() -> None:
-    call("--factors", 3, "--runs", 6, code=2)
-    found = made("--factors", 3, "--runs", 6, "--if-possible", 1.0)
-    linear = np.column_stack([np.ones(6), found["points"]])
-    assert np.linalg.matrix_rank(linear) == 4
-    assert found["rank"] == 6
-    assert found["warnings"]
-    call("--factors", 3, "--runs", 6, "--if-possible", 0, code=2)
-
-
 @pytest.mark.parametrize(
     ("name", "k", "runs"),
     [

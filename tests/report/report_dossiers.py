@@ -22,7 +22,7 @@ from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Quadratic
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.campaign.images import ImagePanel, TruthPanel
+from seqrsm.campaign.images import ImagePanel
 from seqrsm.decide.stopping import Adequacy, Look, StopRule, decide
 from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
@@ -31,6 +31,7 @@ from seqrsm.fit.conjugate import NormalInverseGamma, posterior
 from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import block_columns, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
+from seqrsm.scene.scene import Scene
 from seqrsm.spec.read import CampaignSpec, SimulatorSpec, load_spec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord, ScoreRecord
 
@@ -332,9 +333,12 @@ def simulated_dossier(folder: Path, *, n=48, draws=800) -> Dossier:
         )
         for title, score, shift in (("At the optimum", 79.21, 0), ("At the worst corner", 51.3, 100))
     )
-    truth = TruthPanel(
+    scene = Scene(
+        elevation_m=np.zeros(cover.shape, dtype=np.float32),
         cover=cover,
         categories=("bare soil", "corn", "wheat", "forest", "water"),
+        field_id=cover.astype(np.int32),
+        scored=cover != 255,
         cell_m=12.5,
         name="Synthetic site",
         licence="CC0",
@@ -351,7 +355,8 @@ def simulated_dossier(folder: Path, *, n=48, draws=800) -> Dossier:
         looks=tuple(looks),
         events=events,
         images=images,
-        truth=truth,
+        scene=scene,
+        quarter_turns=0,
         assumptions=("Backscatter of wheat is that of the table's row 12, measured elsewhere.",),
         provenance={"seqrsm": "0.1.0", "seed": "1979", "sigma0 table": "sha256 abcdef0123456789" * 3},
         reproduce=("seqrsm run campaigns/crop-radar --max-runs 60", "seqrsm report campaigns/crop-radar"),
@@ -368,7 +373,7 @@ def flight_dossier(folder: Path, n=24) -> Dossier:
     scores = 5.0 + points[:, 0] - 0.8 * points[:, 1] + 0.3 * points[:, 2] + rng.normal(0, 0.3, n)
     runs = runs_of(spec, points, scores, None, source="flight", blocks=blocks)
     analysis = make_analysis(spec, runs, blocks=True)
-    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, (), {"seqrsm": "0.1.0"}, ("seqrsm report .",))
+    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, 0, (), {"seqrsm": "0.1.0"}, ("seqrsm report .",))
 
 
 def many_dossier(folder: Path, *, saturated=False) -> Dossier:
@@ -380,7 +385,7 @@ def many_dossier(folder: Path, *, saturated=False) -> Dossier:
     scores = points[:, 0] - points[:, 3] ** 2 + 0.2 * rng.standard_normal(len(points))
     runs = runs_of(spec, points, scores, None)
     analysis = make_analysis(spec, runs, draws=300)
-    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, (), {"seqrsm": "0.1.0"}, ())
+    return Dossier(spec, (analysis,), tuple(runs), (), (), (), None, 0, (), {"seqrsm": "0.1.0"}, ())
 
 
 def two_uses(flight, **changes):

@@ -259,7 +259,7 @@ def hostile(folder, text, bad):
     ]
     void = dataclasses.replace(runs[0], run_id=99, state="void", reason=bad, scores=())
     analysis = dataclasses.replace(make_analysis(spec, runs, unit=bad, draws=50), warnings=(bad,))
-    return Dossier(spec, (analysis,), (*runs, void), (), (), (), None, (bad,), {bad: bad}, (bad,))
+    return Dossier(spec, (analysis,), (*runs, void), (), (), (), None, 0, (bad,), {bad: bad}, (bad,))
 
 
 def test_characters_that_no_font_has_still_give_a_pdf(flight):

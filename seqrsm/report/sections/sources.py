@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.campaign.assumptions import GroupedNotes, group_notes
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.campaign.images import ImagePanel, TruthPanel
+from seqrsm.campaign.images import ImagePanel
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -49,6 +49,7 @@ from seqrsm.report.wording import (
     slug,
     with_unit,
 )
+from seqrsm.scene.scene import Scene
 
 LIMITS = (
     "The fitted surface describes the score inside the region only; nothing is claimed outside it.",
@@ -83,10 +84,10 @@ def calendar_section(dossier: Dossier) -> Section | None:
 
 def image_section(dossier: Dossier) -> Section | None:
     """Return the simulated images beside the ground truth; None where there are none."""
-    if not dossier.images and dossier.truth is None:
+    if not dossier.images and dossier.scene is None:
         return None
     unit = dossier.analyses[0].score_unit if dossier.analyses else ""
-    count = sum(len(image.channels) for image in dossier.images) + (dossier.truth is not None)
+    count = sum(len(image.channels) for image in dossier.images) + (dossier.scene is not None)
     where = (
         "Range runs down the pictures, near range on top; azimuth runs across."
         if system_of(dossier.spec) == "active"
@@ -100,11 +101,11 @@ def image_section(dossier: Dossier) -> Section | None:
     panels: list[Panel] = []
     captions: list[str] = []
     legend: tuple[LegendEntry, ...] = ()
-    if dossier.truth is not None:
-        panels.append(_truth_panel(dossier.truth, count))
-        legend = _legend(dossier.truth)
-        source = f"{_ended(dossier.truth.provenance)} Licence: {_ended(dossier.truth.licence)}"
-        captions.append(f"Ground truth: {dossier.truth.name}. {source}")
+    if dossier.scene is not None:
+        panels.append(_truth_panel(dossier.scene, dossier.quarter_turns, count))
+        legend = _legend(dossier.scene)
+        source = f"{_ended(dossier.scene.provenance)} Licence: {_ended(dossier.scene.licence)}"
+        captions.append(f"Ground truth: {dossier.scene.name}. {source}")
     for image in dossier.images:
         panels += _image_panels(dossier, image, unit, count)
         captions.append(
@@ -115,27 +116,28 @@ def image_section(dossier: Dossier) -> Section | None:
     return Section("images", "Simulated images and ground truth", tuple(blocks))
 
 
-def _covers(truth: TruthPanel) -> list[int]:
+def _covers(scene: Scene) -> list[int]:
     """Cover categories that occur, the commonest first."""
-    index, count = np.unique(truth.cover, return_counts=True)
-    known = [(int(c), int(i)) for i, c in zip(index, count, strict=True) if i != NO_DATA and i < len(truth.categories)]
+    index, count = np.unique(scene.cover, return_counts=True)
+    known = [(int(c), int(i)) for i, c in zip(index, count, strict=True) if i != NO_DATA and i < len(scene.categories)]
     return [i for _, i in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
 
 
-def _legend(truth: TruthPanel) -> tuple[LegendEntry, ...]:
-    return tuple(LegendEntry(category_color(i), readable(truth.categories[i])) for i in sorted(_covers(truth)))
+def _legend(scene: Scene) -> tuple[LegendEntry, ...]:
+    return tuple(LegendEntry(category_color(i), readable(scene.categories[i])) for i in sorted(_covers(scene)))
 
 
-def _truth_panel(truth: TruthPanel, count: int) -> Panel:
-    main = listing([readable(truth.categories[i]) for i in _covers(truth)[:3]])
-    alt = f"Map of the ground truth of {truth.name}; the largest covers are {main}."
-    factor = _reduction(truth.cover.shape, count)
+def _truth_panel(scene: Scene, quarter_turns: int, count: int) -> Panel:
+    main = listing([readable(scene.categories[i]) for i in _covers(scene)[:3]])
+    alt = f"Map of the ground truth of {scene.name}; the largest covers are {main}."
+    cover = np.rot90(scene.cover, quarter_turns)
+    factor = _reduction(cover.shape, count)
     return Panel(
         "Ground truth",
         alt,
-        png=cover_png(truth.cover, truth.cell_m, factor),
+        png=cover_png(cover, scene.cell_m, factor),
         name="ground-truth",
-        data=lambda: picture_data(reduce_cover(truth.cover, factor), truth.cell_m * factor),
+        data=lambda: picture_data(reduce_cover(cover, factor), scene.cell_m * factor),
     )
 
 
@@ -170,8 +172,9 @@ def _score(image: ImagePanel, unit: str) -> str:
 
 def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
     rows = []
-    if dossier.truth is not None:
-        size = _size_cells(dossier.truth.cover.shape, dossier.truth.cell_m, count)
+    if dossier.scene is not None:
+        cover = np.rot90(dossier.scene.cover, dossier.quarter_turns)
+        size = _size_cells(cover.shape, dossier.scene.cell_m, count)
         rows.append(("Ground truth", "", "", *size))
     for image in dossier.images:
         settings = format_settings(dossier.spec.factors, image.settings)
@@ -237,7 +240,7 @@ def cover_section(dossier: Dossier) -> Section | None:
 
 
 def _grouped(dossier: Dossier) -> GroupedNotes:
-    return group_notes(dossier.assumptions, () if dossier.truth is None else dossier.truth.categories)
+    return group_notes(dossier.assumptions, () if dossier.scene is None else dossier.scene.categories)
 
 
 def _cover_table(grouped: GroupedNotes) -> Table:
