@@ -277,7 +277,16 @@ class Campaign:
         -------
         tuple of RunRecord
             The runs carried out in this call, failed ones included.
+
+        Raises
+        ------
+        StoreError
+            What scores are made from has changed since the runs so far; see `seqrsm.campaign.experiment`.
         """
+        if self.spec.simulator is not None:
+            from seqrsm.campaign.experiment import see_experiment
+
+            see_experiment(self.store, self.spec)
         self.store.release_stale()
         self.store.retry(attempts=MAX_ATTEMPTS)
         carried: set[int] = set()

@@ -47,16 +47,23 @@ app.add_typer(scene_app, name="scene")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder, the one that holds campaign.toml.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that simulate at the same time.")]
 Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
+Accepted = Annotated[
+    bool, typer.Option("--accept", help="Go on though scene, simulator, utility or code differ from the runs so far.")
+]
 
 
-def _opened(folder: Path) -> Campaign:
-    """The campaign in a folder; its data base is closed when the command ends."""
+def _opened(folder: Path, *, accept: bool = False) -> Campaign:
+    """The campaign in a folder, closed when the command ends; ``accept``: its simulator as it is now."""
     from seqrsm.cli.notebook import Campaign
 
     campaign = Campaign(folder)
     at_end(campaign.close)
     if campaign.opened.store.note:
         say(campaign.opened.store.note)
+    if accept and campaign.spec.simulator is not None:
+        from seqrsm.campaign.experiment import see_experiment
+
+        see_experiment(campaign.opened.store, campaign.spec, accept=True)
     return campaign
 
 
@@ -193,12 +200,13 @@ def run(
     batch: Annotated[int | None, typer.Option(min=1, help="Runs in a batch; default is the campaign's.")] = None,
     workers: Workers = 1,
     cluster: Cluster = None,
+    accept: Accepted = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
     from seqrsm.cli.show_fit import show_look, show_outcome
 
-    campaign = _opened(folder)
+    campaign = _opened(folder, accept=accept)
     with display("reading") as shown:
 
         def on_look(look: Analysis) -> None:
@@ -257,11 +265,17 @@ def propose(
 
 @app.command()
 @guarded
-def simulate(folder: Folder, workers: Workers = 1, cluster: Cluster = None, as_json: AsJson = False) -> None:
+def simulate(
+    folder: Folder,
+    workers: Workers = 1,
+    cluster: Cluster = None,
+    accept: Accepted = False,
+    as_json: AsJson = False,
+) -> None:
     """Carry out the issued simulation runs."""
     from seqrsm.cli.show import run_row, show_runs
 
-    campaign = _opened(folder)
+    campaign = _opened(folder, accept=accept)
     with display("simulating") as shown:
         runs = campaign.opened.simulate(workers=workers, cluster=cluster, on_progress=shown.simulated)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)

@@ -67,8 +67,8 @@ STORE_NAME = "campaign.db"
 LEASE_S = 900.0
 """A process of another host that was not heard of for so long [s] has lost its runs; the hosts' clocks agree better."""
 _TOKEN = secrets.token_hex(4)
-_NO_DECISIONS = ("running", "released", "scored")
-"""Kinds of events that overtake no decision: runs on their way, which were pending when it was made."""
+_NO_DECISIONS = ("running", "released", "scored", "experiment")
+"""Kinds of events that overtake no decision: runs on their way, which were pending when it was made, and from what."""
 
 _ISSUED = {"owner": "", "reason": "", "fault": ""}
 

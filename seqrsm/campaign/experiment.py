@@ -1,0 +1,92 @@
+"""What simulated scores are scores of: simulator, utilities and the files behind them, the same for all runs.
+
+Scores from before and after a change would be fitted as one surface. An event keeps what the runs so far were made
+from; who changes it hears so before another run is made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+
+from seqrsm.errors import Problem, StoreError
+from seqrsm.plain import plain
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.store.store import Store
+
+EXPERIMENT = "experiment"
+"""Kind of the event that keeps what simulated scores are made from."""
+
+
+def experiment_of(spec: CampaignSpec) -> dict[str, str]:
+    """What simulated scores rest on, by name: keys of ``[simulator]`` and its tables, utilities, digests of files.
+
+    Raises
+    ------
+    UserError
+        No simulator, or one that cannot score what is asked for.
+    """
+    from seqrsm.campaign.simulation import files_of, task_of
+
+    task = task_of(spec, 0, {})
+    assert spec.simulator is not None
+    # Its tolerance moves no score by more than is accepted; scene and table are files.
+    simulator = spec.simulator
+    found: dict[str, object] = {"[simulator] engine": simulator.engine}
+    found["[simulator] common_random_numbers"] = simulator.common_random_numbers
+    found |= {f"[simulator.fixed] {key}": value for key, value in simulator.fixed.items()}
+    for member, own in simulator.members.items():
+        found |= {f"[simulator.members.{member}] {key}": value for key, value in own.items()}
+    found |= {f"utility of {one.name}": one.utility for one in spec.applications}
+    for path in sorted(files_of(task)):
+        place = Path(path)
+        name = place.relative_to(spec.folder) if place.is_relative_to(spec.folder) else place.name
+        found[f"file {name}"] = _digest(path, place.stat().st_mtime_ns) if place.is_file() else ""
+    return {key: value if isinstance(value, str) else json.dumps(plain(value)) for key, value in found.items()}
+
+
+def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False) -> None:
+    """Note what simulated scores rest on, where it is new or ``accept``; refuse what differs from before.
+
+    A new application, and a fixed parameter that has become a factor, are no change.
+
+    Raises
+    ------
+    StoreError
+        What differs, with the values before and now; nothing is noted.
+    """
+    now = experiment_of(spec)
+    told = [event.detail[EXPERIMENT] for event in store.events(kind=EXPERIMENT) if event.detail]
+    before: dict[str, str] = told[-1] if told else {}
+    if before == now:
+        return
+    factors = {f"[simulator.fixed] {factor.name}" for factor in spec.factors}
+    apart = {key for key in now if key.startswith("utility of ") and key not in before} | factors
+    apart |= {f"utility of {name}" for name in _names(before) - {one.name for one in spec.applications}}
+    changed = sorted(key for key in {*before, *now} - apart if before.get(key) != now.get(key))
+    if told and changed and not accept and store.runs("scored", source="simulation"):
+        raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
+    store.add_event(EXPERIMENT, {EXPERIMENT: now})
+
+
+def _names(experiment: dict[str, str]) -> set[str]:
+    return {key.removeprefix("utility of ") for key in experiment if key.startswith("utility of ")}
+
+
+def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
+    remedy = "Put it back, or make a campaign of its own for it; if it can move no score, add --accept."
+    if key.startswith("file "):
+        message = "the file is not the one that the runs so far were simulated from" if before else "a new file"
+        return Problem(message, remedy, file=key.removeprefix("file "))
+    message = f"{key} was {before or 'not given'} for the runs so far, and is {now or 'not given'} now"
+    return Problem(message, remedy, file=str(spec.folder / SPEC_NAME))
+
+
+@lru_cache(maxsize=32)
+def _digest(path: str, modified_ns: int) -> str:
+    """SHA-256 of a file, read once as long as it stays."""
+    del modified_ns
+    with Path(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

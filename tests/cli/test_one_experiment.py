@@ -1,0 +1,92 @@
+"""Scores of a campaign are made from one simulator, scene and utility: a change is told before a run is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tiny_campaign import TINY, make_tiny
+from typer.testing import CliRunner, Result
+
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.experiment import EXPERIMENT
+from seqrsm.cli.app import app
+
+RUNNER = CliRunner()
+OWN = "def mine(image, scene, seed, run_id):\n    return 50.0 + run_id % 7\n"
+
+
+def run(folder: Path, *more: str) -> Result:
+    return RUNNER.invoke(app, ["run", str(folder), *more])
+
+
+def scored(folder: Path) -> int:
+    return len(Campaign.open(folder).store.runs("scored"))
+
+
+@pytest.fixture
+def begun(tmp_path: Path, tiny_scene: Path) -> Path:
+    folder = make_tiny(tmp_path / "c", tiny_scene, TINY.replace('"percent_correct"', '"own:mine"'))
+    (folder / "own.py").write_text(OWN, encoding="utf-8")
+    assert run(folder, "--max-runs", "14").exit_code in (0, 3)
+    return folder
+
+
+def changed(folder: Path, file: str, old: str, new: str) -> None:
+    text = (folder / file).read_text(encoding="utf-8")
+    assert old in text
+    (folder / file).write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "words"),
+    [
+        (
+            "campaign.toml",
+            "bandwidth = 60.0",
+            "bandwidth = 30.0",
+            "bandwidth was 60.0 for the runs so far, and is 30.0",
+        ),
+        ("campaign.toml", "altitude_m = 4000.0", "altitude_m = 4000.0\nwind_low_m_s = 3.0", "is 3.0 now"),
+        ("own.py", "% 7", "% 5", "own.py: the file is not the one"),
+    ],
+)
+def test_what_changed_is_refused_and_can_be_accepted_or_put_back(begun, file, old, new, words) -> None:
+    before = scored(begun)
+    changed(begun, file, old, new)
+    refused = run(begun, "--max-runs", "17")
+    assert refused.exit_code == 2
+    assert words in refused.output
+    assert scored(begun) == before
+    changed(begun, file, new, old)
+    assert run(begun, "--max-runs", "17").exit_code in (0, 3)
+    changed(begun, file, old, new)
+    assert run(begun, "--max-runs", "20", "--accept").exit_code in (0, 3)
+    assert run(begun, "--max-runs", "23").exit_code in (0, 3)
+    assert len(Campaign.open(begun).store.events(kind=EXPERIMENT)) == 2
+    assert scored(begun) > before
+
+
+def test_a_scene_of_another_ground_is_refused(begun) -> None:
+    data = (begun / "scene.npz").read_bytes()
+    (begun / "scene.npz").write_bytes(data + b"\0")
+    refused = run(begun, "--max-runs", "17")
+    assert refused.exit_code == 2
+    assert "scene.npz: the file is not the one that the runs so far were simulated from" in refused.output
+    assert RUNNER.invoke(app, ["simulate", str(begun)]).exit_code == 2
+    for command in ("status", "fit"):  # what is there can be looked at
+        assert RUNNER.invoke(app, [command, str(begun)]).exit_code == 0
+
+
+def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
+    changed(begun, "campaign.toml", "half_width = 16.0", "half_width = 12.0  # narrower")
+    changed(begun, "campaign.toml", "low = 10.0", "low = 12.0")
+    changed(begun, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 0.5')
+    assert run(begun, "--max-runs", "17").exit_code in (0, 3)
+
+
+def test_a_fixed_parameter_may_become_a_factor(begun) -> None:
+    changed(begun, "campaign.toml", "bandwidth = 60.0\n", "")
+    factor = '[[factor]]\nname = "bandwidth"\nunit = "MHz"\nlow = 30.0\nhigh = 90.0\n\n[[application]]'
+    changed(begun, "campaign.toml", "[[application]]", factor)
+    assert "for the runs so far" not in run(begun, "--max-runs", "17").output
