@@ -1,4 +1,4 @@
-"""What simulated scores are scores of: simulator, utilities and the files behind them, the same for all runs.
+"""What simulated scores are scores of: program, simulator, utilities and the files behind them, one for all runs.
 
 Scores from before and after a change would be fitted as one surface. An event keeps what the runs so far were made
 from; who changes it hears so before another run is made.
@@ -11,6 +11,7 @@ import json
 from functools import lru_cache
 from pathlib import Path
 
+from seqrsm import __version__
 from seqrsm.errors import Problem, StoreError
 from seqrsm.plain import plain
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
@@ -34,7 +35,7 @@ def experiment_of(spec: CampaignSpec) -> dict[str, str]:
     assert spec.simulator is not None
     # Its tolerance moves no score by more than is accepted; scene and table are files.
     simulator = spec.simulator
-    found: dict[str, object] = {"[simulator] engine": simulator.engine}
+    found: dict[str, object] = {"seqrsm": __version__, "[simulator] engine": simulator.engine}
     found["[simulator] common_random_numbers"] = simulator.common_random_numbers
     found |= {f"[simulator.fixed] {key}": value for key, value in simulator.fixed.items()}
     for member, own in simulator.members.items():

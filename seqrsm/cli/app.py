@@ -48,7 +48,10 @@ Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder, th
 Workers = Annotated[int, typer.Option(min=1, help="Processes that simulate at the same time.")]
 Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
 Accepted = Annotated[
-    bool, typer.Option("--accept", help="Go on though scene, simulator, utility or code differ from the runs so far.")
+    bool,
+    typer.Option(
+        "--accept", help="Go on though program, simulator, scene, utility or code changed since the runs so far."
+    ),
 ]
 
 

@@ -8,6 +8,7 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
 
+from seqrsm import __version__
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.experiment import EXPERIMENT
 from seqrsm.cli.app import app
@@ -76,6 +77,12 @@ def test_a_scene_of_another_ground_is_refused(begun) -> None:
     assert RUNNER.invoke(app, ["simulate", str(begun)]).exit_code == 2
     for command in ("status", "fit"):  # what is there can be looked at
         assert RUNNER.invoke(app, [command, str(begun)]).exit_code == 0
+
+
+def test_another_version_of_the_program_is_told(begun, monkeypatch) -> None:
+    monkeypatch.setattr("seqrsm.campaign.experiment.__version__", "9.9.9")
+    assert f"seqrsm was {__version__} for the runs so far, and is 9.9.9 now" in run(begun, "--max-runs", "17").output
+    assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
 
 
 def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
