@@ -32,7 +32,7 @@ from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.spec.read import ApplicationSpec, CampaignSpec
-from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
+from seqrsm.store.records import CONFIRMATION, RunRecord
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
@@ -58,7 +58,6 @@ def analyse(
     spec: CampaignSpec,
     application: ApplicationSpec,
     runs: Sequence[RunRecord],
-    looks: Sequence[LookRecord],
     *,
     ground: Ground | None = None,
     sampler: Sampler = "exact",
@@ -74,8 +73,6 @@ def analyse(
         One of ``spec.applications``.
     runs : sequence of RunRecord
         All runs; those that do not count are left out here.
-    looks : sequence of LookRecord
-        Earlier looks at this application, for the guard "spending".
     ground : Ground or None
         What part of the scatter of simulated scores is one ground against another, where it was measured.
     sampler : "exact" or "emcee"
@@ -101,7 +98,7 @@ def analyse(
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     estimate = _estimate(spec, fitted, belief, best, draws)
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs)
-    decision = _decision(spec, application, fitted, estimate, looks, agreement)
+    decision = _decision(spec, application, fitted, estimate, agreement)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws)
     described = estimate
     if thorough and best is not of_quadratic:  # what is studied is the quadratic
@@ -209,12 +206,10 @@ def _decision(
     application: ApplicationSpec,
     fitted: Fitted,
     estimate: OptimumEstimate,
-    looks: Sequence[LookRecord],
     agreement: Agreement | None,
 ) -> Decision:
     rule, fit, surface = stop_rule(spec, fitted.ground_share), fitted.fit, fitted.surface
     lack = fit.lack_of_fit()
-    earlier = [look for look in looks if look.after_run < fit.n_runs]
     look = Look(
         n_runs=fit.n_runs,
         n_terms=surface.n_terms + len(fitted.dropped),  # what was left out by selection has used up its runs
@@ -224,7 +219,6 @@ def _decision(
         h=float(surface.variance_unscaled(surface.rows(estimate.point[None, :]))[0]),
         half_width=(estimate.whole if rule.counts_ground else estimate.by_chance).half_width,
         model_p=_model_p(fitted),
-        n_before=earlier[-1].after_run if earlier else 0,
         guess=None if np.isnan(fitted.data.guess) else fitted.data.guess,
         lead=(estimate.mean - fitted.data.guess) * (1.0 if application.goal == "maximize" else -1.0),
     )

@@ -232,7 +232,7 @@ class Budget:
             rss = rss + np.sum((again - again.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
         at = np.argmax(sign * fitted, axis=0)
         rule = replace(self.rule, max_runs=n)
-        width = rule_half_width(rule, np.sqrt(rss / (n - p)), n - p, h[at, every], p, n_runs=n)
+        width = rule_half_width(rule, np.sqrt(rss / (n - p)), n - p, h[at, every], p)
         loss = np.maximum(self._best - sign * truth[at, every], 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
 

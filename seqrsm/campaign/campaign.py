@@ -113,7 +113,6 @@ class Campaign:
                 self.spec,
                 app,
                 runs,
-                self.store.looks(app.name),
                 ground=measured_ground(bundles, app.name),
                 sampler=sampler,
                 n_draws=n_draws,

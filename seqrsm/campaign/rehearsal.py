@@ -26,7 +26,7 @@ from seqrsm.fit.optimum import optimum, sign_of
 from seqrsm.propose.cloud import climb
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import LookRecord, NewRun, NewScore, RunRecord, ScoreRecord
+from seqrsm.store.records import NewRun, NewScore, RunRecord, ScoreRecord
 
 _PLACES = 2000
 _DRAWS = 500
@@ -140,18 +140,18 @@ def make_campaign(
     """
     (application,) = spec.applications
     runs: list[RunRecord] = []
-    looks: list[LookRecord] = []
+    batch = 1
     new = start_batch(spec, QuadraticModel(spec.factors, spec.model.order), source)
     while True:
         scores = score(spec.region.code([run.settings for run in new]))
         runs += [
-            scored_run(len(runs) + 1 + i, len(looks) + 1, run, scored)
+            scored_run(len(runs) + 1 + i, batch, run, scored)
             for i, (run, scored) in enumerate(zip(new, scores, strict=True))
         ]
-        analysis = analyse(spec, application, runs, looks, ground=ground, n_draws=n_draws)
+        analysis = analyse(spec, application, runs, ground=ground, n_draws=n_draws)
         if (stops and analysis.decision.held) or len(runs) >= spec.stop.max_runs:
             return analysis, runs
-        looks.append(LookRecord(len(looks) + 1, len(runs), application.name, {}, ""))
+        batch += 1
         new = next_batch(spec, [analysis], runs, min(spec.batch, spec.stop.max_runs - len(runs)), source)
 
 

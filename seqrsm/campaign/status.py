@@ -173,7 +173,7 @@ def latest_look(
     # Rankings change scores without adding any.
     if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
         try:
-            found["last_look"] = plain(look_summary(analyse(spec, application, runs, mine, ground=ground, n_draws=200)))
+            found["last_look"] = plain(look_summary(analyse(spec, application, runs, ground=ground, n_draws=200)))
         except FitError as error:
             found["reason"] = f"{len(scored)} scored runs: {error}"
     return found

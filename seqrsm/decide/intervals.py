@@ -1,7 +1,7 @@
 """Half-widths of the intervals at the optimum, their floors, and the exact interval of a confirmation set.
 
-All half-widths are ``t * s * sqrt(u + h)`` with ``h = z0' (Z'WZ)^-1 z0`` and ``u`` the share of a run's own noise:
-1 for one future run (RSL TR 380-1 eq. (2-23), the factor S restored), 1/m for the mean of m, 0 for the mean itself.
+All half-widths are ``t * s * sqrt(1/m + h)`` with ``h = z0' (Z'WZ)^-1 z0``: m is 1 for one future run (RSL TR 380-1
+eq. (2-23), the factor S restored), and inf for the mean response itself.
 """
 
 from __future__ import annotations
@@ -55,11 +55,6 @@ def _quantiles(degrees: FloatArray, level: FloatArray) -> FloatArray:
     return quantile
 
 
-def noise_share(interval: IntervalKind, replicates: float) -> float:
-    """Share ``u`` of a run's own variance in the interval: 1, 1/m or 0."""
-    return {"prediction": 1.0, "prediction_mean": 1.0 / replicates, "confidence": 0.0}[interval]
-
-
 def independent_runs(
     interval: IntervalKind, replicates: float, ground_share: float, *, counts_ground: bool = True
 ) -> float:
@@ -75,36 +70,31 @@ def independent_runs(
     counts_ground : bool
         Whether that share is part of the interval.
     """
-    own = noise_share(interval, replicates) * (1.0 - ground_share)
+    own = {"prediction": 1.0, "prediction_mean": 1.0 / replicates, "confidence": 0.0}[interval] * (1.0 - ground_share)
     share = own + (ground_share if counts_ground else 0.0)
     return 1.0 / share if share > 0.0 else float("inf")
 
 
-def half_width(
-    interval: IntervalKind, s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: float = 5
-) -> FloatArray:
-    """Half-width of an interval at the optimum, in score units.
+def half_width(s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, replicates: float) -> FloatArray:
+    """Half-width of the interval of a mean of future runs at the optimum, in score units.
 
     Parameters
     ----------
-    interval : "prediction", "prediction_mean" or "confidence"
-        One future run, the mean of ``replicates`` future runs, or the mean response.
     s, df : array_like
         Residual standard deviation and its degrees of freedom.
     h : array_like
         ``z0' (Z'WZ)^-1 z0``, >= 0.
     level : float
         Two-sided probability, in (0, 1).
-    replicates : int
-        m, for "prediction_mean" only.
+    replicates : float
+        Independent runs whose mean is meant, see :func:`independent_runs`; inf for the mean response itself.
 
     Returns
     -------
     ndarray
         Broadcast shape of ``s``, ``df`` and ``h``.
     """
-    share = noise_share(interval, replicates)
-    return np.asarray(t_quantile(df, level) * np.asarray(s) * np.sqrt(share + np.asarray(h)))
+    return np.asarray(t_quantile(df, level) * np.asarray(s) * np.sqrt(1.0 / replicates + np.asarray(h)))
 
 
 def anytime_radius(h: ArrayLike, df: ArrayLike, level: float, planned_information: float) -> FloatArray:
@@ -140,51 +130,21 @@ def anytime_radius(h: ArrayLike, df: ArrayLike, level: float, planned_informatio
 
 
 def anytime_half_width(
-    interval: IntervalKind,
-    s: ArrayLike,
-    df: ArrayLike,
-    h: ArrayLike,
-    level: float,
-    planned_information: float,
-    replicates: float = 5,
+    s: ArrayLike, df: ArrayLike, h: ArrayLike, level: float, replicates: float, planned_information: float
 ) -> FloatArray:
-    """Half-width whose part for the mean holds at every look.
+    """Half-width whose part for the mean holds at every look; arguments as above.
 
     The mean carries :func:`anytime_radius`; the own noise of future runs, which no look has seen, keeps Student's t.
     The two are added in quadrature.
-
-    Parameters
-    ----------
-    interval, s, df, h, level, replicates
-        As for :func:`half_width`.
-    planned_information : float
-        As for :func:`anytime_radius`.
-
-    Returns
-    -------
-    ndarray
     """
     radius = anytime_radius(h, df, level, planned_information)
-    noise = t_quantile(df, level) ** 2 * noise_share(interval, replicates)
+    noise = t_quantile(df, level) ** 2 / replicates
     return np.asarray(np.asarray(s) * np.sqrt(radius**2 * np.asarray(h) + noise))
 
 
-def noise_floor(interval: IntervalKind, s: float, level: float, replicates: float = 5) -> float:
-    """Half-width that no number of runs can go below: the noise of the future runs themselves.
-
-    Parameters
-    ----------
-    interval, level, replicates
-        As for :func:`half_width`.
-    s : float
-        Standard deviation of one run.
-
-    Returns
-    -------
-    float
-        0 for "confidence".
-    """
-    return float(half_width(interval, s, np.inf, 0.0, level, replicates))
+def noise_floor(s: float, level: float, replicates: float) -> float:
+    """Half-width that no number of runs can go below: the noise of the future runs themselves, 0 of their mean."""
+    return float(half_width(s, np.inf, 0.0, level, replicates))
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,21 +183,13 @@ class Agreement:
     Attributes
     ----------
     agrees : bool
-        ``|difference| <= half_width``.
-    difference : float
-        Confirmation mean minus predicted mean, score units.
-    half_width : float
-        ``t * s * sqrt(1/m + h)`` of the model.
-    t, p : float
-        Test statistic and its two-sided p.
+    p : float
+        Two-sided, of Student's t.
     text : str
         One sentence with the numbers.
     """
 
     agrees: bool
-    difference: float
-    half_width: float
-    t: float
     p: float
     text: str
 
@@ -352,17 +304,15 @@ def confirmation_agrees(
     -------
     Agreement
     """
-    half = half_width
-    se = half / float(student_quantile(df, confirmation.level))
+    se = half_width / float(student_quantile(df, confirmation.level))
     difference = confirmation.mean - predicted
     t = float(difference / se) if se > 0.0 else float(np.sign(difference) * np.inf if difference else 0.0)
     p = float(2.0 * stdtr(df, -abs(t)))
-    agrees = bool(abs(difference) <= half)
+    agrees = bool(abs(difference) <= half_width)
     suffix = f" {unit}" if unit else ""
     text = (
         f"The mean of {confirmation.n} fresh runs is {known(confirmation.mean, confirmation.half_width)} ± "
-        f"{confirmation.half_width:.3g}{suffix}; the model predicted {known(predicted, half)} ± {half:.3g}{suffix} for "
-        f"it: they "
-        f"{'agree' if agrees else 'do not agree'} (p = {p:.2g})."
+        f"{confirmation.half_width:.3g}{suffix}; the model predicted {known(predicted, half_width)} ± "
+        f"{half_width:.3g}{suffix} for it: they {'agree' if agrees else 'do not agree'} (p = {p:.2g})."
     )
-    return Agreement(agrees, difference, half, t, p, text)
+    return Agreement(agrees, p, text)

@@ -8,11 +8,10 @@ no significant lack of fit, too; elsewhere the chance of a surface that is no qu
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
 
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.intervals import (
@@ -25,7 +24,7 @@ from seqrsm.decide.intervals import (
 )
 from seqrsm.errors import Problem, SpecError
 
-Guard = Literal["runs", "confirmation", "anytime", "spending"]
+Guard = Literal["runs", "confirmation", "anytime"]
 
 _INTERVAL_NAMES = {
     "prediction": "prediction interval of one future run",
@@ -50,10 +49,9 @@ class StopRule:
         The budget.
     replicates : int
         m of "prediction_mean" and of the confirmation set, >= 2.
-    guard : "runs", "confirmation", "anytime" or "spending"
+    guard : "runs", "confirmation" or "anytime"
         What guards against stopping on a lucky s: at least ``runs_per_term`` runs for each term; a set of fresh runs
-        that agrees with the model; an interval that holds at every look; or an error probability that is spent over the
-        looks, little at first (O'Brien-Fleming type, Lan & DeMets 1983).
+        that agrees with the model; or an interval that holds at every look.
     runs_per_term : float
         For the guard "runs".
     min_df_pure_error : int
@@ -91,10 +89,7 @@ class StopRule:
             "level": (0.0 < self.level < 1.0, "a probability between 0 and 1, such as 0.95"),
             "max_runs": (self.max_runs >= 1, "at least 1"),
             "replicates": (self.replicates >= 2, "at least 2"),
-            "guard": (
-                self.guard in ("runs", "confirmation", "anytime", "spending"),
-                '"runs", "confirmation", "anytime" or "spending"',
-            ),
+            "guard": (self.guard in get_args(Guard), '"runs", "confirmation" or "anytime"'),
             "runs_per_term": (self.runs_per_term >= 0.0, "0 or more"),
             "min_df_pure_error": (self.min_df_pure_error >= 0, "0 or more"),
             "alpha_lack_of_fit": (0.0 <= self.alpha_lack_of_fit < 1.0, "a probability below 1, such as 0.05"),
@@ -134,44 +129,15 @@ class StopRule:
         return max(self.max_runs / n_terms, 1.0)
 
 
-def spending_level(rule: StopRule, n_runs: ArrayLike, n_before: ArrayLike = 0) -> FloatArray:
-    """Level of the interval at one look under the guard "spending".
-
-    The error probability spent after a share ``t`` of the budget is ``2 - 2 Phi(z / sqrt(t))``, z the quantile of
-    ``1 - alpha / 2`` (Lan & DeMets 1983, Biometrika 70, 659-663). Each look has what was not spent at the look before,
-    so that all intervals together miss with probability alpha at most (Bonferroni), for a fixed contrast.
-
-    Parameters
-    ----------
-    rule : StopRule
-    n_runs, n_before : array_like of int
-        Runs at this look, and at the one before (0: there was none).
-
-    Returns
-    -------
-    ndarray
-        In (0, 1).
-    """
-    z = float(ndtri(0.5 + 0.5 * rule.level))
-
-    def spent(n: ArrayLike) -> FloatArray:
-        share = np.clip(np.asarray(n, dtype=np.float64) / rule.max_runs, 1e-9, 1.0)
-        return np.asarray(2.0 * ndtr(-z / np.sqrt(share)))
-
-    return 1.0 - np.clip(spent(n_runs) - spent(n_before), 1e-12, 1.0)
-
-
 def rule_half_width(
     rule: StopRule,
     s: ArrayLike,
     df_residual: ArrayLike,
     h: ArrayLike,
     n_terms: int,
-    *,
-    n_runs: ArrayLike | None = None,
-    n_before: ArrayLike = 0,
+    interval: IntervalKind | None = None,
 ) -> FloatArray:
-    """Half-width the rule looks at: Student's, or for the guards "anytime" and "spending" a wider one.
+    """Half-width the rule looks at: Student's, or for the guard "anytime" a wider one.
 
     Parameters
     ----------
@@ -180,31 +146,18 @@ def rule_half_width(
         Residual standard deviation, its degrees of freedom, and ``z0' (Z'WZ)^-1 z0``.
     n_terms : int
         Terms of the model; ``max_runs / n_terms`` is the information planned for.
-    n_runs : array_like, optional
-        Runs made, for the guard "spending"; those of the fit by default.
-    n_before : array_like, optional
-        Runs at the look before, for the same.
+    interval : str, optional
+        The rule's own by default.
 
     Returns
     -------
     ndarray
         Score units; nan without residual degrees of freedom.
     """
-    if rule.guard == "spending":
-        made = np.asarray(df_residual) + n_terms if n_runs is None else n_runs
-        level = spending_level(rule, made, n_before)
-        return half_width("prediction_mean", s, df_residual, h, level, rule.replicates_of())
-    return _half_width(rule, rule.interval, s, df_residual, n_terms, h)
-
-
-def _half_width(
-    rule: StopRule, interval: IntervalKind, s: ArrayLike, df: ArrayLike, n_terms: int, h: ArrayLike
-) -> FloatArray:
-    """Of one kind of interval by itself, whatever error the looks may spend."""
     m = rule.replicates_of(interval)
     if rule.guard != "anytime":
-        return half_width("prediction_mean", s, df, h, rule.level, m)
-    return anytime_half_width("prediction_mean", s, df, h, rule.level, rule.planned_information(n_terms), m)
+        return half_width(s, df_residual, h, rule.level, m)
+    return anytime_half_width(s, df_residual, h, rule.level, m, rule.planned_information(n_terms))
 
 
 MODEL_ALPHA = 0.05
@@ -255,13 +208,13 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     last = max(rule.max_runs, n_runs, n_terms + 1)
     first = max(n_runs, rule.min_runs(n_terms), n_terms + 1)
     counts = np.unique(np.concatenate([np.arange(first, first + 2000), np.geomspace(first, 1e6, 400).astype(np.int64)]))
-    widths = _half_width(rule, rule.interval, s, counts - n_terms, n_terms, h * n_runs / counts)
+    widths = rule_half_width(rule, s, counts - n_terms, h * n_runs / counts, n_terms)
     enough = counts[widths <= rule.half_width]
     h_last = h * n_runs / last
     return Forecast(
-        noise_floor=noise_floor("prediction_mean", s, rule.level, rule.replicates_of()),
-        attainable_half_width=float(_half_width(rule, rule.interval, s, last - n_terms, n_terms, h_last)),
-        attainable_mean_half_width=float(_half_width(rule, "prediction_mean", s, last - n_terms, n_terms, h_last)),
+        noise_floor=noise_floor(s, rule.level, rule.replicates_of()),
+        attainable_half_width=float(rule_half_width(rule, s, last - n_terms, h_last, n_terms)),
+        attainable_mean_half_width=float(rule_half_width(rule, s, last - n_terms, h_last, n_terms, "prediction_mean")),
         runs_needed=int(enough[0]) if len(enough) else None,
     )
 
@@ -344,9 +297,9 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     runs = rule.max_runs
     if runs <= n_terms:
         return f"max_runs = {runs} leaves no degree of freedom for a model of {n_terms} terms."
-    if float(_half_width(rule, rule.interval, sigma, runs - n_terms, n_terms, 1.0 / runs)) <= rule.half_width:
+    if float(rule_half_width(rule, sigma, runs - n_terms, 1.0 / runs, n_terms)) <= rule.half_width:
         return ""
-    floor = noise_floor("prediction_mean", sigma, rule.level, rule.replicates_of())
+    floor = noise_floor(sigma, rule.level, rule.replicates_of())
     target = amount(rule.half_width, unit)
     if rule.half_width < floor:
         head = (
@@ -355,10 +308,10 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         )
     else:
         head = f"A half-width of {target} is out of reach of {runs} runs"
-    typical = float(_half_width(rule, rule.interval, sigma, runs - n_terms, n_terms, n_terms / runs))
+    typical = float(rule_half_width(rule, sigma, runs - n_terms, n_terms / runs, n_terms))
     tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
     if rule.interval == "prediction":
-        mean = float(_half_width(rule, "prediction_mean", sigma, runs - n_terms, n_terms, n_terms / runs))
+        mean = float(rule_half_width(rule, sigma, runs - n_terms, n_terms / runs, n_terms, "prediction_mean"))
         tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
     return f"{head}{tail}."
 
@@ -384,7 +337,7 @@ def flights_needed(rule: StopRule, sigma: float, most: int = 1000) -> int | None
     chance = sigma * np.sqrt(1.0 - rule.ground_share)
     own = replace(rule, ground_share=0.0).replicates_of()
     n = np.arange(2, most + 1)
-    enough = n[half_width("prediction_mean", chance, n - 1, 1.0 / n, rule.level, own) <= rule.half_width]
+    enough = n[half_width(chance, n - 1, 1.0 / n, rule.level, own) <= rule.half_width]
     return int(enough[0]) if len(enough) else None
 
 
@@ -462,8 +415,6 @@ class Look:
         default computed from ``s`` and ``h``. Floors and forecasts are scaled by it.
     model_p : float, optional
         p of the F test that no term but the intercept matters.
-    n_before : int
-        Scored runs at the look before, 0 where there was none.
     guess : float or None
         What a guess that looks at nothing scores; None where it is not known.
     lead : float
@@ -478,7 +429,6 @@ class Look:
     h: float
     half_width: float | None = None
     model_p: float | None = None
-    n_before: int = 0
     guess: float | None = None
     lead: float = float("inf")
 
@@ -529,14 +479,13 @@ def decide(
     Decision
     """
     n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
-    student = float(half_width("prediction_mean", s, df_residual, h, rule.level, rule.replicates_of()))
+    student = float(half_width(s, df_residual, h, rule.level, rule.replicates_of()))
     scale = 1.0
     if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
         scale = look.half_width / student
     width = float("nan")
     if df_residual > 0:
-        width = float(rule_half_width(rule, s, df_residual, h, n_terms, n_runs=n_runs, n_before=look.n_before))
-        width *= scale
+        width = scale * float(rule_half_width(rule, s, df_residual, h, n_terms))
     checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
         asked = f"{rule.min_runs(n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
@@ -578,8 +527,7 @@ def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
-    kinds = {"anytime": ", valid at every look", "spending": ", its error spent over the looks"}
-    kind = kinds.get(rule.guard, "")
+    kind = ", valid at every look" if rule.guard == "anytime" else ""
     now = f"± {amount(width, unit)} ({100 * rule.level:g} %{kind})"
     text = f"The {rule.interval_name} at the optimum is {now}; {target}."
     return Check("interval", width <= rule.half_width, text)

@@ -68,7 +68,7 @@ The tables and keys of the file; keys without a default must be given, and keys 
     ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
     ``guard`` ("runs": n >= 3 p; "confirmation": fresh runs decide; "anytime": an interval that holds at
-    every look; "spending": the error probability is spent over the looks as O'Brien and Fleming do);
+    every look);
     ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05);
     ``futility`` ("tell", the default, or "stop": `run` ends when two looks in a row say that no parameter matters or
     that the budget cannot reach the target); ``worlds`` ("count", the default: the target is for the whole interval; or

@@ -53,7 +53,7 @@ def known(folder: Path, mean: Mean, sign: float = 1.0, model: str = "") -> tuple
         rehearsal.scored_run(i + 1, 1, NewRun(settings, "start", "", "flight"), NewScore("score", float(score)))
         for i, (settings, score) in enumerate(zip(spec.region.decode(points), scores, strict=True))
     ]
-    return spec, analyse(spec, spec.applications[0], runs, [], n_draws=500)
+    return spec, analyse(spec, spec.applications[0], runs, n_draws=500)
 
 
 def rehearsed(spec: CampaignSpec, analysis: Analysis, n: int) -> tuple[dict, list[tuple[int, int]]]:

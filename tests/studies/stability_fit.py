@@ -133,7 +133,7 @@ def case(
     row.digits["coefficients, limit of double columns"] = ex.digits(np.array(limit.beta, dtype=float), reference.beta)
     row.digits["standard errors, limit of double columns"] = ex.digits(np.array(limit.se, dtype=float), reference.se)
     try:
-        found = analyse(spec, spec.applications[0], runs_of(spec, x, y), [], n_draws=200)
+        found = analyse(spec, spec.applications[0], runs_of(spec, x, y), n_draws=200)
     except UserError as error:
         row.does = f"refuses: {error.problems[0].message}"
         return row

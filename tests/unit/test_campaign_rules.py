@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
@@ -104,19 +103,7 @@ def measured(folder: Path, interval: str, surface: Callable[[float, float], floa
 
 def test_the_rule_holds_at_the_first_look_at_which_all_holds(tmp_path: Path) -> None:
     spec, runs = measured(tmp_path, "prediction", bowl)
-    assert analyse(spec, spec.applications[0], runs, []).decision.held
-
-
-def test_looks_of_earlier_versions_are_read_and_count(tmp_path: Path) -> None:
-    """They tell of a region; what is asked of them is how many runs they were made after."""
-    spec, runs = measured(tmp_path, "prediction", bowl)
-    spec = dataclasses.replace(spec, stop=spec.stop.model_copy(update={"guard": "spending"}))
-    summary = {"conditions_hold": True, "region": {"whole": False, "ranges": {"x": [0.0, 1.0]}, "history": []}}
-    with Store.open(tmp_path) as store:
-        store.record_look(26, "crops", summary)
-        looks = store.looks("crops")
-    with_a_look, alone = (analyse(spec, spec.applications[0], runs, each).decision for each in (looks, []))
-    assert with_a_look.half_width > alone.half_width
+    assert analyse(spec, spec.applications[0], runs).decision.held
 
 
 def test_flights_of_a_batch_come_in_random_order() -> None:

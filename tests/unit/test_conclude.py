@@ -169,7 +169,7 @@ def test_a_look_enters_few_modules(made: Campaign, narrow: Analysis) -> None:
     runs = made.store.runs()
     sys.setprofile(note)
     try:
-        again = analyse(made.spec, made.spec.applications[0], runs, [], n_draws=400)
+        again = analyse(made.spec, made.spec.applications[0], runs, n_draws=400)
     finally:
         sys.setprofile(None)
     assert again.optimum.mean == narrow.optimum.mean
@@ -184,7 +184,7 @@ def with_ends(folder: Path, scores: np.ndarray, goal: str, **ends: float) -> Ana
         replace(run, scores=tuple(replace(score, metadata={**score.metadata, **ends}) for score in run.scores))
         for run in made.store.runs()
     ]
-    return analyse(made.spec, made.spec.applications[0], runs, ())
+    return analyse(made.spec, made.spec.applications[0], runs)
 
 
 def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:

@@ -134,7 +134,7 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
         best = analysis.optimum
         flights = 60.0 + 4.0 * best.point[0] + ground * rng.standard_normal() + chance * rng.standard_normal(5)
         inside.append(best.prediction_mean.low <= flights.mean() <= best.prediction_mean.high)
-        without = analyse(spec, spec.applications[0], runs, [], n_draws=50).optimum.prediction_mean
+        without = analyse(spec, spec.applications[0], runs, n_draws=50).optimum.prediction_mean
         plain.append(without.low <= flights.mean() <= without.high)
         assert best.whole.half_width**2 == pytest.approx(best.by_chance.half_width**2 + best.of_ground**2)
     # The share is known by 16 worlds only: an error of 0.11, which costs some points of coverage.

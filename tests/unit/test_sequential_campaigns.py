@@ -230,7 +230,7 @@ def test_criteria_by_name(campaign, criterion: str) -> None:
     assert criterion in purposes
 
 
-@pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime", "spending"])
+@pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime"])
 def test_guards_by_name(campaign, guard: str) -> None:
     rule = f'half_width = 2.0\ninterval = "prediction_mean"\nguard = "{guard}"\nmax_runs = 80'
     outcome = run_campaign(campaign(spec_text(numeric(2), rule), bowl))

@@ -95,7 +95,6 @@ def _stop_text(dossier: Dossier) -> str:
         "runs": "enough runs for the number of terms",
         "confirmation": f"a confirmation set of {stop.confirmation_runs} fresh runs that agrees with the model",
         "anytime": "an interval that is valid at every look",
-        "spending": "an interval whose error probability is spent over the looks",
     }
     return (
         f"Stop rule: the {watched_interval(stop)} at the optimum ({level_text(stop.level)}) has a half-width of at "
