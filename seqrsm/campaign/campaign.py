@@ -408,13 +408,3 @@ class Campaign:
         from seqrsm.campaign.ingest import ingest_files
 
         return ingest_files(self.store, self.spec, files, dry_run=dry_run, accept=accept)
-
-    def void(self, run_id: int, why: str) -> None:
-        """Take a run out of the fit."""
-        self.store.void(run_id, why)
-
-    def export(self, file: Path) -> None:
-        """Write everything to ``file``, by its suffix .csv or .json."""
-        from seqrsm.campaign.export import export
-
-        export(self.store, self.spec, file)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 from seqrsm.catalog.reader import load_catalog
-from seqrsm.catalog.tables import Catalog, Entry, Platform, Table
+from seqrsm.catalog.tables import Entry, Platform, Table
 
 _WORD = re.compile(r"[a-z0-9]+")
 _TABLE = re.compile(r"a\.?\s*(\d{1,2})", re.IGNORECASE)
@@ -93,7 +93,7 @@ def _rank(words: Iterable[str], entry: Entry) -> tuple[int, int] | None:
     return in_name, weight
 
 
-def search(words: str, *, system: str | None = None, catalog: Catalog | None = None) -> tuple[Entry, ...]:
+def search(words: str, *, system: str | None = None) -> tuple[Entry, ...]:
     """Entries of Tables A.1 to A.20 whose application or user category holds every one of ``words``.
 
     Parameters
@@ -102,8 +102,6 @@ def search(words: str, *, system: str | None = None, catalog: Catalog | None = N
         Words in any order and case. Without any, every entry is found.
     system : {"active", "passive"}, optional
         Only radar or only radiometer entries.
-    catalog : Catalog, optional
-        Default is the whole catalogue.
 
     Returns
     -------
@@ -114,7 +112,7 @@ def search(words: str, *, system: str | None = None, catalog: Catalog | None = N
     """
     wanted = words_of(words)
     found = []
-    for place, entry in enumerate((catalog or load_catalog()).entries):
+    for place, entry in enumerate(load_catalog().entries):
         if entry.is_none or system not in (None, entry.system):
             continue
         rank = _rank(wanted, entry)
@@ -124,13 +122,13 @@ def search(words: str, *, system: str | None = None, catalog: Catalog | None = N
     return tuple(item[-1] for item in found)
 
 
-def entries_about(words: str, *, system: str | None = None, catalog: Catalog | None = None) -> tuple[Entry, ...]:
+def entries_about(words: str, *, system: str | None = None) -> tuple[Entry, ...]:
     """The entries of `search` that name all of ``words`` in the application itself; all found, if none does.
 
     Numbers are taken from these: "water pollution" then means that application and not every pollution entry that
     stands under Water Resources.
     """
-    found = search(words, system=system, catalog=catalog)
+    found = search(words, system=system)
     wanted = words_of(words)
     named = tuple(entry for entry in found if (_rank(wanted, entry) or (0, 0))[0] == len(wanted))
     return named or found

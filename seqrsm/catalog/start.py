@@ -15,7 +15,7 @@ from math import inf
 
 from seqrsm.catalog.reader import load_catalog
 from seqrsm.catalog.search import entries_about, words_of
-from seqrsm.catalog.tables import Catalog, Entry, Range
+from seqrsm.catalog.tables import Entry, Range
 from seqrsm.errors import Problem, UserError
 
 #: Where an open side is closed when only one number is printed: value, and the print that gives it.
@@ -251,8 +251,8 @@ def _polarization(entries: Sequence[Entry]) -> StartLevels:
     return StartLevels(tuple("+".join(channels) for channels in order), sources, tuple(notes))
 
 
-def _none_found(words: str, system: str, catalog: Catalog) -> UserError:
-    known = {word for entry in catalog.entries if entry.system == system for word in words_of(entry.name)}
+def _none_found(words: str, system: str) -> UserError:
+    known = {word for entry in load_catalog().entries if entry.system == system for word in words_of(entry.name)}
     near = [match for word in words_of(words) for match in difflib.get_close_matches(word, known, n=2)]
     hint = f"Near words in the tables: {', '.join(dict.fromkeys(near))}." if near else "Use fewer or other words."
     return UserError(
@@ -260,7 +260,7 @@ def _none_found(words: str, system: str, catalog: Catalog) -> UserError:
     )
 
 
-def start_ranges(words: str, *, system: str = "active", catalog: Catalog | None = None) -> StartRanges:
+def start_ranges(words: str, *, system: str = "active") -> StartRanges:
     """Suggested start ranges and prior knowledge for an application.
 
     Parameters
@@ -269,8 +269,6 @@ def start_ranges(words: str, *, system: str = "active", catalog: Catalog | None 
         Words of the application, "soil moisture".
     system : {"active", "passive"}
         Radar or radiometer.
-    catalog : Catalog, optional
-        Default is the whole catalogue.
 
     Returns
     -------
@@ -283,14 +281,13 @@ def start_ranges(words: str, *, system: str = "active", catalog: Catalog | None 
     UserError
         No words, a system that is neither, or no entry that holds them all.
     """
-    catalog = catalog or load_catalog()
     if system not in ("active", "passive"):
         raise UserError(Problem("no such kind of system", "Use active or passive.", field="system", value=system))
     if not words_of(words):
         raise UserError(Problem("no words to look up", "Name an application, such as 'soil moisture'.", value=words))
-    entries = entries_about(words, system=system, catalog=catalog)
+    entries = entries_about(words, system=system)
     if not entries:
-        raise _none_found(words, system, catalog)
+        raise _none_found(words, system)
     frequency = _sources(
         entries,
         lambda entry: ", ".join(filter(None, (entry.frequency, entry.wavelength))),

@@ -318,7 +318,7 @@ def void(
     if (run_id is None) == (ranking is None):
         raise UserError(Problem("void takes out one run or one ranking", "Give RUN_ID, or --ranking N."))
     if run_id is not None:
-        _opened(folder).opened.void(run_id, why)
+        _opened(folder).opened.store.void(run_id, why)
         say(f"run {run_id} is void: {why}")
     elif ranking is not None:
         _opened(folder).opened.store.void_ranking(ranking, why)
@@ -562,7 +562,10 @@ def export(
     ],
 ) -> None:
     """Write everything out."""
-    _opened(folder).opened.export(file)
+    from seqrsm.campaign.export import export as write_all
+
+    campaign = _opened(folder).opened
+    write_all(campaign.store, campaign.spec, file)
     say(f"wrote {file}")
 
 

@@ -127,7 +127,7 @@ def doctor(
 ) -> None:
     """Check the environment, and a campaign's data base, and warm the compiled kernels up."""
     from seqrsm.campaign.campaign import Campaign
-    from seqrsm.campaign.doctor import examine
+    from seqrsm.cli.doctor import examine
     from seqrsm.cli.show import show_doctor
 
     if folder is not None:

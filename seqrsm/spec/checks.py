@@ -8,17 +8,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
 from pathlib import Path as FilePath
-from typing import Any, Literal, Protocol
+from typing import Any
 
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, span
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
-from seqrsm.fit.optimum import Goal
 from seqrsm.sensor.parameters import Parameter, find
 from seqrsm.sensor.sets import SENSORS, set_problem
-from seqrsm.spec.tables import ApplicationSpec, ModelSpec, Table
+from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec, Table
 from seqrsm.spec.toml_lines import Path, line_of
 
 #: Columns of a scores file, which no factor may be named after.
@@ -351,13 +350,7 @@ def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Con
     return made
 
 
-class _Desired(Protocol):
-    goal: Goal
-    unacceptable: float | None
-    ideal: float | None
-
-
-def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporter) -> None:
+def desirabilities(kind: str, tables: Sequence[ApplicationSpec | ConsiderationSpec | None], report: Reporter) -> None:
     """``unacceptable`` lies on the bad side of ``ideal``."""
     for index, table in enumerate(tables):
         if table is None or table.unacceptable is None or table.ideal is None:
@@ -369,15 +362,9 @@ def desirabilities(kind: str, tables: Sequence[_Desired | None], report: Reporte
             report.add((kind, index, "ideal"), "ideal is not better than unacceptable", remedy, table.ideal)
 
 
-class _Model(Protocol):
-    response: Literal["identity", "logit"]
-    errors: str
-    weights: Literal["equal", "se", "counts"]
-    block: str | None
-    block_effect: str
-
-
-def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter) -> None:
+def model(
+    table: ModelSpec, applications: Sequence[ApplicationSpec | None], *, simulated: bool, report: Reporter
+) -> None:
     """Keys of ``[model]`` that exclude each other, or what the scores will be."""
     errors = ERROR_MODELS[table.errors]
     counted = (
@@ -407,7 +394,7 @@ def model(table: _Model, applications: Sequence[ApplicationSpec | None], *, simu
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
 
 
-def shared_occasions(table: _Model, size: int, report: Reporter) -> None:
+def shared_occasions(table: ModelSpec, size: int, report: Reporter) -> None:
     """Common random numbers make random blocks."""
     place: Path = ("simulator", "common_random_numbers")
     if not ERROR_MODELS[table.errors].random_blocks:
@@ -415,13 +402,7 @@ def shared_occasions(table: _Model, size: int, report: Reporter) -> None:
         report.add(place, f"runs with common random numbers need normal errors, not {table.errors}", remedy, size)
 
 
-class _Catalogued(Protocol):
-    @property
-    def catalog(self) -> str:
-        """Words of the catalogue."""
-
-
-def catalogued(applications: Sequence[_Catalogued | None], engine: str | None, report: Reporter) -> None:
+def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | None, report: Reporter) -> None:
     """Words that an application names of the catalogue are in it, for the engine's kind of sensor."""
     kind, system = {"psm": ("radar ", "active"), "prm": ("radiometer ", "passive")}.get(engine or "", ("", None))
     for index, application in enumerate(applications):

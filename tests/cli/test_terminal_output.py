@@ -17,8 +17,8 @@ import pytest
 from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
-from seqrsm.campaign.assumptions import group_notes, summarise_notes
 from seqrsm.cli.app import app
+from seqrsm.report.assumptions import group_notes, summarise_notes
 
 NOTES = (
     "Wheat: short vegetation (computed: flevoland)",

@@ -26,6 +26,7 @@ from sqlalchemy import event
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.campaign.export import export
 from seqrsm.cli.app import app
 
 KILL = "kill"
@@ -104,7 +105,7 @@ def _scored(folder: Path) -> None:
 def _exported(folder: Path) -> None:
     _scored(folder)
     campaign = Campaign.open(folder / "c")
-    campaign.export(folder / "all.json")
+    export(campaign.store, campaign.spec, folder / "all.json")
     campaign.store.close()
 
 

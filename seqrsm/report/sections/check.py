@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from seqrsm.campaign.assumptions import summarise_notes
 from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.check import CheckResult
+from seqrsm.report.assumptions import summarise_notes
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_plain, format_significant
 

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from seqrsm.campaign.assumptions import GroupedNotes, group_notes
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel
+from seqrsm.report.assumptions import GroupedNotes, group_notes
 from seqrsm.report.blocks import (
     Block,
     Bullets,
