@@ -179,10 +179,10 @@ def _within_percent(estimate: OptimumEstimate) -> OptimumEstimate:
 def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -> list[FactorImportance]:
     """Partial F of all terms of each factor (RSL TR 380-1 eq. 2-14) and variance shares, the most important first."""
     rows = []
-    shares = variance_shares(model, beta)
+    alone, in_all = variance_shares(model, beta)
     for j, factor in enumerate(model.factors):
         indices: IntArray = model.factor_terms(factor.name)
-        both = float(shares.first_order[j]), float(shares.total[j])
+        both = float(alone[j]), float(in_all[j])
         if not len(indices):  # every term of it was left out
             rows.append(FactorImportance(factor.name, 0, np.nan, np.nan, *both))
             continue

@@ -232,12 +232,12 @@ def _ridge(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
     if not numeric:
         return ()
     levels = tuple(int(point[j]) for j in region.categorical)
-    constant, linear, quadratic = model.forms(fitted.surface.estimate, levels)
+    _, linear, quadratic = model.forms(fitted.surface.estimate, levels)
     distance = np.arange(0.0, np.sqrt(len(numeric)) + 1e-9, _STEP)
-    path = steepest_path(float(constant), linear, quadratic, distance, fitted.application.goal)
+    path = steepest_path(linear, quadratic, distance, fitted.application.goal)
     points = np.repeat(point[None, :], len(distance), axis=0)
-    points[:, numeric] = path.points
-    box = np.all(np.abs(path.points) <= 1.0 + 1e-9, axis=1)
+    points[:, numeric] = path
+    box = np.all(np.abs(path) <= 1.0 + 1e-9, axis=1)
     return _path(fitted, points, distance, box & (region.slack(points) >= -1e-9))
 
 

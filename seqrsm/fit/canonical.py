@@ -96,8 +96,6 @@ class StationaryPoint:
         The same with no eigenvalue taken as flat; nan where the quadratic is singular.
     flat : ndarray (q,) of bool
         Directions along which the surface is a ridge.
-    threshold : float
-        Share of the largest absolute eigenvalue below which a direction counts as flat.
     warning : str
         A sentence when the surface is a ridge or has no curvature; else empty.
     """
@@ -114,7 +112,6 @@ class StationaryPoint:
     exact_inside_region: bool
     exact_se: FloatArray
     flat: BoolArray
-    threshold: float
     warning: str
 
 
@@ -214,7 +211,6 @@ def stationary_point(
         exact_inside_region=exact_inside,
         exact_se=errors(form.exact_point, np.zeros_like(form.flat)),
         flat=form.flat,
-        threshold=threshold,
         warning=_ridge_warning(form, names, threshold, level=not np.any(linear)),
     )
 
@@ -281,31 +277,17 @@ def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float, leve
     )
 
 
-@dataclass(frozen=True, slots=True)
-class VarianceShares:
-    """Variance shares of one surface, or of many.
-
-    Attributes
-    ----------
-    factors : tuple of str (k,)
-    first_order : ndarray (..., k)
-        Share that a factor explains alone: Var E[f | x_j] / Var f. They sum to at most 1.
-    total : ndarray (..., k)
-        Share that would be left if all other factors were known: first order plus all of its interactions.
-    variance : ndarray (...)
-        Of the surface over the box, squared score units; shares are nan where it is 0.
-    """
-
-    factors: tuple[str, ...]
-    first_order: FloatArray
-    total: FloatArray
-    variance: FloatArray
-
-
-def variance_shares(model: QuadraticModel, beta: FloatArray) -> VarianceShares:
-    """Variance shares of the surfaces with coefficients ``beta`` (..., p), such as posterior draws.
+def variance_shares(model: QuadraticModel, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shares of the variance of surfaces with coefficients ``beta`` (..., p), such as posterior draws, over the box.
 
     Constraints are left out: they would make the factors dependent, and shares then have no unique meaning.
+
+    Returns
+    -------
+    first_order : ndarray (..., k)
+        Share that a factor explains alone: Var E[f | x_j] / Var f. They sum to at most 1; nan where Var f is 0.
+    total : ndarray (..., k)
+        Share that would be left if all other factors were known: first order plus all of its interactions.
     """
     beta = np.asarray(beta, dtype=np.float64)
     means, moments = model.part_moments()
@@ -326,30 +308,7 @@ def variance_shares(model: QuadraticModel, beta: FloatArray) -> VarianceShares:
     scale = np.where(flat, np.nan, variance)
     first = np.stack([form({j}) / scale for j in range(model.k)], axis=-1)
     total = np.stack([1.0 - form(everything - {j}) / scale for j in range(model.k)], axis=-1)
-    names = tuple(factor.name for factor in model.factors)
-    return VarianceShares(names, first, np.maximum(total, 0.0), np.where(flat, 0.0, variance))
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """Points along a path from the centre.
-
-    Attributes
-    ----------
-    distance : ndarray (n,)
-        Coded distance from the origin of the path.
-    points : ndarray (n, q)
-        Coded numeric factors.
-    values : ndarray (n,)
-        Fitted values.
-    multipliers : ndarray (n,)
-        The Lagrange multiplier mu of a ridge path; nan where it has none.
-    """
-
-    distance: FloatArray
-    points: FloatArray
-    values: FloatArray
-    multipliers: FloatArray
+    return first, np.maximum(total, 0.0)
 
 
 def _sphere_multiplier(gaps: FloatArray, projected: FloatArray, radius: float) -> float | None:
@@ -377,82 +336,48 @@ def _sphere_multiplier(gaps: FloatArray, projected: FloatArray, radius: float) -
     return float(np.exp(brentq(excess, np.log(low), np.log(top), xtol=1e-15, rtol=8.9e-16)))
 
 
-def ridge_path(
-    constant: float, linear: FloatArray, quadratic: FloatArray, radii: FloatArray, goal: Goal = "maximize"
-) -> Path:
-    """Ridge analysis: the best point on spheres around the centre.
+def steepest_path(
+    linear: FloatArray, quadratic: FloatArray, distances: FloatArray, goal: Goal = "maximize"
+) -> FloatArray:
+    """Path of steepest ascent (or descent) from the centre, as in R's rsm: the best point on spheres around it.
 
-    The maximum on ``|x| = R`` is ``x(mu) = -(B - mu I)^-1 b / 2`` with ``mu`` at or above the largest eigenvalue. When
-    b has no component along the leading eigenvector and R is large (the hard case), ``mu`` equals that eigenvalue and a
-    multiple of the eigenvector is added; of the two equal solutions the one whose largest component of that eigenvector
-    is positive is given.
+    For a first-order surface it is the straight line along the gradient. Else the maximum on ``|x| = R`` is
+    ``x(mu) = -(B - mu I)^-1 b / 2`` with ``mu`` at or above the largest eigenvalue. When b has no component along the
+    leading eigenvector and R is large (the hard case), ``mu`` equals that eigenvalue and a multiple of the eigenvector
+    is added; of the two equal solutions the one whose largest component of that eigenvector is positive is given.
 
     Parameters
     ----------
-    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
-        ``c + x'b + x'Bx``, B symmetric.
-    radii : ndarray (n,)
-        Coded distances, >= 0.
+    linear, quadratic : ndarray (q,), ndarray (q, q)
+        Of ``c + x'b + x'Bx``, B symmetric; a B of zeros is a first-order surface.
+    distances : ndarray (n,)
+        Coded distances R, >= 0.
     goal : "maximize" or "minimize"
 
     Returns
     -------
-    Path
+    ndarray (n, q)
+        Coded points.
     """
     sign = sign_of(goal)
+    if not np.any(quadratic):
+        norm = float(np.linalg.norm(linear))
+        return distances[:, None] * (np.zeros_like(linear) if norm == 0.0 else sign * linear / norm)
     values, vectors = np.linalg.eigh(sign * quadratic)
     values, vectors = values[::-1], vectors[:, ::-1]
     projected = vectors.T @ (sign * linear)
     gaps = values[0] - values
-    radii = np.asarray(radii, dtype=np.float64)
-    points = np.zeros((len(radii), len(linear)))
-    multipliers = np.full(len(radii), np.nan)
-    for i, radius in enumerate(radii):
+    points = np.zeros((len(distances), len(linear)))
+    for i, radius in enumerate(distances.tolist()):
         if radius <= 0.0:
             continue
-        s = _sphere_multiplier(gaps, projected, float(radius))
+        s = _sphere_multiplier(gaps, projected, radius)
         if s is not None:
             along = 0.5 * projected / (s + gaps)
-            multipliers[i] = sign * (values[0] + s)
         else:
             lead = gaps <= 1e-14 * max(float(gaps.max()), 1.0e-300)
             along = np.where(lead, 0.0, 0.5 * projected / np.where(lead, 1.0, gaps))
             axis = vectors[:, 0] * np.sign(vectors[np.argmax(np.abs(vectors[:, 0])), 0])
             along = along + vectors.T @ axis * np.sqrt(max(radius**2 - float(along @ along), 0.0))
-            multipliers[i] = sign * values[0]
         points[i] = vectors @ along
-    return Path(radii, points, _values(constant, linear, quadratic, points), multipliers)
-
-
-def steepest_path(
-    constant: float, linear: FloatArray, quadratic: FloatArray, distances: FloatArray, goal: Goal = "maximize"
-) -> Path:
-    """Path of steepest ascent (or descent) from the centre.
-
-    For a first-order surface this is the straight line along the gradient; for a second-order one it is the ridge path,
-    as in R's rsm.
-
-    Parameters
-    ----------
-    constant, linear, quadratic : float, ndarray (q,), ndarray (q, q)
-        ``c + x'b + x'Bx``; a B of zeros is a first-order surface.
-    distances : ndarray (n,)
-        Coded distances, >= 0.
-    goal : "maximize" or "minimize"
-
-    Returns
-    -------
-    Path
-    """
-    if np.any(quadratic != 0.0):
-        return ridge_path(constant, linear, quadratic, distances, goal)
-    norm = float(np.linalg.norm(linear))
-    direction = np.zeros_like(linear) if norm == 0.0 else sign_of(goal) * linear / norm
-    distances = np.asarray(distances, dtype=np.float64)
-    points = distances[:, None] * direction
-    return Path(distances, points, _values(constant, linear, quadratic, points), np.full(len(distances), np.nan))
-
-
-def _values(constant: float, linear: FloatArray, quadratic: FloatArray, points: FloatArray) -> FloatArray:
-    values: FloatArray = constant + points @ linear + np.sum((points @ quadratic) * points, axis=1)
-    return values
+    return points

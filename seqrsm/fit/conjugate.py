@@ -204,17 +204,12 @@ class ConjugatePosterior:
         L with Lambda^-1 = LL'.
     a, b : float
         Shape and scale of the inverse gamma of sigma^2.
-    log_evidence : float
-        Log of the marginal density of the scores; nan for an improper prior.
-    n_runs : int
     """
 
     mean: FloatArray
     factor: FloatArray
     a: float
     b: float
-    log_evidence: float
-    n_runs: int
 
     @property
     def df(self) -> float:
@@ -271,11 +266,6 @@ class ConjugatePosterior:
             "",
         )
 
-    def interval(self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray | None = None) -> Interval:
-        """Credible interval of the mean response, or predictive interval of one run when ``weight`` is given."""
-        both = self.predict(rows, level, 1.0 if weight is None else weight)
-        return both.confidence if weight is None else both.prediction
-
     def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Independent draws: beta (n, p) and sigma (n,)."""
         sigma = np.sqrt(self.b / rng.standard_gamma(self.a, size=n))
@@ -325,9 +315,7 @@ def posterior(
     if a <= 0.0:
         problem = Problem(f"{n} runs and {p} terms leave no degrees of freedom for sigma", "use an informative prior")
         raise FitError(problem)
-    log_det = 2.0 * float(np.sum(np.log(np.abs(np.diagonal(factors.R)))) - np.sum(np.log(factors.scale)))
-    evidence = _log_evidence(prior, K.shape[0] == p, n, w, a, b, log_det)
-    return ConjugatePosterior(mean, linear_system.covariance_factor(factors), a, b, evidence, n)
+    return ConjugatePosterior(mean, linear_system.covariance_factor(factors), a, b)
 
 
 def weakly_informative(
@@ -376,20 +364,3 @@ def _root(Lambda0: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(Lambda0 / np.outer(scale, scale))
     keep = values > Lambda0.shape[0] * linear_system.EPSILON * values[-1]
     return np.asarray((np.sqrt(values[keep]) * vectors[:, keep]).T * scale)
-
-
-def _log_evidence(
-    prior: NormalInverseGamma, proper: bool, n: int, w: FloatArray, a: float, b: float, log_det: float
-) -> float:
-    if not proper or prior.a0 <= 0.0 or prior.b0 <= 0.0:
-        return float("nan")
-    _, log_det0 = np.linalg.slogdet(prior.Lambda0)
-    return float(
-        -0.5 * n * np.log(2.0 * np.pi)
-        + 0.5 * np.sum(np.log(w))
-        + 0.5 * (log_det0 - log_det)
-        + prior.a0 * np.log(prior.b0)
-        - a * np.log(b)
-        + gammaln(a)
-        - gammaln(prior.a0)
-    )

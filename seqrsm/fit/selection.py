@@ -4,9 +4,10 @@ A *unit* is what enters or leaves together: the linear term of a factor, all con
 products of a pair of factors, a square. A model is hierarchical when each product or square comes with the first-order
 units of its factors. Intercept and block columns belong to every model.
 
-Coefficients have Zellner's g prior about zero, N(0, g sigma^2 (X'WX)^-1) with X centred on intercept and blocks, which
-are flat, as is log sigma. It is invariant to units, coding and contrasts, and the evidence against the model without
-units is closed form, ``(1 + g)^((m - r) / 2) / (1 + g (1 - R^2))^(m / 2)`` with m runs less the columns always present,
+A unit is present with probability one half, one of second order when all that it needs are. Coefficients have Zellner's
+g prior about zero, N(0, g sigma^2 (X'WX)^-1) with X centred on intercept and blocks, which are flat, as is log sigma.
+It is invariant to units, coding and contrasts, and the evidence against the model without units is closed form,
+``(1 + g)^((m - r) / 2) / (1 + g (1 - R^2))^(m / 2)`` with m runs less the columns always present,
 r the columns of the units and R^2 their share of the variation left by the former (Liang et al. 2008). Given a model
 everything is Student-t, so predictions are mixtures of Student-t distributions: they carry the doubt about the terms
 that an interval from one selected model leaves out.
@@ -91,10 +92,8 @@ class ModelSpace:
         w: FloatArray,
         terms: Sequence[FactorTerm | str],
         units: tuple[Unit, ...],
-        g: float | None,
-        prior: tuple[float, float],
     ) -> None:
-        self.units, self._prior = units, prior
+        self.units = units
         self._Z, self._y, self._w = Z, y, w
         free = [i for unit in units for i in unit.columns]
         self.always = np.array([i for i in range(len(terms)) if i not in set(free)], dtype=np.int64)
@@ -117,7 +116,7 @@ class ModelSpace:
         self._X = X / np.where(length > 0.0, length, 1.0)
         self._gram, self._cross = self._X.T @ self._X, self._X.T @ t / np.sqrt(total)
         self._centred = X
-        self.g = float(max(len(y), self._free.size**2)) if g is None else g
+        self.g = float(max(len(y), self._free.size**2))  # the benchmark prior of Fernandez et al.
 
     def log_posterior(self, models: BoolArray) -> FloatArray:
         """Log evidence plus log prior (c,), up to one constant; -inf for models that the runs cannot carry."""
@@ -142,17 +141,13 @@ class ModelSpace:
     def log_prior(self, models: BoolArray) -> FloatArray:
         """Log prior probability (c,) of hierarchical models."""
         value = np.zeros(len(models))
-        with np.errstate(divide="ignore"):
-            for u, unit in enumerate(self.units):
-                share = self._prior[1] if unit.parents else self._prior[0]
-                allowed = np.all(models[:, list(unit.parents)], axis=1) if unit.parents else np.bool_(True)
-                value += np.where(allowed, np.where(models[:, u], np.log(share), np.log1p(-share)), 0.0)
+        for unit in self.units:
+            value += np.where(np.all(models[:, list(unit.parents)], axis=1), np.log(0.5), 0.0)
         return value
 
     def prior_inclusion(self) -> FloatArray:
         """Prior probability (u,) that each unit is present."""
-        first, second = self._prior
-        return np.array([second * first ** len(unit.parents) if unit.parents else first for unit in self.units])
+        return np.array([0.5 ** (1 + len(unit.parents)) for unit in self.units])
 
     def fit(self, model: BoolArray) -> tuple[ConjugatePosterior, IntArray]:
         """Posterior of one model for its columns."""
@@ -231,6 +226,7 @@ def search_models(
 
 
 _MAX_LISTED = 50_000
+_STEPS = 20_000
 _KEPT_SHARE = 0.999
 _MAX_KEPT = 400
 
@@ -250,14 +246,10 @@ class ModelAverage:
         The most probable models, which together hold ``_KEPT_SHARE`` of the probability (at most 400).
     probability : ndarray (c,)
         Of each, renormalised to 1.
-    held : float
-        Share of the probability, of all models listed or visited, that they hold.
     n_models : int
         Models listed, or visited by the search.
     exhaustive : bool
         All hierarchical models were listed; else a random search visited the probable ones.
-    g : float
-        Of the g prior.
     posteriors : tuple of ConjugatePosterior
         Of each model, for its columns.
     columns : tuple of ndarray
@@ -269,10 +261,8 @@ class ModelAverage:
     prior_inclusion: FloatArray
     models: BoolArray
     probability: FloatArray
-    held: float
     n_models: int
     exhaustive: bool
-    g: float
     posteriors: tuple[ConjugatePosterior, ...]
     columns: tuple[IntArray, ...]
 
@@ -301,7 +291,7 @@ class ModelAverage:
             square[columns] += share * (np.square(post.marginal_sd) + np.square(post.mean))
         return mean, np.sqrt(np.maximum(square - np.square(mean), 0.0))
 
-    def predict(self, rows: FloatArray, level: float = 0.95, weight: float = 1.0, replicates: float = 1) -> Prediction:
+    def predict(self, rows: FloatArray, level: float = 0.95, weight: float = 1.0) -> Prediction:
         """Model-averaged response with credible and predictive intervals; arguments as in ``LeastSquaresFit.predict``.
 
         Rows (m, p) have all columns of Z, zeros for blocks meaning their mean.
@@ -313,22 +303,13 @@ class ModelAverage:
             h[:, i] = post.variance_unscaled(rows[:, columns])
         s = np.array([post.scale for post in self.posteriors])
         df = np.array([post.df for post in self.posteriors])
-        new = s * np.sqrt(1.0 / (replicates * weight) + h)
+        new = s * np.sqrt(1.0 / weight + h)
         mean = centre @ self.probability
         between = np.square(centre - mean[:, None])
         se = [np.sqrt((np.square(scale) + between) @ self.probability) for scale in (s * np.sqrt(h), new)]
         confidence = mixture_interval(level, self.probability, df, centre, s * np.sqrt(h))
         prediction = mixture_interval(level, self.probability, df, centre, new)
         return Prediction(mean, confidence, prediction, se[0], se[1], level, "")
-
-    def draws(self, n: int, rng: np.random.Generator, p: int) -> tuple[FloatArray, FloatArray]:
-        """Independent draws from the mixture: beta (n, p) with zeros for absent terms, and sigma (n,)."""
-        beta, sigma = np.zeros((n, p)), np.empty(n)
-        which = rng.choice(len(self.posteriors), size=n, p=self.probability)
-        for i in np.unique(which):
-            at = np.flatnonzero(which == i)
-            beta[np.ix_(at, self.columns[i])], sigma[at] = self.posteriors[i].draws(at.size, rng)
-        return beta, sigma
 
 
 def average_models(
@@ -337,10 +318,6 @@ def average_models(
     terms: Sequence[FactorTerm | str],
     *,
     weights: FloatArray | None = None,
-    g: float | None = None,
-    first_order: float = 0.5,
-    second_order: float = 0.5,
-    steps: int = 20_000,
     seed: int = 0,
 ) -> ModelAverage:
     """Posterior over the hierarchical sub-models of ``y = Z beta + e``.
@@ -352,14 +329,8 @@ def average_models(
         many columns as runs have no evidence and are left out.
     terms : sequence (p,)
         Terms of the columns, with the names of their factors; a plain string is a block column, always present.
-    g : float, optional
-        Default max(n, u^2) with u the columns that may be left out: the benchmark prior of Fernandez et al.
-    first_order, second_order : float
-        Prior probability that a first-order unit is present, and that a second-order unit is when all it needs are.
-    steps : int
-        Of the random search, when there are more than 50 000 models.
     seed : int
-        Of that search.
+        Of the random search, when there are more than 50 000 models.
 
     Raises
     ------
@@ -372,13 +343,13 @@ def average_models(
     units = units_of(terms)
     if not units:
         raise ValueError("no term can be left out")
-    space = ModelSpace(Z, y, w, terms, units, g, (first_order, second_order))
+    space = ModelSpace(Z, y, w, terms, units)
     listed = hierarchical_models(units, _MAX_LISTED)
     if listed is not None:
         models, score = listed, space.log_posterior(listed)
         prior = np.exp(space.log_prior(listed))
     else:
-        models, score = search_models(space, units, steps, np.random.default_rng(seed))
+        models, score = search_models(space, units, _STEPS, np.random.default_rng(seed))
         prior = np.zeros(0)
     usable = np.isfinite(score)
     models, score = models[usable], score[usable]
@@ -394,10 +365,8 @@ def average_models(
         prior @ listed if listed is not None else space.prior_inclusion(),
         models[kept],
         share / np.sum(share),
-        float(np.sum(share)),
         len(models),
         listed is not None,
-        space.g,
         tuple(post for post, _ in fits),
         tuple(columns for _, columns in fits),
     )

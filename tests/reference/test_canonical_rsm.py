@@ -17,7 +17,7 @@ import pytest
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.canonical import ridge_path, stationary_point, steepest_path
+from seqrsm.fit.canonical import stationary_point, steepest_path
 
 DATA = Path(__file__).parent / "data" / "rsm"
 
@@ -46,11 +46,17 @@ def check_canonical(model: QuadraticModel, beta: np.ndarray, expected: Any, thre
         np.testing.assert_allclose(mine, vector, atol=1e-10)
 
 
-def check_path(path: Any, expected: dict[str, list[float]], k: int) -> None:
-    want = np.column_stack([expected[f"x{i + 1}"] for i in range(k)])
-    np.testing.assert_allclose(path.points, want, atol=2e-3)
+def check_path(form: tuple[float, np.ndarray, np.ndarray], expected: dict[str, list[float]], goal: Any) -> None:
+    points = steepest_path(*form[1:], np.array(expected["dist"]), goal)
+    want = np.column_stack([expected[f"x{i + 1}"] for i in range(points.shape[1])])
+    np.testing.assert_allclose(points, want, atol=2e-3)
     # rsm's fitted values are those at its rounded coordinates, off ours by the slope of up to some fifty units
-    np.testing.assert_allclose(path.values, expected["yhat"], atol=4e-2)
+    np.testing.assert_allclose(heights(form, points), expected["yhat"], atol=4e-2)
+
+
+def heights(form: tuple[float, np.ndarray, np.ndarray], points: np.ndarray) -> np.ndarray:
+    c, b, B = form
+    return c + points @ b + np.sum((points @ B) * points, axis=1)
 
 
 def forms(model: QuadraticModel, beta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -66,10 +72,8 @@ def test_chemreact_second_order() -> None:
     assert point.kind == "maximum"
     assert point.inside_region
     assert point.value == pytest.approx(expected["predicted_at_stationary"]["1"], abs=1e-10)
-    c, b, B = forms(model, beta)
-    steps = np.array(expected["ridge_from_origin_steepest"]["dist"])
-    check_path(steepest_path(c, b, B, steps), expected["ridge_from_origin_steepest"], 2)
-    check_path(steepest_path(c, b, B, steps, "minimize"), expected["ridge_descent"], 2)
+    check_path(forms(model, beta), expected["ridge_from_origin_steepest"], "maximize")
+    check_path(forms(model, beta), expected["ridge_descent"], "minimize")
 
 
 def test_chemreact_in_natural_units() -> None:
@@ -87,8 +91,7 @@ def test_chemreact_first_order_steepest_ascent() -> None:
     expected = load("ChemReact")["first_order"]
     b = np.array([expected["coefficients"][name]["estimate"] for name in ("x1", "x2")])
     c = expected["coefficients"]["(Intercept)"]["estimate"]
-    path = steepest_path(c, b, np.zeros((2, 2)), np.array(expected["steepest_ascent"]["dist"]))
-    check_path(path, expected["steepest_ascent"], 2)
+    check_path((c, b, np.zeros((2, 2))), expected["steepest_ascent"], "maximize")
 
 
 def test_heli_saddle() -> None:
@@ -98,10 +101,8 @@ def test_heli_saddle() -> None:
     point = stationary_point(model, Region(model.factors), beta)
     assert point.kind == "saddle"
     assert point.value == pytest.approx(expected["predicted_at_stationary"]["1"], abs=1e-9)
-    c, b, B = forms(model, beta)
-    up, down = expected["steepest_ascent_ridge"], expected["steepest_descent_ridge"]
-    check_path(steepest_path(c, b, B, np.array(up["dist"])), up, 4)
-    check_path(steepest_path(c, b, B, np.array(down["dist"]), "minimize"), down, 4)
+    check_path(forms(model, beta), expected["steepest_ascent_ridge"], "maximize")
+    check_path(forms(model, beta), expected["steepest_descent_ridge"], "minimize")
     at_mean = beta_from(expected["coefficients"], 4, "block2")[1]
     both = expected["predicted_at_stationary"]
     mean = stationary_point(model, Region(model.factors), at_mean).value
@@ -119,9 +120,7 @@ def test_codata_ridge_with_and_without_threshold() -> None:
     far = expected["canonical_threshold0"]["stationary_point_coded"]
     np.testing.assert_allclose(ridge.exact_point, [far["x1"], far["x2"]], rtol=1e-10)
     assert stationary_point(model, Region(model.factors), beta, threshold=0.0).kind == "saddle"
-    c, b, B = forms(model, beta)
-    up = expected["steepest_ascent_ridge"]
-    check_path(steepest_path(c, b, B, np.array(up["dist"])), up, 2)
+    check_path(forms(model, beta), expected["steepest_ascent_ridge"], "maximize")
 
 
 def test_chemical_process_to_ten_digits() -> None:
@@ -136,7 +135,7 @@ def test_chemical_process_to_ten_digits() -> None:
     np.testing.assert_allclose(found.eigenvectors.T, expected["eigenvectors_rows_sign_largest_positive"], atol=1e-13)
     assert found.value == pytest.approx(expected["predicted_at_stationary"], rel=1e-14)
     rows = expected["ridge_maximum_path"]
-    path = ridge_path(*forms(model, beta), np.array([row["R"] for row in rows]))
-    np.testing.assert_allclose(path.points, [row["x"] for row in rows], rtol=1e-11, atol=1e-12)
-    np.testing.assert_allclose(path.multipliers, [row["mu"] for row in rows], rtol=1e-10)
-    np.testing.assert_allclose(path.values, [row["yhat"] for row in rows], rtol=1e-13)
+    form = forms(model, beta)
+    points = steepest_path(*form[1:], np.array([row["R"] for row in rows]))
+    np.testing.assert_allclose(points, [row["x"] for row in rows], rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(heights(form, points), [row["yhat"] for row in rows], rtol=1e-13)

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.integrate import simpson
 
 from seqrsm.errors import FitError
 from seqrsm.fit.conjugate import Flat, NormalInverseGamma, posterior, weakly_informative
@@ -35,7 +34,7 @@ def test_flat_prior_reproduces_least_squares(n: int) -> None:
     Z, y, w = problem(n)
     terms = [SimpleNamespace(name=f"z{i}", kind=k) for i, k in enumerate(KINDS)]
     fit, exact = fit_least_squares(Z, y, terms, weights=w), posterior(Z, y, w, Flat())
-    assert (exact.df, np.isnan(exact.log_evidence)) == (n - 6, True)
+    assert exact.df == n - 6
     np.testing.assert_allclose(exact.mean, fit.estimate, rtol=1e-13)
     np.testing.assert_allclose(exact.marginal_scale, fit.se, rtol=1e-12)
     for level in (0.5, 0.95):
@@ -59,29 +58,6 @@ def test_formulas_of_the_update() -> None:
     assert found.b == pytest.approx(b, rel=1e-9)
 
 
-@pytest.mark.parametrize("n", [1, 4, 20])
-def test_evidence_is_the_multivariate_t_density_of_the_scores(n: int) -> None:
-    Z, y, w = problem(n)
-    p0 = prior()
-    shape = p0.b0 / p0.a0 * (np.diag(1 / w) + Z @ np.linalg.solve(p0.Lambda0, Z.T))
-    expected = stats.multivariate_t(Z @ p0.m0, shape, df=2 * p0.a0).logpdf(y)
-    assert posterior(Z, y, w, p0).log_evidence == pytest.approx(float(expected), rel=1e-10)
-
-
-def test_evidence_by_quadrature() -> None:
-    """One coefficient: integrate likelihood times prior over beta and log sigma."""
-    y = np.array([1.2, 0.4, 2.0])
-    p0 = NormalInverseGamma(np.array([0.5]), np.array([[0.8]]), 1.5, 0.7)
-
-    beta, log_sigma = np.linspace(-25, 25, 4001)[:, None], np.linspace(-4, 6, 601)[None, :]
-    sigma = np.exp(log_sigma)
-    density = stats.norm.pdf(beta, 0.5, sigma / np.sqrt(0.8)) * stats.invgamma.pdf(sigma**2, 1.5, scale=0.7) * sigma**2
-    for value in y:
-        density = density * stats.norm.pdf(value, beta, sigma)
-    total = 2 * simpson(simpson(density, x=log_sigma[0], axis=1), x=beta[:, 0])
-    assert posterior(np.ones((3, 1)), y, None, p0).log_evidence == pytest.approx(np.log(total), rel=1e-5)
-
-
 def test_updating_in_two_steps_is_updating_at_once() -> None:
     Z, y, w = problem(20)
     p0 = prior()
@@ -90,7 +66,6 @@ def test_updating_in_two_steps_is_updating_at_once() -> None:
     once = posterior(Z, y, w, p0)
     np.testing.assert_allclose(second.mean, once.mean, rtol=1e-9)
     assert (second.a, second.b) == (once.a, pytest.approx(once.b, rel=1e-10))
-    assert first.log_evidence + second.log_evidence == pytest.approx(once.log_evidence, rel=1e-10)
 
 
 def test_prior_flat_in_some_directions() -> None:
@@ -116,7 +91,7 @@ def test_draws_have_the_exact_margins() -> None:
     np.testing.assert_allclose(np.std(beta, axis=0), exact.marginal_sd, rtol=0.05)
     row = Z[:1]
     new = beta @ row[0] + sigma / np.sqrt(2.0) * np.random.default_rng(1).normal(size=40_000)
-    interval = exact.interval(row, 0.9, weight=2.0)
+    interval = exact.predict(row, 0.9, weight=2.0).prediction
     assert np.mean((new > interval.low) & (new < interval.high)) == pytest.approx(0.9, abs=0.006)
 
 
@@ -124,7 +99,6 @@ def test_fewer_runs_than_terms_with_the_default_prior() -> None:
     Z, y, _ = problem(4)
     found = posterior(Z, y, None, weakly_informative(KINDS, y))
     assert np.isfinite(found.mean).all()
-    assert np.isfinite(found.log_evidence)
     assert found.df == 7.0
     none = posterior(np.zeros((0, 6)), np.zeros(0), None, weakly_informative(KINDS, y, scale=10.0))
     assert none.mean[0] == pytest.approx(y.mean())

@@ -91,7 +91,7 @@ def test_data_overrule() -> None:
     found, flat = posterior(MODEL.matrix(points), y, None, prior), posterior(MODEL.matrix(points), y)
     np.testing.assert_allclose(found.mean, flat.mean, atol=4.0)
     few = posterior(MODEL.matrix(points[:4]), y[:4], None, prior)
-    assert np.isfinite(few.log_evidence)
+    assert np.all(np.isfinite(few.mean))
 
 
 def test_all_that_is_wrong_is_said_at_once() -> None:

@@ -64,7 +64,7 @@ def test_evidence_is_the_density_of_the_scores_freed_of_intercept_and_blocks() -
     Z = np.column_stack([model.matrix(points), day])
     terms = [*model.terms, "day"]
     units = units_of(terms)
-    space = ModelSpace(Z, y, w, terms, units, 40.0, (0.5, 0.5))
+    space = ModelSpace(Z, y, w, terms, units)
     models = hierarchical_models(units, 100)
     assert models is not None
     found = space.log_posterior(models) - space.log_prior(models)
@@ -73,7 +73,7 @@ def test_evidence_is_the_density_of_the_scores_freed_of_intercept_and_blocks() -
     t = free @ (root * y)
     for value, row in zip(found, models, strict=True):
         X = free @ (Z[:, space.fit(row)[1][2:]] * root[:, None])
-        shape = np.eye(13) + 40.0 * X @ np.linalg.pinv(X)
+        shape = np.eye(13) + space.g * X @ np.linalg.pinv(X)
         expected = -0.5 * np.linalg.slogdet(shape)[1] - 6.5 * np.log(t @ np.linalg.solve(shape, t) / (t @ t))
         assert value == pytest.approx(expected, abs=1e-9)
 
@@ -83,13 +83,13 @@ def test_bayes_factor_of_one_slope_by_quadrature() -> None:
     x = rng.uniform(-1, 1, 9)
     y = 3 + 1.5 * x + 0.8 * rng.normal(size=9)
     model = QuadraticModel(numeric(1), 1)
-    average = average_models(model.matrix(x[:, None]), y, model.terms, g=20.0)
+    average = average_models(model.matrix(x[:, None]), y, model.terms)
     xc, yc = x - x.mean(), y - y.mean()
     sxx = xc @ xc
 
     def likelihood(log_sigma: float, slope: float | None) -> float:
         sigma = np.exp(log_sigma)
-        part = 1.0 if slope is None else stats.norm.pdf(slope, 0, sigma * np.sqrt(20.0 / sxx))
+        part = 1.0 if slope is None else stats.norm.pdf(slope, 0, sigma * np.sqrt(9.0 / sxx))
         r = yc - (0.0 if slope is None else slope) * xc
         return float(part * sigma**-8 * np.exp(-0.5 * (r @ r) / sigma**2))
 
@@ -134,7 +134,7 @@ def test_invariant_to_units_order_and_contrasts() -> None:
 def test_search_agrees_with_the_list() -> None:
     model, _, points, y = problem(4, 30, sigma=2.0)
     Z, units = model.matrix(points), units_of(model.terms)
-    space = ModelSpace(Z, y, np.ones(30), model.terms, units, None, (0.5, 0.5))
+    space = ModelSpace(Z, y, np.ones(30), model.terms, units)
     listed = hierarchical_models(units, 10_000)
     assert listed is not None
     score = space.log_posterior(listed)
@@ -165,8 +165,13 @@ def test_predictions_are_those_of_the_draws() -> None:
     rng = np.random.default_rng(0)
     rows = model.matrix(region.sample(3, rng))
     asked = found.predict(rows, 0.9, weight=2.0)
-    beta, sigma = found.draws(40_000, rng, model.p)
-    mean = beta @ rows.T
+    # From the mixture: a model by its probability, then its own posterior.
+    which, each = rng.choice(len(found.posteriors), size=40_000, p=found.probability), []
+    for i, (columns, post) in enumerate(zip(found.columns, found.posteriors, strict=True)):
+        b, s = post.draws(int(np.sum(which == i)), rng)
+        each.append(np.column_stack([b @ rows[:, columns].T, s]))
+    mean, sigma = np.split(np.vstack(each), [3], axis=1)
+    sigma = sigma[:, 0]
     future = mean + sigma[:, None] / np.sqrt(2.0) * rng.normal(size=mean.shape)
     for draws, interval in ((mean, asked.confidence), (future, asked.prediction)):
         inside = np.mean((draws > interval.low) & (draws < interval.high), axis=0)
@@ -181,7 +186,7 @@ def test_calibrated_over_its_own_prior_and_honest_where_one_model_is_not() -> No
     Z, units = model.matrix(points), units_of(model.terms)
     models = hierarchical_models(units, 100)
     assert models is not None
-    space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units, None, (0.5, 0.5))
+    space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units)
     prior = np.exp(space.log_prior(models))
     assert prior.sum() == pytest.approx(1.0, rel=1e-12)
     row = model.matrix(np.array([[0.9, -0.8]]))
@@ -198,7 +203,7 @@ def test_calibrated_over_its_own_prior_and_honest_where_one_model_is_not() -> No
         value = float(row[0] @ beta)
         interval = found.predict(row, 0.8).confidence
         inside += bool(interval.low[0] <= value <= interval.high[0])
-        one = found.posteriors[0].interval(row[:, found.columns[0]], 0.8)
+        one = found.posteriors[0].predict(row[:, found.columns[0]], 0.8).confidence
         best += bool(one.low[0] <= value <= one.high[0])
     assert inside / sets == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / sets))
     assert best < inside

@@ -285,7 +285,7 @@ def averages(sets: int) -> Iterator[Row]:
     Z, units = model.matrix(region.sample(12, rng)), units_of(model.terms)
     models = hierarchical_models(units, 100)
     assert models is not None
-    space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units, None, (0.5, 0.5))
+    space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units)
     prior = np.exp(space.log_prior(models))
     row = model.matrix(np.array([[0.9, -0.8]]))
     hits = np.zeros((sets, 3), dtype=bool)
@@ -299,7 +299,7 @@ def averages(sets: int) -> Iterator[Row]:
         beta[0] = 100.0 * rng.normal()
         found = average_models(Z, Z @ beta + sigma * rng.normal(size=12), model.terms)
         value, both = float(row[0] @ beta), found.predict(row, LEVEL)
-        one = found.posteriors[0].interval(row[:, found.columns[0]], LEVEL)
+        one = found.posteriors[0].predict(row[:, found.columns[0]], LEVEL).confidence
         hits[i] = (
             both.confidence.low[0] <= value <= both.confidence.high[0],
             both.prediction.low[0] <= value + sigma * rng.normal() <= both.prediction.high[0],
