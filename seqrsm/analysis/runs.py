@@ -50,8 +50,8 @@ class ScoredRuns:
         Executed settings, coded.
     scores, score_se : ndarray (n,)
         Utility and its own standard error (nan where none was given), in score units.
-    sources, purposes, blocks : tuple of str
-        "simulation" or "flight"; why the run was made; block label ("" where none).
+    sources, blocks : tuple of str
+        "simulation" or "flight"; block label ("" where none).
     trials, correct : ndarray (n,), optional
         Binomial counts; nan where none were given.
     guess, perfect : float
@@ -63,7 +63,6 @@ class ScoredRuns:
     scores: FloatArray
     score_se: FloatArray
     sources: tuple[str, ...]
-    purposes: tuple[str, ...]
     blocks: tuple[str, ...]
     trials: FloatArray | None = None
     correct: FloatArray | None = None
@@ -93,7 +92,6 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         scores=np.array([score.score for _, score in used], dtype=np.float64),
         score_se=np.array([np.nan if score.se is None else score.se for _, score in used], dtype=np.float64),
         sources=tuple(run.source for run, _ in used),
-        purposes=tuple(run.purpose for run, _ in used),
         blocks=tuple(run.block for run, _ in used),
         trials=_counts([score.n for _, score in used]),
         correct=_counts([score.correct for _, score in used]),

@@ -82,11 +82,6 @@ class Design:
     starts: int
     seed: int
 
-    @property
-    def all_points(self) -> FloatArray:
-        """Fixed and chosen runs, shape (m + n, k)."""
-        return np.vstack([self.fixed, self.points])
-
 
 def optimal_design(
     model: QuadraticModel,

@@ -23,20 +23,18 @@ import numpy as np
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit import convergence
-from seqrsm.fit.conjugate import Flat, LinearBounds
+from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
 from seqrsm.fit.target import (
     GeneralModel,
-    SamplerPrior,
     Target,
     TunedProposal,
-    WeakPrior,
     build_target,
     general_target,
 )
 from seqrsm.progress import tell
 
-__all__ = ["EnsemblePosterior", "GeneralPosterior", "WeakPrior", "sample_model", "sample_posterior", "short_chain"]
+__all__ = ["EnsemblePosterior", "GeneralPosterior", "sample_model", "sample_posterior", "short_chain"]
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
@@ -160,7 +158,7 @@ def sample_posterior(
     weights: FloatArray | None = None,
     *,
     errors: Literal["normal", "student_t"] = "normal",
-    prior: SamplerPrior | None = None,
+    prior: Prior | None = None,
     nu: float = 4.0,
     bounds: LinearBounds | None = None,
     seed: int,
@@ -181,7 +179,7 @@ def sample_posterior(
         Inverse relative variances, > 0; default 1.
     errors : str
         Normal, or Student-t with ``nu`` > 0 degrees of freedom.
-    prior : Flat, NormalInverseGamma or WeakPrior, optional
+    prior : Flat or NormalInverseGamma, optional
         Default flat: p(beta, sigma) proportional to 1 / sigma.
     bounds : LinearBounds, optional
         Of the coefficients: the prior is cut off there.

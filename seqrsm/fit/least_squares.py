@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.special import ndtri, stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.design.quadratic import Term
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
 from seqrsm.fit.intervals import (
@@ -40,31 +40,13 @@ from seqrsm.fit.linear_system import check_runs
 _LEVERAGE_ONE = 1e-10  # 1 - h below this: the run alone fixes a direction of the model
 
 
-@dataclass(frozen=True, slots=True)
-class RunDiagnostics:
-    """Per-run figures of one fit; nan where undefined.
+def _run_diagnostics(
+    r: FloatArray, leverage: FloatArray, df: int, rank: int
+) -> tuple[FloatArray, FloatArray, float, tuple[int, ...]]:
+    """Studentised residuals, Cook's distances, PRESS and the runs of leverage 1, see `LeastSquaresFit`; nan: undefined.
 
-    Attributes
-    ----------
-    studentised : ndarray (n,)
-        Externally studentised residuals, Student-t with ``df - 1`` degrees of freedom under the model.
-    cooks_distance : ndarray (n,)
-    press : float
-        Sum of squared deleted residuals, weighted; nan when a run has leverage 1.
-    leverage_one_runs : tuple of int
-        Indices of runs with leverage 1.
-    """
-
-    studentised: FloatArray
-    cooks_distance: FloatArray
-    press: float
-    leverage_one_runs: tuple[int, ...]
-
-
-def run_diagnostics(r: FloatArray, leverage: FloatArray, df: int, rank: int) -> RunDiagnostics:
-    """Diagnostics from weighted residuals ``r = sqrt(w) (y - fitted)`` (n,) and leverages (n,).
-
-    ``df`` residual degrees of freedom, ``rank`` fitted parameters. Undefined figures are nan.
+    From weighted residuals ``r = sqrt(w) (y - fitted)`` (n,) and leverages (n,), with ``df`` residual degrees of
+    freedom and ``rank`` fitted parameters.
     """
     free = 1.0 - leverage
     fixed = free < _LEVERAGE_ONE
@@ -80,7 +62,7 @@ def run_diagnostics(r: FloatArray, leverage: FloatArray, df: int, rank: int) -> 
     if df > 0 and rank > 0 and sse > 0.0:
         cooks = deleted * leverage / free * df / (rank * sse)
     press = float("nan") if np.any(fixed) else float(np.sum(np.square(r / free)))
-    return RunDiagnostics(studentised, cooks, press, tuple(int(i) for i in np.flatnonzero(fixed)))
+    return studentised, cooks, press, tuple(int(i) for i in np.flatnonzero(fixed))
 
 
 __all__ = [
@@ -90,24 +72,11 @@ __all__ = [
     "LackOfFit",
     "LeastSquaresFit",
     "Prediction",
-    "TermLike",
     "block_columns",
     "fit_least_squares",
 ]
 
 _ESTIMABLE = 1e-9  # relative size of the null-space component below which a function counts as estimable
-
-
-class TermLike(Protocol):
-    """What the fit needs to know of a term; ``seqrsm.design.quadratic.Term`` has it."""
-
-    @property
-    def name(self) -> str:
-        """Name of the column."""
-
-    @property
-    def kind(self) -> str:
-        """One of "intercept", "linear", "category", "interaction", "square"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +295,7 @@ class LeastSquaresFit:
 def fit_least_squares(
     Z: FloatArray,
     y: FloatArray,
-    terms: Sequence[TermLike | str],
+    terms: Sequence[Term | str],
     *,
     weights: FloatArray | None = None,
     setting_ids: Sequence[object] | IntArray | None = None,
@@ -389,7 +358,7 @@ def fit_least_squares(
     s = float(np.sqrt(sse / df)) if df > 0 else float("nan")
     leverage = np.minimum(np.sum(np.square(factors.Q), axis=1), 1.0)
     sst = total_ss(y, w, "intercept" in kinds)
-    diagnostics = run_diagnostics(r, leverage, df, rank)
+    studentised, cooks_distance, press, leverage_one_runs = _run_diagnostics(r, leverage, df, rank)
     r2 = 1.0 - sse / sst if sst > 0.0 else float("nan")
     df_total = n - (1 if "intercept" in kinds else 0)
     return LeastSquaresFit(
@@ -407,16 +376,16 @@ def fit_least_squares(
         sst=sst,
         r2=r2,
         r2_adjusted=1.0 - (1.0 - r2) * df_total / df if df > 0 else float("nan"),
-        press=diagnostics.press,
-        r2_predicted=1.0 - diagnostics.press / sst if sst > 0.0 else float("nan"),
+        press=press,
+        r2_predicted=1.0 - press / sst if sst > 0.0 else float("nan"),
         fitted=y - r / root,
         residuals=r / root,
         leverage=leverage,
-        studentised=diagnostics.studentised,
-        cooks_distance=diagnostics.cooks_distance,
+        studentised=studentised,
+        cooks_distance=cooks_distance,
         condition_number=factors.condition_number,
         aliased=aliased,
-        leverage_one_runs=diagnostics.leverage_one_runs,
+        leverage_one_runs=leverage_one_runs,
         reason=_reason(n, rank, sse, aliased),
         Z=Z,
         y=y,
@@ -452,7 +421,7 @@ def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, .
     return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
 
 
-def _names_and_kinds(terms: Sequence[TermLike | str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _names_and_kinds(terms: Sequence[Term | str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     pairs = [(term, "block") if isinstance(term, str) else (term.name, term.kind) for term in terms]
     return tuple(name for name, _ in pairs), tuple(kind for _, kind in pairs)
 

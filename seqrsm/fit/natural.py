@@ -24,20 +24,15 @@ class NaturalCoefficients:
 
     Attributes
     ----------
-    names : tuple of str (p,)
     estimate, se : ndarray (p,)
         nan where the runs do not determine the coefficient (``se`` also when saturated).
     interval : Interval
         Confidence interval of each.
-    transform : ndarray (p, p)
-        T of ``beta_nat = T beta``.
     """
 
-    names: tuple[str, ...]
     estimate: FloatArray
     se: FloatArray
     interval: Interval
-    transform: FloatArray
 
 
 def natural_transform(model: QuadraticModel) -> FloatArray:
@@ -87,6 +82,5 @@ def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: flo
     NaturalCoefficients
         A coefficient is nan where it is not estimable: it takes part in an alias, or a term it is made of does.
     """
-    T = natural_transform(model)
-    found = fit.predict(T, level)
-    return NaturalCoefficients(model.term_names, found.mean, found.se_mean, found.confidence, T)
+    found = fit.predict(natural_transform(model), level)
+    return NaturalCoefficients(found.mean, found.se_mean, found.confidence)

@@ -23,11 +23,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.design.quadratic import Term
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, mixture_interval, posterior
 from seqrsm.fit.intervals import Prediction, sequential_ss
@@ -39,22 +39,6 @@ _RIDGE = 1e-13  # keeps the factorisation of a singular model going; such models
 _ALIASED = 1e-10  # share of a column's length that the others leave: below, the model is singular
 
 
-class FactorTerm(Protocol):
-    """What selection needs to know of a term; ``seqrsm.design.quadratic.Term`` has it."""
-
-    @property
-    def name(self) -> str:
-        """Name of the column."""
-
-    @property
-    def kind(self) -> str:
-        """One of "intercept", "linear", "category", "interaction", "square"."""
-
-    @property
-    def factors(self) -> tuple[str, ...]:
-        """Factors in it."""
-
-
 @dataclass(frozen=True, slots=True)
 class Unit:
     """Columns that enter together, and the units (by position) that they need."""
@@ -64,7 +48,7 @@ class Unit:
     parents: tuple[int, ...]
 
 
-def units_of(terms: Sequence[FactorTerm | str]) -> tuple[Unit, ...]:
+def units_of(terms: Sequence[Term | str]) -> tuple[Unit, ...]:
     """Group the columns into units; a plain string is a block column and belongs to none."""
     groups: dict[tuple[bool, bool, tuple[str, ...]], list[int]] = {}
     names: dict[tuple[bool, bool, tuple[str, ...]], str] = {}
@@ -90,7 +74,7 @@ class ModelSpace:
         Z: FloatArray,
         y: FloatArray,
         w: FloatArray,
-        terms: Sequence[FactorTerm | str],
+        terms: Sequence[Term | str],
         units: tuple[Unit, ...],
     ) -> None:
         self.units = units
@@ -315,7 +299,7 @@ class ModelAverage:
 def average_models(
     Z: FloatArray,
     y: FloatArray,
-    terms: Sequence[FactorTerm | str],
+    terms: Sequence[Term | str],
     *,
     weights: FloatArray | None = None,
     seed: int = 0,

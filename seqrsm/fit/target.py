@@ -20,40 +20,15 @@ from scipy.special import expit, gammaln
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, NormalInverseGamma, posterior
+from seqrsm.fit.conjugate import ConjugatePosterior, Flat, LinearBounds, Prior, posterior
+from seqrsm.fit.moves import Distribution
 
 # Share of the base's degrees of freedom kept by the proposal for Student-t errors: heavier tails than the target.
 _TAIL = 0.7
 
 
-@dataclass(frozen=True, slots=True)
-class WeakPrior:
-    """Coefficients and sigma independent: beta_j ~ N(mean_j, sd_j^2), sigma ~ half-normal(sigma_scale).
-
-    Attributes
-    ----------
-    mean, sd : ndarray (p,)
-        In score units; an infinite ``sd`` is a flat prior.
-    sigma_scale : float
-        Score units, > 0.
-    """
-
-    mean: FloatArray
-    sd: FloatArray
-    sigma_scale: float
-
-
-SamplerPrior = Flat | NormalInverseGamma | WeakPrior
-
-
-class TunedProposal(Protocol):
+class TunedProposal(Distribution, Protocol):
     """Independence proposal that can be fitted to draws."""
-
-    def draw(self, random: Any, n: int) -> FloatArray:
-        """Draw (n, d) with a ``numpy.random.RandomState``."""
-
-    def log_density(self, x: FloatArray) -> FloatArray:
-        """Normalised log density (n, d) -> (n,)."""
 
     def tuned(self, draws: FloatArray) -> TunedProposal:
         """The member of the family with the moments of ``draws`` (n, d)."""
@@ -151,7 +126,7 @@ def build_target(
     y: FloatArray,
     w: FloatArray,
     errors: str,
-    prior: SamplerPrior,
+    prior: Prior,
     nu: float,
     bounds: LinearBounds | None = None,
 ) -> Target:
@@ -161,7 +136,7 @@ def build_target(
     if base.b == 0.0:
         raise FitError(Problem("the model reproduces every score exactly, so sigma has no posterior to sample"))
     p, scale = Z.shape[1], base.scale
-    tail = _TAIL if student or isinstance(prior, WeakPrior) else 1.0
+    tail = _TAIL if student else 1.0
     root = np.sqrt(w)
     A = np.ascontiguousarray(((Z * root[:, None]) @ base.factor * scale).T)
     r0 = root * (y - Z @ base.mean)
@@ -196,15 +171,12 @@ def build_target(
     return Target(log_prob, proposal, tail == 1.0 and inner is None, p + 1, unpack, inner)
 
 
-def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: SamplerPrior, nu: float) -> ConjugatePosterior:
-    """Conjugate posterior near the target: reweighted for Student-t errors, sigma fixed in a non-conjugate prior."""
-    weights = w
-    base = posterior(Z, y, w, _conjugate(prior, None))
-    for _ in range(0 if np.isinf(nu) and not isinstance(prior, WeakPrior) else 30):
-        sigma2 = base.b / base.a
-        residual = w * np.square(y - Z @ base.mean) / max(sigma2, np.finfo(np.float64).tiny)
-        weights = w * (nu + 1.0) / (nu + residual) if np.isfinite(nu) else w
-        new = posterior(Z, y, weights, _conjugate(prior, float(np.sqrt(sigma2))))
+def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: Prior, nu: float) -> ConjugatePosterior:
+    """Conjugate posterior near the target: reweighted for Student-t errors."""
+    base = posterior(Z, y, w, prior)
+    for _ in range(0 if np.isinf(nu) else 30):
+        residual = w * np.square(y - Z @ base.mean) / max(base.b / base.a, np.finfo(np.float64).tiny)
+        new = posterior(Z, y, w * (nu + 1.0) / (nu + residual), prior)
         change = abs(new.scale - base.scale)
         base = new
         if change < 1e-3 * base.scale:
@@ -212,27 +184,10 @@ def _base(Z: FloatArray, y: FloatArray, w: FloatArray, prior: SamplerPrior, nu: 
     return base
 
 
-def _conjugate(prior: SamplerPrior, sigma: float | None) -> Flat | NormalInverseGamma:
-    if not isinstance(prior, WeakPrior):
-        return prior
-    sigma = prior.sigma_scale if sigma is None else sigma
-    return NormalInverseGamma(prior.mean, np.diag(np.square(sigma / prior.sd)), 0.5, 0.125 * prior.sigma_scale**2)
-
-
-def _log_prior(prior: SamplerPrior, base: ConjugatePosterior) -> Callable[[FloatArray, FloatArray], FloatArray]:
+def _log_prior(prior: Prior, base: ConjugatePosterior) -> Callable[[FloatArray, FloatArray], FloatArray]:
     """Log prior of (u, log sigma), with the Jacobian of log sigma."""
     if isinstance(prior, Flat):
         return lambda u, log_sigma: np.zeros(log_sigma.shape)
-    if isinstance(prior, WeakPrior):
-        to_z = (base.scale * base.factor / prior.sd[:, None]).T
-        z0 = (base.mean - prior.mean) / prior.sd
-        scale = prior.sigma_scale
-
-        def weak(u: FloatArray, log_sigma: FloatArray) -> FloatArray:
-            quadratic = np.sum(np.square(z0 + u @ to_z), axis=1)
-            return np.asarray(log_sigma - 0.5 * (quadratic + np.exp(2.0 * log_sigma) / scale**2))
-
-        return weak
     m0, Lambda0, a0, b0 = prior.m0, prior.Lambda0, prior.a0, prior.b0
     rank = int(np.linalg.matrix_rank(Lambda0, hermitian=True))
 

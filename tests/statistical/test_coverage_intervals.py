@@ -15,7 +15,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
-from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.natural import natural_coefficients, natural_transform
 
 SETS = 40_000
 LEVEL = 0.95
@@ -145,12 +145,12 @@ def test_natural_coefficients_are_covered() -> None:
     estimates = y @ Z @ first.covariance_unscaled
     s = np.sqrt(np.sum((y - estimates @ Z.T) ** 2, axis=1) / 6)
     half = natural.interval.half_width / first.s * s[:, None]
-    gap = np.abs((estimates - beta) @ natural.transform.T)
+    gap = np.abs((estimates - beta) @ natural_transform(model).T)
     error = 4 * np.sqrt(LEVEL * (1 - LEVEL) / sets)
     assert error < 0.01
     np.testing.assert_allclose(np.mean(gap <= half, axis=0), LEVEL, atol=error)
     # Control: the standard errors of the coded coefficients alone, as if T were diagonal.
-    wrong = half * (np.abs(np.diagonal(natural.transform)) * first.se / natural.se)
+    wrong = half * (np.abs(np.diagonal(natural_transform(model))) * first.se / natural.se)
     assert np.max(np.abs(np.mean(gap <= wrong, axis=0) - LEVEL)) > 0.01
 
 

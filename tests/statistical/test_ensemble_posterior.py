@@ -9,7 +9,7 @@ from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
-from seqrsm.fit.ensemble import Effort, EnsemblePosterior, WeakPrior, sample_posterior
+from seqrsm.fit.ensemble import Effort, EnsemblePosterior, sample_posterior
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
 from seqrsm.fit.robust import student_draws
 
@@ -111,15 +111,19 @@ def test_each_move_alone_leaves_its_target_invariant(move: str) -> None:
 
 
 def test_student_t_errors_against_quadrature() -> None:
-    """One mean, t(4) errors, weak priors: margins by a grid over (beta, log sigma)."""
+    """One mean, t(4) errors, a conjugate prior: margins by a grid over (beta, log sigma)."""
     y = np.array([1.0, 1.4, 0.7, 1.2, 6.0, 0.9])
     w = np.array([1.0, 2.0, 0.5, 1.0, 1.0, 1.0])
-    weak = WeakPrior(np.array([0.0]), np.array([3.0]), 2.0)
+    prior = NormalInverseGamma(np.zeros(1), np.array([[0.1]]), 1.5, 0.7)
     effort = Effort(min_ess=20_000)
-    sample = sample_posterior(np.ones((6, 1)), y, w, errors="student_t", prior=weak, seed=1, effort=effort)
+    sample = sample_posterior(np.ones((6, 1)), y, w, errors="student_t", prior=prior, seed=1, effort=effort)
     beta, log_sigma = np.linspace(-3, 7, 801)[:, None], np.linspace(-5, 3, 601)[None, :]
     sigma = np.exp(log_sigma)
-    log_density = stats.norm.logpdf(beta, 0, 3) + stats.halfnorm.logpdf(sigma, scale=2) + log_sigma
+    log_density = (
+        stats.norm.logpdf(beta, 0, sigma / np.sqrt(0.1))
+        + stats.invgamma.logpdf(sigma**2, 1.5, scale=0.7)
+        + 2 * log_sigma
+    )
     for value, weight in zip(y, w, strict=True):
         log_density = log_density + stats.t.logpdf(value, 4, beta, sigma / np.sqrt(weight))
     density = np.exp(log_density - log_density.max())

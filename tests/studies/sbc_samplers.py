@@ -21,7 +21,7 @@ from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, posterior
 from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
-from seqrsm.fit.ensemble import Effort, WeakPrior, sample_model, sample_posterior
+from seqrsm.fit.ensemble import Effort, sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 
@@ -31,18 +31,15 @@ X = np.linspace(-1, 1, 12)
 Z = np.column_stack([np.ones(12), X])
 SD = np.full(2, 2.0)
 PRIOR = CoefficientPrior(np.zeros(2), SD)
+CONJUGATE = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
 DAY = np.arange(12) // 3
 LIGHT = Effort(min_ess=400, walkers=32, ensembles=2, max_seconds=20.0)
 
 
-def half_normal(rng: np.random.Generator) -> float:
-    return abs(float(rng.normal()))
-
-
 def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    beta, sigma = SD * rng.normal(size=2), half_normal(rng)
+    beta, sigma = ancestral(CONJUGATE, rng)
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
-    found = sample_posterior(Z, y, errors="student_t", prior=WeakPrior(np.zeros(2), SD, 1.0), seed=seed, effort=LIGHT)
+    found = sample_posterior(Z, y, errors="student_t", prior=CONJUGATE, seed=seed, effort=LIGHT)
     return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
 
 
@@ -56,17 +53,18 @@ def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    beta, sigma = np.array([float(rng.normal()) * 2.0, 2.0 * half_normal(rng)]), half_normal(rng)
+    beta, sigma = ancestral(CONJUGATE, rng)
+    while beta[1] < 0.0:
+        beta, sigma = ancestral(CONJUGATE, rng)
     y = Z @ beta + sigma * rng.normal(size=12)
     bounds = LinearBounds(np.eye(2)[1:], np.zeros(1), np.full(1, np.inf))
-    found = sample_posterior(Z, y, prior=WeakPrior(np.zeros(2), SD, 1.0), bounds=bounds, seed=seed, effort=LIGHT)
+    found = sample_posterior(Z, y, prior=CONJUGATE, bounds=bounds, seed=seed, effort=LIGHT)
     return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
 
 
 def exact(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    prior = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
-    beta, sigma = ancestral(prior, rng)
-    found = posterior(Z, Z @ beta + sigma * rng.normal(size=12), None, prior)
+    beta, sigma = ancestral(CONJUGATE, rng)
+    found = posterior(Z, Z @ beta + sigma * rng.normal(size=12), None, CONJUGATE)
     draws = found.draws(2000, np.random.default_rng(seed))
     return np.append(beta, sigma), np.column_stack(draws)
 

@@ -19,7 +19,7 @@ from seqrsm.design.region import Region
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
-from seqrsm.fit.natural import natural_coefficients
+from seqrsm.fit.natural import natural_coefficients, natural_transform
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
@@ -145,9 +145,9 @@ def fixed_settings(sets: int) -> Iterator[Row]:
     fit, _, b, s = many(Z, Z @ truth, list(two.terms), sets, 2.0, rng)
     natural = natural_coefficients(two, fit, LEVEL)
     half = natural.interval.half_width / fit.s * s[:, None]
-    off = np.abs((b - truth) @ natural.transform.T)
+    off = np.abs((b - truth) @ natural_transform(two).T)
     shares = np.mean(off <= half, axis=0)
-    wrong = np.mean(off <= half * np.abs(np.diagonal(natural.transform)) * fit.se / natural.se, axis=0)
+    wrong = np.mean(off <= half * np.abs(np.diagonal(natural_transform(two))) * fit.se / natural.se, axis=0)
     worst = int(np.argmax(np.abs(shares - LEVEL)))
     yield Row(
         "natural-unit coefficient (worst of six)",

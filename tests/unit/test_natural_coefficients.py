@@ -115,5 +115,5 @@ def test_what_is_aliased_stays_unknown() -> None:
     points = np.array([[x, z] for x in (-1.0, -0.5, 0.0, 0.5, 1.0) for z in (-1.0, 1.0)])
     fit = fit_least_squares(model.matrix(points), np.arange(10.0) ** 2, model.terms)
     found = natural_coefficients(model, fit)
-    unknown = {name for name, value in zip(found.names, found.estimate, strict=True) if np.isnan(value)}
+    unknown = {name for name, value in zip(model.term_names, found.estimate, strict=True) if np.isnan(value)}
     assert unknown == {"z", "z^2"}
