@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
@@ -40,6 +39,7 @@ from seqrsm.campaign.instruments import (
 from seqrsm.campaign.simulation import NO_RUN, SimulationTask, bundle_tasks, task_of
 from seqrsm.design.factors import CategoricalFactor, span
 from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
+from seqrsm.files import put_json
 from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
@@ -172,9 +172,7 @@ def measure_candidates(
         rows.sort(key=one.place)
         found["applications"][analysis.application] = {**one.head(), "candidates": rows}
     found = dict(plain(found))
-    draft = spec.folder / f".{FILE}.draft"
-    draft.write_text(json.dumps(found, indent=1), encoding="utf-8")
-    os.replace(draft, spec.folder / FILE)
+    put_json(spec.folder / FILE, found)
     return found
 
 

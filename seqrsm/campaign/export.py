@@ -16,6 +16,7 @@ from pathlib import Path
 from seqrsm import __version__
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.errors import Problem, StoreError
+from seqrsm.files import put
 from seqrsm.own_code import file_of, located
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec
 from seqrsm.store.records import EventRecord, FileRecord, LookRecord, RankingRecord, RunRecord, ScoreRecord
@@ -49,7 +50,7 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
 
     Raises
     ------
-    StoreError
+    UserError
         Another suffix, or a folder that cannot be written.
     """
     target = Path(path)
@@ -57,7 +58,7 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
         texts = {target: _json_text(store, spec)}
     elif target.suffix == ".csv":
         header, rows = run_rows(store.runs(), spec.region.names)
-        texts = {target: _csv_text(header, rows)}
+        texts = {target: csv_text(header, rows)}
         for kind, made, records in (
             ("looks", LookRecord, store.looks()),
             ("events", EventRecord, store.events()),
@@ -67,11 +68,11 @@ def export(store: Store, spec: CampaignSpec, path: Path | str) -> tuple[Path, ..
             if kind == "rankings" and not records:
                 continue  # few campaigns have any
             names = [column.name for column in fields(made)]
-            texts[target.with_suffix(f".{kind}.csv")] = _csv_text(names, [astuple(record) for record in records])
+            texts[target.with_suffix(f".{kind}.csv")] = csv_text(names, [astuple(record) for record in records])
     else:
         raise StoreError(Problem("unknown kind of export", "Name a .csv or .json file.", file=str(target)))
     for file, text in texts.items():
-        _write(file, text)
+        put(file, text.encode("utf-8"))
     return tuple(texts)
 
 
@@ -148,7 +149,8 @@ def run_rows(runs: Iterable[RunRecord], factor_names: Sequence[str]) -> tuple[li
     return ["run_id", *factor_names, *score_names, *proposed_names, *run_names], rows
 
 
-def _csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Rows as CSV in which no spreadsheet finds a formula."""
     stream = io.StringIO(newline="")
     writer = csv.writer(stream, lineterminator="\r\n")
     writer.writerow([safe_cell(name) for name in header])
@@ -164,14 +166,3 @@ def safe_cell(value: object) -> object:
         return f"'{value}"
     # repr of a float reads back as the same number.
     return repr(value) if isinstance(value, float) else value
-
-
-def _write(path: Path, text: str) -> None:
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8", newline="")
-        os.replace(part, path)
-    except OSError as error:
-        raise StoreError(
-            Problem(f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path))
-        ) from None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from seqrsm.campaign.export import safe_cell
+from seqrsm.campaign.export import csv_text
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.errors import Problem, UserError
+from seqrsm.files import put
 from seqrsm.score.cells import FactorColumn
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import RunRecord
@@ -57,18 +57,6 @@ def write_form(path: Path, spec: CampaignSpec, runs: Sequence[RunRecord]) -> Non
         if not isinstance(factor, CategoricalFactor) and factor.unit
     }
     header, rows = form_rows(spec, runs)
-    try:
-        if path.exists():
-            raise FileExistsError
-        part = path.with_name(f"{path.name}.part")  # a form is there whole or not at all
-        with part.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow([safe_cell(units.get(name, name)) for name in header])
-            writer.writerows([safe_cell("" if cell is None else cell) for cell in row] for row in rows)
-        part.replace(path)
-    except FileExistsError:
-        raise UserError(Problem("the file exists already", "Name a new file.", file=str(path))) from None
-    except OSError as error:
-        raise UserError(
-            Problem(f"cannot write the file: {error.strerror}", "Name another file.", file=str(path))
-        ) from error
+    if path.exists():
+        raise UserError(Problem("the file exists already", "Name a new file.", file=str(path)))
+    put(path, csv_text([units.get(name, name) for name in header], rows).encode("utf-8"))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -20,6 +21,7 @@ from seqrsm.design.optimal import Criterion, optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
+from seqrsm.files import put
 from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
@@ -313,13 +315,10 @@ def _number(value: float) -> float | None:
 
 
 def _write(out: Path, region: Region, points: FloatArray) -> None:
-    names: Sequence[str] = region.names
-    try:
-        with out.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(names)
-            for settings in region.decode(points):
-                cells = [settings[name] for name in names]
-                writer.writerow([cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells])
-    except OSError as error:
-        raise UserError(Problem(f"cannot write the file: {error.strerror}", file=str(out))) from error
+    stream = io.StringIO(newline="")
+    writer = csv.writer(stream)
+    writer.writerow(region.names)
+    for settings in region.decode(points):
+        cells = [settings[name] for name in region.names]
+        writer.writerow([cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells])
+    put(out, stream.getvalue().encode("utf-8"))

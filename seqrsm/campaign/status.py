@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -15,7 +14,8 @@ from typing import Any
 from seqrsm import __version__
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import sharing
-from seqrsm.errors import FitError, SeqrsmError
+from seqrsm.errors import FitError, SeqrsmError, UserError
+from seqrsm.files import put_json
 from seqrsm.plain import plain
 from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RunRecord
@@ -138,11 +138,8 @@ def _remembered_looks(
         latest_look(spec, application, runs, looks, measured_ground(bundles, application.name))
         for application in spec.applications
     ]
-    with suppress(OSError):  # a folder that may not be written: take the look again next time
-        place.parent.mkdir(exist_ok=True)
-        part = place.with_suffix(f".{os.getpid()}.part")
-        part.write_text(json.dumps(plain({"key": key, "applications": found}), allow_nan=False), encoding="utf-8")
-        os.replace(part, place)
+    with suppress(UserError):  # a folder that may not be written: take the look again next time
+        put_json(place, {"key": key, "applications": found})
     return found
 
 

@@ -8,7 +8,6 @@ in ``tradeoff.json`` of the campaign's folder: the same command goes on where it
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -21,8 +20,8 @@ from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.campaign.simulation import NO_RUN, carry_out, detail_of, ground_of, task_of
 from seqrsm.errors import UserError
+from seqrsm.files import put_json
 from seqrsm.fit.optimum import Goal, sign_of
-from seqrsm.plain import plain
 from seqrsm.spec.read import CampaignSpec
 
 FILE: Final = "tradeoff.json"
@@ -73,10 +72,10 @@ def measure_tradeoff(
     for done, own in enumerate(_some_configurations(spec, configurations)):
         if done >= len(kept["rows"]):
             kept["rows"].append(_measured(spec, own, occasions))
-            _write(spec.folder, kept)
+            put_json(spec.folder / FILE, kept)
         progress(done + 1, configurations)
     kept["simulation"] = _summary(spec, kept["rows"])
-    _write(spec.folder, kept)
+    put_json(spec.folder / FILE, kept)
     return {name: value for name, value in kept.items() if name != "rows"}
 
 
@@ -93,12 +92,6 @@ def _kept(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
-
-
-def _write(folder: Path, content: Mapping[str, Any]) -> None:
-    draft = folder / f".{FILE}.draft"
-    draft.write_text(json.dumps(plain(content), indent=1), encoding="utf-8")
-    os.replace(draft, folder / FILE)
 
 
 def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int = 2) -> dict[str, Any]:

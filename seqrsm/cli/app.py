@@ -520,7 +520,7 @@ def plan_page(
 ) -> None:
     """Write a page that works offline: move factors, budget and target, see half-width, loss and cost."""
     from seqrsm.campaign.check import plan_campaign
-    from seqrsm.report.files import put
+    from seqrsm.files import put
     from seqrsm.report.plan import render_plan
 
     campaign = _opened(folder).opened
@@ -530,8 +530,8 @@ def plan_page(
     if as_json:
         print_json(document)
     else:
-        page = out or folder / "reports" / "plan.html"
-        say(f"wrote {put(page, render_plan(document, analyses).encode('utf-8'))}")
+        page, text = out or folder / "reports" / "plan.html", render_plan(document, analyses)
+        say(f"wrote {put(page, text.encode('utf-8'), make_folder=True)}")
 
 
 @app.command("help")

@@ -37,9 +37,6 @@ def design(
         Path | None, typer.Option(metavar="FILE", help="CSV of runs already made: the design completes them.")
     ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Prediction variance over the region (.png, .svg, .pdf).")
-    ] = None,
     random_order: Annotated[
         bool, typer.Option("--random-order", help="Rows in random order, as to be carried out.")
     ] = False,
@@ -56,10 +53,6 @@ def design(
     )  # fmt: skip
     with display("searching"):
         result: dict[str, Any] = standalone_design(request, csv)
-        if plot is not None:
-            from seqrsm.report.figures.design import write_design_figure
-
-            write_design_figure(plot, result["fraction_of_design_space"], result["terms"])
     print_json(result) if as_json else show_design(result)
 
 

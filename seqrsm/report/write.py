@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from seqrsm.files import put
 from seqrsm.progress import tell
-from seqrsm.report.files import put
 
 if TYPE_CHECKING:
     from seqrsm.campaign.dossier import Dossier
@@ -52,12 +52,12 @@ def write_report(
         from seqrsm.report.html import render_html
 
         step("writing HTML")
-        written.append(put(html, render_html(report).encode("utf-8")))
+        written.append(put(html, render_html(report).encode("utf-8"), make_folder=True))
     if pdf is not None:
         from seqrsm.report.pdf import render_pdf
 
         step("typesetting PDF")
-        written.append(put(pdf, render_pdf(report)))
+        written.append(put(pdf, render_pdf(report), make_folder=True))
     if figures is not None:
         step("writing figures")
         written += write_figures(report, figures)

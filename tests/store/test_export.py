@@ -10,7 +10,7 @@ from dataclasses import asdict
 import pytest
 
 from seqrsm.campaign.export import export
-from seqrsm.errors import StoreError
+from seqrsm.errors import StoreError, UserError
 from seqrsm.spec.read import load_spec
 from seqrsm.store.store import NewRun, NewScore
 
@@ -96,6 +96,6 @@ def test_unknown_kind_and_unwritable_place(filled):
     store, spec, folder = filled
     with pytest.raises(StoreError, match=r"\.csv or \.json"):
         export(store, spec, folder / "all.xlsx")
-    with pytest.raises(StoreError, match="cannot be written"):
+    with pytest.raises(UserError, match="cannot be written"):
         export(store, spec, folder / "absent" / "all.json")
-    assert not list(folder.glob("*.part"))
+    assert not list(folder.glob("*.draft"))

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
+from seqrsm.files import put
 from seqrsm.progress import tell
 from seqrsm.report.blocks import FigureBlock, Panel, PanelData, Report, Section, unfolded
-from seqrsm.report.files import put
 from seqrsm.report.wording import slug
 
 _OF_ONE = re.compile(r"a\d+(?:-methods)?$")
@@ -60,10 +60,11 @@ def write_figures(report: Report, folder: Path) -> tuple[Path, ...]:
         }
         if panel.data is not None:
             made[".csv"] = _csv_text(panel.data()).encode("utf-8")
-        written += [put(folder / f"{name}{suffix}", data) for suffix, data in made.items()]
+        written += [put(folder / f"{name}{suffix}", data, make_folder=True) for suffix, data in made.items()]
         index.append((name, title, caption, panel.alt))
     columns = ("file", "title", "caption of its figure", "what it shows")
-    written.append(put(folder / "captions.csv", _csv_text(PanelData(columns, tuple(index))).encode("utf-8")))
+    captions = _csv_text(PanelData(columns, tuple(index))).encode("utf-8")
+    written.append(put(folder / "captions.csv", captions, make_folder=True))
     return tuple(written)
 
 

@@ -1,0 +1,37 @@
+"""Put files in place at once, so that a reader never sees half of one."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from seqrsm.errors import Problem, UserError
+from seqrsm.plain import plain
+
+
+def put_json(path: Path, document: Any) -> Path:
+    """Write a document of plain values, see `seqrsm.plain`, as `put` does, its folder made."""
+    return put(path, json.dumps(plain(document), indent=1).encode("utf-8"), make_folder=True)
+
+
+def put(path: Path, data: bytes, *, make_folder: bool = False) -> Path:
+    """Write ``data`` to a neighbouring file and rename it.
+
+    Raises
+    ------
+    UserError
+        The place cannot be written, or its folder is not there and is not to be made.
+    """
+    draft = path.with_name(f".{path.name}.{os.getpid()}.draft")
+    try:
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        draft.write_bytes(data)
+        draft.replace(path)
+    except OSError as error:
+        raise UserError(
+            Problem(f"the file cannot be written: {error.strerror}", "Name another place.", file=str(path))
+        ) from error
+    return path
