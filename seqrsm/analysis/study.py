@@ -81,27 +81,24 @@ def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
     weight = float(fitted.scale.weight_at(np.array([_best_value(fitted, goal)]))[0])
     n_runs = fitted.runs_like(spec.stop.replicates)
     try:
-        one, several = (
-            searched_interval(
-                fitted.model,
-                fitted.region,
-                fitted.fit,
-                goal,
-                level=spec.stop.level,
-                weight=weight,
-                replicates=m,
-                seed=spec.seed % 2**32,
-            )
-            for m in (1.0, n_runs)
+        found = searched_interval(
+            fitted.model,
+            fitted.region,
+            fitted.fit,
+            goal,
+            level=spec.stop.level,
+            weight=weight,
+            replicates=(1.0, n_runs),
+            seed=spec.seed % 2**32,
         )
     except FitError as error:
         return error.problems[0].message
-    ends = fitted.scale.to_score(np.array([one.mean, one.mean - one.optimism]))
+    ends = fitted.scale.to_score(np.array([found.mean, found.mean - found.optimism]))
     return SearchedOptimum(
         optimism=float(ends[0] - ends[1]),
-        confidence=fitted.scale.in_scores(*one.confidence),
-        prediction=fitted.scale.in_scores(*one.prediction),
-        prediction_mean=fitted.scale.in_scores(*several.prediction),
+        confidence=fitted.scale.in_scores(*found.confidence),
+        prediction=fitted.scale.in_scores(*found.predictions[0]),
+        prediction_mean=fitted.scale.in_scores(*found.predictions[1]),
     )
 
 

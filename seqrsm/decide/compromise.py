@@ -23,6 +23,7 @@ Surface = Callable[[FloatArray], FloatArray]
 """Values (n,) at coded points (n, k)."""
 
 _COVER = 3000
+_FRONT = 400  # points of the Pareto front that are kept, spread evenly
 _CLIMB = ((0.3, 200), (0.15, 200), (0.07, 200), (0.03, 200), (0.01, 200), (0.003, 200))
 _LEAST = 1e-6  # of a desirability: a geometric mean of zeros would rank nothing
 
@@ -163,9 +164,7 @@ def pareto_front(values: FloatArray, goals: Sequence[Goal]) -> BoolArray:
     return front
 
 
-def compromise(
-    region: Region, objectives: Sequence[Objective], *, level: float = 0.95, seed: int = 0, n_front: int = 400
-) -> Compromise:
+def compromise(region: Region, objectives: Sequence[Objective], *, level: float = 0.95, seed: int = 0) -> Compromise:
     """The setting with the largest weighted geometric mean of desirabilities.
 
     Parameters
@@ -177,8 +176,6 @@ def compromise(
         Of the credible intervals.
     seed : int
         Of the search; equal inputs give equal results.
-    n_front : int
-        At most so many points of the Pareto front are kept, spread evenly.
 
     Returns
     -------
@@ -232,7 +229,7 @@ def compromise(
         )
     front = np.flatnonzero(pareto_front(means, [objective.goal for objective in objectives]))
     front = front[np.argsort(means[front, 0], kind="stable")]
-    front = front[np.unique(np.linspace(0, len(front) - 1, min(n_front, len(front))).astype(np.int64))]
+    front = front[np.unique(np.linspace(0, len(front) - 1, min(_FRONT, len(front))).astype(np.int64))]
     return Compromise(
         point=point,
         desirability=float(np.exp(merit(here[None, :])[0])),

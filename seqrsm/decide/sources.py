@@ -29,6 +29,7 @@ FEW_FLIGHTS = 4
 
 _RATIO_RUNS = 2.0  # degrees of freedom that the guess of equal variances is worth
 _RATIOS = np.exp(np.linspace(np.log(0.01), np.log(100.0), 25))  # variance of a simulation over that of a flight
+_ROUNDS = 8  # of the iteration for the variances
 _DUST = 1e-6  # of the likeliest ratio's probability: what has less is left out
 _SECOND_ORDER = 0.5  # prior standard deviation of a product or square of the discrepancy, over a linear term's
 _FIRST_ORDER = ("intercept", "linear", "category")
@@ -276,8 +277,6 @@ def fit_sources(
     weights: FloatArray | None = None,
     extra: FloatArray | None = None,
     prior_sd: float | None = None,
-    base: NormalInverseGamma | None = None,
-    rounds: int = 8,
 ) -> SourceFit:
     """Fit simulated runs and flights together.
 
@@ -299,10 +298,6 @@ def fit_sources(
     prior_sd : float, optional
         Of each first-order coefficient of the discrepancy, score units, half of it for second order; a fifth of the
         standard deviation of the scores by default.
-    base : NormalInverseGamma, optional
-        Prior of the model terms.
-    rounds : int
-        Of the iteration for the variances.
 
     Returns
     -------
@@ -321,9 +316,9 @@ def fit_sources(
     sd = prior_sd if prior_sd is not None else max(float(np.std(y)) / 5.0, 1e-9 * max(1.0, float(np.max(np.abs(y)))))
     df_flights = _RATIO_RUNS
     ratio, sigma = 1.0, max(0.25 * float(np.std(y)), 1e-12)
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         w = np.where(flights, own * ratio, own)
-        found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma, base))
+        found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma))
         before, sigma = sigma, found.scale if found.scale > 0.0 else sigma
         rest = (y - Z @ found.mean) ** 2 * own
         free = 1.0 - w * found.variance_unscaled(Z)
@@ -337,7 +332,7 @@ def fit_sources(
         if abs(sigma - before) <= 1e-9 * before:
             break
     w = np.where(flights, own * ratio, own)
-    found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma, base))
+    found = posterior(Z, y, w, source_prior(model, blocks.shape[1], sd, sigma))
     left = found.scale**2 * np.sum(found.factor[model.p : 2 * model.p] ** 2) / np.sum(discrepancy_sd(model, sd) ** 2)
     runs = StackedRuns(Z, y, own, flights)
     return SourceFit(
@@ -353,5 +348,5 @@ def fit_sources(
         posterior=found,
         model=model,
         runs=runs,
-        by_ratio=_by_ratio(model, runs, float(sd), found, ratio, base),
+        by_ratio=_by_ratio(model, runs, float(sd), found, ratio, None),
     )

@@ -318,9 +318,7 @@ def posterior(
     return ConjugatePosterior(mean, linear_system.covariance_factor(factors), a, b)
 
 
-def weakly_informative(
-    kinds: Sequence[str], y: FloatArray, *, scale: float | None = None, noise: float | None = None
-) -> NormalInverseGamma:
+def weakly_informative(kinds: Sequence[str], y: FloatArray) -> NormalInverseGamma:
     """Proper prior on the natural scale of the scores: wide beside the data, finite where the data are silent.
 
     Parameters
@@ -328,25 +326,19 @@ def weakly_informative(
     kinds : sequence of str (p,)
         Kind of each term ("intercept", "linear", ...), in coded units where one step spans half the region.
     y : ndarray (n,)
-        Scores; they fix the centre, and the scale unless that is given.
-    scale : float, optional
-        Natural scale of the scores, > 0: what changing one factor across the region might well do. Default: their
-        standard deviation.
-    noise : float, optional
-        Prior guess of sigma, > 0, worth three runs. Default: a quarter of ``scale``.
+        Scores; they fix the centre, and their standard deviation the scale: what changing one factor across the region
+        might well do.
 
     Returns
     -------
     NormalInverseGamma
-        Prior standard deviations, with sigma at ``noise``: 10 ``scale`` for the intercept about the mean score and
-        2.5 ``scale`` for every other coefficient about 0.
+        The prior guess of sigma is a quarter of the scale, worth three runs. Prior standard deviations, with sigma
+        there: 10 times the scale for the intercept about the mean score, 2.5 times for all else about 0.
     """
     y = np.asarray(y, dtype=np.float64)
     spread = float(np.std(y, ddof=1)) if y.size > 1 else 0.0
-    scale = scale if scale is not None else (spread if spread > 0.0 else 1.0)
-    noise = noise if noise is not None else 0.25 * scale
-    if not (scale > 0.0 and noise > 0.0):
-        raise ValueError("scale and noise must be positive")
+    scale = spread if spread > 0.0 else 1.0
+    noise = 0.25 * scale
     intercept = np.array(kinds) == "intercept"
     sd = np.where(intercept, 10.0, 2.5) * scale
     a0 = 1.5

@@ -15,6 +15,8 @@ from scipy.special import ndtri
 
 from seqrsm.arrays import FloatArray
 
+_WINDOW = 5.0  # the sum ends at the first lag M >= _WINDOW * tau(M)
+
 
 def r_hat(chains: FloatArray) -> float:
     """Rank-normalised split R-hat: the larger of the bulk and the folded one.
@@ -46,15 +48,13 @@ def ess_tail(chains: FloatArray, ends_at: tuple[float, float] = (0.05, 0.95)) ->
     return min(_ess(_split((chains <= end).astype(np.float64))) for end in ends)
 
 
-def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
+def autocorrelation_time(chain: FloatArray) -> FloatArray:
     """Integrated autocorrelation time of an ensemble.
 
     Parameters
     ----------
     chain : ndarray (steps, walkers, d)
         The autocovariance is averaged over walkers about the pooled mean.
-    window : float
-        The sum ends at the first lag M >= window * tau(M).
 
     Returns
     -------
@@ -71,7 +71,7 @@ def autocorrelation_time(chain: FloatArray, window: float = 5.0) -> FloatArray:
         if covariance[0] <= 0.0:
             continue
         sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
-        inside = np.arange(steps) < window * np.maximum(sums, 1.0)
+        inside = np.arange(steps) < _WINDOW * np.maximum(sums, 1.0)
         end = int(np.argmin(inside)) if not np.all(inside) else steps - 1
         tau[j] = sums[end]
     return tau

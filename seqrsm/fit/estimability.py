@@ -11,6 +11,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
 _TOLERANCE = 1e-9
+_CANDIDATES = 5000  # settings to choose from
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class MissingRuns:
     unresolved: tuple[str, ...]
 
 
-def missing_runs(model: QuadraticModel, region: Region, points: FloatArray, *, n_candidates: int = 5000) -> MissingRuns:
+def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> MissingRuns:
     """Name the runs that would make every term estimable.
 
     Each run removes one dependence at most, so a greedy choice that removes one with every run is a smallest set. Of
@@ -46,11 +47,9 @@ def missing_runs(model: QuadraticModel, region: Region, points: FloatArray, *, n
     model, region : QuadraticModel, Region
     points : ndarray (n, k)
         Settings of the runs made so far, coded; n may be 0.
-    n_candidates : int
-        Feasible settings to choose from.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, region.k)
-    candidates = region.candidates(3, limit=n_candidates)
+    candidates = region.candidates(3, limit=_CANDIDATES)
     Z = model.matrix(candidates)
     null = _null_space(model.matrix(points)) if len(points) else np.eye(model.p)
     aliased = _named(model, null)

@@ -255,7 +255,7 @@ def _search_slice(region: Region, piece: Slice, starts: FloatArray, anchor: Floa
 
 
 def optimum_draws(
-    model: QuadraticModel, region: Region, betas: FloatArray, goal: Goal = "maximize", refine: bool = True
+    model: QuadraticModel, region: Region, betas: FloatArray, goal: Goal = "maximize"
 ) -> tuple[FloatArray, FloatArray]:
     """Optimum of each of m surfaces, such as posterior draws.
 
@@ -270,8 +270,6 @@ def optimum_draws(
     betas : ndarray (m, p)
         Coded coefficients. Where all but the first are 0 every setting is as good, and the point is a random one.
     goal : "maximize" or "minimize"
-    refine : bool
-        False leaves out the climbs: under constraints the best of the dense set, a hundred times faster.
 
     Returns
     -------
@@ -288,16 +286,14 @@ def optimum_draws(
             points[better] = full_points(region, piece.template, found[better])
             values[better] = found_values[better]
     elif m:
-        points, values = _constrained_draws(model, region, signed, refine)
+        points, values = _constrained_draws(model, region, signed)
     level = ~np.any(signed[:, 1:], axis=1)
     if np.any(level):
         points[level] = region.sample(int(np.count_nonzero(level)), np.random.default_rng(20_029))
     return points, sign_of(goal) * values
 
 
-def _constrained_draws(
-    model: QuadraticModel, region: Region, signed: FloatArray, refine: bool
-) -> tuple[FloatArray, FloatArray]:
+def _constrained_draws(model: QuadraticModel, region: Region, signed: FloatArray) -> tuple[FloatArray, FloatArray]:
     pieces = list(slices(model, region, signed))
     cover = feasible_cover(region)
     held = list(region.discrete) + list(region.categorical)
@@ -313,7 +309,7 @@ def _constrained_draws(
         better = region.feasible(full, tol=0.0) & (found_values > values)
         points[better], values[better] = full[better], found_values[better]
         rows = np.flatnonzero(np.all(cover[:, held] == piece.template[held], axis=1))
-        if refine and len(rows):
+        if len(rows):
             top = np.argmax(scores[rows], axis=0)
             starts[index], anchors[index] = cover[rows[top]], deepest(region, cover[rows])
             merit[index] = np.where(found_values > values, scores[rows[top], np.arange(m)], -np.inf)

@@ -45,17 +45,17 @@ class SearchedInterval:
         Fitted value there.
     optimism : float
         By how much the fitted optimum exceeds (minimum: falls short of) the true response there, on average.
-    confidence, prediction : tuple of float
-        Of the mean response there, and of the mean of ``replicates`` future runs.
-    level : float
+    confidence : tuple of float
+        Of the mean response there.
+    predictions : tuple of (float, float)
+        Of the mean of each number of future runs.
     """
 
     point: FloatArray
     mean: float
     optimism: float
     confidence: tuple[float, float]
-    prediction: tuple[float, float]
-    level: float
+    predictions: tuple[tuple[float, float], ...]
 
 
 def searched_interval(
@@ -66,7 +66,7 @@ def searched_interval(
     *,
     level: float = 0.95,
     weight: float = 1.0,
-    replicates: float = 1,
+    replicates: Sequence[float] = (1.0,),
     draws: int = 1000,
     seed: int = 0,
 ) -> SearchedInterval:
@@ -80,8 +80,10 @@ def searched_interval(
     goal : "maximize" or "minimize"
     level : float
         Coverage, in (0, 1).
-    weight, replicates
-        Of future runs, as in ``LeastSquaresFit.predict``.
+    weight : float
+        Of a future run, as in ``LeastSquaresFit.predict``.
+    replicates : sequence of float
+        Numbers of future runs whose means are to be covered.
     draws, seed : int
 
     Raises
@@ -96,17 +98,20 @@ def searched_interval(
     row = model.matrix(point[None, :])
     mean, h = float((row @ beta)[0]), float(np.sum(np.square(row @ L)))
     flatter = _flatter(beta, fit.s * np.linalg.norm(L, axis=1))
-    own = 1.0 / (weight * replicates)
+    own = [1.0 / (weight * m) for m in replicates]
     rng = np.random.default_rng(seed)
     worlds = [_world(model, region, surface, fit, goal, own, draws, rng) for surface in (beta, flatter)]
-    pivots = [[world[j] for world in worlds] for j in (1, 2)]
+    pivots = [[world[1][j] for world in worlds] for j in range(1 + len(own))]
+    ends = [
+        _ends(mean, fit.s * np.sqrt(noise + h), each, fit.df_residual, level)
+        for noise, each in zip([0.0, *own], pivots, strict=True)
+    ]
     return SearchedInterval(
         point,
         mean,
         float(np.mean(worlds[0][0])),
-        _ends(mean, fit.s * np.sqrt(h), pivots[0], fit.df_residual, level),
-        _ends(mean, fit.s * np.sqrt(own + h), pivots[1], fit.df_residual, level),
-        level,
+        ends[0],
+        tuple(ends[1:]),
     )
 
 
@@ -178,11 +183,14 @@ def _world(
     surface: FloatArray,
     fit: LeastSquaresFit,
     goal: Goal,
-    own: float,
+    own: Sequence[float],
     draws: int,
     rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Fitted optimum less true response, and the pivots of mean and future runs, with ``surface`` (p,) the truth."""
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Fitted optimum less true response, and the pivots of mean and future runs, with ``surface`` (p,) the truth.
+
+    ``own``: variances of the means of future runs, over that of a run.
+    """
     L = fit.factor[: model.p]
     betas = surface + fit.s * (rng.standard_normal((draws, L.shape[1])) @ L.T)
     s = fit.s * np.sqrt(rng.chisquare(fit.df_residual, draws) / fit.df_residual)
@@ -190,8 +198,8 @@ def _world(
     rows = model.matrix(points)
     gap = values - rows @ surface
     h = np.sum(np.square(rows @ L), axis=1)
-    future = gap + fit.s * np.sqrt(own) * rng.standard_normal(draws)
-    return gap, gap / (s * np.sqrt(h)), future / (s * np.sqrt(own + h))
+    noise = rng.standard_normal(draws)
+    return gap, [(gap + fit.s * np.sqrt(share) * noise) / (s * np.sqrt(share + h)) for share in (0.0, *own)]
 
 
 def _flatter(beta: FloatArray, se: FloatArray) -> FloatArray:

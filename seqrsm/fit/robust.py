@@ -11,12 +11,12 @@ from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
 from seqrsm.fit.convergence import ess, ess_tail
 
 STUDENT_DF = 4.0
-"""Degrees of freedom of Student-t errors, where they are not estimated."""
+"""Degrees of freedom ``nu`` of Student-t errors."""
 
 _EM_STEPS = 60
 
 
-def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float = STUDENT_DF) -> FloatArray:
+def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
     """Weights (n,) that turn least squares into the most likely fit with Student-t errors.
 
     Lange, Little & Taylor (1989), J. Am. Stat. Assoc. 84, 881-896: each run counts ``(nu + 1) / (nu + r^2 / s^2)``, so
@@ -34,7 +34,7 @@ def student_weights(Z: FloatArray, y: FloatArray, weights: FloatArray, nu: float
         variance = float(np.sum(share * square)) / (n - p)
         if variance <= (n * np.finfo(np.float64).eps) ** 2 * float(np.mean(y**2)):  # nothing but rounding is left
             return weights
-        after = (nu + 1.0) / (nu + square / variance)
+        after = (STUDENT_DF + 1.0) / (STUDENT_DF + square / variance)
         if np.max(np.abs(after - share)) < 1e-10:
             break
         share = after
@@ -79,7 +79,6 @@ def student_draws(
     prior: Prior,
     n_draws: int,
     rng: np.random.Generator,
-    nu: float = STUDENT_DF,
 ) -> StudentDraws:
     """Posterior of coefficients and scale under Student-t errors.
 
@@ -94,8 +93,6 @@ def student_draws(
     n_draws : int
         At least so many; they are worth from a fifth to all of as many independent ones.
     rng : numpy.random.Generator
-    nu : float
-        Degrees of freedom of the errors.
     """
     n, p = Z.shape
     start = posterior(Z, y, weights, prior)
@@ -109,7 +106,7 @@ def student_draws(
     outer = (XY[:, :, None] * XY[:, None, :]).reshape(n, (p + 1) ** 2)
     root = np.column_stack([start.factor, given.m0 - start.mean])
     own = root.T @ given.Lambda0 @ root
-    share = np.repeat((student_weights(X, y, weights, nu) / weights)[None, :], _CHAINS, axis=0)
+    share = np.repeat((student_weights(X, y, weights) / weights)[None, :], _CHAINS, axis=0)
     sweeps = max(-(-n_draws // _CHAINS), _LEAST_SWEEPS)
     u, sigmas = np.empty((sweeps, _CHAINS, p)), np.empty((sweeps, _CHAINS))
     for sweep in range(-_WARM_UP, sweeps):
@@ -122,7 +119,7 @@ def student_draws(
         sigma = np.sqrt((given.b0 + 0.5 * np.maximum(rss, 1e-300)) / rng.gamma(shape, size=_CHAINS))
         at = _solved_upwards(L, half + sigma[:, None] * rng.standard_normal((_CHAINS, p)))
         square = weights * (y - at @ X.T) ** 2 / sigma[:, None] ** 2
-        share = rng.standard_gamma(0.5 * (nu + 1.0), square.shape) * (2.0 / (nu + square))
+        share = rng.standard_gamma(0.5 * (STUDENT_DF + 1.0), square.shape) * (2.0 / (STUDENT_DF + square))
         if sweep >= 0:
             u[sweep], sigmas[sweep] = at, sigma
     beta = start.mean + u @ start.factor.T

@@ -100,8 +100,8 @@ def test_fewer_runs_than_terms_with_the_default_prior() -> None:
     found = posterior(Z, y, None, weakly_informative(KINDS, y))
     assert np.isfinite(found.mean).all()
     assert found.df == 7.0
-    none = posterior(np.zeros((0, 6)), np.zeros(0), None, weakly_informative(KINDS, y, scale=10.0))
-    assert none.mean[0] == pytest.approx(y.mean())
+    none = posterior(np.zeros((0, 6)), np.zeros(0), None, weakly_informative(KINDS, 10.0 * y))
+    assert none.mean[0] == pytest.approx(10.0 * y.mean())
     wide, narrow = none.predict(Z), found.predict(Z)
     assert (wide.prediction.half_width > narrow.prediction.half_width).all()
 

@@ -76,7 +76,7 @@ def test_interval_that_allows_for_the_search_covers(k: int, n: int, curvature: f
         found = searched_interval(model, region, fit, draws=300 if k == 2 else 200, seed=i)
         truth = float((model.matrix(found.point[None, :]) @ beta)[0])
         mean += found.confidence[0] <= truth <= found.confidence[1]
-        new += found.prediction[0] <= truth + 0.5 * rng.normal() <= found.prediction[1]
+        new += found.predictions[0][0] <= truth + 0.5 * rng.normal() <= found.predictions[0][1]
         gaps.append(found.mean - truth)
         optimism.append(found.optimism)
     error = 4 * np.sqrt(0.95 * 0.05 / sets)
@@ -94,7 +94,7 @@ def test_never_shorter_than_t_and_the_minimum_mirrors_the_maximum() -> None:
     found, other = searched_interval(model, region, fit), searched_interval(model, region, mirror, "minimize")
     plain = fit.predict(model.matrix(found.point[None, :]))
     assert found.confidence[0] <= plain.confidence.low[0] + 1e-12
-    assert found.prediction[1] >= plain.prediction.high[0] - 1e-12
+    assert found.predictions[0][1] >= plain.prediction.high[0] - 1e-12
     assert found.optimism > 0 > other.optimism
     assert other.mean == pytest.approx(-found.mean, rel=1e-12)
     saturated = fit_least_squares(Z[:6], y[:6], model.terms)
@@ -116,7 +116,7 @@ def test_draws_of_the_exact_posterior_give_what_the_bootstrap_gives(curvature: f
     se = np.array([1.0, 1.0]) * fit.s
     assert optimism == pytest.approx(want.optimism, abs=0.15 * fit.s)
     np.testing.assert_allclose(ends[0], want.confidence, atol=0.15 * se[0])
-    np.testing.assert_allclose(ends[1], want.prediction, atol=0.25 * se[0])
+    np.testing.assert_allclose(ends[1], want.predictions[0], atol=0.25 * se[0])
 
 
 def test_heavy_tails_are_covered_after_the_search() -> None:

@@ -256,7 +256,7 @@ def at_the_optimum(sets: int, k: int) -> Iterator[Row]:
             found = searched_interval(model, region, one, draws=250, seed=i)
             hits[i] = (
                 found.confidence[0] <= truth[i] <= found.confidence[1],
-                found.prediction[0] <= future[i] <= found.prediction[1],
+                found.predictions[0][0] <= future[i] <= found.predictions[0][1],
             )
         yield Row(
             f"mean at the optimum, after search; {what}",
