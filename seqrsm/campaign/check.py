@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     spec = load_spec(folder)
     model = QuadraticModel(spec.factors, spec.model.order)
     combinations = check_simulator(spec) if spec.simulator is not None else ()
-    analysis = _analysis(spec)
+    analysis, recommended = _so_far(spec)
     known = _what_is_known(spec, analysis, progress)
     noise, share, df = known.noise, known.ground_share, known.df
     covers = scene_at(str(spec.scene_path)).categories if spec.simulator is not None else ()
@@ -174,7 +175,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         notes=known.notes,
         covers=covers,
         combinations=combinations,
-        hardware=_hardware(spec),
+        hardware=_hardware(spec, recommended),
         plans=plans,
         over=over,
         surfaces=known.surfaces.source,
@@ -310,14 +311,12 @@ def _budget(spec: CampaignSpec, analysis: Analysis | None, known: _Known) -> Bud
     return Budget(spec.region, spec.model.order, spec.applications[0].goal, rule, known.surfaces, at, spec.seed)
 
 
-def _hardware(spec: CampaignSpec) -> tuple[str, ...]:
-    """The rules of hardware at what the last look of each application recommends."""
-    if spec.simulator is None or not (spec.store_url or (spec.folder / STORE_NAME).exists()):
+def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str]]) -> tuple[str, ...]:
+    """The rules of hardware at the settings that are recommended."""
+    if spec.simulator is None:
         return ()
-    with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
-        looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
     scene, found = scene_at(str(spec.scene_path)), []
-    for settings in looks.values():
+    for settings in recommended:
         sensors = dict.fromkeys(one.sensor for one in task_of(spec, 0, settings).acquisitions)
         for sensor in (one for one in sensors if isinstance(one, RadarConfiguration)):
             rules = frame_limits(sensor, make_frame(scene, sensor, "float32"))
@@ -380,15 +379,16 @@ def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:
     return point
 
 
-def _analysis(spec: CampaignSpec) -> Analysis | None:
-    """The first application's, of scores that are there already; None where they are too few."""
+def _so_far(spec: CampaignSpec) -> tuple[Analysis | None, list[Mapping[str, float | str]]]:
+    """The first application's analysis, None where scores are too few, and what the last looks recommend."""
     if not (spec.store_url or (spec.folder / STORE_NAME).exists()):
-        return None
+        return None, []
     with Store.open(spec.folder, url=spec.store_url, campaign=spec.name, seed=spec.seed) as store:
-        try:
-            return Campaign(spec, store).analyse_all(spec.applications[0].name)[0]
-        except FitError:
-            return None
+        looks = {look.application: look.summary["optimum"]["settings"] for look in store.looks()}
+        analysis = None
+        with suppress(FitError):
+            analysis = Campaign(spec, store).analyse_all(spec.applications[0].name)[0]
+    return analysis, list(looks.values())
 
 
 def _spread(spec: CampaignSpec, noise: float) -> float:

@@ -6,23 +6,19 @@ from the print stand beside it. `load_catalog` reads the files once; nothing hea
 """
 
 from seqrsm.catalog.reader import load_catalog
-from seqrsm.catalog.rendering import Statement, catalog_rows, summary, to_json
+from seqrsm.catalog.rendering import catalog_rows, summary, to_json
 from seqrsm.catalog.search import entries_about, platforms_called, search, table_called
-from seqrsm.catalog.start import Source, StartLevels, StartRange, StartRanges, start_ranges
-from seqrsm.catalog.tables import Catalog, Entry, Platform, PlatformItem, Quantity, Range, Table
+from seqrsm.catalog.start import StartLevels, StartRange, StartRanges, start_ranges
+from seqrsm.catalog.tables import Entry, Platform, Quantity, Range, Table
 
 __all__ = [
-    "Catalog",
     "Entry",
     "Platform",
-    "PlatformItem",
     "Quantity",
     "Range",
-    "Source",
     "StartLevels",
     "StartRange",
     "StartRanges",
-    "Statement",
     "Table",
     "catalog_rows",
     "entries_about",
