@@ -155,8 +155,6 @@ class ConfirmationInterval:
     ----------
     mean, low, high : float
         Score units.
-    s : float
-        Standard deviation among the fresh runs.
     n : int
         Number of fresh runs.
     level : float
@@ -166,7 +164,6 @@ class ConfirmationInterval:
     mean: float
     low: float
     high: float
-    s: float
     n: int
     level: float
 
@@ -228,7 +225,7 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
         )
     mean, s = float(values.mean()), float(values.std(ddof=1))
     half = float(t_quantile(len(values) - 1, level)) * s / np.sqrt(len(values))
-    return ConfirmationInterval(mean, mean - half, mean + half, s, len(values), level)
+    return ConfirmationInterval(mean, mean - half, mean + half, len(values), level)
 
 
 _FEW = 10
@@ -253,7 +250,7 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
     Returns
     -------
     ConfirmationInterval
-        In percent; ``s`` is the standard deviation among the runs' shares.
+        In percent.
 
     Raises
     ------
@@ -278,8 +275,7 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
     if min(share, 1.0 - share) * total < _FEW:
         alone = ends(1.0, float(t_quantile(np.inf, level)))
         low, high = min(low, alone[0]), max(high, alone[1])
-    s = float(np.std(100.0 * right / n, ddof=1))
-    return ConfirmationInterval(100.0 * share, 100.0 * low, 100.0 * high, s, m, level)
+    return ConfirmationInterval(100.0 * share, 100.0 * low, 100.0 * high, m, level)
 
 
 def confirmation_agrees(

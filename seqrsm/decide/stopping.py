@@ -7,8 +7,8 @@ no significant lack of fit, too; elsewhere the chance of a surface that is no qu
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +22,11 @@ from seqrsm.decide.intervals import (
     independent_runs,
     noise_floor,
 )
-from seqrsm.errors import Problem, SpecError
 
 Guard = Literal["runs", "confirmation", "anytime"]
+
+_RUNS_PER_TERM = 3.0  # of the guard "runs"
+_MIN_DF_PURE_ERROR = 4
 
 _INTERVAL_NAMES = {
     "prediction": "prediction interval of one future run",
@@ -50,12 +52,8 @@ class StopRule:
     replicates : int
         m of "prediction_mean" and of the confirmation set, >= 2.
     guard : "runs", "confirmation" or "anytime"
-        What guards against stopping on a lucky s: at least ``runs_per_term`` runs for each term; a set of fresh runs
+        What guards against stopping on a lucky s: at least three runs for each term; a set of fresh runs
         that agrees with the model; or an interval that holds at every look.
-    runs_per_term : float
-        For the guard "runs".
-    min_df_pure_error : int
-        Degrees of freedom of pure error asked for.
     alpha_lack_of_fit : float
         Lack of fit with a smaller p stops the stopping.
     ground_share : float
@@ -63,11 +61,6 @@ class StopRule:
         in common, and no mean of them is without it.
     counts_ground : bool
         Whether the target is for the whole interval, or for its part by chance.
-
-    Raises
-    ------
-    SpecError
-        Naming every value that is impossible.
     """
 
     interval: IntervalKind = "prediction"
@@ -76,33 +69,9 @@ class StopRule:
     max_runs: int = 80
     replicates: int = 5
     guard: Guard = "runs"
-    runs_per_term: float = 3.0
-    min_df_pure_error: int = 4
     alpha_lack_of_fit: float = 0.05
     ground_share: float = 0.0
     counts_ground: bool = True
-
-    def __post_init__(self) -> None:
-        limits = {
-            "interval": (self.interval in _INTERVAL_NAMES, '"prediction", "prediction_mean" or "confidence"'),
-            "half_width": (self.half_width > 0.0 and np.isfinite(self.half_width), "a positive number of score units"),
-            "level": (0.0 < self.level < 1.0, "a probability between 0 and 1, such as 0.95"),
-            "max_runs": (self.max_runs >= 1, "at least 1"),
-            "replicates": (self.replicates >= 2, "at least 2"),
-            "guard": (self.guard in get_args(Guard), '"runs", "confirmation" or "anytime"'),
-            "runs_per_term": (self.runs_per_term >= 0.0, "0 or more"),
-            "min_df_pure_error": (self.min_df_pure_error >= 0, "0 or more"),
-            "alpha_lack_of_fit": (0.0 <= self.alpha_lack_of_fit < 1.0, "a probability below 1, such as 0.05"),
-            "ground_share": (0.0 <= self.ground_share < 1.0, "a share below 1"),
-            "counts_ground": (True, ""),
-        }
-        wrong = [
-            Problem("impossible stop rule", f"Give {limits[f.name][1]}.", field=f.name, value=getattr(self, f.name))
-            for f in fields(self)
-            if not limits[f.name][0]
-        ]
-        if wrong:
-            raise SpecError(*wrong)
 
     @property
     def interval_name(self) -> str:
@@ -122,7 +91,7 @@ class StopRule:
 
     def min_runs(self, n_terms: int) -> int:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
-        return int(np.ceil(self.runs_per_term * n_terms)) if self.guard == "runs" else n_terms + 1
+        return int(np.ceil(_RUNS_PER_TERM * n_terms)) if self.guard == "runs" else n_terms + 1
 
     def planned_information(self, n_terms: int) -> float:
         """Information ``1/h`` the guard "anytime" is tuned to: that of average leverage when the budget is spent."""
@@ -291,7 +260,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     needed = rule.min_runs(n_terms)
     if rule.guard == "runs" and rule.max_runs < needed:
         return (
-            f"The stop rule asks for at least {needed} runs ({rule.runs_per_term:g} for each of {n_terms} terms), more "
+            f"The stop rule asks for at least {needed} runs ({_RUNS_PER_TERM:g} for each of {n_terms} terms), more "
             f"than max_runs = {rule.max_runs}."
         )
     runs = rule.max_runs
@@ -488,13 +457,13 @@ def decide(
         width = scale * float(rule_half_width(rule, s, df_residual, h, n_terms))
     checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
-        asked = f"{rule.min_runs(n_terms)} are asked for ({rule.runs_per_term:g} for each term)"
+        asked = f"{rule.min_runs(n_terms)} are asked for ({_RUNS_PER_TERM:g} for each term)"
         enough = n_runs >= rule.min_runs(n_terms)
         checks.append(Check("runs", enough, f"{n_runs} runs for {n_terms} terms; {asked}."))
     if look.guess is not None:
         checks.append(_guess_check(look.guess, look.lead, width, unit))
     if not adequacy.weighed:
-        checks += [_pure_error_check(rule, look.df_pure_error), _lack_of_fit_check(rule, adequacy)]
+        checks += [_pure_error_check(look.df_pure_error), _lack_of_fit_check(rule, adequacy)]
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
@@ -542,8 +511,8 @@ def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
     return Check("guess", False, text)
 
 
-def _pure_error_check(rule: StopRule, df: int) -> Check:
-    asked = rule.min_df_pure_error
+def _pure_error_check(df: int) -> Check:
+    asked = _MIN_DF_PURE_ERROR
     text = f"Repeats give {df} degrees of freedom of pure error; {asked} are asked for."
     return Check("pure_error", df >= asked, text)
 

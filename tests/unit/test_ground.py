@@ -13,7 +13,6 @@ from seqrsm.campaign.rehearsal import make_campaign
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, rule_half_width, target_problem
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.errors import SpecError
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewScore
 
@@ -82,8 +81,6 @@ def test_what_scatter_an_interval_counts(interval: str, share: float, counts: bo
     assert 1.0 / rule.replicates_of() == pytest.approx(variance)
     wide = rule_half_width(rule, 2.0, 1e9, 0.1, 4)
     assert wide == pytest.approx(1.959964 * 2.0 * np.sqrt(variance + 0.1), rel=1e-6)
-    with pytest.raises(SpecError, match="ground_share"):
-        StopRule(ground_share=1.0)
 
 
 def test_what_flights_can_do_where_simulation_cannot() -> None:
