@@ -74,15 +74,14 @@ def simulated_by(runs: Sequence[RunRecord]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``averaged``: cells along a side of the blocks that were one cell, 1 as it is, 0 of a sample of the ground, by
-        an earlier version; ``runs``: how many; ``seconds``: the median run took.
+        ``averaged``: cells along a side of the blocks that were one cell, 1 as it is; ``runs``: how many;
+        ``seconds``: the median run took.
     """
     seconds: dict[int, list[float]] = {}
     for run in runs:
         kept = next((score.metadata["fidelity"] for score in run.scores if "fidelity" in score.metadata), None)
         if run.state == "scored" and isinstance(kept, Mapping):
-            averaged = kept.get("averaged", 1 if kept.get("rung") == "F4" else 0)
-            seconds.setdefault(int(averaged), []).append(float(kept.get("seconds", 0.0)))
+            seconds.setdefault(int(kept.get("averaged", 1)), []).append(float(kept.get("seconds", 0.0)))
     return [{"averaged": k, "runs": len(own), "seconds": median(own)} for k, own in sorted(seconds.items())]
 
 

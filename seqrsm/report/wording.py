@@ -429,7 +429,5 @@ def _effect_text(analysis: Analysis, bound: EffectBound) -> str:
 
 
 def ground_name(averaged: int) -> str:
-    """On which data base a run was simulated, by the cells along a side of those that were one; 0: a part of it."""
-    if averaged < 1:
-        return "a sample of the ground (earlier version)"
+    """On which data base a run was simulated, by the cells along a side of those that were one."""
     return "the data base as it is" if averaged == 1 else f"{averaged} x {averaged} cells as one"

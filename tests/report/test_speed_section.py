@@ -62,22 +62,5 @@ def test_data_bases_and_tradeoff_are_told(tmp_path: Path) -> None:
     assert figure.panels[0].data().rows[1][:2] == (2, 0.1)
 
 
-def test_runs_of_earlier_versions_are_told_apart(tmp_path: Path) -> None:
-    old = with_fidelity(simulated_dossier(tmp_path), 1, 1)
-    first, second = old.runs[:2]
-    scores = [
-        tuple(replace(s, metadata={"fidelity": {"rung": rung}}) for s in run.scores)
-        for run, rung in ((first, "F2"), (second, "F4"))
-    ]
-    runs = (replace(first, scores=scores[0]), replace(second, scores=scores[1]))
-    section = speed_section(replace(old, runs=runs))
-    (told,) = [block for block in section.blocks if isinstance(block, Table)]
-    assert [line[0].text for line in told.rows] == [
-        "a sample of the ground (earlier version)",
-        "the data base as it is",
-    ]
-    assert "was not run" in text_of(section)
-
-
 def test_no_section_without_a_simulator(tmp_path: Path) -> None:
     assert speed_section(flight_dossier(tmp_path)) is None
