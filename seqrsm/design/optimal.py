@@ -9,8 +9,6 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design.evaluate import (
-    condition,
-    continuous_bound,
     inestimable_terms,
     largest_variance,
     nearly_inestimable_terms,
@@ -33,32 +31,15 @@ _MINIMAX_STARTS, _MINIMAX_STARTS_CONSTRAINED = 60, 24
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Runs of an optimal design and how good they are.
+    """Runs of an optimal design; how good they are else, `evaluate_design` tells.
 
     Attributes
     ----------
     points : ndarray (n, k)
         The runs chosen, coded.
-    fixed : ndarray (m, k)
-        Earlier runs that were kept; counted in every figure below.
-    criterion : {"D", "I", "A", "G"}
-        What was optimised.
     value : float
-        Its value: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), G the largest z'M^-1 z over the region, to be
-        small. M = Z'Z + prior precision over all N = m + n runs.
-    log_det : float
-        log|M|.
-    d_value : float
-        |M|^(1/p) / N.
-    i_value : float
-        N tr(W M^-1), the mean scaled prediction variance over the region.
-    d_efficiency, i_efficiency : float or None
-        Against the best continuous design, in (0, 1]; None where its value is not tabulated (only the full quadratic
-        in 1 to 7 continuous factors without constraints is), or with a prior.
-    condition_number, rank : float, int
-        Of the column-scaled model matrix of all runs; the rank is below p only where a prior carries the rest.
-    inestimable : tuple of str
-        Terms that the runs alone cannot estimate.
+        Value of the criterion: D |M|^(1/p) / N, to be large; I and A tr(W M^-1), G the largest z'M^-1 z over the
+        region, to be small. M = Z'Z + prior precision over all N runs, the fixed ones too.
     hits, starts : int
         How many of the local searches ended at this value: one or two of hundreds mean that a longer search may find
         a better design.
@@ -67,17 +48,7 @@ class Design:
     """
 
     points: FloatArray
-    fixed: FloatArray
-    criterion: Criterion
     value: float
-    log_det: float
-    d_value: float
-    i_value: float
-    d_efficiency: float | None
-    i_efficiency: float | None
-    condition_number: float
-    rank: int
-    inestimable: tuple[str, ...]
     hits: int
     starts: int
     seed: int
@@ -145,7 +116,8 @@ def optimal_design(
         points, hits = search_constrained(model, region, task, total, seed % 2**63)
     if hits == 0:
         raise _singular(model, region)
-    return _described(model, points, kept, criterion, moments, prior, (hits, total, seed), region)
+    value = _value(model, region, np.vstack([kept, points]), criterion, moments, prior)
+    return Design(points, value, hits, total, seed)
 
 
 def _minimax(
@@ -167,7 +139,8 @@ def _minimax(
     first = [start.points] + [region.sample(n_runs, rng) for _ in range(total - 1)]
     Z_fixed = model.matrix(fixed)
     points, hits = search_minimax(model, region, prior + Z_fixed.T @ Z_fixed, first)
-    return _described(model, points, fixed, "G", moments, prior, (hits, total, seed), region)
+    value = _value(model, region, np.vstack([fixed, points]), "G", moments, prior)
+    return Design(points, value, hits, total, seed)
 
 
 def start_design(
@@ -311,45 +284,20 @@ def _coinciding(terms: tuple[str, ...]) -> DesignError:
     )
 
 
-def _described(
+def _value(
     model: QuadraticModel,
-    points: FloatArray,
-    fixed: FloatArray,
+    region: Region,
+    runs: FloatArray,
     criterion: Criterion,
     moments: FloatArray,
     prior: FloatArray,
-    search: tuple[int, int, int],
-    region: Region,
-) -> Design:
-    """Figures of a design, from its rows alone: nothing of the search's running values is trusted."""
-    Z = model.matrix(np.vstack([fixed, points]))
-    n, p = Z.shape
+) -> float:
+    """Value of the criterion, from all runs (N, k) alone: nothing of the search's running values is trusted."""
+    Z = model.matrix(runs)
     M = prior + Z.T @ Z
-    log_det = float(np.linalg.slogdet(M)[1])
-    d_value = float(np.exp(log_det / p)) / n
-    inverse = np.linalg.inv(M)
-    trace = float(np.sum(moments * inverse))
-    plain = region.is_box and not np.any(prior)
-    d_bound, i_bound = continuous_bound(model, "D"), continuous_bound(model, "I")
-    number, rank = condition(Z)
-    value = {"D": d_value, "I": trace, "A": float(np.trace(inverse))}.get(criterion)
-    if value is None:
-        value = largest_variance(model, region, np.asarray(inverse, dtype=np.float64))[0]
-    hits, starts, seed = search
-    return Design(
-        points=points,
-        fixed=fixed,
-        criterion=criterion,
-        value=value,
-        log_det=log_det,
-        d_value=d_value,
-        i_value=n * trace,
-        d_efficiency=d_value / d_bound if plain and d_bound is not None else None,
-        i_efficiency=i_bound / (n * trace) if plain and i_bound is not None else None,
-        condition_number=number,
-        rank=rank,
-        inestimable=inestimable_terms(model, np.vstack([fixed, points])) if rank < p else (),
-        hits=hits,
-        starts=starts,
-        seed=seed,
-    )
+    if criterion == "D":
+        return float(np.exp(np.linalg.slogdet(M)[1] / model.p)) / len(Z)
+    inverse = np.asarray(np.linalg.inv(M), dtype=np.float64)
+    if criterion == "G":
+        return largest_variance(model, region, inverse)[0]
+    return float(np.sum(moments * inverse) if criterion == "I" else np.trace(inverse))

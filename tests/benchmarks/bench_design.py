@@ -60,13 +60,13 @@ def search(kind: str, k: int, levels: str, n: int, criterion: str, seed: int) ->
     if kind == "table":
         design = optimal_design(model, region, n, criterion, seed=seed)
         seconds = time.process_time() - began
-        value = {"D": design.d_value, "I": design.i_value, "G": 100.0 * model.p / (n * design.value)}[criterion]
+        value = {"D": design.value, "I": n * design.value, "G": 100.0 * model.p / (n * design.value)}[criterion]
         return value, seconds, design.hits, design.starts
     golden = json.loads((DATA / "optimal_designs_golden.json").read_text(encoding="utf-8"))
     case = golden[kind][int(levels)]
     prior = case["prior_precision"] * np.diag([0.0] + [1.0] * (model.p - 1))
     design = optimal_design(model, region, n, seed=seed, prior_precision=prior)
-    return design.log_det, time.process_time() - began, design.hits, design.starts
+    return model.p * np.log(n * design.value), time.process_time() - began, design.hits, design.starts
 
 
 def shortfall(row: dict[str, str]) -> float:

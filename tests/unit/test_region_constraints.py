@@ -180,7 +180,7 @@ def test_design_in_an_oblique_sliver_ends_near_the_best() -> None:
     region = Region(factors, (Constraint("abs(a - b) <= 0.01"),))
     design = optimal_design(QuadraticModel(factors), region, 8, starts=6)
     assert np.all(region.feasible(design.points))
-    assert design.d_value >= 0.99 * 0.0024533713
+    assert design.value >= 0.99 * 0.0024533713
 
 
 def test_count_is_the_number_of_parts_of_a_level():
