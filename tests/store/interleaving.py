@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seqrsm.campaign import loop, simulation
+from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
 from seqrsm.errors import UserError
@@ -66,6 +66,7 @@ def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
     )
+    monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
     monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
     monkeypatch.setattr(Campaign, "rank_values", lambda *_, **__: None)
     monkeypatch.setattr(loop, "rests_on", lambda *_: {})

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.fitted import confirmation_reason
-from seqrsm.campaign import loop, simulation
+from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
 from seqrsm.errors import RegionError, SpecError, StoreError, UserError
@@ -69,7 +69,8 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(
             simulation, "task_of", lambda spec, run_id, settings, *_: SimpleNamespace(run_id=run_id, settings=settings)
         )
-        # These scores know nothing of grounds.
+        # These scores know nothing of files and grounds.
+        monkeypatch.setattr(experiment, "experiment_of", lambda spec: {"seqrsm": "stub"})
         monkeypatch.setattr(Campaign, "_measure_ground", lambda *_: None)
         monkeypatch.setattr(Campaign, "rank_values", lambda *_, **__: None)
         monkeypatch.setattr(loop, "rests_on", lambda *_: {})
