@@ -61,10 +61,15 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False) ->
     now = experiment_of(spec)
     told = [event.detail[EXPERIMENT] for event in store.events(kind=EXPERIMENT) if event.detail]
     before: dict[str, str] = told[-1] if told else {}
+    # A file that is away is no other file: its runs fail by the machine, and are made once it is back.
+    now |= {key: before[key] for key, value in now.items() if key.startswith("file ") and not value and key in before}
     if before == now:
         return
     factors = {f"[simulator.fixed] {factor.name}" for factor in spec.factors}
-    apart = {key for key in now if key.startswith("utility of ") and key not in before} | factors
+    fresh = {key for key in now if key not in before}
+    apart = factors | {key for key in fresh if key.startswith("utility of ")}
+    if apart - factors:  # with code of its own
+        apart |= {key for key in fresh if key.startswith("file ")}
     apart |= {f"utility of {name}" for name in _names(before) - {one.name for one in spec.applications}}
     changed = sorted(key for key in {*before, *now} - apart if before.get(key) != now.get(key))
     if told and changed and not accept and store.runs("scored", source="simulation"):

@@ -79,6 +79,15 @@ def test_a_scene_of_another_ground_is_refused(begun) -> None:
         assert RUNNER.invoke(app, [command, str(begun)]).exit_code == 0
 
 
+def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
+    (begun / "scene.npz").rename(begun / "away.npz")
+    away = run(begun, "--max-runs", "17")
+    assert away.exit_code == 2
+    assert "simulated from" not in away.output
+    (begun / "away.npz").rename(begun / "scene.npz")
+    assert run(begun, "--max-runs", "17").exit_code in (0, 3)
+
+
 def test_another_version_of_the_program_is_told(begun, monkeypatch) -> None:
     monkeypatch.setattr("seqrsm.campaign.experiment.__version__", "9.9.9")
     assert f"seqrsm was {__version__} for the runs so far, and is 9.9.9 now" in run(begun, "--max-runs", "17").output
@@ -90,6 +99,13 @@ def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
     changed(begun, "campaign.toml", "low = 10.0", "low = 12.0")
     changed(begun, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\ntolerance = 0.5')
     assert run(begun, "--max-runs", "17").exit_code in (0, 3)
+
+
+def test_another_application_may_come_with_code_of_its_own(begun) -> None:
+    (begun / "second.py").write_text(OWN.replace("% 7", "% 3"), encoding="utf-8")
+    second = '[[application]]\nname = "second"\nutility = "second:mine"\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", second)
+    assert "simulated from" not in run(begun, "--max-runs", "17").output
 
 
 def test_a_fixed_parameter_may_become_a_factor(begun) -> None:
