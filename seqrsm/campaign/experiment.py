@@ -84,7 +84,11 @@ def _names(experiment: dict[str, str]) -> set[str]:
 def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
     remedy = "Put it back, or make a campaign of its own for it; if it can move no score, add --accept."
     if key.startswith("file "):
-        message = "the file is not the one that the runs so far were simulated from" if before else "a new file"
+        message = "the file is not the one that the runs so far were simulated from"
+        if not before:
+            message = "the runs so far were simulated without this file"
+        elif not now:
+            message = "the runs so far were simulated from this file, which is read no more"
         return Problem(message, remedy, file=key.removeprefix("file "))
     message = f"{key} was {before or 'not given'} for the runs so far, and is {now or 'not given'} now"
     return Problem(message, remedy, file=str(spec.folder / SPEC_NAME))

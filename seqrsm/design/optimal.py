@@ -23,10 +23,8 @@ from seqrsm.errors import DesignError, Problem
 Criterion: TypeAlias = Literal["D", "I", "A", "G"]
 
 _START_SEARCHES, _START_CANDIDATES = 8, 3**8
-START_SEARCHES_CONSTRAINED = 4
-"""Local searches of a start design where constraints cut the box."""
-
 _MINIMAX_STARTS, _MINIMAX_STARTS_CONSTRAINED = 60, 24
+_MINIMAX_D_STARTS_CONSTRAINED = 4  # of the D-optimal design among them, which is dear where constraints cut the box
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +130,7 @@ def _minimax(
 ) -> Design:
     """G-optimal design, from random designs and a D-optimal one, which sometimes is G-optimal, too."""
     given = prior if np.any(prior) else None
-    quick = _MINIMAX_STARTS if region.is_box else START_SEARCHES_CONSTRAINED
+    quick = _MINIMAX_STARTS if region.is_box else _MINIMAX_D_STARTS_CONSTRAINED
     start = optimal_design(model, region, n_runs, seed=seed, starts=quick, fixed=fixed, prior_precision=given)
     rng = np.random.default_rng([seed % 2**63, 2])
     total = (_MINIMAX_STARTS if region.is_box else _MINIMAX_STARTS_CONSTRAINED) if starts is None else max(starts, 1)
@@ -185,8 +183,7 @@ def start_design(
         raise DesignError(Problem("the repeats at the centre are not between 0 and the runs", value=centre_repeats))
     kept = np.tile(region.centre(), (centre_repeats, 1)) if fixed is None else np.asarray(fixed, dtype=np.float64)
     n = n_runs - len(kept)
-    none = np.zeros((model.p, model.p))
-    _check_counts(model, n, "D", kept if n else np.empty((0, model.k)), none)
+    _check_counts(model, n, "D", kept, np.zeros((model.p, model.p)))
     candidates = region.candidates(3, limit=_START_CANDIDATES)
     lost = inestimable_terms(model, candidates)
     if lost:

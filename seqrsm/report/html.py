@@ -99,7 +99,7 @@ def render_sections(sections: tuple[Section, ...]) -> str:
         return Markup('<img src="{}" alt="{}">').format(_data_uri("svg+xml", svg.encode()), alt)
 
     context = _for_blocks(sections, count(), drawing)
-    return environment().get_template("cell.html.j2").render(listed=sections, **context)
+    return environment().get_template("cell.html.j2").render(listed=sections, between=Markup("<br>"), **context)
 
 
 def _for_blocks(

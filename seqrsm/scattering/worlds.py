@@ -72,7 +72,7 @@ class World:
         channel : str
             HH, HV, VV of backscatter, H, V of emissivity.
         """
-        return self._shared("", category, kin, frequency_ghz, channel, _TURN)
+        return self._shared(category, kin, frequency_ghz, channel, 0)
 
     def season(self, category: str, kin: str, frequency_ghz: float, channel: str, level_days: FloatArray) -> FloatArray:
         """Departure (365,) of the course of a cover's backscatter on days 1 to 365, of unit mean square over the year.
@@ -85,36 +85,19 @@ class World:
             Weights of the days for which the table's level holds, which sum to 1: the departure's mean over them is 0.
         """
         waves = sum(
-            math.sqrt(share) * self._shared(f"season {h} ", category, kin, frequency_ghz, channel, h * _YEAR)
+            math.sqrt(share) * self._shared(category, kin, frequency_ghz, channel, h)
             for h, share in enumerate(_HARMONICS, start=1)
         )
         return np.asarray((waves - np.dot(waves, level_days)) / _anchored(level_days)[1])
 
-    def _shared(
-        self, what: str, category: str, kin: str, frequency_ghz: float, channel: str, phase: FloatArray
-    ) -> FloatArray:
+    def _shared(self, category: str, kin: str, frequency_ghz: float, channel: str, harmonic: int) -> FloatArray:
         """Standard normal, in part common to all covers, to kin, and a cover's own."""
         own = 1.0 - _ALL - (_KIN if kin else 0.0)
         parts = [("", _ALL), (f"kin {kin}", 1.0 - _ALL - own), (f"cover {category}", own)]
+        key = self.seed, self.number
         return np.asarray(
-            sum(math.sqrt(w) * self._part(what + name, frequency_ghz, channel, phase) for name, w in parts if w > 0.0)
+            sum(math.sqrt(w) * _part(*key, name, frequency_ghz, channel, harmonic) for name, w in parts if w > 0.0)
         )
-
-    def _part(self, name: str, frequency_ghz: float, channel: str, phase: FloatArray) -> FloatArray:
-        deviate = _deviates(self.seed, self.number, name)
-        node = float(np.clip(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0, _NODES - 1.001))
-        lower, share = int(node), node % 1.0
-        size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
-        here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
-        turned = here[:, 0, None] * np.cos(phase) + here[:, 1, None] * np.sin(phase)
-        common, single = turned[0], turned[_PARTS[channel]]
-        if channel in ("H", "V"):
-            apart = _EMISSIVITY_OWN * _SLANT**2
-            return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * single)
-        if channel == "HV":
-            return np.asarray(math.sqrt(_COMMON) * common + math.sqrt(1.0 - _COMMON) * single)
-        co = math.sqrt(_CO) * turned[_PARTS["co"]]
-        return np.asarray(math.sqrt(_COMMON) * common + co + math.sqrt(1.0 - _COMMON - _CO) * single)
 
     def field_factor(self, category: str) -> float:
         """What the cover's standard deviation from field to field is multiplied by, 1 in the middle."""
@@ -161,6 +144,26 @@ def _anchored(level_days: FloatArray) -> tuple[FloatArray, float]:
     turns = np.exp(1j * np.outer(np.arange(1, len(_HARMONICS) + 1), _YEAR))
     variance = np.array(_HARMONICS) @ np.abs(turns - (turns @ level_days)[:, None]) ** 2
     return np.sqrt(variance), math.sqrt(variance.mean())
+
+
+@lru_cache(maxsize=1024)  # of several dates, and of covers, which share some of them
+def _part(seed: int, number: int, name: str, frequency_ghz: float, channel: str, harmonic: int) -> FloatArray:
+    """Standard normal deviate of a world: a harmonic of the year by days (365,), or with 0 by incidence angle (91,)."""
+    phase, name = (harmonic * _YEAR, f"season {harmonic} {name}") if harmonic else (_TURN, name)
+    deviate = _deviates(seed, number, name)
+    node = float(np.clip(_STEPS * math.log2(frequency_ghz / _LOWEST_GHZ), 0.0, _NODES - 1.001))
+    lower, share = int(node), node % 1.0
+    size = math.sqrt((1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * _NEAR)
+    here = ((1.0 - share) * deviate[lower] + share * deviate[lower + 1]) / size
+    turned = here[:, 0, None] * np.cos(phase) + here[:, 1, None] * np.sin(phase)
+    common, single = turned[0], turned[_PARTS[channel]]
+    if channel in ("H", "V"):
+        apart = _EMISSIVITY_OWN * _SLANT**2
+        return np.asarray(np.sqrt(1.0 - apart) * common + np.sqrt(apart) * single)
+    if channel == "HV":
+        return np.asarray(math.sqrt(_COMMON) * common + math.sqrt(1.0 - _COMMON) * single)
+    co = math.sqrt(_CO) * turned[_PARTS["co"]]
+    return np.asarray(math.sqrt(_COMMON) * common + co + math.sqrt(1.0 - _COMMON - _CO) * single)
 
 
 @lru_cache(maxsize=512)

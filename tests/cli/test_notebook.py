@@ -70,6 +70,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     assert frame.loc[0, "mean"] == fit.analyses[0].optimum.mean
     assert frame.loc[0, "prediction_low"] == fit.analyses[0].optimum.prediction.low
     assert "Recommended settings" in fit._repr_html_()
+    assert '<br><span class="detail">95' in fit._repr_html_()  # a cell has no style to part them
     assert "data:image/svg+xml" in fit.plot()._repr_html_()
     assert "Contours" in repr(fit.plot())
     assert len(mine.runs()) == len(plan) + 15

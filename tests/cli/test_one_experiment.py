@@ -94,6 +94,17 @@ def test_another_version_of_the_program_is_told(begun, monkeypatch) -> None:
     assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
 
 
+def test_a_table_that_comes_or_goes_is_named(begun) -> None:
+    header = "quantity,category,frequency_ghz,polarization,theta_deg,value,unit,status,source\n"
+    rows = [f"sigma0,Hops,3.0,{p},{t},-10,dB,measured,me\n" for p in ("HH", "HV", "VV") for t in (20, 60)]
+    (begun / "own.csv").write_text(header + "".join(rows), encoding="utf-8")
+    changed(begun, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\ntable = "own.csv"')
+    assert "own.csv: the runs so far were simulated without this file" in run(begun, "--max-runs", "17").output
+    assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
+    changed(begun, "campaign.toml", '\ntable = "own.csv"', "")
+    assert "were simulated from this file, which is read no more" in run(begun, "--max-runs", "20").output
+
+
 def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
     changed(begun, "campaign.toml", "half_width = 16.0", "half_width = 12.0  # narrower")
     changed(begun, "campaign.toml", "low = 10.0", "low = 12.0")
