@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ from typer.testing import CliRunner, Result
 
 from seqrsm import __version__
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.experiment import EXPERIMENT
+from seqrsm.campaign.experiment import EXPERIMENT, experiment_of, see_experiment
 from seqrsm.cli.app import app
+from seqrsm.spec.read import load_spec
+from seqrsm.store.store import Store
 
 RUNNER = CliRunner()
 OWN = "def mine(image, scene, seed, run_id):\n    return 50.0 + run_id % 7\n"
@@ -77,6 +80,41 @@ def test_a_scene_of_another_ground_is_refused(begun) -> None:
     assert RUNNER.invoke(app, ["simulate", str(begun)]).exit_code == 2
     for command in ("status", "fit"):  # what is there can be looked at
         assert RUNNER.invoke(app, [command, str(begun)]).exit_code == 0
+
+
+def test_runs_fail_by_the_machine_where_the_scene_goes_away_meanwhile(begun) -> None:
+    opened = Campaign.open(begun)
+    opened.propose(2)
+    (begun / "scene.npz").rename(begun / "away.npz")
+    assert [run.fault for run in opened.simulate()] == ["machine", "machine"]
+
+
+def test_before_the_first_score_anything_may_change(begun, tmp_path: Path) -> None:
+    with Store.open(tmp_path, create=True, campaign="tiny") as store:
+        spec = load_spec(begun)
+        see_experiment(store, spec)
+        see_experiment(store, replace(spec, simulator=spec.simulator.model_copy(update={"fixed": {}})))
+        assert len(store.events(kind=EXPERIMENT)) == 2
+
+
+def test_what_a_member_of_a_set_has_of_its_own_belongs_to_the_experiment() -> None:
+    told = experiment_of(load_spec(Path(__file__).parents[2] / "campaigns" / "langegracht-dates"))
+    assert told["[simulator.members.C] polarization"] == "VV+VH"
+
+
+def test_noting_the_experiment_overtakes_no_decision(tmp_path: Path) -> None:
+    with Store.open(tmp_path, create=True, campaign="c") as store, Store.open(tmp_path, campaign="c") as other:
+        store.mark()
+        other.add_event(EXPERIMENT, {EXPERIMENT: {}})
+        assert store.record_look(0, "a", {}) == 1
+
+
+def test_an_application_may_go(begun) -> None:
+    both = '[[application]]\nname = "second"\nutility = "own:mine"\n\n[simulator]'
+    changed(begun, "campaign.toml", "[simulator]", both)
+    assert "for the runs so far" not in run(begun, "--max-runs", "17").output
+    changed(begun, "campaign.toml", both, "[simulator]")
+    assert "for the runs so far" not in run(begun, "--max-runs", "20").output
 
 
 def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:

@@ -146,6 +146,9 @@ def test_terms_that_no_runs_can_separate_are_named():
     with pytest.raises(DesignError) as caught:
         optimal_design(QuadraticModel(PLANE), region, 8)
     assert "y, x^2, y^2" in str(caught.value)
+    with pytest.raises(DesignError) as caught:
+        start_design(QuadraticModel(PLANE), region, 12)
+    assert "y, x^2, y^2" in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -287,16 +287,18 @@ def test_what_is_known_before_the_first_run_is_in_all_faces(studied, capsys) -> 
         ),
         capsys,
     )
+    (small,) = _measured(studied.analyses[0], 0.0032, -0.0021).blocks[-1].rows
+    assert small[2].text == "+0.0032 / -0.0021"  # of a skill between 0 and 1
 
 
-def _measured(analysis: Analysis) -> Section:
+def _measured(analysis: Analysis, up: float = 6.0, down: float = 1.5) -> Section:
     """What to measure, where half of the interval is the ground's."""
     best = analysis.optimum
     chance = Interval(best.mean - 0.6 * best.whole.half_width, best.mean + 0.6 * best.whole.half_width)
     known = dataclasses.replace(
         analysis, optimum=dataclasses.replace(best, ground=Ground(4.0, 3.0, 16, 32, 0.6), by_chance=chance)
     )
-    values = [{"category": "Grass", "mean_sd": 2.6, "up": 6.0, "down": 1.5}]
+    values = [{"category": "Grass", "mean_sd": 2.6, "up": up, "down": down}]
     detail = {"application": analysis.application, "settings": best.settings, "unit": "dB", "values": values}
     found = measure_section(known, (EventRecord(1, "", "", None, None, RANKED, detail),), "measure")
     assert found is not None

@@ -129,6 +129,7 @@ def test_the_interval_of_several_flights_over_one_ground_covers(tmp_path: Path) 
 
         analysis, runs = make_campaign(spec, "simulation", score, n_draws=50, ground=known, stops=False)
         best = analysis.optimum
+        assert best.ground == known.beside(analysis.fit.s, analysis.fit.df_residual)
         flights = 60.0 + 4.0 * best.point[0] + ground * rng.standard_normal() + chance * rng.standard_normal(5)
         inside.append(best.prediction_mean.low <= flights.mean() <= best.prediction_mean.high)
         without = analyse(spec, spec.applications[0], runs, n_draws=50).optimum.prediction_mean
