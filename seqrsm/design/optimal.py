@@ -185,9 +185,6 @@ def start_design(
     n = n_runs - len(kept)
     _check_counts(model, n, "D", kept, np.zeros((model.p, model.p)))
     candidates = region.candidates(3, limit=_START_CANDIDATES)
-    lost = inestimable_terms(model, candidates)
-    if lost:
-        raise _coinciding(lost)
     Z = model.matrix(kept)
     task, rng = Task(n, np.ascontiguousarray(Z.T @ Z), None), np.random.default_rng([seed % 2**63, 3])
     value, points = search_candidates(model, candidates, task, _START_SEARCHES, rng)[0]
