@@ -15,11 +15,6 @@ Listener = Callable[[str, int, int], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
-def heard() -> bool:
-    """Whether anybody listens."""
-    return _listener.get() is not None
-
-
 def tell(what: str, done: int, total: int) -> None:
     """``done`` of ``total`` pieces of ``what`` are done; the total is the best guess at this moment."""
     listener = _listener.get()

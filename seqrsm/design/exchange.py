@@ -1,34 +1,25 @@
-"""Search for the rows of an optimal design: among candidates, in a box (compiled), in a region with constraints."""
+"""Search for the rows of an optimal design: exchange among candidates, then descent of all coordinates together."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from threading import Thread
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor
+from seqrsm.design.descent import covariance, in_coordinates, lower
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.progress import heard, tell
+from seqrsm.progress import tell
 
-if TYPE_CHECKING:
-    from seqrsm.design.kernels import Layout
-
-# Starts with log|M|/p below this are drawn anew: an exchange from there ends in poor optima.
-_FLOOR_PER_TERM = -6.0
-# A wandering step of the iterated local search may fall by this share of the criterion.
-_THRESHOLD = 0.002
-_CANDIDATES = 3000
-_POLISHED = 2
-_MAX_PASSES = 60
-# In all for one design: in an oblique sliver coordinate moves creep along it, thousands of passes for a per mille.
-_POLISH_PASSES = 120
-_COARSE, _PASS_GAIN = 1e-3, 1e-9
-_SEARCHING, _TOLD_EVERY_S = "searching the design", 0.2
+_SEARCHING = "searching the design"
+_CANDIDATES, _FEW_FACTORS = 3**8, 3
+_CHAIN = 20  # local searches of a chain
+_REPLACED = (4, 20)  # rows drawn anew between two of them
+_NEAR = 0.02  # an exchange that ends further below the chain's best than this is not worth a descent
+_MAX_PASSES, _MAX_ROUNDS, _FINISHED = 60, 20, 4
+_COARSE, _FINE, _SAME = 1e-3, 1e-9, 1e-5  # of the criterion: of a pass of exchanges, of a last round, of two optima
+_DESCENT = 1e-12
 # Smallest eigenvalue of M with unit diagonal: below the first M is singular but for rounding, below the second too
 # near to it to be exchanged from (random runs over many levels are), and a ridge carries the search out of there.
 _SINGULAR, _DOUBTFUL, _RIDGE = 1e-14, 1e-8, 1e-2
@@ -43,7 +34,7 @@ class Task:
     n : int
         Rows to choose.
     precision : ndarray (p, p)
-        What the prior and fixed rows bring to M.
+        What fixed rows bring to M.
     weight : ndarray (p, p) or None
         None: maximise log|M|. Else: minimise tr(weight M^-1).
     """
@@ -51,11 +42,6 @@ class Task:
     n: int
     precision: FloatArray
     weight: FloatArray | None
-
-    @property
-    def kernel_weight(self) -> FloatArray:
-        """Weight as the kernels take it."""
-        return np.zeros_like(self.precision) if self.weight is None else self.weight
 
     def value(self, Z: FloatArray) -> float:
         """Value to be maximised, from rows (n, p) of the model matrix: log|M| or -log tr(weight M^-1)."""
@@ -67,6 +53,17 @@ class Task:
         trace = float(np.trace(np.linalg.solve(M, self.weight)))
         return -float(np.log(trace)) if trace > 0.0 else -np.inf
 
+    def loss(self, model: QuadraticModel, region: Region, points: FloatArray) -> tuple[float, FloatArray]:
+        """Less the value, and its slope (n, c) in the continuous coordinates of a design (n, k)."""
+        base = model.base(points)
+        F = base[:, model.first] * base[:, model.second]
+        M = self.precision + F.T @ F
+        D = covariance(M)
+        if self.weight is None:
+            return -float(np.linalg.slogdet(M)[1]), in_coordinates(model, region, base, -2.0 * F @ D)
+        trace = float(np.sum(self.weight * D))
+        return float(np.log(trace)), in_coordinates(model, region, base, F @ (D @ self.weight @ D) * (-2.0 / trace))
+
 
 def smallest_eigenvalue(M: FloatArray) -> float:
     """Smallest eigenvalue of a symmetric matrix (p, p) scaled to unit diagonal; 0 where the diagonal has a 0."""
@@ -76,186 +73,148 @@ def smallest_eigenvalue(M: FloatArray) -> float:
     return float(np.linalg.eigvalsh(M / np.outer(d, d))[0])
 
 
-def layout(model: QuadraticModel, region: Region) -> Layout:
-    """Arrays that describe factors and terms to the kernels; see :mod:`seqrsm.design.kernels`."""
-    kind, count, spans, span_at, term_at = [], [], [], [0], [0]
-    terms: list[int] = []
-    own: list[int] = []
-    other: list[int] = []
-    for factor, columns, levels in zip(model.factors, model.columns, region.axes, strict=True):
-        categorical = isinstance(factor, CategoricalFactor)
-        kind.append(int(categorical))
-        count.append(0 if levels is None or not categorical else levels.size)
-        spans += [(-1.0, 1.0)] if levels is None else [(float(v), float(v)) for v in levels]
-        span_at.append(len(spans))
-        for t, (a, b) in enumerate(zip(model.first.tolist(), model.second.tolist(), strict=True)):
-            if a in columns or b in columns:
-                terms.append(t)
-                own.append(a if a in columns else b)
-                other.append(-1 if a in columns and b in columns else (b if a in columns else a))
-        term_at.append(len(terms))
-    starts = [columns.start for columns in model.columns]
-    integers = [np.array(x, dtype=np.int64) for x in (kind, starts, count, span_at, term_at, terms, own, other)]
-    kind_, column, count_, span_at_, term_at_, terms_, own_, other_ = integers
-    return (kind_, column, count_, np.array(spans), span_at_, term_at_, terms_, own_, other_, model.first, model.second)
-
-
-def search_box(
-    model: QuadraticModel, region: Region, task: Task, chains: int, starts: int, moves: int, seed: int
-) -> tuple[FloatArray, int]:
-    """Best rows (n, k) found in a box, and how many local searches ended at their value."""
-    p = model.p
-    threshold = _THRESHOLD * (p if task.weight is None else 1.0)
-    points, value, hits = _told(
-        chains * (starts + moves),
-        seed,
-        task.n,
-        1 + sum(len(columns) for columns in model.columns),
-        task.precision,
-        task.kernel_weight,
-        task.weight is not None,
-        layout(model, region),
-        chains,
-        starts,
-        moves,
-        threshold,
-        _FLOOR_PER_TERM * p,
-    )
-    return points, hits if np.isfinite(value) else 0
-
-
-def _told(total: int, *arguments: Any) -> tuple[FloatArray, float, int]:
-    """The compiled search; where somebody listens it runs in a thread of its own and its count is told meanwhile."""
-    done = np.zeros(1, dtype=np.int64)
-    from seqrsm.design import kernels  # numba: compiled where a box is searched, not for a start design
-
-    search: Callable[..., tuple[FloatArray, float, int]] = kernels.search
-    if not heard():
-        return search(*arguments, done)
-    found: list[tuple[FloatArray, float, int] | BaseException] = []
-
-    def work() -> None:
-        try:
-            found.append(search(*arguments, done))
-        except BaseException as error:
-            found.append(error)
-
-    # A daemon: an interrupted program ends without waiting for it.
-    thread = Thread(target=work, daemon=True)
-    thread.start()
-    while thread.is_alive():
-        thread.join(_TOLD_EVERY_S)
-        tell(_SEARCHING, int(done[0]), total)
-    if isinstance(found[0], BaseException):
-        raise found[0]
-    return found[0]
-
-
 def search_candidates(
     model: QuadraticModel, candidates: FloatArray, task: Task, starts: int, rng: np.random.Generator
-) -> list[tuple[float, FloatArray]]:
-    """Values and rows (n, k) of local optima over candidates (m, k), the best first: exchange from random starts.
-
-    Fedorov's exchange, row by row (Cook & Nachtsheim 1980, Technometrics 22, 315-324).
-    """
-    rows = model.matrix(candidates)
-    found: list[tuple[float, FloatArray]] = []
+) -> tuple[float, FloatArray]:
+    """Value and rows (n, k) of the best of some local optima over candidates (m, k), from random starts."""
+    rows, best = model.matrix(candidates), (-np.inf, candidates[: task.n])
     for start in range(starts):
         tell(_SEARCHING, start, starts)
-        chosen = rng.choice(candidates.shape[0], task.n, replace=candidates.shape[0] < task.n)
-        points = candidates[chosen].copy()
-        if smallest_eigenvalue(task.precision + rows[chosen].T @ rows[chosen]) < _DOUBTFUL:
-            ridge = replace(task, precision=task.precision + _RIDGE * np.eye(model.p), weight=None)
-            _candidate_exchange(points, rows[chosen], candidates, rows, ridge, _COARSE)
-        found.append((_candidate_exchange(points, model.matrix(points), candidates, rows, task, _COARSE), points))
-    return sorted(found, key=lambda pair: -pair[0])
+        points = _drawn(candidates, task.n, rng)
+        value = _from_anywhere(model, points, candidates, rows, task)
+        if value > best[0]:
+            best = value, points
+    return best
 
 
-def search_constrained(
-    model: QuadraticModel, region: Region, task: Task, starts: int, seed: int
+def search_region(
+    model: QuadraticModel, region: Region, task: Task, searches: int, seed: int
 ) -> tuple[FloatArray, int]:
-    """Best rows (n, k) found in a region with constraints.
+    """Best rows (n, k) found by so many local searches, and how many of them ended at their value; 0: all singular.
 
-    Candidate exchange from random starts over points that cover the region and its boundary, then exact coordinate
-    exchange along feasible intervals for the best few, the two in turn until neither gains: candidates jump over
-    oblique edges where coordinate moves jam.
+    Chains of local searches: the first from random candidates, each further one from the best of its chain with some
+    rows drawn anew (iterated local search). In a box each ends in a descent of all coordinates, which is dear within
+    constraints. The best of the best few chains are exchanged and descended until neither gains: candidates jump over
+    oblique edges, descent finds what lies between them.
     """
     rng = np.random.default_rng([seed, 1])
-    candidates = region.candidates(limit=_CANDIDATES)
-    if candidates.shape[0] > _CANDIDATES:
-        candidates = candidates[np.sort(rng.choice(candidates.shape[0], _CANDIDATES, replace=False))]
+    candidates = region.candidates(5 if region.k <= _FEW_FACTORS else 3, limit=_CANDIDATES)
     rows = model.matrix(candidates)
-    polished = []
-    for value, points in search_candidates(model, candidates, task, starts, rng)[:_POLISHED]:
-        current, left = value, _POLISH_PASSES
-        while left > 0:
-            after, used = _polish(model, region, task, points, min(left, _MAX_PASSES))
-            left -= used
-            after = max(after, _candidate_exchange(points, model.matrix(points), candidates, rows, task, _COARSE))
-            if not after > current + _PASS_GAIN:
-                break
-            current = after
-        polished.append((task.value(model.matrix(points)), points))
-    best = max(value for value, _ in polished)
-    winner = next(points for value, points in polished if value == best)
-    hits = sum(value > best - 1e-5 for value, _ in polished) if np.isfinite(best) else 0
-    return winner, hits
+    worth = _NEAR * (model.p if task.weight is None else 1.0)
+    values: list[float] = []
+    tops: list[tuple[float, FloatArray]] = []
+    for number in range(searches):
+        tell(_SEARCHING, number, searches)
+        exchanged = number % 2 == 0 or not region.is_box
+        if number % _CHAIN == 0:
+            tops.append((-np.inf, candidates))
+        top, points = tops[-1]
+        if np.isfinite(top):
+            points = points.copy()
+            some = rng.choice(task.n, min(int(rng.integers(*_REPLACED)), task.n), replace=False)
+            points[some] = _drawn(candidates, len(some), rng) if exchanged else region.sample(len(some), rng)
+        else:
+            points = _drawn(candidates, task.n, rng)
+        value = _from_anywhere(model, points, candidates, rows, task) if exchanged else np.inf
+        if region.is_box and value > top - worth:
+            value, points = _descended(model, region, task, points)
+        values.append(value)
+        if value > top:
+            tops[-1] = value, points
+    tops.sort(key=lambda pair: -pair[0])
+    best = tops[0][0]
+    if not np.isfinite(best):
+        return tops[0][1], 0
+    ends = [_finished(model, region, task, candidates, top) for top in tops[:_FINISHED] if np.isfinite(top[0])]
+    return max(ends, key=lambda pair: pair[0])[1], sum(value > best - _SAME for value in values)
 
 
-def _polish(model: QuadraticModel, region: Region, task: Task, points: FloatArray, passes: int) -> tuple[float, int]:
-    """Coordinate exchange along feasible intervals, in place; all rows' intervals of a coordinate are found at once.
-
-    Returns the value reached and the passes made, at most ``passes``.
-    """
-    from seqrsm.design import kernels
-
-    plan = layout(model, region)
-    n_base = 1 + sum(len(columns) for columns in model.columns)
-    linear = task.weight is not None
-    value, made = -np.inf, 0
-    while made < passes:
-        made += 1
-        total = 0.0
-        for j in range(model.k):
-            spans, counts = region.line_intervals_of(points, j)
-            gain, value = kernels.sweep(
-                j, spans, counts, points, task.precision, task.kernel_weight, linear, plan, n_base
-            )
-            total += gain
-        if total < _PASS_GAIN:
+def _finished(
+    model: QuadraticModel, region: Region, task: Task, candidates: FloatArray, top: tuple[float, FloatArray]
+) -> tuple[float, FloatArray]:
+    """Value and design (n, k) that neither exchange nor descent betters."""
+    before, points = top
+    for _ in range(_MAX_ROUNDS):
+        value, points = _descended(model, region, task, points)
+        near = np.vstack([candidates, _beside(region, points)])
+        value = _exchange(points, model.matrix(points), near, model.matrix(near), task, _FINE)
+        if not value > before + _FINE:
             break
-    return value, made
+        before = value
+    return value, points
 
 
-def _candidate_exchange(
+def _drawn(candidates: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
+    chosen: FloatArray = candidates[rng.choice(len(candidates), n, replace=len(candidates) < n)]
+    return chosen
+
+
+def _descended(model: QuadraticModel, region: Region, task: Task, points: FloatArray) -> tuple[float, FloatArray]:
+    """Value and design (n, k) with its continuous coordinates moved; as it was where that made it no better."""
+    moved = lower(region, points, lambda at: task.loss(model, region, at), _DESCENT)
+    before, after = (task.value(model.matrix(one)) for one in (points, moved))
+    return (after, moved) if after > before else (before, points)
+
+
+def _beside(region: Region, points: FloatArray) -> FloatArray:
+    """Points (m, k) within the region that differ from one of these (n, k) in one coordinate."""
+    found = []
+    for j, levels in enumerate(region.axes):
+        for level in np.linspace(-1.0, 1.0, 5) if levels is None else levels:
+            moved = points.copy()
+            moved[:, j] = level
+            found.append(moved)
+    moved = np.vstack(found)
+    beside: FloatArray = moved[region.feasible(moved, tol=0.0)]
+    return beside
+
+
+def _from_anywhere(
+    model: QuadraticModel, points: FloatArray, candidates: FloatArray, rows: FloatArray, task: Task
+) -> float:
+    """Exchange rows in place, from a design that may be singular; returns the value reached."""
+    Z = model.matrix(points)
+    if smallest_eigenvalue(task.precision + Z.T @ Z) < _DOUBTFUL:
+        ridge = replace(task, precision=task.precision + _RIDGE * np.eye(model.p), weight=None)
+        _exchange(points, Z, candidates, rows, ridge, _COARSE)
+        Z = model.matrix(points)
+    return _exchange(points, Z, candidates, rows, task, _COARSE)
+
+
+def _exchange(
     points: FloatArray, Z: FloatArray, candidates: FloatArray, rows: FloatArray, task: Task, pass_gain: float
 ) -> float:
     """Replace each row by the best candidate until a pass gains less, in place; returns the value reached.
 
     Gains are those of the exchange of one row: determinant ratio (1 + d_n)(1 - d_o) + d_no^2; fall of the trace
-    [(1 - d_o) e_n + 2 d_no e_no - (1 + d_n) e_o] / ratio (Fedorov 1972).
+    [(1 - d_o) e_n + 2 d_no e_no - (1 + d_n) e_o] / ratio (Fedorov 1972; row by row: Cook & Nachtsheim 1980,
+    Technometrics 22, 315-324).
     """
-    Z = Z.copy()
     value = task.value(Z)
     if not np.isfinite(value):
         return value
+    moved = True
     for _ in range(_MAX_PASSES):
         before = value
-        for i in range(points.shape[0]):
-            D = np.linalg.inv(task.precision + Z.T @ Z)
-            u = D @ Z[i]
-            d_o, d_no = float(Z[i] @ u), rows @ u
-            d_n = np.einsum("ij,ij->i", rows @ D, rows)
+        for i in range(len(points)):
+            if moved:
+                D = np.linalg.inv(task.precision + Z.T @ Z)
+                P = rows @ D
+                d_n = np.einsum("ij,ij->i", P, rows)
+                if task.weight is not None:
+                    E = D @ task.weight @ D
+                    Q = rows @ E
+                    e_n = np.einsum("ij,ij->i", Q, rows)
+            d_o, d_no = float(Z[i] @ D @ Z[i]), P @ Z[i]
             ratio = (1.0 - d_o) * (1.0 + d_n) + d_no**2
-            gains = ratio - 1.0
+            gains, least = ratio - 1.0, 1e-9
             if task.weight is not None:
-                E = D @ task.weight @ D
-                w = E @ Z[i]
-                e_n, e_no = np.einsum("ij,ij->i", rows @ E, rows), rows @ w
-                fall = (1.0 - d_o) * e_n + 2.0 * d_no * e_no - (1.0 + d_n) * float(Z[i] @ w)
+                fall = (1.0 - d_o) * e_n + 2.0 * d_no * (Q @ Z[i]) - (1.0 + d_n) * float(Z[i] @ E @ Z[i])
                 gains = np.where(ratio > 1e-9, fall / np.maximum(ratio, 1e-9), -np.inf)
+                least *= float(np.exp(-before))
             best = int(np.argmax(gains))
-            if gains[best] > 1e-9 * (1.0 if task.weight is None else np.exp(-before)):
+            moved = bool(gains[best] > least)
+            if moved:
                 Z[i], points[i] = rows[best], candidates[best]
         value = task.value(Z)
         if not value > before + pass_gain:

@@ -9,13 +9,11 @@ are exchanged on the same soft maximum.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design import search
+from seqrsm.design.descent import covariance, in_coordinates, lower
 from seqrsm.design.evaluate import largest_variance
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -25,13 +23,10 @@ from seqrsm.progress import tell
 # others: the starts take turns.
 _ROUGH, _FINE = (8.0, 32.0, 128.0), (256.0, 1024.0, 4096.0)
 _FINISHED = 5
-_ITERATIONS = 100
 _PASSES = 3  # of exchanges of levels
 _PLACES = 2500
 _FEW_FACTORS = 3
 _ASCENTS, _SWEEPS = 40, 8  # towards the largest variance of a design on the way
-_RIDGE = 1e-10  # share of the mean diagonal of M added to it: a singular design has a huge variance, not none
-_DIFFERENCE = 1e-6
 _SAME = 1e-3
 
 
@@ -44,7 +39,7 @@ def search_minimax(
     ----------
     model, region : QuadraticModel, Region
     precision : ndarray (p, p)
-        What the prior and fixed runs bring to M.
+        What fixed runs bring to M.
     starts : list of ndarray (n, k)
     """
     rough, fine = (
@@ -76,7 +71,7 @@ class SoftMaximum:
     ----------
     model, region : QuadraticModel, Region
     precision : ndarray (p, p)
-        What the prior and fixed runs bring to M.
+        What fixed runs bring to M.
     places : ndarray (m, p)
         Rows z.
     """
@@ -89,8 +84,7 @@ class SoftMaximum:
     def covariance(self, points: FloatArray) -> FloatArray:
         """D (p, p) of a design (n, k)."""
         Z = self.model.matrix(points)
-        M = self.precision + Z.T @ Z
-        return np.asarray(np.linalg.inv(M + _RIDGE * float(np.trace(M)) / self.model.p * np.eye(self.model.p)))
+        return covariance(self.precision + Z.T @ Z)
 
     def heights(self, points: FloatArray) -> FloatArray:
         """Variances z'Dz at the places (m,)."""
@@ -107,56 +101,12 @@ class SoftMaximum:
         share = (v / top) ** power
         P *= np.sqrt(share / v)[:, None]
         pulled = (F @ P.T) @ P * (-2.0 / float(share.sum()))
-        slope = np.zeros_like(base.T)
-        np.add.at(slope, first, (pulled * base[:, second]).T)
-        np.add.at(slope, second, (pulled * base[:, first]).T)
-        columns = [self.model.columns[j].start for j in self.region.continuous]
-        return float(np.log(top) + np.log(np.mean(share)) / power), slope[columns].T
+        slope = in_coordinates(self.model, self.region, base, pulled)
+        return float(np.log(top) + np.log(np.mean(share)) / power), slope
 
     def lower(self, start: FloatArray, power: float) -> FloatArray:
         """The design (n, k) with its continuous coordinates moved downhill within the region."""
-        free = list(self.region.continuous)
-        if not free:
-            return start
-
-        def design(x: FloatArray) -> FloatArray:
-            points = start.copy()
-            points[:, free] = x.reshape(-1, len(free))
-            return points
-
-        def value(x: FloatArray) -> tuple[float, FloatArray]:
-            found, slope = self.value(design(x), power)
-            return found, slope.ravel()
-
-        def slacks(x: FloatArray) -> FloatArray:
-            return np.nan_to_num(self.region.slacks(design(x)), nan=-1.0, posinf=1.0, neginf=-1.0).ravel()
-
-        def slack_slopes(x: FloatArray) -> FloatArray:
-            n, c = len(start), len(free)
-            here, slopes = slacks(x).reshape(n, -1), np.zeros((n, len(self.region.constraints), n, c))
-            for column in range(c):
-                moved = x.reshape(n, c).copy()
-                # Inwards, so that a logarithm or root is not asked beyond the bound.
-                step = np.where(moved[:, column] > 0.0, -_DIFFERENCE, _DIFFERENCE)
-                moved[:, column] += step
-                slopes[range(n), :, range(n), column] = (slacks(moved).reshape(n, -1) - here) / step[:, None]
-            return slopes.reshape(-1, n * c)
-
-        constraints: Any = () if self.region.is_box else ({"type": "ineq", "fun": slacks, "jac": slack_slopes},)
-        options: Any = {"maxiter": _ITERATIONS}
-        found = minimize(
-            value,
-            start[:, free].ravel(),
-            jac=True,
-            method="SLSQP" if constraints else "L-BFGS-B",
-            bounds=[(-1.0, 1.0)] * (len(start) * len(free)),
-            constraints=constraints,
-            options=options,
-        )
-        moved = design(np.clip(found.x, -1.0, 1.0))
-        out = self.region.slack(moved) < 0.0
-        moved[out] = search.bisect(start[out], moved[out], self.region.slack)
-        return moved
+        return lower(self.region, start, lambda points: self.value(points, power))
 
     def exchange(self, start: FloatArray, power: float) -> FloatArray:
         """The design (n, k) with the levels of discrete and categorical factors exchanged, one run at a time."""

@@ -371,4 +371,4 @@ def test_catalog_knows_sensors_platforms_and_tables() -> None:
 def test_doctor_warms_up() -> None:
     document = json.loads(ok("doctor", "--json"))
     assert document["packages"]["numba"]
-    assert set(document["warm_up_s"]) == {"design", "simulation"}
+    assert set(document["warm_up_s"]) == {"simulation"}

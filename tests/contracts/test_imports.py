@@ -23,7 +23,7 @@ HOMES = {
     "alembic": ("store/",),
     "pydantic": ("spec/",),
     "emcee": ("fit/ensemble",),
-    "numba": ("jit.py", "simulate/radar/kernels", "simulate/radiometer/kernels", "simulate/kernels", "design/kernels"),
+    "numba": ("jit.py", "simulate/radar/kernels", "simulate/radiometer/kernels", "simulate/kernels"),
     "pandas": ("score/source.py", "cli/notebook.py"),
     "distributed": ("simulate/cluster.py",),
     "tifffile": ("scene/", "campaign/", "simulate/", "cli/"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import threading
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.optimal import optimal_design
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import DesignError
 from seqrsm.fit.ensemble import sample_posterior
 
 FACTORS = tuple(ContinuousFactor(name, -1.0, 1.0) for name in "xyz")
@@ -41,23 +39,13 @@ def test_a_search_tells_its_count_and_finds_the_same_design(constraints):
     region, model = Region(FACTORS, constraints), QuadraticModel(FACTORS)
 
     def work():
-        return optimal_design(model, region, 13, seed=3, starts=400 if not constraints else 6)
+        return optimal_design(model, region, 13, seed=3, starts=30)
 
     silent = work()
     loud, told = heard_of(work)
     np.testing.assert_array_equal(loud.points, silent.points)
     counts = rising(told, "searching the design")
     assert counts[-1][1] == silent.starts
-
-
-def test_what_a_search_refuses_reaches_the_caller():
-    region, model = Region(FACTORS), QuadraticModel(FACTORS)
-    with progress.listening(lambda *_: None), pytest.raises(DesignError):
-        optimal_design(model, region, 3)
-    before = threading.active_count()
-    with progress.listening(lambda *_: None):
-        optimal_design(model, region, 12, starts=5)
-    assert threading.active_count() == before
 
 
 def test_a_sampler_tells_its_steps_and_draws_the_same():
@@ -73,11 +61,9 @@ def test_a_sampler_tells_its_steps_and_draws_the_same():
 def test_nobody_hears_outside_and_inside_a_silence():
     told = []
     progress.tell("a", 1, 2)
-    assert not progress.heard()
     with progress.listening(lambda *what: told.append(what)):
         progress.tell("b", 1, 2)
         with progress.listening(None):
             progress.tell("c", 1, 2)
         progress.tell("d", 2, 2)
     assert told == [("b", 1, 2), ("d", 2, 2)]
-    assert not progress.heard()
