@@ -13,7 +13,14 @@ from seqrsm.analysis.runs import occasion_of
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import rounded_settings
-from seqrsm.campaign.pictures import (
+from seqrsm.campaign.simulation import NO_RUN, scene_at, score_images, simulate_images, task_of
+from seqrsm.campaign.status import latest_look
+from seqrsm.design.factors import CategoricalFactor, settings_text, span
+from seqrsm.design.region import Region
+from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
+from seqrsm.progress import tell
+from seqrsm.score.classification import UtilityScore
+from seqrsm.simulate.pictures import (
     GreyScale,
     Picture,
     grey_scales,
@@ -24,13 +31,6 @@ from seqrsm.campaign.pictures import (
     write_npz,
     write_png,
 )
-from seqrsm.campaign.simulation import NO_RUN, scene_at, score_images, simulate_images, task_of
-from seqrsm.campaign.status import latest_look
-from seqrsm.design.factors import CategoricalFactor, settings_text, span
-from seqrsm.design.region import Region
-from seqrsm.errors import ConfigurationError, Problem, RegionError, ScatteringDataError, UserError
-from seqrsm.progress import tell
-from seqrsm.score.classification import UtilityScore
 from seqrsm.spec.read import fixed_problem
 
 if TYPE_CHECKING:

@@ -275,7 +275,7 @@ class Campaign:
             settings, scores and a summary are attributes.
         """
         from seqrsm.campaign.images import simulated
-        from seqrsm.campaign.pictures import labelled_arrays, picture_of
+        from seqrsm.simulate.pictures import labelled_arrays, picture_of
 
         given = {**(settings or {}), **more}
         texts = [f"{name}={value}" for name, value in given.items()]

@@ -44,7 +44,7 @@ def design(
     as_json: AsJson = False,
 ) -> None:
     """Search a stand-alone optimal design for the quadratic model, or make a classical one, and judge it."""
-    from seqrsm.campaign.standalone import DesignRequest, standalone_design
+    from seqrsm.cli.designs import DesignRequest, standalone_design
     from seqrsm.cli.show import show_design
 
     request = DesignRequest(

@@ -6,7 +6,7 @@ import numpy as np
 import prm_cases
 
 from seqrsm.campaign.images import _on_ground
-from seqrsm.campaign.pictures import grey_scales, greytones, picture_of
+from seqrsm.simulate.pictures import grey_scales, greytones, picture_of
 
 
 def test_radiometer_pictures_lie_on_the_ground_truth():
