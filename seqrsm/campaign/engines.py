@@ -19,6 +19,7 @@ from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
+from seqrsm.score.known_map import KnownMap
 from seqrsm.score.utilities import UTILITIES, asked_for
 from seqrsm.sensor import radar, radiometer
 from seqrsm.sensor.hardware import Limit, limits
@@ -197,12 +198,18 @@ def check_utility(text: str, engines: Collection[str], *, several: bool) -> None
         raise SpecError(Problem("this engine cannot score the utility", remedy, field=_FIELD, value=text))
 
 
-def score_by(text: str, images: Sequence[Image], scene: Scene, *, seed: int, run_id: int) -> UtilityScore:
-    """Score of images by a utility; a function of the user's own is given the image, or all where there are several."""
+def score_by(
+    text: str, images: Sequence[Image], scene: Scene, *, seed: int, run_id: int, known: KnownMap | None = None
+) -> UtilityScore:
+    """Score of images by a utility; a function of the user's own is given the image, or all where there are several.
+
+    ``known``: a map that is there already, for utilities that classify.
+    """
     if ":" in text:
         return call_utility(text, images[0] if len(images) == 1 else images, scene, seed=seed, run_id=run_id)
     asked = asked_for(text)
-    score: UtilityScore = own_function(asked.row.function)(images, scene, asked, seed=seed, run_id=run_id)
+    more = {"known": known} if known is not None and asked.row.classifies else {}
+    score: UtilityScore = own_function(asked.row.function)(images, scene, asked, seed=seed, run_id=run_id, **more)
     return score
 
 

@@ -114,6 +114,7 @@ def spec_files(spec: CampaignSpec) -> tuple[Path, ...]:
         return ()
     fixed = (spec.simulator.fixed.get(name) for name in ENGINES[spec.simulator.engine].files)
     paths = [spec.scene_path, *(spec.folder / str(name) for name in (spec.simulator.table, *fixed) if name)]
+    paths += [spec.folder / spec.simulator.known_map] if spec.simulator.known_map else []
     paths += [Path(file) for name in own_functions(spec) if (file := file_of(located(spec.folder, name)))]
     return tuple(dict.fromkeys(path for path in paths if path.is_file()))
 

@@ -26,6 +26,8 @@ from seqrsm.scene.coarse import cells_in_one, coarse_scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
+from seqrsm.score.known_map import known_map_at
+from seqrsm.score.utilities import utility_of
 from seqrsm.simulate.cluster import local_file
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore
@@ -61,6 +63,8 @@ class SimulationTask:
     world : int, (str, float) or None
         Number of the world (`seqrsm.scattering.worlds`); a cover whose mean alone is off by so many of its standard
         deviations; None: the table's own means.
+    known_map : str
+        Path of the confusion table of a map that is there already, "" for none.
     """
 
     engine: str
@@ -75,6 +79,7 @@ class SimulationTask:
     occasion: int | None = None
     members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     world: int | tuple[str, float] | None = None
+    known_map: str = ""
 
     @property
     def acquisitions(self) -> tuple[Acquisition, ...]:
@@ -154,6 +159,7 @@ def task_of(
         cells,
         occasion,
         spec.simulator.members,
+        known_map=str(spec.folder / spec.simulator.known_map) if spec.simulator.known_map else "",
     )
     return task if run_id == NO_RUN else replace(task, world=task.stream)
 
@@ -204,7 +210,11 @@ def simulate_images(task: SimulationTask, scene: Scene, threads: int = 1) -> lis
 
 def score_images(task: SimulationTask, utility: str, images: Sequence[Image], scene: Scene) -> UtilityScore:
     """Score of a task's images by a utility; several are scored together."""
-    return score_by(utility, images, scene, seed=task.seed, run_id=task.stream)
+    known = None
+    if task.known_map:
+        ground = task.world if isinstance(task.world, int) else task.stream
+        known = replace(known_map_at(task.known_map, modified_ns(task.known_map), scene.categories), key=ground)
+    return score_by(utility, images, scene, seed=task.seed, run_id=task.stream, known=known)
 
 
 def detail_of(task: SimulationTask) -> float:
@@ -259,7 +269,7 @@ def files_of(task: SimulationTask) -> frozenset[str]:
     own = (str(task.fixed[name]) for name in engine.files if task.fixed.get(name))
     functions = (str(task.fixed.get(name, "")) for name in engine.functions)
     code = (file_of(name) for name in (*(utility for _, utility in task.utilities), *functions))
-    return frozenset(path for path in (task.scene, task.table, *own, *code) if path)
+    return frozenset(path for path in (task.scene, task.table, task.known_map, *own, *code) if path)
 
 
 def on_this_machine(task: SimulationTask) -> SimulationTask:
@@ -269,7 +279,8 @@ def on_this_machine(task: SimulationTask) -> SimulationTask:
     functions = {name: _local_function(str(task.fixed[name])) for name in engine.functions if name in task.fixed}
     utilities = tuple((application, _local_function(name)) for application, name in task.utilities)
     fixed = {**task.fixed, **own, **functions}
-    return replace(task, scene=local_file(task.scene), table=local_file(task.table), fixed=fixed, utilities=utilities)
+    scene, table, known_map = (local_file(path) for path in (task.scene, task.table, task.known_map))
+    return replace(task, scene=scene, table=table, known_map=known_map, fixed=fixed, utilities=utilities)
 
 
 def _local_function(name: str) -> str:
@@ -307,6 +318,10 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
+    if spec.simulator.known_map and not any(utility_of(one.utility).classifies for one in spec.applications):
+        text = "no utility of this campaign names covers, so that a map adds nothing"
+        remedy = "Remove known_map, or add an [[application]] that classifies."
+        raise SpecError(Problem(text, remedy, str(spec.folder / SPEC_NAME), field="[simulator] known_map"))
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
     combinations = _check_sensors(spec)
     first = carry_out(centre)

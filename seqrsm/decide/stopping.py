@@ -385,7 +385,7 @@ class Look:
     model_p : float, optional
         p of the F test that no term but the intercept matters.
     guess : float or None
-        What a guess that looks at nothing scores; None where it is not known.
+        What would be scored without an image; None where it is not known.
     lead : float
         By how much the mean at the optimum is better than that, score units.
     """
@@ -503,11 +503,11 @@ def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
 
 
 def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
-    said = f"A guess that looks at nothing scores {amount(guess, unit)}"
+    said = f"Without an image {amount(guess, unit)} would be scored"
     if lead > width:
         return Check("guess", True, f"{said}; the optimum is better by {amount(lead, unit)}.")
     away = f"better by {amount(lead, unit)}" if lead > 0.0 else "no better"
-    text = f"{said}; the optimum is {away}, and its interval holds that: no setting is seen to measure anything."
+    text = f"{said}; the optimum is {away}, and its interval holds that: no setting is seen to add anything."
     return Check("guess", False, text)
 
 

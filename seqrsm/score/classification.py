@@ -129,9 +129,23 @@ def named(evidence: Evidence, by: Taught, favoured: Sequence[int] = (), bonus: f
     centre, scale, known_scale, constant = by.laws
     constant = constant.copy()
     constant[:, list(favoured)] += bonus
-    laws = (centre, scale, known_scale, constant)
-    confusion = kernels_classify.name_classes(evidence.features, evidence.counts, evidence.tile, by.half, *laws)
+    n = evidence.counts.shape[1]
+    confusion = np.zeros((len(by.half), n, n), dtype=np.int64)
+    for label, said in enumerate(evidence.log_share):
+        counts = evidence.counts
+        if evidence.label is not None:
+            counts = np.where((evidence.label == label)[:, None], counts, 0)
+        laws = (centre, scale, known_scale, constant + said)
+        confusion += kernels_classify.name_classes(evidence.features, counts, evidence.tile, by.half, *laws)
     return Classified(confusion[by.seen], by.classes)
+
+
+def by_map_alone(evidence: Evidence) -> Taught:
+    """Laws under which what images show tells nothing, so that the map that is there already names the ground."""
+    seen, half = _halves_of(evidence)
+    (d, _), (_, n), c = evidence.features.shape, evidence.counts.shape, evidence.covariates
+    laws = (np.zeros((2, n, d)), np.zeros((2, n, d, d)), np.zeros((2, n, c, c)), np.zeros((2, n)))
+    return Taught(seen, half, laws, np.ones(n, dtype=bool))
 
 
 def classify_by_forest(evidence: Evidence) -> Classified:
@@ -158,15 +172,18 @@ def classify_by_forest(evidence: Evidence) -> Classified:
     alone, own = int(seen.sum()) == 1, half[tile]
     most = evidence.teaching.argmax(axis=1)
     weight = np.take_along_axis(evidence.teaching, most[:, None], axis=1)[:, 0]
+    features = evidence.features
+    if evidence.label is not None:
+        features = np.vstack([features, evidence.log_share[evidence.label].T])
     for tested in (0, 1):
         test = np.flatnonzero((own == tested) & (counts.sum(axis=1) > 0))
         teach = np.flatnonzero(((own == tested) if alone else (own != tested)) & (weight > 0))
         if not len(test) or not len(teach):
             continue
         forest = RandomForestClassifier(100, class_weight="balanced", random_state=tested, n_jobs=1)
-        forest.fit(evidence.features[:, teach].T, most[teach], weight[teach])
+        forest.fit(features[:, teach].T, most[teach], weight[teach])
         taught[forest.classes_] = True
-        named = forest.predict(evidence.features[:, test].T)
+        named = forest.predict(features[:, test].T)
         for k in range(counts.shape[1]):
             np.add.at(confusion[:, k], (tile[test], named), counts[test, k])
     return Classified(confusion[seen], taught)

@@ -15,7 +15,9 @@ from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.score.classification import (
     Classified,
+    Taught,
     UtilityScore,
+    by_map_alone,
     classify,
     classify_by_forest,
     cluster_ratio,
@@ -28,6 +30,7 @@ from seqrsm.score.utilities import Asked
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
     from seqrsm.score.evidence import Image
+    from seqrsm.score.known_map import KnownMap
 
 FALSE_ALARMS: Final = 0.05
 """Share of other ground that may be taken for the cover sought."""
@@ -35,7 +38,9 @@ FALSE_ALARMS: Final = 0.05
 _GROUPS: Final = 400  # of tiles, for a jackknife
 
 
-def score_cover(images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int) -> UtilityScore:
+def score_cover(
+    images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int, known: KnownMap | None = None
+) -> UtilityScore:
     """Score of the covers that a Gaussian classifier names; see `seqrsm.score.classification.classify`.
 
     Parameters
@@ -48,13 +53,15 @@ def score_cover(images: Sequence[Image], scene: Scene, asked: Asked, *, seed: in
         Measure, covers and unit of ground.
     seed, run_id : int
         Key of the split into halves: the sample of training fields is part of the run's randomness.
+    known : KnownMap, optional
+        A map that is there already: the classifier knows its labels too, and the floor is what it scores alone.
 
     Raises
     ------
     SceneError
         No scored cell lies in the finest image, or none of the covers asked for.
     """
-    evidence = evidence_of(images, scene, by=asked.by, seed=seed, run_id=run_id)
+    evidence = evidence_of(images, scene, by=asked.by, seed=seed, run_id=run_id, known=known)
     return score_evidence(evidence, scene.categories, asked)
 
 
@@ -93,9 +100,10 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         remedy = f"The scene has {', '.join(categories)}."
         raise SceneError(Problem("no such cover", remedy, field="[[application]] utility", value=", ".join(unknown)))
     covers = [categories.index(name) for name in asked.covers]
-    found = classify_by_forest(evidence) if asked.classifier == "random_forest" else classify(evidence)
     if asked.name == "detection":
-        found = _at_false_alarms(evidence, found, covers)
+        found = _at_false_alarms(evidence, taught(evidence), covers)
+    else:
+        found = classify_by_forest(evidence) if asked.classifier == "random_forest" else classify(evidence)
     by_tile = found.confusion
     total = by_tile.sum(axis=0)
     true = total.sum(axis=1)
@@ -116,6 +124,11 @@ def score_evidence(evidence: Evidence, categories: Sequence[str], asked: Asked) 
         "per_class_percent": {categories[k]: 100.0 * float(total[k, k]) / float(n) for k, n in enumerate(true) if n},
     }
     guess, perfect = ends_of(true, asked.name, covers)
+    if evidence.label is not None:
+        by = by_map_alone(evidence)
+        alone = _at_false_alarms(evidence, by, covers) if asked.name == "detection" else named(evidence, by)
+        by_map = float(measure(alone.confusion.sum(axis=0), asked.name, covers))
+        guess = min(guess, by_map) if asked.row.is_error else max(guess, by_map)
     return UtilityScore(value, se, guess, perfect, int(true.sum()), len(by_tile), total, details)
 
 
@@ -198,7 +211,7 @@ def _jackknife(by_tile: IntArray, name: str, covers: Sequence[int]) -> float:
     )
 
 
-def _at_false_alarms(evidence: Evidence, found: Classified, covers: Sequence[int]) -> Classified:
+def _at_false_alarms(evidence: Evidence, by: Taught, covers: Sequence[int]) -> Classified:
     """The names when the covers are favoured so much that `FALSE_ALARMS` of other ground is taken for them."""
 
     def alarms(confusion: IntArray) -> float:
@@ -206,9 +219,9 @@ def _at_false_alarms(evidence: Evidence, found: Classified, covers: Sequence[int
         other = np.delete(total, covers, axis=0)
         return float(other[:, list(covers)].sum() / max(int(other.sum()), 1))
 
-    if not np.delete(found.confusion.sum(axis=(0, 2)), covers).any():
+    if not np.delete(evidence.counts.sum(axis=0), covers).any():
         raise SceneError(Problem("the image has no other ground than these covers", field="utility"))
-    by, low, high = taught(evidence), -1.0, 1.0
+    low, high = -1.0, 1.0
 
     def at(bonus: float) -> Classified:
         return named(evidence, by, covers, bonus)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -19,10 +19,12 @@ from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.score import kernels_classify
+from seqrsm.score.known_map import labels_of_units
 from seqrsm.simulate.radar.result import RadarImage
 
 if TYPE_CHECKING:
     from seqrsm.scene.scene import Scene
+    from seqrsm.score.known_map import KnownMap
     from seqrsm.simulate.radiometer.result import RadiometerImage
 
     Image: TypeAlias = RadarImage | RadiometerImage
@@ -84,6 +86,10 @@ class Evidence:
         Cells with which a unit teaches each class.
     unit_of_cell : int32 array (rows, columns) or None
         Field that each cell of the scene belongs to, -1 for none; None where units are pixels.
+    label : int64 array (n,) or None
+        Label of each unit in a map that is there already; None without one.
+    log_share : float64 array (n_labels, n_classes)
+        What each label says for each class, see `seqrsm.score.known_map`.
     """
 
     features: FloatArray
@@ -93,10 +99,19 @@ class Evidence:
     covariates: int
     teaching: AnyArray
     unit_of_cell: AnyArray | None = None
+    label: IntArray | None = None
+    log_share: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
 
 
 def evidence_of(
-    images: Sequence[Image], scene: Scene, *, by: str = "pixel", seed: int, run_id: int, tile_m: float | None = None
+    images: Sequence[Image],
+    scene: Scene,
+    *,
+    by: str = "pixel",
+    seed: int,
+    run_id: int,
+    tile_m: float | None = None,
+    known: KnownMap | None = None,
 ) -> Evidence:
     """What images of one ground show of it together.
 
@@ -113,6 +128,8 @@ def evidence_of(
         Key of the split of tiles into halves.
     tile_m : float, optional
         Side of a tile [m].
+    known : KnownMap, optional
+        A map of the ground that is there already.
     """
     base = min(images, key=_side_m)
     pixels = pixels_of(base, scene, seed=seed, run_id=run_id, tile_m=tile_m)
@@ -139,7 +156,11 @@ def evidence_of(
     layers = _in_db(layers, is_power, counts)
     if np.isnan(layers).any():
         _fill_unseen(layers, np.asarray(counts.sum(axis=1) > 0))
-    return Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, unit)
+    found = Evidence(layers, counts, tile, pixels.keys, len(angles), teaching, unit)
+    if known is None:
+        return found
+    label = labels_of_units(known, scene, pixels.pixel if unit is None else unit, len(counts), seed)
+    return replace(found, label=label, log_share=known.log_share)
 
 
 def layers_of(image: Image, *, smooth: bool = False) -> AnyArray:

@@ -445,9 +445,9 @@ def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: 
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
-    """Scene and table exist, and no sensor parameter is both a factor and fixed; ``table`` as written."""
+    """Scene, table and map exist, and no sensor parameter is both a factor and fixed; ``table`` as written."""
     fixed = table.get("fixed")
-    for key, more in (("scene", "; `seqrsm scene import` makes one"), ("table", "")):
+    for key, more in (("scene", "; `seqrsm scene import` makes one"), ("table", ""), ("known_map", "")):
         file = table.get(key)
         if isinstance(file, str) and file and not (folder / file).is_file():
             remedy = f"Give its path from the campaign's folder{more}."

@@ -53,7 +53,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
     default as worlds differ, where simulations measured that, else the standard deviation of the scores over 5.
 ``[simulator]``, absent in a campaign fed by measured scores only
     ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
-    sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``tolerance`` (0: none):
+    sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``known_map`` (none): a CSV
+    file, the confusion table of a map of the covers that is there already; ``tolerance`` (0: none):
     accepted error of a simulated score, in score units; cells of the data base are then averaged as far as measured
     differences stay within it, see :mod:`seqrsm.campaign.tradeoff`; ``common_random_numbers`` (none:
     each run meets an occasion of its own): so many runs, at least 2, share an occasion and all its random numbers, and

@@ -317,12 +317,13 @@ class SimulatorSpec(Table):
     engine: Literal["psm", "prm"]
     scene: Annotated[str, Field(min_length=1)]
     table: str = ""
+    known_map: str = ""
     tolerance: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
     common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
     fixed: dict[str, Number | str] = Field(default_factory=dict)
     members: dict[str, dict[str, Number | str]] = Field(default_factory=dict)
 
-    LATER = ("common_random_numbers", "members")
+    LATER = ("common_random_numbers", "members", "known_map")
     GONE = {"fidelity": ("auto", "Remove it: every run is simulated in full, or as `tolerance` allows.")}
 
 

@@ -12,6 +12,8 @@ from typer.testing import CliRunner, Result
 from seqrsm import __version__
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.experiment import EXPERIMENT, experiment_of, see_experiment
+from seqrsm.campaign.export import spec_files
+from seqrsm.campaign.simulation import carry_out, files_of, scene_at, task_of
 from seqrsm.cli.app import app
 from seqrsm.spec.read import load_spec
 from seqrsm.store.store import Store
@@ -141,6 +143,35 @@ def test_a_table_that_comes_or_goes_is_named(begun) -> None:
     assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
     changed(begun, "campaign.toml", '\ntable = "own.csv"', "")
     assert "were simulated from this file, which is read no more" in run(begun, "--max-runs", "20").output
+
+
+def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp_path, tiny_scene) -> None:
+    folder = make_tiny(tmp_path / "c", tiny_scene, TINY.replace('"percent_correct"', '"percent_correct by field"'))
+    plain = Campaign.open(folder)
+    categories = scene_at(str(plain.spec.scene_path)).categories
+    task = task_of(plain.spec, 1, plain.spec.region.decode(plain.spec.region.centre())[0])
+    before = carry_out(task).scores[0]
+    changed(folder, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\nknown_map = "old.csv"')
+    missing = RUNNER.invoke(app, ["check", str(folder)])
+    assert missing.exit_code == 2
+    assert "known_map: there is no such file" in missing.output.replace("\n", " ")
+    rows = [",".join([name, *("90" if name == other else "0" for other in categories)]) for name in categories]
+    (folder / "old.csv").write_text("\n".join(["cover," + ",".join(categories), *rows]) + "\n", encoding="utf-8")
+    spec = load_spec(folder)
+    task = task_of(spec, 1, spec.region.decode(spec.region.centre())[0])
+    after = carry_out(task).scores[0]
+    assert after.metadata["guess"] == after.score == 100.0
+    assert before.metadata["guess"] < before.score < 100.0
+    changed(folder, "old.csv", ",0", ",5")
+    assert str(folder / "old.csv") in files_of(task)
+    assert folder / "old.csv" in spec_files(spec)
+    assert run(folder, "--max-runs", "14").exit_code in (0, 3)
+    changed(folder, "old.csv", ",90", ",70")
+    refused = run(folder, "--max-runs", "17")
+    assert refused.exit_code == 2
+    assert "old.csv: the file is not the one" in refused.output
+    changed(folder, "campaign.toml", '"percent_correct by field"', '"soil_moisture_skill"')
+    assert "a map adds nothing" in RUNNER.invoke(app, ["check", str(folder)]).output.replace("\n", " ")
 
 
 def test_comments_targets_and_tolerances_are_no_change(begun) -> None:

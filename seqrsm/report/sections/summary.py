@@ -185,9 +185,7 @@ def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
     if not (math.isfinite(guess) and math.isfinite(perfect)):
         return []
     ends = f"{score_text(analysis, guess, unit=False)} and {score_text(analysis, perfect)}"
-    return [
-        ("Guess and perfect data", ends, "what would be scored by looking at nothing, and by an image without fault")
-    ]
+    return [("Guess and perfect data", ends, "what would be scored without an image, and by one without fault")]
 
 
 def _deciding(analysis: Analysis) -> str:

@@ -1,0 +1,142 @@
+"""A map of the cover that is there already, by how it errs: what new images add to it is then what a score tells.
+
+Such a map is given by its confusion table, as its validation found it: a row for each cover of the ground, a column for
+each label of the map, in cells, counts or per cent. A label may tell nothing, such as ``cloud``. The map gives each
+field one label, rightly or wrongly; the classifier knows the table, and weighs a unit's label by it beside what images
+show. A classifier that looks at the map alone is the score's floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.errors import Problem, SceneError
+from seqrsm.rng import generator
+from seqrsm.scene.layers import categories_of_fields
+from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.score.source import table_text
+from seqrsm.score.table import read_table
+
+_LEAST_SHARE = 1e-3  # of a label that the table never saw with a cover: no table is large enough to rule it out
+_NUMBERS = "Give counts or per cent, 0 or more."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownMap:
+    """How a map names the ground.
+
+    Attributes
+    ----------
+    labels : tuple of str
+    share : float64 array (n_classes, n_labels)
+        Share of each cover's ground that has each label; rows sum to 1.
+    key : int
+        Of what it names wrongly: the same for all images of one ground.
+    """
+
+    labels: tuple[str, ...]
+    share: FloatArray
+    key: int = 0
+
+    @property
+    def log_share(self) -> FloatArray:
+        """What each label says for each class, (n_labels, n_classes): natural logarithm of the share."""
+        return np.asarray(np.log(np.maximum(self.share, _LEAST_SHARE)).T)
+
+    def label_of_cells(self, scene: Scene, seed: int) -> IntArray:
+        """Label (rows, columns) that it gives each cell of a scene; a field has one label."""
+        cover = categories_of_fields(scene).astype(np.int64)
+        known = cover < len(self.share)
+        reached = np.cumsum(self.share, axis=1)[np.where(known, cover, 0)]
+        drawn = generator(seed, self.key, "known map").random(len(cover))
+        label = np.minimum(np.sum(drawn[:, None] >= reached, axis=1), len(self.labels) - 1)
+        return np.asarray(label[scene.field_id], dtype=np.int64)
+
+
+def load_known_map(path: Path, categories: Sequence[str], key: int = 0) -> KnownMap:
+    """Read a map's confusion table: ``cover`` and a column for each label, separated as scores may be.
+
+    Parameters
+    ----------
+    path : Path
+    categories : sequence of str
+        Covers of the scene: the table must have a row for each, and may have more.
+    key : int
+        As of `KnownMap`.
+
+    Raises
+    ------
+    SceneError, ScoresFileError
+        Every cell that is no share, covers that are missing, given twice or without any ground.
+    """
+    text = table_text(path)
+    table = read_table(text.name, text.data, lambda cell: cell.strip().lower() == "cover")
+    header = [cell.strip() for cell in table.header]
+    place = next((i for i, cell in enumerate(header) if cell.lower() == "cover"), None)
+    labels = [cell for i, cell in enumerate(header) if i != place]
+    problems: list[Problem] = []
+
+    def wrong(message: str, remedy: str, line: int, field: str = "", value: object = None) -> None:
+        problems.append(Problem(message, remedy, str(path), line, field or None, value))
+
+    if place is None or len(labels) < 2 or "" in labels or len(set(labels)) < len(labels):
+        wrong("this is no confusion table", "Head it: cover, and two labels or more.", table.header_line)
+        raise SceneError(*problems)
+    rows: dict[str, FloatArray] = {}
+    for line, cells in table.rows:
+        cover, row = cells[place].strip() if place < len(cells) else "", []
+        for label, cell in zip(labels, (c for i, c in enumerate(cells) if i != place), strict=False):
+            try:
+                row.append(float(cell))
+            except ValueError:
+                row.append(np.nan)
+            if not 0.0 <= row[-1] < np.inf:
+                wrong("a share must be a number", _NUMBERS, line, label, cell)
+        if len(cells) != len(header):
+            wrong(f"the row has {len(cells)} cells, the header {len(header)}", "Give one to each label.", line)
+        elif cover in rows:
+            wrong("a cover is given twice", "Leave one.", line, "cover", cover)
+        elif not sum(row) > 0.0:
+            wrong("a cover has no ground", _NUMBERS, line, "cover", cover)
+        rows[cover] = np.array(row)
+    missing = [name for name in categories if name not in rows]
+    if missing and not problems:
+        remedy = f"Add a row for each; the table has {', '.join(rows)}."
+        wrong(
+            "the map knows nothing of these covers of the scene", remedy, table.header_line, "cover", ", ".join(missing)
+        )
+    if problems:
+        raise SceneError(*problems)
+    share = np.array([rows[name] / rows[name].sum() for name in categories])
+    return KnownMap(tuple(labels), share, key)
+
+
+def labels_of_units(known: KnownMap, scene: Scene, unit: AnyArray, n_units: int, seed: int) -> IntArray:
+    """Label (n_units,) of each unit of ground: that of one of its scored cells; 0 where it has none.
+
+    Parameters
+    ----------
+    known : KnownMap
+    scene : Scene
+    unit : int array (rows, columns)
+        Unit of each cell, -1 for none.
+    n_units : int
+    seed : int
+    """
+    cells = np.flatnonzero((unit >= 0) & scene.scored & (scene.cover != NO_COVER))
+    found = np.zeros(n_units, dtype=np.int64)
+    found[unit.ravel()[cells]] = known.label_of_cells(scene, seed).ravel()[cells]
+    return found
+
+
+@lru_cache(maxsize=4)
+def known_map_at(path: str, modified_ns: int, categories: tuple[str, ...]) -> KnownMap:
+    """`load_known_map`, once as long as the file stays."""
+    del modified_ns
+    return load_known_map(Path(path), categories)

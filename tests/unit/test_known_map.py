@@ -1,0 +1,135 @@
+"""A map that is there already: its table as read, its labels as drawn, and what images add, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from test_cover_measures import IMAGE, KEY, SCENE
+
+from seqrsm.errors import UserError
+from seqrsm.score.classification import by_map_alone, classify_by_forest, named
+from seqrsm.score.cover import FALSE_ALARMS, score_cover, score_evidence
+from seqrsm.score.evidence import Evidence, evidence_of
+from seqrsm.score.known_map import KnownMap, labels_of_units, load_known_map
+from seqrsm.score.utilities import Asked, asked_for
+
+TABLE = "cover,wheat,maize,cloud\nWheat,60,20,20\nCorn,10,30,10\nGrass,1,1,2\nVegetables,0,5,5\n"
+
+
+def written(folder: Path, text: str = TABLE) -> Path:
+    path = folder / "map.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_table_is_read_as_shares_of_each_cover(tmp_path: Path) -> None:
+    known = load_known_map(written(tmp_path), ("Corn", "Wheat"))
+    assert known.labels == ("wheat", "maize", "cloud")
+    np.testing.assert_allclose(known.share, [[0.2, 0.6, 0.2], [0.6, 0.2, 0.2]])
+    semicolons = TABLE.replace(",", ";")
+    np.testing.assert_array_equal(load_known_map(written(tmp_path, semicolons), ("Corn", "Wheat")).share, known.share)
+    # What was never seen is not ruled out.
+    vegetables = load_known_map(tmp_path / "map.csv", ("Vegetables",))
+    np.testing.assert_allclose(vegetables.log_share[:, 0], np.log([1e-3, 0.5, 0.5]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("cover,", "kind,", "no confusion table"),
+        (",maize,", ",wheat,", "no confusion table"),
+        ("60,20", "60,many", "csv:2: maize.*must be a number.*many"),
+        ("60,20", "60,-20", "csv:2: maize.*0 or more"),
+        ("60,20", "60,nan", "csv:2: maize.*must be a number"),
+        ("10,30,10", "10,30", "csv:3:.*the row has 3 cells, the header 4"),
+        ("10,30,10", "0,0,0", "csv:3:.*no ground"),
+        ("Corn", "Wheat", "csv:3:.*given twice"),
+        ("Corn", "Maize", "nothing of these covers.*Corn"),
+    ],
+)
+def test_a_wrong_table_is_told_with_its_place(tmp_path: Path, old: str, new: str, words: str) -> None:
+    with pytest.raises(UserError, match=f"(?s){words}"):
+        load_known_map(written(tmp_path, TABLE.replace(old, new, 1)), ("Wheat", "Corn"))
+
+
+def of(share: list[list[float]], key: int = 0) -> KnownMap:
+    return KnownMap(tuple(f"label {k}" for k in range(len(share[0]))), np.array(share), key)
+
+
+BLURRED = of([[0.7, 0.1, 0.1, 0.1], [0.1, 0.7, 0.1, 0.1], [0.1, 0.1, 0.7, 0.1], [0.1, 0.1, 0.1, 0.7]])
+"""Right for 7 fields of 10."""
+
+
+def test_fields_have_one_label_each_drawn_by_the_table() -> None:
+    labels = BLURRED.label_of_cells(SCENE, 3)
+    for field in (0, 17, 399):
+        assert np.ptp(labels[SCENE.field_id == field]) == 0
+    first = np.unique(SCENE.field_id, return_index=True)[1]
+    cover, label = SCENE.cover.ravel()[first], labels.ravel()[first]
+    assert np.mean(cover == label) == pytest.approx(0.7, abs=3.5 * math.sqrt(0.21 / len(first)))
+    # Another ground has other errors, the same ground the same.
+    np.testing.assert_array_equal(BLURRED.label_of_cells(SCENE, 3), labels)
+    assert np.any(replace(BLURRED, key=1).label_of_cells(SCENE, 3) != labels)
+
+
+def test_units_take_the_label_of_their_cells() -> None:
+    labels = BLURRED.label_of_cells(SCENE, 3)
+    unit = np.arange(SCENE.cover.size).reshape(SCENE.cover.shape)
+    np.testing.assert_array_equal(labels_of_units(BLURRED, SCENE, unit, unit.size, 3), labels.ravel())
+
+
+def test_what_a_map_adds_to_one_feature_is_the_closed_form() -> None:
+    """Two equally likely classes at +-m under unit noise, and a label that is right with probability p.
+
+    The likelihood ratio is 2 m x + logit(p), so that Phi(m + logit(p) / 2m) is right where the label is, and
+    Phi(m - logit(p) / 2m) where it is not.
+    """
+    rng, n, m, p = np.random.default_rng(4), 200_000, 0.6, 0.8
+    truth = rng.integers(0, 2, n)
+    label = np.where(rng.random(n) < p, truth, 1 - truth)
+    counts = np.eye(2, dtype=np.int64)[truth]
+    features = rng.standard_normal((1, n)) + m * (2 * truth - 1)
+    known = of([[p, 1 - p], [1 - p, p]])
+    tile = np.arange(n) // 50
+    evidence = Evidence(features, counts, tile, rng.random(n // 50), 0, counts, label=label, log_share=known.log_share)
+    shift = math.log(p / (1 - p)) / (2 * m)
+    wanted = 100 * (p * norm.cdf(m + shift) + (1 - p) * norm.cdf(m - shift))
+    found = score_evidence(evidence, ("a", "b"), Asked("percent_correct"))
+    chance = 100 * math.sqrt(0.25 / n)
+    assert found.value == pytest.approx(wanted, abs=4 * chance)
+    assert found.guess == pytest.approx(100 * p, abs=4 * chance)  # the map alone
+    without = score_evidence(replace(evidence, label=None, log_share=np.zeros((1, 1))), ("a", "b"), Asked("kappa"))
+    assert without.value == pytest.approx(2 * norm.cdf(m) - 1, abs=8 * chance / 100)
+    # Detection where 5 % of the other class is let through: the map alone finds p, or less.
+    sought = score_evidence(evidence, ("a", "b"), Asked("detection", ("b",)))
+    assert 100 * FALSE_ALARMS <= sought.guess <= 100 * p
+    assert sought.value > sought.guess
+
+
+def test_a_perfect_map_leaves_nothing_to_name_and_clouds_add_nothing() -> None:
+    perfect = of(np.eye(4).tolist())
+    for by in ("pixel", "field"):
+        asked = asked_for(f"percent_correct by {by}")
+        plain = score_cover([IMAGE], SCENE, asked, **KEY)
+        clouds = score_cover([IMAGE], SCENE, asked, known=of([[0.5, 0.5]] * 4), **KEY)
+        assert clouds.value == plain.value
+        assert clouds.guess == plain.guess
+        whole = score_cover([IMAGE], SCENE, asked, known=perfect, **KEY)
+        assert whole.value > 95.0 if by == "pixel" else whole.value == 100.0
+        both = score_cover([IMAGE], SCENE, asked, known=BLURRED, **KEY)
+        assert both.guess > plain.guess + 20.0
+        assert both.value > max(both.guess, plain.value)
+
+
+def test_a_forest_is_told_of_the_map_too() -> None:
+    plain = evidence_of([IMAGE], SCENE, by="field", **KEY)
+    told = evidence_of([IMAGE], SCENE, by="field", known=BLURRED, **KEY)
+    right = [np.trace(classify_by_forest(one).confusion.sum(axis=0)) for one in (plain, told)]
+    assert right[1] > right[0]
+    alone = named(told, by_map_alone(told)).confusion.sum(axis=0)
+    assert np.trace(alone) == told.counts[np.arange(len(told.label)), told.label].sum()
