@@ -438,24 +438,12 @@ def candidates(
     as_json: AsJson = False,
 ) -> None:
     """Compare the sensors of [[candidate]] with the optimum: does one suffice, and what does it lack."""
-    from seqrsm.campaign.candidates import measure_candidates
-    from seqrsm.cli.blocks import show_sections
-    from seqrsm.report.sections.candidates import candidate_section
-
-    campaign = _opened(folder).opened
+    campaign = _opened(folder)
     with display("comparing", inner=False) as shown:
-        result = measure_candidates(
-            campaign,
-            sufficient=sufficient,
-            worlds=worlds,
-            workers=workers,
-            progress=partial(shown.count, "comparing"),
+        found = campaign.candidates(
+            sufficient=sufficient, worlds=worlds, workers=workers, progress=partial(shown.count, "comparing")
         )
-    section = candidate_section(result)
-    if as_json:
-        print_json(result)
-    elif section is not None:
-        show_sections([section])
+    print_json(found.to_json()) if as_json else found.show()
 
 
 @app.command()

@@ -51,6 +51,23 @@ class Shown:
         return page.getvalue().strip("\n")
 
 
+class Sections(Shown):
+    """A result that is shown as sections of the report: ``sections``."""
+
+    sections: tuple[Section, ...]
+
+    def show(self) -> None:
+        """Print them as the command does."""
+        from seqrsm.cli.blocks import show_sections
+
+        show_sections(self.sections)
+
+    def _repr_html_(self) -> str:
+        from seqrsm.report.html import render_sections
+
+        return render_sections(self.sections)
+
+
 class Campaign:
     """A campaign folder, open.
 
@@ -231,6 +248,33 @@ class Campaign:
         tests = [term_tests(analysis, test) for analysis in analyses]
         return Fit(self.opened, analyses, tests, self.opened.compromise(analyses))
 
+    def candidates(
+        self,
+        *,
+        sufficient: float | None = None,
+        worlds: int = 16,
+        workers: int = 1,
+        progress: Any = lambda done, of: None,
+    ) -> Candidates:
+        """Which sensor of ``[[candidate]]`` suffices, and what it lacks.
+
+        Parameters
+        ----------
+        sufficient : float, optional
+            Score from which on a sensor suffices, by default that of ``campaign.toml``.
+        worlds : int
+            Grounds that are drawn, 4 at least, all for every sensor.
+        workers : int
+            Processes.
+        progress : callable
+            Told of (done, all) candidates.
+        """
+        from seqrsm.campaign.candidates import measure_candidates
+
+        return Candidates(
+            measure_candidates(self.opened, sufficient=sufficient, worlds=worlds, workers=workers, progress=progress)
+        )
+
     def status(self, *, history: bool = False) -> Status:
         """Runs by state, optimum and intervals so far, stop or go on and why; ``history``: every event."""
         from seqrsm.campaign.status import campaign_status
@@ -345,7 +389,40 @@ class Status(Shown):
         show_status(self.spec, self.result)
 
 
-class Fit(Shown):
+class Candidates(Sections):
+    """Which sensor suffices, and what the others lack."""
+
+    def __init__(self, result: Mapping[str, Any]) -> None:
+        from seqrsm.report.sections.candidates import candidate_section
+
+        section = candidate_section(result)
+        self._result = result
+        self.sections = () if section is None else (section,)
+
+    def to_json(self) -> Mapping[str, Any]:
+        """As ``seqrsm candidates --json``."""
+        return self._result
+
+    def to_frame(self) -> DataFrame:
+        """A row for each application and candidate, the most probable to suffice first.
+
+        Probability that it suffices, score, difference to the optimum and the ends of its intervals, each in score
+        units, missing where a candidate could not be judged: ``why`` tells.
+        """
+        import pandas as pd
+
+        rows = []
+        for application, found in self._result["applications"].items():
+            for one in found["candidates"]:
+                row = {"application": application, "candidate": one["name"], "how": one["how"]}
+                row |= {name: one.get(name) for name in ("probability", "score", "difference")}
+                for kind in ("confidence", "one_ground"):
+                    row |= {f"{kind}_{end}": one.get(kind, {}).get(end) for end in ("low", "high")}
+                rows.append({**row, "recalled": ", ".join(one.get("recalled", ())), "why": one.get("why", "")})
+        return pd.DataFrame(rows)
+
+
+class Fit(Sections):
     """What the scores say.
 
     Attributes
@@ -371,28 +448,17 @@ class Fit(Shown):
         self.compromise = compromise
 
     @cached_property
-    def summary(self) -> Section:
-        """Recommendation, intervals and decision."""
+    def sections(self) -> tuple[Section, ...]:  # type: ignore[override]
+        """The summary: recommendation, intervals and decision."""
         from seqrsm.report.sections.summary import summary_section
 
-        return summary_section(self._campaign.spec, self.analyses, self.compromise, self._campaign.store.runs())
-
-    def show(self) -> None:
-        """Print the summary."""
-        from seqrsm.cli.blocks import show_sections
-
-        show_sections([self.summary])
+        return (summary_section(self._campaign.spec, self.analyses, self.compromise, self._campaign.store.runs()),)
 
     def show_all(self) -> None:
         """Print all that ``seqrsm fit`` prints, the summary last."""
         from seqrsm.cli.show_fit import show_fit
 
         show_fit(self._campaign, self.analyses, self.tests, self.compromise)
-
-    def _repr_html_(self) -> str:
-        from seqrsm.report.html import render_sections
-
-        return render_sections((self.summary,))
 
     def to_json(self) -> dict[str, Any]:
         """As ``seqrsm fit --json``."""
@@ -429,7 +495,7 @@ class Fit(Shown):
         return Plot([surface_section(analysis, f"plot-{i}") for i, analysis in enumerate(self.analyses)])
 
 
-class Plot(Shown):
+class Plot(Sections):
     """Figures that a notebook shows; `Campaign.report` writes all of a campaign's to files."""
 
     def __init__(self, sections: Sequence[Section]) -> None:
@@ -444,8 +510,3 @@ class Plot(Shown):
             for block in unfolded(section.blocks):
                 if isinstance(block, FigureBlock):
                     line(block.caption)
-
-    def _repr_html_(self) -> str:
-        from seqrsm.report.html import render_sections
-
-        return render_sections(self.sections)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from measured_campaign import FREQUENCY, X, make, quadratic
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+import seqrsm
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import FILE, candidates_of
 from seqrsm.campaign.dossier import assemble
@@ -83,6 +85,28 @@ def test_a_named_sensor_is_simulated_over_its_swath_with_what_it_lacks(compared:
     assert {one["property"] for one in row["owed_to"]} >= {"cell and looks", "angle", "noise"}
     assert "noise" in row["recalled"]
     assert row["one_ground"]["low"] < row["confidence"]["low"] < row["difference"]
+
+
+def test_in_a_notebook_it_is_the_same(compared: Path) -> None:
+    theirs = json.loads(ok("candidates", compared, "--worlds", 4, "--json"))
+    mine = seqrsm.Campaign(compared).candidates(worlds=4)
+    assert mine.to_json() == theirs
+    frame = mine.to_frame().set_index("candidate")
+    rows = theirs["applications"]["cover"]["candidates"]
+    assert list(frame.index) == [row["name"] for row in rows]
+    assert set(frame["application"]) == {"cover"}
+    weak = next(row for row in rows if row["name"] == "weak")
+    assert frame.loc["weak", "difference"] == weak["difference"]
+    assert frame.loc["weak", "probability"] == weak["probability"]
+    assert frame.loc["weak", "one_ground_low"] == weak["one_ground"]["low"]
+    assert "noise" in frame.loc["NISAR S DP 25, HH+HV", "recalled"]
+    assert np.isnan(frame.loc["Capella Spotlight GEO, HH", "score"])
+    assert frame.loc["Capella Spotlight GEO, HH", "why"]
+    assert repr(mine).startswith("Which sensor suffices\n")
+    assert "The optimum's score is" in repr(mine)
+    page = mine._repr_html_()
+    assert "data:image/svg+xml" in page
+    assert "NISAR S DP 25, HH+HV" in page
 
 
 def test_what_cannot_be_built_says_why(compared: Path) -> None:
