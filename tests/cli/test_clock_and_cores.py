@@ -1,0 +1,98 @@
+"""A clock that jumps, and a machine of one core: the same campaign, no score lost or doubled."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from tiny_campaign import make_tiny
+from typer.testing import CliRunner
+
+from seqrsm.campaign.campaign import Campaign
+from seqrsm.cli.app import app
+from seqrsm.store import database, ledger, store, take_in
+
+
+def scores(folder: Path) -> list[tuple[int, str, float]]:
+    return [
+        (run.run_id, json.dumps(run.settings), s.score)
+        for run in Campaign.open(folder).store.runs()
+        for s in run.scores
+    ]
+
+
+@pytest.fixture
+def undisturbed(tmp_path: Path, tiny_scene: Path) -> list[tuple[int, str, float]]:
+    folder = make_tiny(tmp_path / "plain", tiny_scene)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "20"]).exit_code in (0, 3)
+    return scores(folder)
+
+
+def test_a_clock_that_jumps_back_and_forth_changes_no_result(tmp_path, tiny_scene, monkeypatch, undisturbed) -> None:
+    """Every fifth reading lies two hours back, every seventh a day ahead."""
+    read = 0
+
+    def jumping() -> str:
+        nonlocal read
+        read += 1
+        hours = -2.0 if read % 5 == 0 else 24.0 if read % 7 == 0 else 0.0
+        return (datetime.now(UTC) + timedelta(hours=hours)).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+    for module in (database, ledger, store, take_in):
+        monkeypatch.setattr(module, "utc_now", jumping)
+    folder = make_tiny(tmp_path / "c", tiny_scene)
+    assert CliRunner().invoke(app, ["run", str(folder), "--max-runs", "20"]).exit_code in (0, 3)
+    assert read > 50
+    assert scores(folder) == undisturbed
+    told = CliRunner().invoke(app, ["status", str(folder), "--history"])  # verifies the chain of events
+    assert told.exit_code == 0
+    again = CliRunner().invoke(app, ["init", "--from", exported(folder), str(tmp_path / "copy")])
+    assert again.exit_code == 0, again.output
+    assert scores(tmp_path / "copy") == undisturbed
+
+
+def exported(folder: Path) -> str:
+    out = folder.parent / "all.json"
+    assert CliRunner().invoke(app, ["export", str(folder), str(out)]).exit_code == 0
+    return str(out)
+
+
+def test_a_run_whose_lease_seems_over_is_scored_once(tmp_path, tiny_scene, monkeypatch) -> None:
+    """The clock jumps a day ahead while another host carries runs out: they are made again, and counted once."""
+    folder = make_tiny(tmp_path / "c", tiny_scene)
+    mine = Campaign.open(folder)
+    mine.propose(3)
+    monkeypatch.setattr(store, "_this_process", lambda: "another-host:1:0")
+    (first, *_) = held = mine.store.claim(limit=3)
+    monkeypatch.undo()
+    made = [score_of(mine, run.run_id) for run in held]
+    assert mine.store.release_stale() == ()
+    assert mine.store.release_stale(older_than_s=-86_400.0) == tuple(run.run_id for run in held)
+    (again, *_) = mine.store.claim(limit=3)
+    assert again.run_id == first.run_id
+    assert mine.store.record_scores(first.run_id, made[0])
+    assert not mine.store.record_scores(first.run_id, made[0])  # the other host comes back
+    assert len(Campaign.open(folder).store.runs("scored")) == 1
+
+
+def score_of(campaign: Campaign, run_id: int):
+    from seqrsm.campaign.simulation import carry_out, task_of
+
+    (run,) = (run for run in campaign.store.runs() if run.run_id == run_id)
+    return carry_out(task_of(campaign.spec, run_id, run.settings)).scores
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be taken away here")
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_one_core_gives_the_same_campaign(tmp_path, tiny_scene, undisturbed, workers) -> None:
+    folder = make_tiny(tmp_path / "c", tiny_scene)
+    command = [sys.executable, "-m", "seqrsm", "run", str(folder), "--max-runs", "20", "--workers", workers]
+    one = min(os.sched_getaffinity(0))
+    done = subprocess.run(command, preexec_fn=lambda: os.sched_setaffinity(0, {one}), capture_output=True, timeout=240)
+    assert done.returncode in (0, 3), done.stderr
+    assert scores(folder) == undisturbed
