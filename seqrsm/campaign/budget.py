@@ -26,6 +26,8 @@ _LEAST_CLOUD = 400
 _EXTRA = 6
 """Runs of a start design beyond the terms."""
 
+_AS_NARROW = 1.1  # as the narrowest half-width listed: below that the loss decides
+
 
 @dataclass(frozen=True, slots=True)
 class Surfaces:
@@ -95,9 +97,10 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, unit: st
     widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= plan.asked]
     if not widths:
         return "Raise max_runs, or take fewer factors or levels."
-    least = min(widths, key=lambda plan: plan.half_width)
-    how = f"{least.runs} runs" + (f" and {least.change}" if least.change else "")
-    return f"Of all that is listed, the narrowest is {how} ({told(least)}): widen [stop] half_width to that, or more."
+    least = min(plan.half_width for plan in widths)
+    near = min((plan for plan in widths if plan.half_width <= _AS_NARROW * least), key=lambda plan: plan.loss)
+    how = f"{near.runs} runs" + (f" and {near.change}" if near.change else "")
+    return f"Nothing listed reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
 
 
 def random_surfaces(region: Region, noise: float, spread: float, source: str, seed: int) -> Surfaces:
