@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from scipy.optimize import elementwise
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.surfaces import Surface
-from seqrsm.arrays import FloatArray
+from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.error_models import Draws
@@ -31,7 +32,7 @@ PRIOR_LOG_ODDS = 1.0
 """Of the process against the quadratic, before the scores: real utilities are seldom quadratics."""
 
 _CERTAIN = 0.01  # a process less probable is left out
-_STRATA, _STRATA_OF_EACH = 4000, 400
+_DRAWS, _TINY = 4000, 1e-300
 _MOST_RUNS = 100  # drawn of a mean of future runs
 
 
@@ -156,7 +157,7 @@ class Belief:
     ) -> Prediction:
         """Mean, confidence interval, and prediction interval of the mean of ``replicates`` runs at points (m, k).
 
-        Exact quantiles of Student's distribution and normal ones together; on the scale of the fit.
+        Quantiles of Student's distribution and normal ones together; on the scale of the fit.
         """
         of_quadratic = self.surface.predict(self.surface.rows(points), level, weight, replicates)
         process, share = self.departure.believed, self.departure.probability
@@ -164,21 +165,12 @@ class Belief:
             return of_quadratic
         means, variances = process.marginals(points)
         noise = process.noise_variance(means) / (weight * replicates)
-        t, z = stdtrit(self.surface.df_residual, _strata(_STRATA)), ndtri(_strata(_STRATA_OF_EACH))
+        df = self.surface.df_residual
 
         def mixed(se: FloatArray, added: FloatArray | float) -> Ends:
             sd = np.sqrt(variances + added)
-            ends = [
-                mixed_quantiles(
-                    [
-                        (of_quadratic.mean[i] + se[i] * t, 1.0 - share),
-                        ((means[:, i, None] + sd[:, i, None] * z).ravel(), share),
-                    ],
-                    level,
-                )
-                for i in range(len(points))
-            ]
-            return Ends(np.array([one.low for one in ends]), np.array([one.high for one in ends]))
+            tails = (0.5 * (1.0 - level), 0.5 * (1.0 + level))
+            return Ends(*(_mixture_quantile(tail, df, of_quadratic.mean, se, means, sd, share) for tail in tails))
 
         return replace(
             of_quadratic,
@@ -244,9 +236,25 @@ def intervals(
     return float(scale.to_score(first.mean)[0]), found
 
 
-def _strata(n: int) -> FloatArray:
-    """Middles (n,) of n equal parts of 0 to 1."""
-    return (np.arange(n) + 0.5) / n
+def _mixture_quantile(
+    tail: float, df: float, mean: FloatArray, se: FloatArray, means: FloatArray, sd: FloatArray, share: float
+) -> FloatArray:
+    """Where (m,) the mixture's distribution function is ``tail``.
+
+    Of Student's distributions about ``mean`` (m,), and by ``share`` of normal ones about ``means`` (d, m), each as
+    probable, with standard deviations ``se`` (m,) and ``sd`` (d, m).
+    """
+    se, sd = np.maximum(se, _TINY), np.maximum(sd, _TINY)
+    each = np.vstack([mean + se * stdtrit(df, tail), means + sd * ndtri(tail)])
+    margin = 1e-9 * (se + sd.max(axis=0))
+
+    def above(x: FloatArray, mean: FloatArray, se: FloatArray, k: IntArray) -> FloatArray:
+        of_process = np.mean(ndtr((x - means[:, k]) / sd[:, k]), axis=0)
+        return np.asarray((1.0 - share) * stdtr(df, (x - mean) / se) + share * of_process - tail)
+
+    ends = each.min(axis=0) - margin, each.max(axis=0) + margin
+    found = elementwise.find_root(above, ends, args=(mean, se, np.arange(len(mean))))
+    return np.asarray(found.x)
 
 
 def intervals_by_draws(
@@ -271,7 +279,7 @@ def intervals_by_draws(
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
         noise = process.noise_variance(found)[:, 0]
-        own = draws.first(_STRATA)
+        own = draws.first(_DRAWS)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))
         parts.append((here, replace(own, sigma=np.sqrt(noise[of])), share))

@@ -90,7 +90,7 @@ def test_ends_are_where_the_mixtures_distribution_function_says(narrow: Analysis
         for i in range(len(AT)):
             of = distribution(belief, i, AT, kind, m)
             low, high = (optimize.brentq(lambda x, p=p, of=of: of(x) - p, -1e4, 1e4) for p in (tail, 1.0 - tail))
-            np.testing.assert_allclose([found.low[i], found.high[i]], [low, high], atol=0.01 * (high - low))
+            np.testing.assert_allclose([found.low[i], found.high[i]], [low, high], atol=1e-6 * (high - low))
 
 
 def test_with_probability_1_all_is_the_processes(narrow: Analysis) -> None:
