@@ -58,7 +58,7 @@ _FIELDS: Final = {
     ),
     "radiometer": (
         *("frequency_ghz", "channels", "bandwidth_mhz", "footprint_km", "nedt_k", "integration_time_ms"),
-        "altitude_km",
+        *("altitude_km", "incidence_near_deg", "rotation_rpm", "feeds"),
     ),
 }
 

@@ -103,7 +103,7 @@ def over_ground(
     if isinstance(base, RadarConfiguration):
         made: Sensor = exchanged(base, radar_of(sensor, channels, angle, cell_m), PROPERTIES)
     else:
-        # An aircraft sweeps as the campaign's does; the engine knows no conical scan.
+        # An aircraft sweeps as the campaign's does.
         names = PROPERTIES if sensor.platform != "aircraft" else tuple(p for p in PROPERTIES if p != "angle")
         made = exchanged(base, radiometer_of(sensor, channels, cell_m), names)
     if own:
@@ -213,4 +213,6 @@ def place_in_swath(place: Instrument) -> dict[str, Any]:
         found["incidence_deg"] = float(np.rad2deg(theta[0]))
         found["looks"] = float(sensor.looks_used(theta)[0])
         found["noise_db"] = noise_equivalent_db(sensor)
+    elif sensor.conical_incidence_deg > 0.0:
+        found |= {"incidence_deg": sensor.conical_incidence_deg, "footprint_m": list(sensor.footprint_m)}
     return found

@@ -223,7 +223,7 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: flo
         pixel = seen_pixels(image)
         scan = image.scan
         half = 0.5 * scene.shape[image.quarter_turns % 2] * scene.cell_m
-        across = across_of_look(scan.look_rad, scan.height_m, half)[:, None]
+        across = across_of_look(scan.place_rad, scan.from_m, half)[:, None]
         along = np.asarray((np.arange(n_columns) + 0.5) * scan.advance_m, dtype=np.float64)
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)

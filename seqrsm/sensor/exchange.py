@@ -35,7 +35,7 @@ _RADIOMETER: Final[Mapping[str, tuple[str, ...]]] = {
     "frequency": ("frequency_ghz",),
     "channels": ("channels",),
     "cell and looks": ("resolution_m",),
-    "angle": ("altitude_m", "speed_m_s", "scan_half_angle_deg"),
+    "angle": ("altitude_m", "speed_m_s", "scan_half_angle_deg", "conical_incidence_deg"),
 }
 _GROUND_K: Final = 300.0
 
@@ -90,12 +90,14 @@ def _radiometer(
     }
     angle = other if "angle" in properties else base
     taken["scan_period_s"] = angle.scan_period_s * taken["resolution_m"] / angle.resolution_m
+    # A turn moves the beam by many footprints in the time that another scan may integrate.
+    taken["integration_time_ms"] = (angle if angle.conical_incidence_deg > 0.0 else base).integration_time_ms
     taken["antenna_limit_m"] = max(base.antenna_limit_m, other.antenna_limit_m)  # what is asked is not what is carried
     if "noise" in properties:
         # By the receiver's temperature, so that a pixel stays what the integration time makes of it; by the bandwidth
         # where even a receiver without noise would have too much.
         noise_k = float(other.nedt_k(_GROUND_K))
-        system_k = noise_k * float(1e3 * base.bandwidth_mhz * base.integration_time_ms) ** 0.5
+        system_k = noise_k * float(1e3 * base.bandwidth_mhz * taken["integration_time_ms"]) ** 0.5
         wider = max(_GROUND_K / system_k, 1.0) ** 2
         taken |= {"receiver": "total_power", "gain_fluctuation": 0.0, "bandwidth_mhz": base.bandwidth_mhz * wider}
         taken["noise_temperature_k"] = max(system_k - _GROUND_K, 0.0)

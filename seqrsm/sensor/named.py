@@ -9,7 +9,9 @@ derived from others, or only recalled (``data/README.md``). Here a row becomes a
 * Incidence is at the ground; the depression angle follows over a sphere.
 * Noise is that of the product: an equivalent antenna gain is set so that the noise-equivalent sigma0 at the centre of
   the scene is that of the row, or of the annotated noise at that angle. Nothing else in an image depends on the gain.
-* A radiometer has the noise temperature that gives its resolution over ground of 300 K.
+* A radiometer has the noise temperature that gives its resolution over ground of 300 K. One in orbit that looks at one
+  incidence scans on a cone: its beam is round, as long on the ground as the row says, and turns as fast. Several feeds
+  draw as many lines a turn, as on a craft that is so many times slower.
 """
 
 from __future__ import annotations
@@ -100,6 +102,12 @@ class NamedSensor:
         near, far = (self.values.get(f"incidence_{edge}_deg", 40.0) for edge in ("near", "far"))
         return (near,) if near == far else (near, 0.5 * (near + far), far)
 
+    @property
+    def conical_incidence_deg(self) -> float:
+        """Incidence angle of a radiometer that scans on a cone [deg]; 0 of all others."""
+        cone = self.kind == "radiometer" and self.platform == "satellite" and len(self.incidences_deg) == 1
+        return self.incidences_deg[0] if cone else 0.0
+
     def noise_db(self, incidence_deg: float) -> float:
         """Noise-equivalent sigma0 [dB] at an incidence angle [deg].
 
@@ -122,8 +130,11 @@ class NamedSensor:
         return "seen" if self.noise else self.resting("nesz_db" if "nesz_db" in self.values else "nesz_worst_db")
 
     def cell_m(self, incidence_deg: float) -> float:
-        """Side of the smallest square cell of the product [m]; of a radiometer, its footprint."""
+        """Side of the smallest square cell of the product [m]; of a radiometer, of its footprint's area."""
         if self.kind == "radiometer":
+            if self.conical_incidence_deg > 0.0 and "footprint_major_km" in self.values:
+                stretch = math.sqrt(math.cos(math.radians(self.conical_incidence_deg)))
+                return 1e3 * self.values["footprint_major_km"] * stretch
             return 1e3 * self.values["footprint_km"]
         along, across = self._resolutions_m(incidence_deg)
         return max(along, across, 1.001 * self._pulse_m(incidence_deg))
@@ -297,12 +308,14 @@ def radar_of(
 def radiometer_of(
     sensor: NamedSensor, channels: str, cell_m: float | None = None, **ground: Any
 ) -> RadiometerConfiguration:
-    """A named radiometer over a scene: its footprint as a square at nadir, line beside line.
+    """A named radiometer over a scene: on its cone, or its footprint as a square at nadir, line beside line.
 
-    Conical scans and synthesis of many angles are not represented: the engine sweeps across the track.
-    Parameters, errors: as of `radar_of`.
+    Synthesis of many angles is not represented. Parameters, errors: as of `radar_of`.
     """
-    need = {"altitude_km", "nedt_k", "bandwidth_mhz", "integration_time_ms", "footprint_km"} - set(sensor.values)
+    need = {"altitude_km", "nedt_k", "bandwidth_mhz", "integration_time_ms", "footprint_km"}
+    if sensor.conical_incidence_deg > 0.0:
+        need.add("rotation_rpm")
+    need -= set(sensor.values)
     if need:
         raise ConfigurationError(Problem(f"not known: {', '.join(sorted(need))}", field=sensor.title))
     known = sensor.values
@@ -315,8 +328,9 @@ def radiometer_of(
         integration_time_ms=known["integration_time_ms"],
         bandwidth_mhz=known["bandwidth_mhz"],
         noise_temperature_k=max(system_k - _GROUND_K, 0.0),
-        scan_period_s=2.0 * cell / sensor.speed_m_s,
+        scan_period_s=60.0 / known["rotation_rpm"] if "rotation_rpm" in known else 2.0 * cell / sensor.speed_m_s,
         altitude_m=1e3 * known["altitude_km"],
-        speed_m_s=sensor.speed_m_s,
+        speed_m_s=sensor.speed_m_s / known.get("feeds", 1.0),
+        conical_incidence_deg=sensor.conical_incidence_deg,
         **ground,
     )

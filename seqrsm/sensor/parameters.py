@@ -288,10 +288,12 @@ RADIOMETER: Final = _table(
         "noise_temperature_k", "K", 0.0, 1e5, "noise temperature of the receiver with its feed",
         name="noise_temperature",
     ),
-    _number("scan_period_s", "s", 1e-3, 1e5, "time of one sweep from left to right and back", name="scan_period"),
+    _number("scan_period_s", "s", 1e-3, 1e5, "time of one sweep from left to right and back, or of a turn",
+            name="scan_period"),
     _number("altitude_m", "m", 1.0, 2e6, "height of the flight line above the zero of the scene's elevations"),
     _number("speed_m_s", "m/s", 1.0, 1e4, "ground speed"),
     _number("scan_half_angle_deg", "deg", 0.0, 75.0, "reach of the sweep to either side; 0: the scene's edges"),
+    _number("conical_incidence_deg", "deg", 0.0, 75.0, "incidence angle of a conical scan; 0 sweeps across the track"),
     _number(
         "heading_deg", "deg", 0.0, 270.0, "direction of flight from north, along the grid of the scene",
         values=(0.0, 90.0, 180.0, 270.0),

@@ -1,7 +1,8 @@
 """Scanning radiometer: the seven passive parameters of RSL TR 380-1 Table 1, the rest of the set, and its noise.
 
 The final resolution is the side of the square footprint at nadir; altitude turns it into the antenna's half-power
-beamwidth. What the scan makes of period, speed, beam and integration time is in `seqrsm.sensor.scan`.
+beamwidth. On a cone it is the square of the same area as the ellipse's two diameters make. What the scan makes of
+period, speed, beam and integration time is in `seqrsm.sensor.scan`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Final, Literal
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.constants import BOLTZMANN_J_K, PLANCK_J_S, SPEED_OF_LIGHT_M_S
+from seqrsm.constants import BOLTZMANN_J_K, EARTH_RADIUS_M, PLANCK_J_S, SPEED_OF_LIGHT_M_S
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.parameters import RADIOMETER, configured, value_problems
 
@@ -35,7 +36,8 @@ class RadiometerConfiguration:
     channels : tuple of str
         Polarizations received together, of H and V; each has a receiver of its own.
     resolution_m : float
-        Side of the footprint at nadir [m]: the half-power beam on the ground.
+        Side of the footprint at nadir [m]: the half-power beam on the ground; of a conical scan the root of the product
+        of its two diameters.
     integration_time_ms : float
         Time over which one footprint's power is averaged [ms].
     bandwidth_mhz : float
@@ -44,13 +46,16 @@ class RadiometerConfiguration:
         Noise temperature of the receiver with its feed, referred to the antenna terminals [K]; the system's is this
         plus the antenna temperature.
     scan_period_s : float
-        Time of one sweep from left to right and back [s]: two image lines.
+        Time of one sweep from left to right and back [s]: two image lines. Of a conical scan one turn, one line.
     altitude_m : float
         Height of the flight line above the zero of the scene's elevations [m].
     speed_m_s : float
         Ground speed [m/s].
     scan_half_angle_deg : float
         Reach of the sweep to either side of nadir [deg]; 0 sweeps from edge to edge of the scene.
+    conical_incidence_deg : float
+        Incidence angle of a conical scan at the ground [deg], the same everywhere; 0 sweeps across the track. Each turn
+        draws an arc ahead of the craft, of which the scene sees the middle.
     heading_deg : float
         Direction of flight from north [deg]: 0, 90, 180 or 270.
     mode : {"full", "report"}
@@ -114,6 +119,7 @@ class RadiometerConfiguration:
     altitude_m: float
     speed_m_s: float = 70.0
     scan_half_angle_deg: float = 0.0
+    conical_incidence_deg: float = 0.0
     heading_deg: float = 90.0
     mode: Literal["full", "report"] = "full"
     receiver: Literal["total_power", "dicke", "correlation"] = "total_power"
@@ -159,9 +165,31 @@ class RadiometerConfiguration:
         """The frequency as a temperature, h f / k [K]; half of it is what Rayleigh-Jeans errs by for warm ground."""
         return PLANCK_J_S * self.frequency_ghz * 1e9 / BOLTZMANN_J_K
 
+    @property
+    def quarter_turns(self) -> int:
+        """``numpy.rot90(layer, quarter_turns)`` turns a scene layer into rows that the beam is pointed across."""
+        # From the left edge to the right of a sweep, from the near end to the far of what a cone looks ahead to.
+        return round((self.heading_deg - 90.0) / 90.0) - (1 if self.conical_incidence_deg > 0.0 else 0)
+
+    @property
+    def footprint_m(self) -> tuple[float, float]:
+        """Half-power width of a round beam on the ground, in the direction of view and square to it [m]."""
+        stretch = math.sqrt(math.cos(math.radians(self.conical_incidence_deg)))
+        return self.resolution_m / stretch, self.resolution_m * stretch
+
+    def reach_m(self, height_m: float) -> tuple[float, float]:
+        """Length of the beam from a height [m] to the ground, and how far from the point below it meets it [m].
+
+        Over a sphere, sin(look) = R / (R + h) sin(incidence).
+        """
+        incidence = math.radians(self.conical_incidence_deg)
+        look = math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + height_m) * math.sin(incidence))
+        radius = EARTH_RADIUS_M * math.sin(incidence - look)
+        return (radius / math.sin(look) if look > 0.0 else height_m), radius
+
     def beamwidth_rad(self, height_m: float) -> float:
-        """Half-power beamwidth [rad] whose footprint at nadir is `resolution_m` wide from a height [m]."""
-        return 2.0 * math.atan(0.5 * self.resolution_m / height_m)
+        """Half-power beamwidth [rad] that gives the footprint from a height [m]."""
+        return 2.0 * math.atan(0.5 * self.footprint_m[1] / self.reach_m(height_m)[0])
 
     def antenna_m(self, height_m: float) -> float:
         """Length of the antenna with that beam [m]: 1.22 lambda / beamwidth, a common taper of the aperture."""
@@ -215,6 +243,9 @@ def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
     for low, high in (("temperature_low_k", "temperature_high_k"), ("soil_moisture_low", "soil_moisture_high")):
         if getattr(radiometer, low) > getattr(radiometer, high):
             problems.append(Problem("above the high end", f"Keep it at or below {high}", field=low))
+    if radiometer.conical_incidence_deg > 0.0 and (radiometer.mode == "report" or radiometer.scan_half_angle_deg > 0.0):
+        text = "a conical scan has no half angle, and the report of 1979 none of this kind"
+        problems.append(Problem(text, "Leave out scan_half_angle_deg and mode", field="conical_incidence_deg"))
     if radiometer.beam == "measured" and not radiometer.beam_file:
         problems.append(Problem("missing", "Name the CSV file of the measured pattern", field="beam_file"))
     return problems

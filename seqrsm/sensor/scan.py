@@ -3,6 +3,10 @@
 The craft flies over the middle line; the antenna sweeps from the left edge to the right edge and back while the craft
 moves on, so the lines zigzag: RSL TR 380-1 chapter 3.3.3. Footprints are square at nadir, and with the look angle phi
 from the vertical longer (h (tan(phi + beta/2) - tan(phi - beta/2))) and wider (resolution / cos phi).
+
+A conical scan draws arcs ahead of the craft at one incidence angle. The rows of its image are successive turns, the
+columns footprints of one turn, all alike: an ellipse longest in the direction of view, wider by what the beam moves
+while it integrates. The scene lies in the middle of the arc, which is taken as straight there.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ BEAM_STEPS_A_WIDTH: Final = 128
 
 _REACH: Final = {"box": 0.5, "gaussian": 1.75, "sidelobes": 8.0}
 _MOST_FOOTPRINTS: Final = 20_000_000
+_FAR_M: Final = 1e9  # a scene of 100 km is as wide from there as it is long, to 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,16 +40,22 @@ class ScanGeometry:
     ----------
     height_m : float
         Flight line above the mean ground [m].
+    from_m : float
+        Height from which the angles below are told [m]: `height_m`; for a conical scan so far off that footprints are
+        alike.
     beamwidth_rad, half_angle_rad : float
-        Half-power beamwidth; reach of the sweep to either side [rad].
+        Half-power beamwidth across the rows; reach of the sweep to either side [rad], inf for a conical scan.
     sweep_advance_m, advance_m : float
-        Way flown from one sweep to the next, and from one line of the image to the next [m].
+        Way flown from one sweep to the next, and from one line of the image to the next [m]; on a cone that from
+        footprint to footprint along the arc.
     dwell_ms : float
         Time in which the beam moves by its own width [ms] (inf in the report's mode).
     smear : float
         Way the beam moves while it integrates [beamwidths].
     look_rad : float64 array (n_samples,)
-        Look angle of each footprint of a line, left edge first, nadir 0 [rad].
+        Angle from the vertical at which each footprint of a line is seen, left edge first, nadir 0 [rad].
+    place_rad : float64 array (n_samples,)
+        Where they lie, as an angle at `from_m` [rad]: `look_rad` of a sweep.
     step_rad : float
         Between footprints [rad].
     n_sweeps, sweeps_a_line, n_lines : int
@@ -52,12 +63,13 @@ class ScanGeometry:
     along : FloatArray (n,)
         Running integral of the beam along the track at steps of 1 / BEAM_STEPS_A_WIDTH from -reach to +reach.
     across : FloatArray (m,)
-        The same in the direction of the sweep, spread by the smear.
+        The same across the rows; the one of the two in the direction of the sweep is spread by the smear.
     notes : tuple of str
         What the combination does: gaps, overlap, idle time, smear.
     """
 
     height_m: float
+    from_m: float
     beamwidth_rad: float
     half_angle_rad: float
     sweep_advance_m: float
@@ -65,6 +77,7 @@ class ScanGeometry:
     dwell_ms: float
     smear: float
     look_rad: FloatArray
+    place_rad: FloatArray
     step_rad: float
     n_sweeps: int
     sweeps_a_line: int
@@ -100,6 +113,8 @@ def scan_geometry(
     if height_m <= 0.0:
         text = "the flight line is not above the ground"
         raise ConfigurationError(Problem(text, "Fly higher", field="altitude_m", value=radiometer.altitude_m))
+    if radiometer.conical_incidence_deg > 0.0:
+        return _conical_geometry(radiometer, height_m, across_m, along_m)
     report = radiometer.mode == "report"
     beta = radiometer.beamwidth_rad(height_m)
     edge = math.atan(0.5 * across_m / height_m)
@@ -109,7 +124,10 @@ def scan_geometry(
     rate = 2.0 * half_angle / sweep_time
     dwell_ms = math.inf if report else 1e3 * beta / rate
     smear = 0.0 if report else radiometer.integration_time_ms / dwell_ms
-    problems = _problems(radiometer, height_m, advance, sweep_time, half_angle)
+    problems = _problems(radiometer, height_m, advance, sweep_time)
+    if half_angle < 0.25 * beta and radiometer.scan_half_angle_deg > 0.0 and not report:
+        text = "the sweep is narrower than half a beam"
+        problems.append(Problem(text, "Sweep wider", field="scan_half_angle_deg", value=math.degrees(half_angle)))
     step = beta * max(1.0, smear)
     n_samples = max(int(2.0 * half_angle / step * (1.0 + 1e-9)), 1)
     # An odd number keeps one footprint at nadir.
@@ -117,21 +135,20 @@ def scan_geometry(
     n_sweeps = max(math.ceil(along_m / advance * (1.0 - 1e-9)), 1)
     averaged = radiometer.overlap == "average"
     sweeps_a_line = max(int(radiometer.resolution_m / advance * (1.0 + 1e-9)), 1) if averaged else 1
-    if n_samples * n_sweeps > _MOST_FOOTPRINTS:
-        text = f"{n_sweeps} sweeps of {n_samples} footprints are more than {_MOST_FOOTPRINTS}"
-        problems.append(Problem(text, "Use a coarser resolution or a longer period", field="resolution"))
-    if problems:
-        raise ConfigurationError(*problems)
+    _refuse(problems, n_sweeps, n_samples)
     along = beam_integral(radiometer)
+    look_rad = np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * step, dtype=np.float64)
     return ScanGeometry(
         height_m=height_m,
+        from_m=height_m,
         beamwidth_rad=beta,
         half_angle_rad=half_angle,
         sweep_advance_m=advance,
         advance_m=advance * sweeps_a_line,
         dwell_ms=dwell_ms,
         smear=smear,
-        look_rad=np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * step, dtype=np.float64),
+        look_rad=look_rad,
+        place_rad=look_rad,
         step_rad=step,
         n_sweeps=n_sweeps,
         sweeps_a_line=sweeps_a_line,
@@ -142,14 +159,66 @@ def scan_geometry(
     )
 
 
-def _problems(
-    radiometer: RadiometerConfiguration, height_m: float, advance: float, sweep_time: float, half_angle: float
-) -> list[Problem]:
+def _conical_geometry(
+    radiometer: RadiometerConfiguration, height_m: float, ahead_m: float, across_m: float
+) -> ScanGeometry:
+    """Scan on a cone over a scene so long in the direction of view and so wide square to it [m]."""
+    length, width = radiometer.footprint_m
+    period, radius = radiometer.scan_period_s, radiometer.reach_m(height_m)[1]
+    advance = radiometer.speed_m_s * period
+    dwell_ms = 1e3 * width * period / (2.0 * math.pi * radius)
+    smear = radiometer.integration_time_ms / dwell_ms
+    problems = _problems(radiometer, height_m, advance, period)
+    n_samples = max(int(ahead_m / advance * (1.0 + 1e-9)), 1)
+    n_samples += 1 - n_samples % 2
+    # Spread evenly, or a scene narrower than a footprint would lie beside it.
+    n_lines = max(round(across_m / (width * max(1.0, smear))), 1)
+    _refuse(problems, n_lines, n_samples)
+    behind = radius - math.sqrt(max(radius**2 - min(0.5 * across_m, radius) ** 2, 0.0))
+    beam = beam_integral(radiometer)
+    covered = f"turns {advance:.4g} m apart see {length:.4g} m each"
+    return ScanGeometry(
+        height_m=height_m,
+        from_m=_FAR_M,
+        beamwidth_rad=length / _FAR_M,
+        half_angle_rad=math.inf,
+        sweep_advance_m=across_m / n_lines,
+        advance_m=across_m / n_lines,
+        dwell_ms=dwell_ms,
+        smear=smear,
+        look_rad=np.full(n_samples, math.radians(radiometer.conical_incidence_deg)),
+        place_rad=np.asarray((np.arange(n_samples) - 0.5 * (n_samples - 1)) * advance / _FAR_M, dtype=np.float64),
+        step_rad=advance / _FAR_M,
+        n_sweeps=n_lines,
+        sweeps_a_line=1,
+        n_lines=n_lines,
+        along=smeared(beam, smear),
+        across=beam,
+        notes=(
+            f"conical scan: a beam of {length:.4g} by {width:.4g} m moves {smear * width:.4g} m while it integrates; "
+            f"{covered}{', gaps between' if advance > length else ''}",
+            f"its arc lies {behind:.3g} m farther back at the scene's sides, which is left out",
+        ),
+    )
+
+
+def _refuse(problems: list[Problem], n_sweeps: int, n_samples: int) -> None:
+    """Raise the problems, and that of too many footprints."""
+    if n_samples * n_sweeps > _MOST_FOOTPRINTS:
+        text = f"{n_sweeps} sweeps of {n_samples} footprints are more than {_MOST_FOOTPRINTS}"
+        problems.append(Problem(text, "Use a coarser resolution or a longer period", field="resolution"))
+    if problems:
+        raise ConfigurationError(*problems)
+
+
+def _problems(radiometer: RadiometerConfiguration, height_m: float, advance: float, sweep_time: float) -> list[Problem]:
     """What makes the scan impossible."""
     problems = []
+    covered = radiometer.footprint_m[0]
     antenna = radiometer.antenna_m(height_m)
     if antenna > radiometer.antenna_limit_m * (1.0 + 1e-9):
-        finest = 1.22 * radiometer.wavelength_m * height_m / radiometer.antenna_limit_m
+        finest = 1.22 * radiometer.wavelength_m * radiometer.reach_m(height_m)[0] / radiometer.antenna_limit_m
+        finest *= radiometer.resolution_m / radiometer.footprint_m[1]
         text = f"this beam needs an antenna of {antenna:.3g} m, more than the {radiometer.antenna_limit_m:g} m allowed"
         remedy = f"Use a resolution of at least {finest:.4g} m, a higher frequency or a lower flight"
         problems.append(Problem(text, remedy, field="resolution", value=radiometer.resolution_m))
@@ -159,14 +228,11 @@ def _problems(
         text = f"one integration lasts longer than a sweep of {1e3 * sweep_time:.4g} ms: no footprint has a dwell"
         remedy = "Integrate for less, or scan with a longer period"
         problems.append(Problem(text, remedy, field="integration_time", value=radiometer.integration_time_ms))
-    if radiometer.gaps == "refuse" and advance > radiometer.resolution_m * (1.0 + 1e-9):
-        text = f"sweeps lie {advance:.4g} m apart and cover {radiometer.resolution_m:.4g} m each: gaps at nadir"
-        limit = 2.0 * radiometer.resolution_m / radiometer.speed_m_s
+    if radiometer.gaps == "refuse" and advance > covered * (1.0 + 1e-9):
+        text = f"sweeps lie {advance:.4g} m apart and cover {covered:.4g} m each: gaps at nadir"
+        limit = radiometer.scan_period_s * covered / advance
         remedy = f"Use a period of at most {limit:.4g} s, a coarser resolution or a slower craft"
         problems.append(Problem(text, remedy, field="scan_period", value=radiometer.scan_period_s))
-    if half_angle < 0.25 * radiometer.beamwidth_rad(height_m) and radiometer.scan_half_angle_deg > 0.0:
-        text = "the sweep is narrower than half a beam"
-        problems.append(Problem(text, "Sweep wider", field="scan_half_angle_deg", value=math.degrees(half_angle)))
     return problems
 
 

@@ -132,6 +132,7 @@ def _radar_picture(image: RadarImage) -> Picture:
 
 def _radiometer_picture(image: RadiometerImage) -> Picture:
     nedt = float(np.nanmedian(image.nedt_k))
+    first = "first turn" if image.radiometer.conical_incidence_deg > 0.0 else "left edge of the sweep"
     return Picture(
         channels=image.radiometer.channels,
         values=image.brightness_k.astype(np.float64),
@@ -141,7 +142,7 @@ def _radiometer_picture(image: RadiometerImage) -> Picture:
         n_bits=8,
         pixel_of_cell=image.pixel_of_cell,
         quarter_turns=image.quarter_turns,
-        remark=f"receiver noise {nedt:.2g} K a footprint; left edge of the sweep at the top",
+        remark=f"receiver noise {nedt:.2g} K a footprint; {first} at the top",
         arrays={
             "brightness_k": image.brightness_k,
             "mean_k": image.mean_k,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.candidates import FILE, candidates_of
 from seqrsm.campaign.dossier import assemble
 from seqrsm.cli.app import app
+from seqrsm.cli.notebook import Candidates
 from seqrsm.report.content import build_report
 from seqrsm.spec.read import load_spec
 
@@ -229,7 +231,12 @@ def test_a_radiometer_larger_than_the_fields_is_judged_by_its_footprint(tmp_path
     ok("candidates", folder, "--worlds", 4)
     rows = found(folder)
     coarse, fine = rows["AMSR2 10.65 GHz, H+V"], rows["PALS L 1.413 GHz low, H+V"]
-    assert (coarse["places"][0]["cell_m"], fine["places"][0]["cell_m"]) == (31749.0, 490.0)
+    # 42 km at 55 deg, as published, and a round beam: 24.1 km square to it.
+    assert coarse["places"][0]["footprint_m"] == pytest.approx([42e3, 42e3 * math.cos(math.radians(55.0))])
+    assert coarse["places"][0]["incidence_deg"] == 55.0
+    assert fine["places"] == [{"cell_m": 490.0, "score": fine["score"]}]
+    measured = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    assert "footprint 42.0 by 24.1 km at 55 deg" in " ".join(repr(Candidates(measured)).split())
     assert coarse["difference"] < -10.0
     assert "cell and looks" in {one["property"] for one in fine["owed_to"]}
     assert "angle" not in {one["property"] for one in fine["owed_to"]}

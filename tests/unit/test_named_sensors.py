@@ -23,6 +23,9 @@ from seqrsm.sensor.named import (
 DATA = Path(__file__).parents[1] / "reference" / "data"
 BY_TITLE = {one.title: one for one in named_sensors()}
 RADARS = [one for one in named_sensors() if one.kind == "sar"]
+CONICAL = {
+    one.title for one in named_sensors() if one.name in {"SMAP", "AMSR-E", "AMSR2", "AMSR3", "CIMR", "SSMIS", "GMI"}
+}
 RADIOMETERS = [one for one in named_sensors() if one.kind == "radiometer"]
 
 
@@ -76,7 +79,11 @@ def test_every_radiometer_to_36_ghz_builds_with_its_noise() -> None:
         except ConfigurationError:
             refused.append(sensor.values["frequency_ghz"])
             continue
-        assert made.resolution_m == pytest.approx(1e3 * sensor.values["footprint_km"])
+        # A round beam on a cone, as long as the longer diameter, has nearly the area of both.
+        assert made.resolution_m == pytest.approx(1e3 * sensor.values["footprint_km"], rel=0.06)
+        assert made.conical_incidence_deg == (sensor.incidences_deg[0] if sensor.title in CONICAL else 0.0)
+        if sensor.title in CONICAL and "footprint_major_km" in sensor.values:
+            assert made.footprint_m[0] == pytest.approx(1e3 * sensor.values["footprint_major_km"])
         if made.noise_temperature_k > 0.0:
             assert made.nedt_k(300.0) == pytest.approx(sensor.values["nedt_k"], rel=1e-6)
     assert refused

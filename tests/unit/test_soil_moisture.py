@@ -51,11 +51,13 @@ def quiet_table():
     return replace(table, spread=dict.fromkeys(names, (0.0, 0.0, 0.0)), mean_sd=dict.fromkeys(names, 0.0))
 
 
-def test_without_disturbance_the_moisture_is_found() -> None:
+@pytest.mark.parametrize("cone_deg", [0.0, 40.0])
+def test_without_disturbance_the_moisture_is_found(cone_deg: float) -> None:
     s = land(("Bareground",), np.zeros_like(KINDS))
     r = radiometer(
         frequency_ghz=1.4, **{**BAND, "temperature_date_sd_k": 0.0, "temperature_field_sd_k": 0.0},
         noise_temperature_k=0.0, soil_moisture_field_sd=0.0, soil_moisture_region_m=400.0,
+        conical_incidence_deg=cone_deg,
     )  # fmt: skip
     found = simulate_radiometer(s, replace(r, bandwidth_mhz=1e3), quiet_table(), seed=2, run_id=1)
     score = score_moisture([found], s, SKILL, seed=2, run_id=1)

@@ -32,7 +32,7 @@ _NAMES = {
     "resolution_azimuth_m": "azimuth resolution", "incidence_near_deg": "near incidence",
     "incidence_far_deg": "far incidence", "altitude_km": "altitude", "radiometric_accuracy_db": "calibration",
     "footprint_km": "footprint", "nedt_k": "noise", "integration_time_ms": "integration time",
-    "revisit_days": "revisit",
+    "revisit_days": "revisit", "rotation_rpm": "rotation",
 }  # fmt: skip
 
 
@@ -161,6 +161,9 @@ def _note(row: Mapping[str, Any]) -> str:
             noise = " / ".join(format_number(one["noise_db"], 1) for one in places)
             looks = format_significant(places[len(places) // 2]["looks"], 2)
             parts.append(f"{looks} looks; at {angles}\u00a0deg noise {noise}\u00a0dB, score {scores}")
+        elif "footprint_m" in places[0]:
+            length, width = (format_significant(1e-3 * side, 3) for side in places[0]["footprint_m"])
+            parts.append(f"footprint {length} by {width}\u00a0km at {places[0]['incidence_deg']:g}\u00a0deg, on a cone")
     dates = row.get("dates")
     if dates:
         days = listing([f"{day:g}" for day in dates["used"]])

@@ -46,7 +46,7 @@ def effects_k(
     dict
         By name: the radiometric resolution, then the effects.
     """
-    edge = math.atan(float(np.abs(frame.across_m).max()) / frame.height_m)
+    edge = math.atan(float(np.abs(frame.away_m).max()) / frame.height_m)
     warm = float(ground_k.mean())
     present = np.unique(frame.cover)
     e = np.stack([look.emissivity[present[present < len(look.categories)]] for look in lookups])

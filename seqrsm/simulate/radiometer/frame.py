@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,6 +23,8 @@ from seqrsm.simulate.radiometer.occasion import RadiometerOccasion
 class RadiometerFrame:
     """A scene as the craft flies over its middle: rows across the track, left edge first, columns along it.
 
+    Of a conical scan the rows follow each other in the direction of flight, in which it looks.
+
     Attributes
     ----------
     elevation_m : float array (n, m)
@@ -30,7 +33,9 @@ class RadiometerFrame:
         Category; 255 where category or elevation is not known.
     field : int32 array (n, m)
     across_m : float64 array (n,)
-        Distance of each row's centre from nadir, right positive [m].
+        Distance of each row's centre from the middle, right positive [m].
+    away_m : float64 array (n,)
+        From how far it is seen [m]: `across_m` of a sweep; the same for every row on a cone.
     height_m : float
         Flight line above the datum [m].
     cell_m : float
@@ -42,6 +47,7 @@ class RadiometerFrame:
     cover: AnyArray
     field: AnyArray
     across_m: FloatArray
+    away_m: FloatArray
     height_m: float
     cell_m: float
     quarter_turns: int
@@ -55,15 +61,18 @@ def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, pre
     SceneError
         No cell has an elevation.
     """
-    turns = round((radiometer.heading_deg - 90.0) / 90.0)
+    turns = radiometer.quarter_turns
     elevation, cover, field, mean_m = _layers(scene, turns, precision)
-    n = len(elevation)
+    n, height_m = len(elevation), radiometer.altitude_m - mean_m
+    across_m = np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64)
+    tangent = math.tan(math.radians(radiometer.conical_incidence_deg))
     return RadiometerFrame(
         elevation_m=elevation,
         cover=cover,
         field=field,
-        across_m=np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64),
-        height_m=radiometer.altitude_m - mean_m,
+        across_m=across_m,
+        away_m=np.full(n, height_m * tangent) if tangent > 0.0 else across_m,
+        height_m=height_m,
         cell_m=scene.cell_m,
         quarter_turns=turns,
     )

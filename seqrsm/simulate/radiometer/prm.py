@@ -206,8 +206,7 @@ def check_radiometer(
     if radiometer.temperature == "layer":
         temperature_layer(scene)
     lookups_of(scene, radiometer, table, day)
-    turns = round((radiometer.heading_deg - 90.0) / 90.0)
-    rows, columns = scene.shape if turns % 2 == 0 else scene.shape[::-1]
+    rows, columns = scene.shape if radiometer.quarter_turns % 2 == 0 else scene.shape[::-1]
     return scan_geometry(radiometer, radiometer.altitude_m - mean, rows * scene.cell_m, columns * scene.cell_m)
 
 
@@ -235,7 +234,7 @@ def radiation_map(
     frame = met.frame
     dtype = frame.elevation_m.dtype
     n, m = frame.elevation_m.shape
-    geometry = row_geometry(frame.across_m, frame, met.air)
+    geometry = row_geometry(frame, met.air)
     antenna = np.empty((len(met.lookups), n, m), dtype=dtype)
     state = np.empty((n, m), dtype=np.uint8)
     kernels_prm.emit_cells(
@@ -254,21 +253,25 @@ def radiation_map(
         offset = np.zeros((n, m), dtype=dtype)
     else:
         offset = np.empty((n, m), dtype=dtype)
-        kernels_prm.displace_cells(frame.elevation_m, frame.across_m, frame.height_m, frame.cell_m, offset)
+        kernels_prm.displace_cells(frame.elevation_m, frame.away_m, frame.height_m, frame.cell_m, offset)
     return antenna, offset, state
 
 
-def row_geometry(across_m: FloatArray, frame: RadiometerFrame, air: Atmosphere) -> FloatArray:
-    """Geometry (n, 5) of rows at distances from nadir, as `kernels_prm.emit_cells` takes it."""
-    look = np.arctan2(np.abs(across_m), frame.height_m)
-    towards_nadir = np.abs(across_m) - frame.cell_m
-    geometry = np.empty((len(across_m), 5))
-    geometry[:, 0] = np.abs(across_m)
+def row_geometry(frame: RadiometerFrame, air: Atmosphere) -> FloatArray:
+    """Geometry (n, 5) of the rows of a frame, as `kernels_prm.emit_cells` takes it."""
+    away_m = np.abs(frame.away_m)
+    look = np.arctan2(away_m, frame.height_m)
+    towards_nadir = away_m - frame.cell_m
+    geometry = np.empty((len(away_m), 5))
+    geometry[:, 0] = away_m
     # Ground within a cell of nadir blocks nothing behind it.
     geometry[:, 1] = np.where(
         towards_nadir > 0.25 * frame.cell_m, frame.cell_m / np.maximum(towards_nadir, 0.25 * frame.cell_m), 0.0
     )
-    geometry[:, 2] = np.where(across_m >= 0.0, 1.0, -1.0)
+    if frame.away_m is not frame.across_m:
+        # Rays of a cone are parallel: each row is as far off as the one before, and before the first there is none.
+        geometry[:, 1] = np.where(np.arange(len(away_m)) > 0, frame.cell_m / away_m, 0.0)
+    geometry[:, 2] = np.where(frame.away_m >= 0.0, 1.0, -1.0)
     geometry[:, 3] = air.upwelling_k(look, frame.height_m)
     geometry[:, 4] = air.transmission(look, frame.height_m)
     return geometry
@@ -348,16 +351,16 @@ def scan_image(
     -------
     RadiometerImage
     """
-    frame, scan = met.frame, met.scan
+    frame, scan, conical = met.frame, met.scan, radiometer.conical_incidence_deg > 0.0
     antenna_k, offset, state = mapped
     n_channels, n, m = antenna_k.shape
     total = np.zeros_like(antenna_k)
     weight = np.zeros((n, m), dtype=total.dtype)
     kernels_prm.bin_angle(antenna_k, offset, state, total, weight)
-    look = np.arctan2(frame.across_m, frame.height_m)
-    edge = np.arctan2(np.append(frame.across_m, -frame.across_m[0] + frame.cell_m) - 0.5 * frame.cell_m, frame.height_m)
+    look = np.arctan2(frame.across_m, scan.from_m)
+    edge = np.arctan2(np.append(frame.across_m, -frame.across_m[0] + frame.cell_m) - 0.5 * frame.cell_m, scan.from_m)
     part = np.clip(0.5 + 0.5 * look / scan.half_angle_rad, 0.0, 1.0)
-    width = radiometer.resolution_m / np.cos(look)
+    width = radiometer.footprint_m[1] / np.cos(look)
     rows = np.empty((n_channels, n, scan.n_sweeps))
     seen = np.empty((n, scan.n_sweeps))
     per_width = float(BEAM_STEPS_A_WIDTH)
@@ -365,7 +368,7 @@ def scan_image(
         total, weight, part, width, scan.sweep_advance_m, frame.cell_m, scan.along, per_width, rows, seen
     )
     mean = np.empty((n_channels, len(scan.look_rad), scan.n_sweeps))
-    kernels_prm.average_across(rows, seen, edge, scan.look_rad, scan.beamwidth_rad, scan.across, per_width, mean)
+    kernels_prm.average_across(rows, seen, edge, scan.place_rad, scan.beamwidth_rad, scan.across, per_width, mean)
     if met.planck_k > 0.0:
         mean = met.planck_k / np.log1p(met.planck_k / mean)
     mean, nedt = _lines(mean, radiometer.nedt_k(mean), scan)
@@ -376,9 +379,11 @@ def scan_image(
         kernels_prm.add_receiver_noise(mean, nedt, numbers, *noise, brightness)
     footprint = np.empty((n, m), dtype=np.int32)
     coverage = np.empty((n, m), dtype=np.int32)
-    held_rad = scan.beamwidth_rad * max(1.0, scan.smear)
-    sweep = (scan.height_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.look_rad[0], scan.step_rad)
-    sampled = (len(scan.look_rad), radiometer.resolution_m, scan.sweep_advance_m, scan.n_sweeps)
+    # The beam moves across the rows of a sweep, along those of a conical scan.
+    moved = max(1.0, scan.smear), 1.0
+    held_rad, held_m = np.array([scan.beamwidth_rad, radiometer.footprint_m[1]]) * (moved[::-1] if conical else moved)
+    sweep = (scan.from_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.place_rad[0], scan.step_rad)
+    sampled = (len(scan.look_rad), held_m, scan.sweep_advance_m, scan.n_sweeps)
     kernels_prm.register_cells(
         offset,
         state,

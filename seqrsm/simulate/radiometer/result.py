@@ -71,7 +71,7 @@ class RadiometerImage:
             "engine": "prm",
             "mode": self.radiometer.mode,
             "nedt_k": [round(float(np.nanmedian(layer)), 4) for layer in self.nedt_k],
-            "beamwidth_deg": round(math.degrees(scan.beamwidth_rad), 5),
+            "beamwidth_deg": round(math.degrees(self.radiometer.beamwidth_rad(scan.height_m)), 5),
             "lines_and_samples": [scan.n_lines, len(scan.look_rad)],
             "advance_m": round(scan.advance_m, 4),
             "sweeps_a_line": scan.sweeps_a_line,
