@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray
+from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.layers import centres_of_fields, moisture_of_fields
 from seqrsm.score.bare_soil import retrieved_fields
@@ -28,17 +28,17 @@ _PAIRED: Final = 400  # squares or fields that a mean over pairs is made of
 def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed: int, run_id: int) -> UtilityScore:
     """Error or skill of soil moisture over scored cells of covers that show any.
 
-    A radiometer's image gives the mean of squares of 250 m (`seqrsm.score.brightness`), a radar's the moisture of bare
-    fields (`seqrsm.score.bare_soil`). "soil_moisture_error" is the unbiased root mean square error [m3/m3]: errors
-    about their mean. "soil_moisture_skill" is one less its square over the variance that the truth has on average: 0
-    for a guess of the mean, 1 where all is known.
+    A radiometer's image gives the mean of squares of 250 m (`seqrsm.score.brightness`), radars' images the moisture of
+    bare fields (`seqrsm.score.bare_soil`), on each date by itself. "soil_moisture_error" is the unbiased root mean
+    square error [m3/m3]: errors about their mean of each date. "soil_moisture_skill" is one less its square over the
+    variance that the truth has on average: 0 for a guess of the mean, 1 where all is known.
 
     Parameters
     ----------
     images : sequence of RadarImage or RadiometerImage
-        One.
+        Of one ground; one radiometer, or radars.
     scene : Scene
-        The scene it was made of.
+        The scene they were made of.
     asked : Asked
     seed, run_id : int
         Key of the tiles that a field larger than one is divided by.
@@ -53,36 +53,61 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     SceneError
         No scored cell in the image has a cover that shows moisture, or all are as wet.
     """
-    image = images[0]
-    if isinstance(image, RadarImage):
-        sensor: Sensor = image.radar
-        retrieved, unit = retrieved_fields(image, scene, seed, run_id)
+    days = dict.fromkeys(image.day for image in images)
+    dates = [_compared([one for one in images if one.day == day], scene, seed, run_id) for day in days]
+    weight, truth, error = (np.concatenate(parts) for parts in zip(*(date[:3] for date in dates), strict=True))
+    variance = float(np.mean([date.spread**2 for date in dates]))
+    if variance == 0.0:
+        remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd, soil_moisture_region_sd)."
+        raise SceneError(Problem("no scored cells show how moist the soil is", remedy, field="utility"))
+    square, se = cluster_ratio(weight * error**2, weight, np.arange(len(weight)))
+    skill = 1.0 - square / variance
+    details: dict[str, object] = {
+        "truth_sd": float(np.sqrt(np.cov(truth, aweights=weight, ddof=0))),
+        "bias": float(np.mean([date.bias for date in dates])),
+        "skill": skill,
+    }
+    spread = math.sqrt(variance)
+    n_cells, n_used = int(weight.sum()), len(weight)
+    if asked.name == "soil_moisture_skill":
+        return UtilityScore(skill, se / variance, 0.0, 1.0, n_cells, n_used, details=details)
+    rmse = math.sqrt(square)
+    return UtilityScore(rmse, se / (2.0 * rmse) if rmse > 0.0 else 0.0, spread, 0.0, n_cells, n_used, details=details)
+
+
+class _Date(NamedTuple):
+    """Pieces of ground on one date: scored cells, moisture and error about their means (n,); bias, expected spread."""
+
+    weight: FloatArray
+    truth: FloatArray
+    error: FloatArray
+    bias: float
+    spread: float
+
+
+def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> _Date:
+    """What the images of one date tell of its moisture, beside the truth."""
+    radars = [image for image in images if isinstance(image, RadarImage)]
+    if len(radars) == len(images):
+        sensor: Sensor = radars[0].radar
+        retrieved, unit = retrieved_fields(radars, scene, seed, run_id)
+    elif isinstance(images[0], RadarImage) or len(images) > 1:
+        text = "moisture of a date is retrieved by radars or by one radiometer, not by more together"
+        raise SceneError(Problem(text, "Ask for a campaign of each.", field="utility"))
     else:
-        sensor = image.radiometer
-        retrieved, unit = retrieved_squares(image, scene)
-    cells, moisture = unit >= 0, image.occasion.field_moisture
+        sensor = images[0].radiometer
+        retrieved, unit = retrieved_squares(images[0], scene)
+    cells, moisture = unit >= 0, images[0].occasion.field_moisture
     own, field = unit[cells], scene.field_id[cells]
     spread = 0.0 if moisture is None else expected_spread(sensor, scene, own, field)
     if moisture is None or spread == 0.0:
-        remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd, soil_moisture_region_sd)."
-        raise SceneError(Problem("no scored cells show how moist the soil is", remedy, field="utility"))
+        return _Date(np.zeros(0), np.zeros(0), np.zeros(0), 0.0, 0.0)
     weight = np.bincount(own, minlength=len(retrieved)).astype(np.float64)
-    truth = np.bincount(own, moisture[field], len(retrieved)) / np.maximum(weight, 1.0)
-    error = retrieved - truth
-    bias = float(np.average(error, weights=weight))
     used = weight > 0.0
-    square, se = cluster_ratio((weight * (error - bias) ** 2)[used], weight[used], np.arange(int(used.sum())))
-    skill = 1.0 - square / spread**2
-    details: dict[str, object] = {
-        "truth_sd": float(np.sqrt(np.cov(truth[used], aweights=weight[used], ddof=0))),
-        "bias": bias,
-        "skill": skill,
-    }
-    n_cells, n_used = int(weight.sum()), int(used.sum())
-    if asked.name == "soil_moisture_skill":
-        return UtilityScore(skill, se / spread**2, 0.0, 1.0, n_cells, n_used, details=details)
-    rmse = math.sqrt(square)
-    return UtilityScore(rmse, se / (2.0 * rmse) if rmse > 0.0 else 0.0, spread, 0.0, n_cells, n_used, details=details)
+    truth = np.bincount(own, moisture[field], len(retrieved))[used] / weight[used]
+    error = retrieved[used] - truth
+    level, bias = np.average(truth, weights=weight[used]), float(np.average(error, weights=weight[used]))
+    return _Date(weight[used], truth - level, error - bias, bias, spread)
 
 
 def expected_spread(sensor: Sensor, scene: Scene, block: AnyArray, field: AnyArray) -> float:

@@ -83,9 +83,13 @@ UTILITIES: Final[Mapping[str, Utility]] = {
         is_error=True,
         function=_MOISTURE,
         engines=(*_RADAR, *_RADIOMETER),
+        several=True,
     ),
     "soil_moisture_skill": Utility(
-        "share of the variance of soil moisture that is retrieved", function=_MOISTURE, engines=(*_RADAR, *_RADIOMETER)
+        "share of the variance of soil moisture that is retrieved",
+        function=_MOISTURE,
+        engines=(*_RADAR, *_RADIOMETER),
+        several=True,
     ),
     "water_fraction_error": Utility(
         "root mean square error of the share of open water",

@@ -208,7 +208,7 @@ def test_a_radar_finds_the_moisture_of_bare_fields_where_nothing_else_differs() 
     even = {(n, p): replace(table.variability[n, p], field_sd_db=0.0, date_sd_db=0.0) for n, p in table.variability}
     even_table = replace(table, variability=even)
     found = radar_image(s, even_table, fading="none", texture_db=0.0)
-    value, unit = retrieved_fields(found, s, 5, 1)
+    value, unit = retrieved_fields([found], s, 5, 1)
     assert set(np.unique(s.cover[unit >= 0])) == {0}  # bare fields alone
     truth = np.zeros(len(value))
     truth[unit[unit >= 0]] = found.occasion.field_moisture[FIELD][unit >= 0]
@@ -225,6 +225,38 @@ def test_a_radars_skill_lies_between_a_guess_and_all_that_roughness_leaves() -> 
         skills.append(score.value)
         assert (score.guess, score.perfect) == (0.0, 1.0)
     assert 0.15 < np.mean(skills) < 0.8
+
+
+def test_several_dates_and_bands_are_scored_together() -> None:
+    """Each date by itself, errors about its own mean; two bands of one date tell more than each."""
+    s, table, days = bare_and_wooded(), load_sigma0_table(), (100.0, 140.0)
+
+    def seen(frequency: float, number: int, run: int):
+        radar = from_settings(
+            {"frequency": frequency, "polarization": "HH+VV", "resolution": 20.0, "depression_angle": 50.0},
+            {"bandwidth": 80.0, "peak_power": 3000.0, "altitude_m": 6000.0, "soil_moisture_field_sd": 0.04},
+        )
+        at = table.in_world(World(4, run))
+        return simulate_radar(s, radar, at, seed=5, run_id=run, visit=Visit(days, number))
+
+    gains = []
+    for run in range(6):
+        first, second, other = seen(5.4, 0, run), seen(5.4, 1, run), seen(1.25, 0, run)
+        key = {"seed": 5, "run_id": run}
+        one, two = (score_moisture([image], s, ERROR, **key) for image in (first, second))
+        both = score_moisture([second, first], s, ERROR, **key)
+        assert both.value == pytest.approx(np.sqrt(0.5 * (one.value**2 + two.value**2)))
+        assert both.n_cells == one.n_cells + two.n_cells
+        assert both.guess == pytest.approx(one.guess)
+        alone = [score_moisture([image], s, SKILL, **key).value for image in (first, other)]
+        gains.append(score_moisture([first, other], s, SKILL, **key).value - np.mean(alone))
+    assert np.mean(gains) > 0.0
+    r = radiometer(frequency_ghz=1.4, **BAND)
+    felt = [simulate_radiometer(s, r, load_emissivity_table(), seed=5, run_id=1, visit=Visit(days, k)) for k in (0, 1)]
+    squares = [score_moisture([image], s, ERROR, seed=5, run_id=1).value ** 2 for image in felt]
+    assert score_moisture(felt, s, ERROR, seed=5, run_id=1).value == pytest.approx(np.sqrt(np.mean(squares)))
+    with pytest.raises(SceneError, match="not by more together"):
+        score_moisture([felt[0], seen(5.4, 0, 1)], s, ERROR, seed=5, run_id=1)
 
 
 def test_radar_and_radiometer_draw_the_same_moisture() -> None:

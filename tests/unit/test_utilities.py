@@ -66,7 +66,7 @@ def test_a_utility_that_the_images_cannot_be_scored_by_is_refused() -> None:
     with pytest.raises(SpecError, match="this engine cannot score"):
         check_utility("water_fraction_error", {"psm"}, several=False)
     with pytest.raises(SpecError, match="scores one image, here are several"):
-        check_utility("soil_moisture_error", {"prm"}, several=True)
+        check_utility("water_fraction_error", {"prm"}, several=True)
     with pytest.raises(SpecError, match="this engine cannot score"):
         check_utility("measured", {"psm"}, several=False)
     for name in SCORED:
