@@ -167,7 +167,7 @@ def make_atmosphere(
     Parameters
     ----------
     frequency_ghz : float
-        Within the table of nodes, 0.4 to 36 [GHz].
+        Within the table of nodes, 0.4 to 100 [GHz].
     atmosphere : {"us_standard", "midlatitude_summer", "midlatitude_winter", "none"}
         "none" leaves only space.
     weather : {"clear", "cloud", "rain"}
@@ -186,7 +186,7 @@ def make_atmosphere(
     Raises
     ------
     ScatteringDataError
-        The frequency lies outside the nodes (94 GHz does), or a name or amount is impossible.
+        The frequency lies outside the nodes, or a name or amount is impossible.
     """
     problems = [
         Problem("unknown", f"Known: {', '.join(known)}", field=field, value=value)

@@ -197,7 +197,8 @@ class EmissivityTable:
         categories : sequence of str
             Category names, repeats allowed.
         frequency_ghz : float
-            0.3 to 40 [GHz]; a user's own categories at most a third of an octave beyond their nodes.
+            0.3 to 100 [GHz], with wider errors above 40; a user's own categories at most a third of an octave beyond
+            their nodes.
         polarization : {"H", "V"}
         as_printed : bool
             True takes Table 3 as it stands for any frequency, polarization and moisture, as the report did.

@@ -18,7 +18,7 @@ from seqrsm.scattering.readers import STATUSES, Row, read_rows
 
 POLARIZATIONS: Final = ("H", "V")
 
-FREQUENCY_RANGE_GHZ: Final = (0.3, 40.0)
+FREQUENCY_RANGE_GHZ: Final = (0.3, 100.0)
 """Lowest and highest frequency of a table [GHz]."""
 
 _REQUIRED: Final = (

@@ -274,7 +274,7 @@ RADAR: Final = _table(
 
 RADIOMETER: Final = _table(
     _number(
-        "frequency_ghz", "GHz", 0.4, 36.0, "centre frequency; the table of the atmosphere reaches no further",
+        "frequency_ghz", "GHz", 0.4, 100.0, "centre frequency; the table of the atmosphere reaches no further",
         name="frequency",
     ),
     Parameter("polarization", "channels", "channels", "polarizations received together", levels=("H", "V")),

@@ -57,7 +57,7 @@ _DEFAULTS = {
         ),
     },
     "prm": {
-        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "the tables know 1 to 36 GHz"),
+        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "above 36 GHz the tables rest on less"),
         "resolution": _Default(50.0, 250.0, (30.0, 500.0), "the scene is four kilometres wide, with cells of 10 m"),
     },
 }

@@ -91,7 +91,10 @@ def half_power_m(r: RadiometerConfiguration, cell_m: float, axis: int) -> float:
         ("AMSR2 6.925 GHz", 62.0, 35.0, False),
         ("AMSR2 10.65 GHz", 42.0, 24.0, False),
         ("AMSR2 23.8 GHz", 26.0, 15.0, False),
+        ("AMSR2 36.5 GHz", 12.0, 7.0, False),
+        ("AMSR2 89 GHz", 5.0, 3.0, False),
         ("SSMIS 19.35 GHz", 73.0, 47.0, True),
+        ("SSMIS 37 GHz", 41.0, 31.0, True),
     ],
 )
 def test_the_image_of_an_edge_has_the_published_footprint(
@@ -115,7 +118,8 @@ def test_smaps_footprint_is_that_of_its_makers_page() -> None:
 
 BEAMS_DEG = {  # star.nesdis.noaa.gov/mirs/amsr2.php and gpmgmi.php
     "AMSR2 6.925 GHz": 1.8, "AMSR2 7.3 GHz": 1.8, "AMSR2 10.65 GHz": 1.2, "AMSR2 18.7 GHz": 0.65,
-    "AMSR2 23.8 GHz": 0.75, "GMI 10.65 GHz": 1.75, "GMI 18.7 GHz": 1.0, "GMI 23.8 GHz": 0.9,
+    "AMSR2 23.8 GHz": 0.75, "AMSR2 36.5 GHz": 0.35, "AMSR2 89 GHz": 0.15,
+    "GMI 10.65 GHz": 1.75, "GMI 18.7 GHz": 1.0, "GMI 23.8 GHz": 0.9,
 }  # fmt: skip
 
 
@@ -127,7 +131,7 @@ def test_footprints_over_the_curved_earth_need_the_published_beamwidths(title: s
 
 def test_turns_are_as_far_apart_as_published_and_a_footprint_lasts_as_long() -> None:
     """AMSR2 samples every 10 km along the track, SSM/I flies 12.5 km in a turn; GMI looks down 48.5 deg."""
-    for title, apart_km in (("AMSR2 10.65 GHz", 10.0), ("SSMIS 19.35 GHz", 12.5)):
+    for title, apart_km in (("AMSR2 10.65 GHz", 10.0), ("AMSR2 89 GHz", 5.0), ("SSMIS 19.35 GHz", 12.5)):
         made = radiometer_of(BY_TITLE[title], "V")
         scan = scan_geometry(made, made.altitude_m, 50e3, 50e3)
         assert made.speed_m_s * made.scan_period_s == pytest.approx(1e3 * apart_km, rel=0.02)

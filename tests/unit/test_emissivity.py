@@ -90,6 +90,34 @@ def test_water_follows_the_dielectric_model():
     assert 1.0 - water.h == pytest.approx(0.3034, abs=5e-5)
 
 
+@pytest.mark.parametrize("f", [1.4, 18.7, 36.5, 89.0, 100.0])
+def test_water_is_that_of_another_fit_up_to_100_ghz(f):
+    """Fresh water at 20 C by Meissner and Wentz 2004 (IEEE TGRS 42(9), 1836-1849, eq. 8 to 11)."""
+    t = 20.0
+    static = (3.70886e4 - 8.2168e1 * t) / (4.21854e2 + t)
+    first = 5.7230 + 2.2379e-2 * t - 7.1237e-4 * t**2
+    slow = (45.0 + t) / (5.0478 - 7.0315e-2 * t + 6.0059e-4 * t**2)
+    infinite = 3.6143 + 2.8841e-2 * t
+    fast = (45.0 + t) / (1.3652e-1 + 1.4825e-3 * t + 2.4166e-4 * t**2)
+    wentz = (static - first) / (1 - 1j * f / slow) + (first - infinite) / (1 - 1j * f / fast) + infinite
+    ours = complex(permittivity_water_ulaby14(f, t))
+    assert abs(ours - wentz) < 0.02 * abs(wentz)
+    a, b = (reflectivity_fresnel(e, np.deg2rad(53.0)) for e in (ours, wentz))
+    assert abs(a.h - b.h) < 0.005
+    assert abs(a.v - b.v) < 0.005
+
+
+def test_above_40_ghz_means_are_known_less_and_land_goes_on_without_a_step():
+    """Measured land without snow is linear in frequency up to 100 GHz (Prigent et al. 2000, IEEE TGRS 38(5))."""
+    names = [name for name in TABLE.categories if name not in ("Water", "Swamp")]
+    at = {f: TABLE.lookup(names, f, "V") for f in (36.5, 60.0, 89.0)}
+    assert (at[89.0].mean_sd == 0.05).all()
+    assert (at[36.5].mean_sd == 0.03).all()
+    middle = (0.5 * (x := np.array(at[36.5].emissivity)) + 0.5 * np.array(at[89.0].emissivity))[..., :60]
+    assert np.abs(np.array(at[60.0].emissivity)[..., :60] - middle).max() < 0.03
+    assert np.abs(np.array(at[89.0].emissivity) - x)[..., :60].max() < 0.12
+
+
 def test_smooth_bare_ground_is_fresnel():
     # Independent run of the book's code: eps 9 - 0.9j, 50 deg: 0.88854 (V), 0.59233 (H).
     assert emissivity_mo82(9 - 0.9j, 0.0, 0.0, 0.0, np.deg2rad(50.0), "V") == pytest.approx(0.88854, abs=5e-6)
@@ -98,9 +126,9 @@ def test_smooth_bare_ground_is_fresnel():
 
 def test_missing_category_polarization_and_frequency_are_named_together():
     with pytest.raises(ScatteringDataError) as caught:
-        TABLE.lookup(["Trees", "Lava", "Snow"], 94.0, "HV")
+        TABLE.lookup(["Trees", "Lava", "Snow"], 118.0, "HV")
     text = str(caught.value)
-    for part in ("'Lava'", "'Snow'", "94.0", "'HV'"):
+    for part in ("'Lava'", "'Snow'", "118.0", "'HV'"):
         assert part in text
 
 

@@ -23,20 +23,42 @@ def test_sky_and_loss_against_the_packages_numbers(name):
         air = make_atmosphere(float(f), atmosphere=name)
         loss = NODES[f"{prefix}_dry_db"][k] + NODES[f"{prefix}_wet_db"][k]
         assert air.zenith_loss_db == pytest.approx(loss, rel=1e-9)
-        assert float(air.sky_k(0.0)) == pytest.approx(NODES[f"{prefix}_tsky_zenith_k"][k], abs=0.5)
+        # Above 36 GHz the heights of gases count, too, which layers take as exponential.
+        most = 0.5 if f <= 36.0 else 2.5
+        assert float(air.sky_k(0.0)) == pytest.approx(NODES[f"{prefix}_tsky_zenith_k"][k], abs=most)
+
+
+def test_radiation_of_the_air_to_space_is_that_of_the_line_model():
+    """pyrtlib 1.2.0, model R20, seen from above at 89 GHz: mean radiating temperatures 270.7, 282.6 and 259.9 K."""
+    for name, temperature in (("us_standard", 270.7), ("midlatitude_summer", 282.6), ("midlatitude_winter", 259.9)):
+        air = make_atmosphere(89.0, atmosphere=name)
+        share = 1.0 - float(air.transmission(0.0))
+        assert float(air.upwelling_k(0.0)) == pytest.approx(share * temperature, abs=1.0)
+
+
+def test_oxygen_hides_the_ground_and_the_windows_beside_it_show_it():
+    """60 GHz: 155 dB straight up over a standard atmosphere (ITU-R P.676-13 by a second package: 154 dB)."""
+    assert make_atmosphere(60.0).zenith_loss_db == pytest.approx(154.3, rel=0.02)
+    assert float(make_atmosphere(60.0).transmission(0.0)) < 1e-15
+    for f, dry, wet in zip(
+        *(NODES[f"{name}"] for name in ("frequency_ghz", "P676_13_dry_db", "P676_13_wet_db")), strict=True
+    ):
+        shown = 10.0 ** (-0.1 * (dry + wet))
+        assert float(make_atmosphere(f).transmission(0.0)) == pytest.approx(shown, abs=0.025)
 
 
 def test_second_package_gives_the_same_loss_for_the_standard_atmosphere():
     for part in ("dry", "wet"):
-        a, b = NODES[f"P676_13_{part}_db"], NODES[f"USstd_{part}_db"]
-        assert (np.abs(a - b) < 0.03).all()
+        a, b, f = NODES[f"P676_13_{part}_db"], NODES[f"USstd_{part}_db"], NODES["frequency_ghz"]
+        assert (np.abs(a - b)[f <= 36.0] < 0.03).all()
+        assert (np.abs(a - b)[(f < 53.0) | (f > 67.0)] < 0.12).all()
 
 
 def test_loss_between_nodes_lies_between_them():
     f = NODES["frequency_ghz"]
     for low, high in itertools.pairwise(f):
         ends = sorted(make_atmosphere(float(g)).zenith_loss_db for g in (low, high))
-        assert ends[0] <= make_atmosphere(float(np.sqrt(low * high))).zenith_loss_db <= ends[1] + 1e-12
+        assert 0.99 * ends[0] <= make_atmosphere(float(np.sqrt(low * high))).zenith_loss_db <= ends[1] + 1e-12
 
 
 def test_layers_add_up_from_ground_to_space():
@@ -69,7 +91,7 @@ def test_no_atmosphere_leaves_space():
     assert float(air.sky_k(0.3)) == COSMIC_BACKGROUND_K
 
 
-@pytest.mark.parametrize(("f", "db_km"), [(10.0, 0.0920), (15.0, 0.273), (36.0, 1.52)])
+@pytest.mark.parametrize(("f", "db_km"), [(10.0, 0.0920), (15.0, 0.273), (36.0, 1.52), (89.0, 3.87)])
 def test_rain_against_an_independent_package(f, db_km):
     assert rain_db_km(f, 5.0, "H") == pytest.approx(db_km, rel=0.04)
     assert rain_db_km(f, 5.0, "V") < rain_db_km(f, 5.0, "H")
@@ -84,10 +106,10 @@ def test_weather_adds_loss_in_order():
 
 def test_what_cannot_be_is_told_together():
     with pytest.raises(ScatteringDataError) as caught:
-        make_atmosphere(94.0, atmosphere="mars", weather="fog", rain_mm_h=-1.0)
+        make_atmosphere(118.0, atmosphere="mars", weather="fog", rain_mm_h=-1.0)
     assert len(caught.value.problems) == 4
-    with pytest.raises(ScatteringDataError, match="36"):
-        make_atmosphere(36.1)
+    with pytest.raises(ScatteringDataError, match="100"):
+        make_atmosphere(100.1)
 
 
 def test_thick_air_shows_the_layer_nearest_to_the_observer():
