@@ -21,6 +21,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.special import gammaln, logsumexp
 
 from seqrsm.arrays import FloatArray, IntArray
@@ -42,6 +43,7 @@ _WALKERS, _STEPS, _KEPT = 32, 100, 20
 _MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
 _IMPORTANCE_DRAWS = 1024
 _FEATURES = 1000
+_CACHED = 2**15  # numbers that stay in the processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +78,9 @@ class Hyper:
         lengths, bends = theta[:, 4 + categories :][:, :n_numeric], theta[:, 4 + categories + n_numeric :]
         return cls(trend, process, noise, growth, between, np.exp(lengths), bends)
 
-    def one(self, d: int) -> Hyper:
-        """The draw in place ``d``."""
-        return Hyper(*(getattr(self, f.name)[d : d + 1] for f in fields(self)))
+    def some(self, which: slice) -> Hyper:
+        """The draws in these places."""
+        return Hyper(*(getattr(self, f.name)[which] for f in fields(self)))
 
     def noise_variance(self, gap: FloatArray) -> FloatArray:
         """Of a run of weight 1 whose mean lies ``gap`` (n,) or (d, n) below the best: (d, n)."""
@@ -94,6 +96,10 @@ class _Places:
     rows: FloatArray
     levels: FloatArray
 
+    def some(self, which: slice) -> _Places:
+        """The same under the draws in these places."""
+        return _Places(self.scaled[which], self.rows[which], self.levels)
+
 
 def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
     """Coordinates ``(exp(b x) - cosh b) / sinh b``: -1 and 1 stay, gains that level off become straight lines.
@@ -104,6 +110,12 @@ def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
     b = np.where(small, 1.0, bends)
     found: FloatArray = np.where(small, x + 0.5 * bends * (x**2 - 1.0), (np.exp(b * x) - np.cosh(b)) / np.sinh(b))
     return found
+
+
+def _in_cache(n: int, size: int) -> Iterator[slice]:
+    """Parts of ``n`` matrices of so many elements each."""
+    together = max(_CACHED // size, 1)
+    return (slice(first, first + together) for first in range(0, n, together))
 
 
 def trend_columns(model: QuadraticModel) -> IntArray:
@@ -169,7 +181,7 @@ class Process:
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
         constants = np.hstack([np.ones((n, 1)), nuisance])
         self._vague = _VAGUE * constants @ constants.T
-        self._base, self._columns = model.base(self._points), trend_columns(model)
+        self._columns = trend_columns(model)
         self._gap = np.zeros(n)
         chain = self._sample(rng)
         self._keep(chain[rng.integers(len(chain), size=_KEPT)])
@@ -178,10 +190,11 @@ class Process:
 
     def means(self, points: FloatArray) -> FloatArray:
         """Mean (d, m) of the surface at coded points (m, k) for each draw, score units."""
-        from seqrsm.fit.kernels import process_sums  # numba: only where there is a process
-
         at, own, h = self._places(self.hyper, points), self._own, self.hyper
-        sums = process_sums(at.scaled, at.levels, own.scaled, own.levels, h.process, h.between, np.asarray(self._alpha))
+        sums = np.empty((len(self._alpha), len(points)))
+        for some in _in_cache(len(sums), len(points) * len(self._y)):
+            cross = self._of_process(h.some(some), at.some(some), own.some(some))
+            sums[some] = (cross @ self._alpha[some, :, None])[..., 0]
         slopes = np.einsum("dnt,dn->dt", own.rows, self._alpha)
         sums += np.einsum("dmt,dt->dm", at.rows, slopes) + _VAGUE * np.sum(self._alpha, axis=1)[:, None]
         found: FloatArray = self.centre + self.scatter * sums
@@ -216,7 +229,8 @@ class Process:
         A draw of the process without scores, from random features, is moved by what the scores say (Wilson et al. 2020,
         Efficiently sampling functions from Gaussian process posteriors, ICML).
         """
-        h = self.hyper.one(int(rng.integers(len(self.hyper.noise))))
+        d = int(rng.integers(len(self.hyper.noise)))
+        h = self.hyper.some(slice(d, d + 1))
         # The spectrum of a Matern 5/2 covariance is Student's distribution with 5 degrees of freedom.
         waves = rng.standard_normal((_FEATURES, h.lengths.shape[1]))
         waves /= np.sqrt(rng.chisquare(5.0, (_FEATURES, 1)) / 5.0)
@@ -276,15 +290,24 @@ class Process:
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
         """Of the surface (d, m, n)."""
-        squares = np.sum(a.scaled**2, axis=-1)[:, :, None] + np.sum(b.scaled**2, axis=-1)[:, None, :]
-        squares -= 2.0 * a.scaled @ np.swapaxes(b.scaled, 1, 2)
-        r = np.sqrt(5.0 * np.maximum(squares, 0.0))
+        k = self._of_process(h, a, b)
+        k += a.rows @ np.swapaxes(b.rows, 1, 2)
+        k += _VAGUE
+        return k
+
+    def _of_process(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
+        """Covariance (d, m, n) of the process alone."""
+        # One product gives 5 |a - b|^2; the rest is done in place, for most of the time goes into memory.
+        of_a, of_b = (5.0 * np.sum(at.scaled**2, axis=-1, keepdims=True) for at in (a, b))
+        left = np.concatenate([-10.0 * a.scaled, of_a, np.ones_like(of_a)], axis=-1)
+        right = np.concatenate([b.scaled, np.ones_like(of_b), of_b], axis=-1)
+        r = np.maximum(left @ np.swapaxes(right, 1, 2), 0.0)
+        np.sqrt(r, out=r)
         k: FloatArray = np.exp(-r)
         k *= 1.0 + r * (1.0 + r / 3.0)
-        k *= np.square(h.process)[:, None, None]
-        if self.model.categorical:
-            k *= h.between[:, None, None] ** np.sum(a.levels[:, None] != b.levels[None, :], axis=-1)
-        k += a.rows @ np.swapaxes(b.rows, 1, 2) + _VAGUE
+        apart = np.sum(a.levels[:, None] != b.levels[None, :], axis=-1)
+        scales = np.square(h.process)[:, None] * h.between[:, None] ** np.arange(1 + a.levels.shape[1])
+        k *= scales[:, apart]
         return k
 
     def _of_scores(self, h: Hyper, own: _Places) -> FloatArray:
@@ -295,16 +318,14 @@ class Process:
         return V
 
     def _log_likelihood(self, theta: FloatArray) -> FloatArray:
-        """Of rows (d, h)."""
-        from seqrsm.fit.kernels import log_likelihoods  # numba: only where there is a process
-
-        h = Hyper.of(theta, len(self.model.numeric), bool(self.model.categorical))
-        scales = np.column_stack([h.trend, h.process, h.noise, h.growth, h.between])
-        levels = self._points[:, list(self.model.categorical)]
-        found: FloatArray = log_likelihoods(
-            scales, h.lengths, h.bends, self._base, self._columns, levels, self._vague, self._y, self._gap,
-            self._inverse_weights,
-        )  # fmt: skip
+        """Of rows (d, h), without its constant; -inf where rounding leaves no positive matrix."""
+        found = np.empty(len(theta))
+        for some in _in_cache(len(theta), len(self._y) ** 2):
+            h = Hyper.of(theta[some], len(self.model.numeric), bool(self.model.categorical))
+            for d, V in enumerate(self._of_scores(h, self._places(h, self._points)), start=some.start):
+                root, failed = dpotrf(V.T, overwrite_a=True, clean=False)
+                solved, _ = dtrtrs(root, self._y, trans=1)
+                found[d] = -np.inf if failed else -np.sum(np.log(np.diagonal(root))) - 0.5 * solved @ solved
         return found
 
     @property
