@@ -21,13 +21,15 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
-from seqrsm.campaign.engines import frame_limits
+from seqrsm.campaign.engines import frame_limits, frame_swath
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_images, task_of
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator
+from seqrsm.sensor.hardware import ASSUMED_BITS, data_rate_bit_s
+from seqrsm.sensor.named import named_sensors
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.simulate.radar.frame import make_frame
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
@@ -319,9 +321,19 @@ def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str
     for settings in recommended:
         sensors = dict.fromkeys(one.sensor for one in task_of(spec, 0, settings).acquisitions)
         for sensor in (one for one in sensors if isinstance(one, RadarConfiguration)):
-            rules = frame_limits(sensor, make_frame(scene, sensor, "float32"))
-            found += [f"{rule.name}, margin {rule.margin:.3g}: {rule.text}" for rule in rules]
+            frame = make_frame(scene, sensor, "float32")
+            found += [f"{one.name}, margin {one.margin:.3g}: {one.text}" for one in frame_limits(sensor, frame)]
+            if sensor.scan == "slar":
+                bits = f"{sensor.adc_bits} bits" if sensor.adc_bits else f"{ASSUMED_BITS} bits (assumed)"
+                rate = 1e-6 * data_rate_bit_s(sensor, *frame_swath(frame))
+                found.append(f"data rate, {rate:.3g} Mbit/s of this swath at {bits} of I and of Q: {_downlinks()}")
     return tuple(dict.fromkeys(found))
+
+
+def _downlinks() -> str:
+    """What named sensors send to the ground, as far as it is known."""
+    known = {one.name: one.values["downlink_mbit_s"] for one in named_sensors() if "downlink_mbit_s" in one.values}
+    return f"to the ground go {', '.join(f'{rate:g} from {name}' for name, rate in known.items())}"
 
 
 def _by_flights(rule: StopRule, noise: float) -> str:

@@ -127,7 +127,12 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table,
 
 def frame_limits(sensor: RadarConfiguration, frame: RadarFrame) -> tuple[Limit, ...]:
     """What hardware allows a radar over the swath of a scene."""
-    return limits(sensor, frame.near_edge_m, frame.near_edge_m + frame.n_rows * frame.cell_m)
+    return limits(sensor, *frame_swath(frame))
+
+
+def frame_swath(frame: RadarFrame) -> tuple[float, float]:
+    """Ground ranges of the swath of a scene [m]."""
+    return frame.near_edge_m, frame.near_edge_m + frame.n_rows * frame.cell_m
 
 
 def _examine_radiometer(

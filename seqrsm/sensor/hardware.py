@@ -18,7 +18,11 @@ from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.units import db_to_linear
 
+ASSUMED_BITS: Final = 4
+"""Of each of I and Q where there is no converter, as RADARSAT-1's."""
+
 _LOWEST_ORBIT_M: Final = 120e3
+_SAMPLES_A_HERTZ: Final = 1.15  # from 1.07 (RADARSAT-1) to 1.22 (ERS) flew
 _GAIN_MARGIN: Final = 0.5
 """Gain is held against its limit to half, since beams are given to their half power and shapes differ."""
 
@@ -45,6 +49,26 @@ def orbit_speed_m_s(altitude_m: float) -> float:
     """Ground speed [m/s] of a satellite on a circular orbit at an altitude [m], the Earth standing still."""
     orbit_m = EARTH_RADIUS_M + altitude_m
     return math.sqrt(EARTH_GM_M3_S2 / orbit_m) * EARTH_RADIUS_M / orbit_m
+
+
+def data_rate_bit_s(radar: RadarConfiguration, near_m: float, far_m: float) -> float:
+    """Rate of a swath's raw data [bit/s]: samples of a pulse's echo, two numbers each, times pulses a second.
+
+    The echo lasts as long as the swath is deep, and the pulse; every pulse is received in all channels that its
+    transmit polarization has (Curlander and McDonough 1991, Synthetic Aperture Radar: Systems and Signal Processing,
+    chapter 6). Bits are those of the converter, or 4 (assumed) where it has none; no headers, no compression.
+
+    Parameters
+    ----------
+    radar : RadarConfiguration
+    near_m, far_m : float
+        Ground ranges of the swath, from the point under the antenna.
+    """
+    near, far = range_geometry(np.array([max(near_m, 0.0), far_m]), radar.altitude_m, radar.curved).slant_range_m
+    echo_s = 2.0 * float(far - near) / SPEED_OF_LIGHT_M_S + 1e-6 * radar.pulse_length_us
+    samples = _SAMPLES_A_HERTZ * 1e6 * radar.bandwidth_mhz * echo_s
+    received = len(radar.channels) / len({channel[0] for channel in radar.channels})
+    return 2.0 * (radar.adc_bits or ASSUMED_BITS) * samples * received * radar.prf_hz
 
 
 def limits(radar: RadarConfiguration, near_m: float, far_m: float) -> tuple[Limit, ...]:

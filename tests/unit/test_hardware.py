@@ -9,7 +9,7 @@ import pytest
 
 from seqrsm.constants import EARTH_RADIUS_M, SPEED_OF_LIGHT_M_S
 from seqrsm.sensor.earth import incidence_of_look
-from seqrsm.sensor.hardware import limits, orbit_speed_m_s
+from seqrsm.sensor.hardware import data_rate_bit_s, limits, orbit_speed_m_s
 from seqrsm.sensor.radar import RadarConfiguration
 
 
@@ -75,3 +75,34 @@ def test_the_window_of_echoes_is_that_between_pulses() -> None:
 def test_a_rotating_antenna_has_no_such_rules() -> None:
     radar = RadarConfiguration(5.0, ("HH",), 30.0, 30.0, 1e3, 30.0, 3e3, scan="ppi", aperture="real")
     assert limits(radar, 0.0, 5e3) == ()
+
+
+# Swath [km], bits of each of I and Q, published rate [Mbit/s]: crisp.nus.edu.sg/ers, adsabs 1976sdds.conf.....J, and
+# ISPRS Archives XXXI B1 (1996), Table 2 (3 bits I and 3 bits Q). Seasat's link was analog; its rate is that of 5 bits.
+RATES = [
+    pytest.param(built((10.0, 1.0), 5.3, 785e3, 23.0, 1680.0, 37.0), 15.55, 100.0, 5, 105.0, id="ERS"),
+    pytest.param(built((10.7, 2.16), 1.2757, 800e3, 22.5, 1647.0, 34.0), 19.0, 100.0, 5, 110.0, id="Seasat"),
+    pytest.param(built((11.9, 2.4), 1.275, 568e3, 38.7, 1550.0, 35.0), 15.0, 75.0, 3, 60.0, id="JERS-1"),
+]
+
+
+@pytest.mark.parametrize(("radar", "bandwidth_mhz", "swath_km", "bits", "published"), RATES)
+def test_the_data_rate_is_that_of_radars_that_flew(
+    radar: RadarConfiguration, bandwidth_mhz: float, swath_km: float, bits: int, published: float
+) -> None:
+    radar = replace(radar, bandwidth_mhz=bandwidth_mhz, adc_bits=bits)
+    look = math.radians(90.0 - radar.depression_angle_deg)
+    centre = EARTH_RADIUS_M * (incidence_of_look(look, radar.altitude_m, True) - look)
+    rate = data_rate_bit_s(radar, centre - 500.0 * swath_km, centre + 500.0 * swath_km)
+    assert 1e-6 * rate == pytest.approx(published, rel=0.2)
+
+
+def test_the_data_rate_counts_what_each_pulse_brings_back() -> None:
+    flat = replace(SENTINEL_IW2, earth="flat", adc_bits=8, prf_hz=2400.0)
+    depth = math.hypot(550e3, 693e3) - math.hypot(500e3, 693e3)
+    echo_s = 2.0 * depth / SPEED_OF_LIGHT_M_S + 62e-6
+    one = data_rate_bit_s(flat, 500e3, 550e3)
+    assert one == pytest.approx(2 * 8 * 1.15 * 30e6 * echo_s * 2400.0)
+    for channels, times in ((("HH", "HV"), 2.0), (("HH", "VV"), 1.0), (("HH", "HV", "VV"), 1.5)):
+        assert data_rate_bit_s(replace(flat, channels=channels), 500e3, 550e3) == pytest.approx(times * one)
+    assert data_rate_bit_s(replace(flat, adc_bits=0), 500e3, 550e3) == pytest.approx(0.5 * one)  # 4 bits
