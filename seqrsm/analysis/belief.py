@@ -246,7 +246,7 @@ def _mixture_quantile(
     """
     se, sd = np.maximum(se, _TINY), np.maximum(sd, _TINY)
     each = np.vstack([mean + se * stdtrit(df, tail), means + sd * ndtri(tail)])
-    margin = 1e-9 * (se + sd.max(axis=0))
+    margin = 1e-9 * (1.0 + np.abs(mean))
 
     def above(x: FloatArray, mean: FloatArray, se: FloatArray, k: IntArray) -> FloatArray:
         of_process = np.mean(ndtr((x - means[:, k]) / sd[:, k]), axis=0)

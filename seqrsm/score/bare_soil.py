@@ -1,7 +1,7 @@
 """Moisture of bare fields retrieved from a radar's backscatter, whose roughness is not known.
 
 Optimal estimation as in `seqrsm.score.moisture`, field by field: backscatter is that of the table at each moisture,
-within what fields differ by (their roughness above all), dates and the table's own means, and speckle.
+within what fields and their parts differ by (their roughness above all), dates and the table's own means, and speckle.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def _expected_db(
     """Backscatter with the noise (n_channels, n, n_fine) of fields at each moisture [dB], and its covariance [dB2].
 
     The covariance (n, n_channels, n_channels) is that of fields of one cover on one date: channels are related as the
-    table has them; and speckle.
+    table has them; of the parts that fields consist of; and speckle.
     """
     n_azimuth = image.intensity.shape[2]
     rows = np.stack([image.incidence_angle_deg, image.noise_equivalent_sigma0, image.looks])
@@ -128,12 +128,14 @@ def _expected_db(
         power = _db(at + noise)
         found[c] = [np.interp(FINE, GRID, column) for column in power.T]
     cell_area, pixel_area = scene.cell_m**2, image.range_spacing_m * image.azimuth_spacing_m
-    n_looks = looks * np.maximum(evidence.counts[units].sum(axis=1) * cell_area / pixel_area, 1.0)
+    area = evidence.counts[units].sum(axis=1) * cell_area
+    n_looks = looks * np.maximum(area / pixel_area, 1.0)
+    of_parts = image.radar.texture_db**2 / np.maximum(area / image.radar.texture_m**2, 1.0)
     covariance = np.empty((len(units), n_channels, n_channels))
     for a, one in enumerate(steps[0]):
         for b, other in enumerate(steps[0]):
             related = 1.0 if a == b else one.channel_correlation
-            covariance[:, a, b] = related * (one.field_sd_db * other.field_sd_db)[kind]
+            covariance[:, a, b] = related * ((one.field_sd_db * other.field_sd_db)[kind] + of_parts)
         covariance[:, a, a] += _DB**2 / n_looks
     return found, covariance
 

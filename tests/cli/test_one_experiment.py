@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner, Result
@@ -162,7 +163,12 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
     after = carry_out(task).scores[0]
     assert after.metadata["guess"] == after.score == 100.0
     assert before.metadata["guess"] < before.score < 100.0
-    changed(folder, "old.csv", ",0", ",5")
+    changed(folder, "old.csv", ",0", ",30")
+    # Two occasions over one ground meet one map; another ground has another.
+    alone = [carry_out(replace(task_of(spec, run, {**task.settings}), world=w)) for w in range(6) for run in (1, 2)]
+    floors = np.array([result.scores[0].metadata["guess"] for result in alone]).reshape(6, 2)
+    assert np.all(floors[:, 0] == floors[:, 1])
+    assert np.ptp(floors) > 0.0
     assert str(folder / "old.csv") in files_of(task)
     assert folder / "old.csv" in spec_files(spec)
     assert run(folder, "--max-runs", "14").exit_code in (0, 3)

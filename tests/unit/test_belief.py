@@ -12,7 +12,7 @@ from process_cases import bowl, hill, spread
 from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
-from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
@@ -126,6 +126,13 @@ def test_interval_of_the_mean_lies_inside_that_of_five_runs_inside_that_of_one(n
     assert np.all(five.prediction.low < five.confidence.low)
     assert np.all(five.confidence.high < five.prediction.high)
     assert np.all(five.prediction.high < one.prediction.high)
+
+
+def test_a_mixture_of_certainties_has_their_values() -> None:
+    """What is known without any doubt, at one place of two, has no width."""
+    nothing, means = np.zeros(2), np.array([[1.0, 2.0], [1.0, 2.0]])
+    found = _mixture_quantile(0.025, 10.0, np.array([1.0, 2.0]), nothing, means, np.zeros((2, 2)), 0.5)
+    np.testing.assert_allclose(found, [1.0, 2.0], atol=1e-6)
 
 
 def test_quantiles_of_one_sample_are_hazens() -> None:

@@ -109,6 +109,8 @@ def test_what_a_map_adds_to_one_feature_is_the_closed_form() -> None:
     sought = score_evidence(evidence, ("a", "b"), Asked("detection", ("b",)))
     assert 100 * FALSE_ALARMS <= sought.guess <= 100 * p
     assert sought.value > sought.guess
+    # Wrong either way as often, the map alone tells the area well, of which a guess knows nothing.
+    assert score_evidence(evidence, ("a", "b"), Asked("area_error", ("b",))).guess < 3.0
 
 
 def test_a_perfect_map_leaves_nothing_to_name_and_clouds_add_nothing() -> None:
