@@ -43,7 +43,7 @@ _WALKERS, _STEPS, _KEPT = 32, 100, 20
 _MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
 _IMPORTANCE_DRAWS = 1024
 _FEATURES = 1000
-_CACHED = 2**15  # numbers that stay in the processor's cache
+_CACHED = 2**16  # numbers that stay in the processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,11 +282,16 @@ class Process:
             yield solve_triangular(factor, row.T, lower=True, check_finite=False)
 
     def _places(self, h: Hyper, points: FloatArray) -> _Places:
+        return self._bent_places(h, self.model.base(points), points[:, list(self.model.categorical)])
+
+    def _bent_places(self, h: Hyper, base: FloatArray, levels: FloatArray) -> _Places:
+        """Of points with base columns (m, b)."""
         q = len(self.model.numeric)
-        base = np.repeat(self.model.base(points)[None], len(h.trend), axis=0)
+        base = np.repeat(base[None], len(h.trend), axis=0)
         base[..., 1 : 1 + q] = bent(base[..., 1 : 1 + q], h.bends[:, None, :])
-        rows = h.trend[:, None, None] * np.prod(base[..., self._columns], axis=-1)
-        return _Places(base[..., 1 : 1 + q] / h.lengths[:, None, :], rows, points[:, list(self.model.categorical)])
+        first, second, third = self._columns.T
+        rows = h.trend[:, None, None] * base[..., first] * base[..., second] * base[..., third]
+        return _Places(base[..., 1 : 1 + q] / h.lengths[:, None, :], rows, levels)
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
         """Of the surface (d, m, n)."""
@@ -303,8 +308,12 @@ class Process:
         right = np.concatenate([b.scaled, np.ones_like(of_b), of_b], axis=-1)
         r = np.maximum(left @ np.swapaxes(right, 1, 2), 0.0)
         np.sqrt(r, out=r)
-        k: FloatArray = np.exp(-r)
-        k *= 1.0 + r * (1.0 + r / 3.0)
+        k: FloatArray = r / 3.0
+        k += 1.0
+        k *= r
+        k += 1.0
+        np.negative(r, out=r)
+        k *= np.exp(r, out=r)
         apart = np.sum(a.levels[:, None] != b.levels[None, :], axis=-1)
         scales = np.square(h.process)[:, None] * h.between[:, None] ** np.arange(1 + a.levels.shape[1])
         k *= scales[:, apart]
@@ -312,7 +321,8 @@ class Process:
 
     def _of_scores(self, h: Hyper, own: _Places) -> FloatArray:
         """Covariance (d, n, n) of the scores."""
-        V = self._covariance(h, own, own) + (self._vague - _VAGUE)
+        V = self._covariance(h, own, own)
+        V += self._vague - _VAGUE
         diagonal = np.arange(len(self._y))
         V[:, diagonal, diagonal] += h.noise_variance(self._gap) * self._inverse_weights + _JITTER
         return V
@@ -320,9 +330,10 @@ class Process:
     def _log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Of rows (d, h), without its constant; -inf where rounding leaves no positive matrix."""
         found = np.empty(len(theta))
+        base, levels = self.model.base(self._points), self._points[:, list(self.model.categorical)]
         for some in _in_cache(len(theta), len(self._y) ** 2):
             h = Hyper.of(theta[some], len(self.model.numeric), bool(self.model.categorical))
-            for d, V in enumerate(self._of_scores(h, self._places(h, self._points)), start=some.start):
+            for d, V in enumerate(self._of_scores(h, self._bent_places(h, base, levels)), start=some.start):
                 root, failed = dpotrf(V.T, overwrite_a=True, clean=False)
                 solved, _ = dtrtrs(root, self._y, trans=1)
                 found[d] = -np.inf if failed else -np.sum(np.log(np.diagonal(root))) - 0.5 * solved @ solved
