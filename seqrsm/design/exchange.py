@@ -133,11 +133,10 @@ def _finished(
     model: QuadraticModel, region: Region, task: Task, candidates: FloatArray, top: tuple[float, FloatArray]
 ) -> tuple[float, FloatArray]:
     """Value and design (n, k) that neither exchange nor descent betters."""
-    before, points = top
+    (before, points), rows = top, model.matrix(candidates)
     for _ in range(_MAX_ROUNDS):
         value, points = _descended(model, region, task, points)
-        near = np.vstack([candidates, _beside(region, points)])
-        value = _exchange(points, model.matrix(points), near, model.matrix(near), task, _FINE)
+        value = _exchange(points, model.matrix(points), candidates, rows, task, _FINE)
         if not value > before + _FINE:
             break
         before = value
@@ -154,19 +153,6 @@ def _descended(model: QuadraticModel, region: Region, task: Task, points: FloatA
     moved = lower(region, points, lambda at: task.loss(model, region, at), _DESCENT)
     before, after = (task.value(model.matrix(one)) for one in (points, moved))
     return (after, moved) if after > before else (before, points)
-
-
-def _beside(region: Region, points: FloatArray) -> FloatArray:
-    """Points (m, k) within the region that differ from one of these (n, k) in one coordinate."""
-    found = []
-    for j, levels in enumerate(region.axes):
-        for level in np.linspace(-1.0, 1.0, 5) if levels is None else levels:
-            moved = points.copy()
-            moved[:, j] = level
-            found.append(moved)
-    moved = np.vstack(found)
-    beside: FloatArray = moved[region.feasible(moved, tol=0.0)]
-    return beside
 
 
 def _from_anywhere(

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from seqrsm.design import exchange
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import alias_relations, evaluate_design, inestimable_terms, prediction_variance
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
@@ -49,6 +50,19 @@ def test_no_single_move_improves_a_mixed_design(criterion):
                 moved = design.points.copy()
                 moved[i, j] = value
                 assert loss(moved) >= best - 1e-6 * abs(best), (i, j, value)
+
+
+def test_a_descent_that_goes_astray_is_not_followed(monkeypatch) -> None:
+    """Within constraints SLSQP may end where terms coincide."""
+    region, points = Region(MIXED), start_design(MODEL, Region(MIXED), 24, seed=2)
+    task = exchange.Task(24, np.zeros((MODEL.p, MODEL.p)), None)
+    value, moved = exchange._descended(MODEL, region, task, points)
+    assert value == pytest.approx(log_det(MODEL, moved))
+    assert value > log_det(MODEL, points)
+    monkeypatch.setattr(exchange, "lower", lambda region, start, loss, gain: np.tile(start[:1], (len(start), 1)))
+    value, kept = exchange._descended(MODEL, region, task, points)
+    np.testing.assert_array_equal(kept, points)
+    assert value == pytest.approx(log_det(MODEL, points))
 
 
 def test_the_same_seed_gives_the_same_design():
