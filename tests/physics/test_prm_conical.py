@@ -10,7 +10,10 @@ import pytest
 from prm_cases import Table, image, radiometer, scene
 
 from seqrsm.errors import ConfigurationError
+from seqrsm.scattering.atmosphere import make_atmosphere
 from seqrsm.score.cover import percent_correct
+from seqrsm.score.evidence import pixels_of
+from seqrsm.sensor.exchange import PROPERTIES, exchanged
 from seqrsm.sensor.named import named_sensors, radiometer_of
 from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.scan import scan_geometry
@@ -174,6 +177,33 @@ def test_its_images_are_scored_like_others() -> None:
     known = scene(np.zeros(cover.shape), 10.0, cover, field, ("class 0", "class 1"))
     found = image(known, r, Table((falling, lambda t: falling(t) - 0.3)))
     assert percent_correct([found], known, seed=1, run_id=1).value > 88.0
+
+
+def test_turns_lie_in_tiles_of_their_own_on_the_ground() -> None:
+    """Footprints 200 m apart in the direction of flight are not taught and tested together in tiles of 200 m."""
+    r = radiometer(conical_incidence_deg=40.0, resolution_m=100.0, scan_period_s=2.0, integration_time_ms=0.1)
+    known = scene(np.zeros((60, 140)), 10.0)
+    pixels = pixels_of(image(known, r, Table((0.8,))), known, seed=1, run_id=1, tile_m=200.0)
+    assert len(np.unique(pixels.tile)) >= 7  # 1400 m of flight
+
+
+def test_what_each_effect_amounts_to_is_told_at_the_cones_incidence() -> None:
+    r = radiometer(conical_incidence_deg=60.0, atmosphere="us_standard")
+    found = image(scene(np.zeros((40, 40))), r, Table((0.8,)))
+    sky = float(make_atmosphere(10.0).sky_k(math.radians(60.0)))
+    assert found.effects_k["reflected sky"] == pytest.approx(0.2 * sky)
+
+
+def test_a_named_one_over_a_campaigns_ground_keeps_its_turn_its_time_and_its_noise() -> None:
+    """The campaign's 20 ms would draw AMSR2's beam over 70 km."""
+    amsr2 = radiometer_of(BY_TITLE["AMSR2 10.65 GHz"], "H+V")
+    base = radiometer(integration_time_ms=20.0, scan_half_angle_deg=30.0, hour=9.0)
+    made = exchanged(base, amsr2, PROPERTIES)
+    assert (made.conical_incidence_deg, made.integration_time_ms) == (55.0, 2.6)
+    assert made.scan_period_s == pytest.approx(1.5)
+    assert made.footprint_m == amsr2.footprint_m
+    assert float(made.nedt_k(300.0)) == pytest.approx(0.7)
+    assert (made.hour, made.scan_half_angle_deg) == (9.0, 0.0)  # the ground's own, and the cone's
 
 
 def test_what_contradicts_itself_is_refused() -> None:
