@@ -12,12 +12,12 @@ Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125, 306-312.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import emcee
 import numpy as np
 
 from seqrsm.arrays import FloatArray
@@ -35,23 +35,6 @@ from seqrsm.fit.target import (
 from seqrsm.progress import tell
 
 __all__ = ["EnsemblePosterior", "GeneralPosterior", "sample_model", "sample_posterior", "short_chain"]
-
-if {"emcee", "scipy.stats"}.isdisjoint(sys.modules):
-    # emcee looks for scipy.stats, a third of a second, for its KDEMove alone, and does without where there is none.
-    sys.modules["scipy.stats"] = None  # type: ignore[assignment]
-    try:
-        import emcee
-    finally:
-        del sys.modules["scipy.stats"]
-
-    def _gaussian_kde(*args: Any, **kwargs: Any) -> Any:
-        from scipy.stats import gaussian_kde
-
-        return gaussian_kde(*args, **kwargs)
-
-    emcee.moves.kde.gaussian_kde = _gaussian_kde  # for who makes that move beside seqrsm
-else:
-    import emcee
 
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten

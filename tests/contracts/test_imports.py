@@ -55,21 +55,6 @@ def test_fit_and_status_load_no_engine() -> None:
     assert not found & {"numba", "matplotlib", "jinja2", "typst"}
 
 
-def test_the_ensemble_loads_no_scipy_stats_and_leaves_emcee_whole() -> None:
-    """A third of a second of every fit, for a move of emcee's that it does not make; others still can."""
-    code = """
-import numpy as np
-import seqrsm.fit.ensemble
-assert "scipy.stats" not in sys.modules
-import emcee
-walkers = emcee.EnsembleSampler(8, 1, lambda x: -0.5 * float(x @ x), moves=emcee.moves.KDEMove())
-walkers.run_mcmc(np.linspace(-1.0, 1.0, 8)[:, None], 5)
-assert walkers.acceptance_fraction.mean() > 0.0
-assert "scipy.stats" in sys.modules
-"""
-    assert "emcee" in loaded_by(code)
-
-
 def test_blas_of_the_command_line_keeps_to_one_thread_unless_told() -> None:
     code = """
 import os
