@@ -26,21 +26,13 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
     return document
 
 
+_OF_FIT = ("n_runs", "n_terms", "df_residual", "s", "r2", "r2_adjusted", "r2_predicted", "press")
+
+
 def _document(analysis: Analysis) -> dict[str, Any]:
-    fit = analysis.fit
     return {
-        "application": analysis.application,
-        "goal": analysis.goal,
-        "response": analysis.response,
-        "score_unit": analysis.score_unit,
-        "n_runs": fit.n_runs,
-        "n_terms": fit.n_terms,
-        "df_residual": fit.df_residual,
-        "s": fit.s,
-        "r2": fit.r2,
-        "r2_adjusted": fit.r2_adjusted,
-        "r2_predicted": fit.r2_predicted,
-        "press": fit.press,
+        **{name: getattr(analysis, name) for name in ("application", "goal", "response", "score_unit")},
+        **{name: getattr(analysis.fit, name) for name in _OF_FIT},
         "terms": _terms(analysis),
         "covariance": _covariance(analysis),
         "terms_dropped": list(analysis.dropped),
@@ -166,21 +158,11 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
 def _terms(analysis: Analysis) -> list[dict[str, Any]]:
     fit = analysis.fit
     interval = fit.interval(analysis.optimum.level)
-    natural = _natural(analysis)
+    columns = np.column_stack([fit.estimate, fit.se, fit.t, fit.p_value, interval.low, interval.high])
+    coded = [dict(zip(("estimate", "se", "t", "p", "low", "high"), row, strict=True)) for row in columns.tolist()]
     return [
-        {
-            "name": name,
-            "coded": {
-                "estimate": fit.estimate[i],
-                "se": fit.se[i],
-                "t": fit.t[i],
-                "p": fit.p_value[i],
-                "low": interval.low[i],
-                "high": interval.high[i],
-            },
-            "natural": natural[i],
-        }
-        for i, name in enumerate(fit.names)
+        {"name": name, "coded": own, "natural": natural}
+        for name, own, natural in zip(fit.names, coded, _natural(analysis), strict=True)
     ]
 
 
@@ -282,20 +264,15 @@ def _posterior(analysis: Analysis) -> dict[str, Any]:
 
 def _diagnostics(analysis: Analysis) -> dict[str, Any]:
     fit = analysis.fit
+    names = ("score", "residual", "leverage", "studentised", "cooks_distance")
+    columns = np.column_stack([analysis.data.scores, fit.residuals, fit.leverage, fit.studentised, fit.cooks_distance])
     return {
         "condition_number": fit.condition_number,
         "rank": fit.rank,
         "vif": dict(zip(fit.names, fit.vif().tolist(), strict=True)),
         "runs": [
-            {
-                "run_id": int(analysis.data.run_ids[i]),
-                "score": float(analysis.data.scores[i]),
-                "residual": fit.residuals[i],
-                "leverage": fit.leverage[i],
-                "studentised": fit.studentised[i],
-                "cooks_distance": fit.cooks_distance[i],
-            }
-            for i in range(fit.n_runs)
+            {"run_id": int(run_id), **dict(zip(names, row, strict=True))}
+            for run_id, row in zip(analysis.data.run_ids, columns.tolist(), strict=True)
         ],
     }
 

@@ -22,6 +22,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.errors import DesignError, Problem, ScoresFileError, UserError
 from seqrsm.files import put
+from seqrsm.plain import plain
 from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
@@ -261,6 +262,13 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
     return _document(request, model, region, points, prior, report, told)
 
 
+_QUALITY = (
+    *("d_efficiency", "i_efficiency", "g_efficiency", "d_value", "a_value", "i_value", "g_value", "condition_number"),
+    *("rank", "n_distinct", "df_pure_error", "leverage", "fraction_of_design_space"),
+)
+"""Of `DesignReport`."""
+
+
 def _document(
     request: DesignRequest,
     model: QuadraticModel,
@@ -291,27 +299,11 @@ def _document(
         "run_order": "random" if request.random_order else "standard",
         "points": points.tolist(),
         "settings": region.decode(points),
-        "d_efficiency": report.d_efficiency,
-        "i_efficiency": report.i_efficiency,
-        "g_efficiency": _number(report.g_efficiency),
-        "d_value": _number(report.d_value),
-        "a_value": _number(report.a_value),
-        "i_value": _number(report.i_value),
-        "g_value": _number(report.g_value),
-        "condition_number": _number(report.condition_number),
-        "rank": report.rank,
-        "n_distinct": report.n_distinct,
-        "df_pure_error": report.df_pure_error,
-        "leverage": [_number(value) for value in report.leverage],
-        "fraction_of_design_space": [_number(value) for value in report.fraction_of_design_space],
+        **plain({name: getattr(report, name) for name in _QUALITY}),
         "aliases": list(report.aliases),
         "warnings": warnings,
         **told,
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _write(out: Path, region: Region, points: FloatArray) -> None:

@@ -132,11 +132,16 @@ def doctor(
 
 
 @guarded
-def schema() -> None:
-    """Print the JSON schema of campaign.toml, by which editors complete and check it.
+def schema(
+    command: Annotated[
+        list[str] | None, typer.Argument(metavar="[COMMAND]", help="Of its --json in place of campaign.toml.")
+    ] = None,
+) -> None:
+    """Print the JSON schema of campaign.toml, by which editors complete and check it, or of a command's --json.
 
     Write it beside the file (seqrsm schema > campaign.schema.json) and begin that with: #:schema campaign.schema.json
     """
+    from seqrsm.cli.json_schemas import output_schema
     from seqrsm.spec.schema import campaign_schema
 
-    print_json(campaign_schema())
+    print_json(output_schema(" ".join(command)) if command else campaign_schema())
