@@ -6,12 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError
-from seqrsm.scene import kernels
 from seqrsm.scene.scene import NO_COVER, Scene
+from seqrsm.scene.terrain import strips
 
 
+@lru_cache(maxsize=6)
 def known_heights(scene: Scene) -> tuple[int, float, float]:
     """Number, mean [m] and maximum [m] of the known elevations.
 
@@ -20,10 +21,17 @@ def known_heights(scene: Scene) -> tuple[int, float, float]:
     SceneError
         No cell has an elevation.
     """
-    known, mean, highest = kernels.elevation_summary(scene.elevation_m)
+    known, total, highest = 0, 0.0, -np.inf
+    for row in scene.elevation_m:
+        heights = row[~np.isnan(row)]
+        if heights.size:
+            known += heights.size
+            # In order: the mean does not depend on how a machine adds several at a time.
+            total += float(np.cumsum(heights, dtype=np.float64)[-1])
+            highest = max(highest, float(heights.max()))
     if known == 0:
         raise SceneError(Problem("no cell has an elevation", "Give at least one", field="elevation_m"))
-    return known, mean, highest
+    return known, total / known, highest
 
 
 def turned(scene: Scene, turns: int, precision: str) -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -45,8 +53,44 @@ def levelled(elevation_m: AnyArray, cover: AnyArray, mean_m: float) -> AnyArray:
     gaps = np.isnan(elevation_m)
     if not gaps.any():
         return cover
-    kernels.fill_no_data(elevation_m)
+    fill_gaps(elevation_m)
     return np.where(gaps, np.uint8(NO_COVER), cover)
+
+
+def fill_gaps(elevation_m: AnyArray) -> None:
+    """Give cells without elevation that of the nearest cell of their row, and empty rows that of the nearest full one.
+
+    Of two as near the first. Geometry needs a surface everywhere; the cells stay without power and without score.
+
+    Parameters
+    ----------
+    elevation_m : float array (rows, cols)
+        Changed in place; at least one cell is finite.
+    """
+    rows, cols = elevation_m.shape
+    full = np.zeros(rows, dtype=np.bool_)
+    for part in strips(rows, cols):
+        heights = elevation_m[part]
+        gaps = np.isnan(heights)
+        full[part] = ~gaps.all(axis=1)
+        at = np.flatnonzero(gaps & full[part, None])
+        if at.size:
+            heights.flat[at] = heights.flat[_nearest(at, np.flatnonzero(~gaps), cols)]
+    empty = np.flatnonzero(~full)
+    if empty.size:
+        elevation_m[empty] = elevation_m[_nearest(empty, np.flatnonzero(full), rows)]
+
+
+def _nearest(at: IntArray, known: IntArray, cols: int) -> IntArray:
+    """Of rising places ``known`` in an array of ``cols`` columns the nearest in the row of each place ``at``.
+
+    Of two as near the first. Every row that ``at`` lies in has one.
+    """
+    ends = np.concatenate([[-1], known, [(known[-1] // cols + 1) * cols]])  # the two that are added lie in no row
+    place, row = np.searchsorted(known, at), at // cols
+    before, after = ends[place], ends[place + 1]
+    first = (before // cols == row) & ((after // cols != row) | (at - before <= after - at))
+    return np.where(first, before, after)
 
 
 @lru_cache(maxsize=6)
@@ -73,5 +117,8 @@ def centres_of_fields(scene: Scene) -> FloatArray:
 
 @lru_cache(maxsize=6)
 def categories_of_fields(scene: Scene) -> AnyArray:
-    """Category of each field of a scene, uint8 (n_fields,)."""
-    return kernels.categories_of_fields(scene.field_id, scene.cover, scene.n_fields)
+    """Category of each field of a scene, uint8 (n_fields,): of its last cell, should they differ; 255 where none."""
+    found = np.full(scene.n_fields, NO_COVER, dtype=np.uint8)
+    known = scene.cover != NO_COVER
+    found[scene.field_id[known]] = scene.cover[known]
+    return found

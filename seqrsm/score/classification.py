@@ -191,7 +191,7 @@ def classify_by_forest(evidence: Evidence) -> Classified:
 
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
     """Tiles (n_tiles,) that hold scored cells, and the half that each belongs to."""
-    seen = kernels_classify.cells_of_tiles(evidence.counts, evidence.tile, len(evidence.keys)) > 0
+    seen = np.bincount(evidence.tile[evidence.counts.any(axis=1)], minlength=len(evidence.keys)) > 0
     if not seen.any():
         raise SceneError(
             Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy import ndimage, special
 
-from seqrsm.arrays import AnyArray, FloatArray, IntArray
+from seqrsm.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from seqrsm.rng import generator
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.score import kernels_classify
@@ -228,8 +228,27 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: flo
         extent = (2.0 * half, (scan.n_lines - 0.5) * scan.advance_m)
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
     tile, keys = tiles(across, along, extent, side, seed=seed, run_id=run_id)
-    kernels_classify.keep_fields_whole(field, _is_small(scene, side), tile)
+    _keep_fields_whole(field, _is_small(scene, side), tile)
     return Pixels(pixel, (n_rows, n_columns), counts, field, tile, keys)
+
+
+def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> None:
+    """Give all pixels inside a field the tile of the first of them.
+
+    Parameters
+    ----------
+    field : int32 array (n_pixels,)
+        Below 0 for a pixel that lies in no single one.
+    small : bool array (n_fields,)
+        Fields that are kept whole.
+    tile : int64 array (n_pixels,)
+        Written to.
+    """
+    inside = np.flatnonzero(field >= 0)
+    inside = inside[small[field[inside]]]
+    first = np.empty(len(small), dtype=np.int64)
+    first[field[inside[::-1]]] = tile[inside[::-1]]
+    tile[inside] = first[field[inside]]
 
 
 def default_tile_m(image: Image, scene: Scene) -> float:

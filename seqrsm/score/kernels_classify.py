@@ -44,28 +44,6 @@ def add_cells(
 
 
 @kernel
-def keep_fields_whole(field: AnyArray, small: AnyArray, tile: AnyArray) -> None:
-    """Give all pixels inside a field the tile of the first of them.
-
-    Parameters
-    ----------
-    field : int32 array (n_pixels,)
-        Below 0 for a pixel that lies in no single one.
-    small : bool array (n_fields,)
-        Fields that are kept whole.
-    tile : int64 array (n_pixels,)
-        Written to.
-    """
-    first = np.full(small.shape[0], -1, dtype=np.int64)
-    for n in range(field.shape[0]):
-        f = field[n]
-        if f >= 0 and small[f]:
-            if first[f] < 0:
-                first[f] = tile[n]
-            tile[n] = first[f]
-
-
-@kernel
 def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: int) -> AnyArray:
     """What one image shows, averaged over the cells of another's pixels.
 
@@ -95,28 +73,6 @@ def mean_of_pixels(unit: AnyArray, pixel: AnyArray, layers: AnyArray, n_units: i
     for u in range(n_units):
         for c in range(d):
             out[c, u] = out[c, u] / cells[u] if cells[u] > 0.0 else np.nan
-    return out
-
-
-@kernel
-def cells_of_tiles(counts: AnyArray, tile: AnyArray, n_tiles: int) -> AnyArray:
-    """Scored cells in each tile.
-
-    Parameters
-    ----------
-    counts : int array (n_pixels, n_classes)
-    tile : int64 array (n_pixels,)
-        0 .. n_tiles - 1.
-    n_tiles : int
-
-    Returns
-    -------
-    int64 array (n_tiles,)
-    """
-    out = np.zeros(n_tiles, dtype=np.int64)
-    for n in range(counts.shape[0]):
-        for k in range(counts.shape[1]):
-            out[tile[n]] += counts[n, k]
     return out
 
 

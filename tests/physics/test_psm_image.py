@@ -10,7 +10,7 @@ import pytest
 from psm_cases import Table, lut_of, mapped, radar, scene, small_score
 
 from seqrsm.errors import ConfigurationError, SceneError
-from seqrsm.scene.kernels import fill_no_data
+from seqrsm.scene.layers import fill_gaps
 from seqrsm.sensor.swath import ground_ranges_m
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import echo_sums
@@ -200,7 +200,7 @@ def test_holes_in_the_elevation_neither_return_nor_spread():
 
 def test_gaps_take_the_nearest_height_of_their_row():
     z = np.array([[np.nan, 1.0, np.nan, np.nan, np.nan, 5.0], [np.nan] * 6, [2.0] * 6])
-    fill_no_data(z)
+    fill_gaps(z)
     np.testing.assert_array_equal(z[0], [1.0, 1.0, 1.0, 1.0, 5.0, 5.0])
     np.testing.assert_array_equal(z[1], z[0])
 

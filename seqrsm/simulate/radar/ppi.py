@@ -16,7 +16,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import ConfigurationError, Problem
-from seqrsm.scene import kernels
+from seqrsm.scene.layers import fill_gaps, known_heights
 from seqrsm.scene.scene import NO_COVER, Scene
 
 _MOST_CELLS: Final = 400_000_000
@@ -92,7 +92,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
         raise ConfigurationError(Problem(text, remedy, field="antenna_east_m", value=east_m))
     step = 2.0 * math.pi / (pixels * wide)
     bearing = (np.arange(-wide, (pixels + 1) * wide) + 0.5)[None, :] * step
-    _, mean, peak = kernels.elevation_summary(scene.elevation_m)
+    _, mean, peak = known_heights(scene)
     elevation = np.empty((rings, columns), dtype=precision)
     cover = np.empty(elevation.shape, dtype=np.uint8)
     field = np.empty(elevation.shape, dtype=np.int32)
@@ -109,7 +109,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
         cover[part] = np.where(np.isnan(elevation[part]), np.uint8(NO_COVER), scene.cover[i, j])
         field[part] = scene.field_id[i, j]
     if np.isnan(elevation).any() and not np.isnan(elevation).all():
-        kernels.fill_no_data(elevation)
+        fill_gaps(elevation)
     place = np.empty((rows, cols), dtype=np.int64)
     east = (np.arange(cols) - 0.5 * (cols - 1)) - east_m / cell
     for k in range(rows):

@@ -11,8 +11,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, Float32Array, FloatArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scattering.emissivity import EmissivityLookup
-from seqrsm.scene import kernels
-from seqrsm.scene.layers import known_heights, levelled, turned
+from seqrsm.scene.layers import fill_gaps, known_heights, levelled, turned
 from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.temperature import physical_temperature_k, time_exposure
 from seqrsm.sensor.radiometer import RadiometerConfiguration
@@ -145,7 +144,7 @@ def _exposure(
 ) -> FloatArray:
     """Exposure of a scene in the orientation of a heading; the sun does not change from run to run."""
     elevation = scene.elevation_m.astype(np.float64)
-    kernels.fill_no_data(elevation)
+    fill_gaps(elevation)
     exposure = time_exposure(
         elevation,
         scene.cell_m,

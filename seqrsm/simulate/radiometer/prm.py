@@ -21,7 +21,7 @@ from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.rng import stream_key
 from seqrsm.scattering.atmosphere import Atmosphere, make_atmosphere, radiation_equivalent_k
 from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup, EmissivityTable
-from seqrsm.scene import kernels
+from seqrsm.scene.layers import known_heights
 from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
@@ -202,7 +202,7 @@ def check_radiometer(
     ConfigurationError, ScatteringDataError, SceneError
         As in `simulate_radiometer`.
     """
-    _, mean, _ = kernels.elevation_summary(scene.elevation_m)
+    _, mean, _ = known_heights(scene)
     if radiometer.temperature == "layer":
         temperature_layer(scene)
     lookups_of(scene, radiometer, table, day)
