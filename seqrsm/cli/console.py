@@ -8,13 +8,14 @@ import itertools
 import json
 import math
 import os
+import re
 import signal
 import sys
 import textwrap
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
+from typing import Annotated, Any, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
@@ -196,6 +197,11 @@ def ascii_signs(text: str) -> str:
     return text.translate(_PLAIN).replace(_FIXED_BLANK, " ")
 
 
+def _bound(text: str) -> str:
+    """No line ends within p < 0.001, \u00b1 2.4 or 76 %."""
+    return re.sub(r"(?<=[<>=\u00b1]) | (?=[<>=] )|(?<=\d) (?=%)", _FIXED_BLANK, text.translate(_PLAIN))
+
+
 def width() -> int | None:
     """Columns to keep to: those of the terminal or page; in a pipe those of COLUMNS, none without it."""
     if columns := getattr(sys.stdout, "columns", 0):
@@ -213,7 +219,7 @@ def line(text: str = "", indent: int = 0) -> None:
         hang = indent + (2 if text.startswith("- ") else 0)
         # Wrapped before fixed blanks become plain ones, so that a number stays beside its unit.
         text = textwrap.fill(
-            text.translate(_PLAIN),
+            _bound(text),
             columns,
             initial_indent=" " * indent,
             subsequent_indent=" " * hang,
@@ -245,6 +251,8 @@ def show_table(
 ) -> None:
     """A table on stdout: ruled on a terminal, blanks between columns when piped.
 
+    Where its words do not fit beside each other the last columns follow below, beside the first one again.
+
     Parameters
     ----------
     columns : sequence of str
@@ -261,19 +269,44 @@ def show_table(
     if not rows:
         return
     sides = [sides[min(k, len(sides) - 1)] for k in range(len(rows[0]))]
-    head, *cells = [[_tied(cell) for cell in row] for row in (columns or [""] * len(sides), *rows)]
-    widths, cut = _widths(head, cells, width())
-    if cut:  # numbers may leave their units before words are cut
-        head, *cells = [[cell.replace(_FIXED_BLANK, " ") for cell in row] for row in (head, *cells)]
-        widths, _ = _widths(head, cells, width())
-    if columns:
-        for text in _row_lines(head, widths, sides):
-            stdout().print(text, markup=False, style="bold")
-        if sys.stdout.isatty():
-            stdout().print("\u2500" * (sum(widths) + _GAP * (len(widths) - 1)))
-    for row in cells:
-        for text in _row_lines(row, widths, sides):
-            stdout().print(text, markup=False)
+    left = list(range(len(sides)))
+    while left:
+        shown = left
+        while (laid := _laid(columns or [""] * len(sides), rows, shown)).cut and len(shown) > 2:
+            shown = shown[:-1]
+        keep = [sides[k] for k in shown]
+        if columns:
+            for text in _row_lines(laid.head, laid, keep):
+                stdout().print(text, markup=False, style="bold")
+            if sys.stdout.isatty():
+                stdout().print("\u2500" * (sum(laid.widths) + laid.gap * (len(shown) - 1)))
+        for row in laid.cells:
+            for text in _row_lines(row, laid, keep):
+                stdout().print(text, markup=False)
+        left = [left[0], *left[len(shown) :]] if len(shown) < len(left) else []
+        if left:
+            stdout().print()
+
+
+class _Laid(NamedTuple):
+    """A table as it fits: heads and cells, widths of columns, blanks between them, and whether words must be cut."""
+
+    head: list[str]
+    cells: list[list[str]]
+    widths: list[int]
+    gap: int
+    cut: bool
+
+
+def _laid(columns: Sequence[str], rows: Sequence[Sequence[str]], shown: Sequence[int]) -> _Laid:
+    """Some of the columns; where words would be cut blanks are saved, then numbers leave their units."""
+    tied = [[_tied(row[k]) for k in shown] for row in (columns, *rows)]
+    loose = [[cell.replace(_FIXED_BLANK, " ") for cell in row] for row in tied]
+    for gap, (head, *cells) in ((_GAP, tied), (1, tied), (1, loose)):
+        laid = _Laid(head, cells, *_widths(head, cells, width(), gap))
+        if not laid.cut:
+            break
+    return laid
 
 
 _GAP = 2
@@ -281,36 +314,37 @@ _GAP = 2
 
 
 def _tied(cell: str) -> str:
-    """A name of a product breaks behind its signs alone, a probability nowhere."""
-    cell = cell.translate(_PLAIN).replace("< ", "<\u00a0").replace("> ", ">\u00a0")
+    """A name of a product breaks behind its signs alone."""
+    cell = _bound(cell)
     return cell.replace(" ", _FIXED_BLANK).replace("\u00d7\u00a0", "\u00d7 ") if "\u00d7" in cell else cell
 
 
-def _widths(head: list[str], rows: list[list[str]], room: int | None) -> tuple[list[int], bool]:
-    """Widths of the columns of a table, and whether words must be cut: where room is scarce, heads break first."""
+def _widths(head: list[str], rows: list[list[str]], room: int | None, gap: int) -> tuple[list[int], int, bool]:
+    """Widths of columns, ``gap``, and whether words must be cut: where room is scarce, heads break first."""
     cells = [max(map(len, column)) for column in zip(*rows, strict=True)]
     widths = [max(size, len(name)) for size, name in zip(cells, head, strict=True)]
-    space = math.inf if room is None else room - _GAP * (len(widths) - 1)
+    space = math.inf if room is None else room - gap * (len(widths) - 1)
     if sum(widths) <= space:
-        return widths, False
+        return widths, gap, False
     names = [max(map(len, name.split(" "))) for name in head]
     words = [max(len(word) for cell in column for word in cell.split(" ")) for column in zip(*rows, strict=True)]
     widths, least = (list(map(max, sizes, names)) for sizes in (cells, words))
     while sum(widths) > space and max(widths) > 1:
         k = max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))
         widths[k] -= 1
-    return widths, any(size < word for size, word in zip(widths, least, strict=True))
+    return widths, gap, any(size < word for size, word in zip(widths, least, strict=True))
 
 
-def _row_lines(row: Sequence[str], widths: Sequence[int], sides: Sequence[str]) -> Iterator[str]:
+def _row_lines(row: Sequence[str], laid: _Laid, sides: Sequence[str]) -> Iterator[str]:
     """Lines of one row of a table."""
+    widths = laid.widths
     parts = (textwrap.wrap(cell, max(size, 1), break_on_hyphens=False) for cell, size in zip(row, widths, strict=True))
     for line_parts in itertools.zip_longest(*parts, fillvalue=""):
         padded = (
             part.ljust(size) if side == "left" else part.rjust(size)
             for part, size, side in zip(line_parts, widths, sides, strict=True)
         )
-        yield ascii_signs((" " * _GAP).join(padded).rstrip())
+        yield ascii_signs((" " * laid.gap).join(padded).rstrip())
 
 
 class Display:

@@ -9,6 +9,7 @@ import select
 import struct
 import sys
 import termios
+import textwrap
 from fcntl import ioctl
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from tiny_campaign import make_tiny
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
+from seqrsm.cli.console import line, show_table
 from seqrsm.report.assumptions import group_notes, summarise_notes
 
 NOTES = (
@@ -207,3 +209,54 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = CliRunner().invoke(app, ["ingest", str(folder), str(folder / "scores.csv")])
     assert done.exit_code == 0, done.output
     return folder
+
+
+PATH = (
+    ("Distance", "frequency [GHz]", "polarization", "depression angle [deg]"),
+    [("0.25", "2.304", "HH+HV+VV", "42.19"), ("1.00", "1.548", "HH", "34.47")],
+)
+
+
+@pytest.mark.parametrize(
+    ("columns", "shown"),
+    [
+        (
+            34,
+            """\
+            Distance  frequency  polarization
+                          [GHz]
+                0.25      2.304      HH+HV+VV
+                1.00      1.548            HH
+
+            Distance  depression angle [deg]
+                0.25                   42.19
+                1.00                   34.47
+            """,
+        ),
+        (
+            43,  # blanks are saved between columns
+            """\
+            Distance frequency polarization depression
+                         [GHz]                   angle
+                                                 [deg]
+                0.25     2.304     HH+HV+VV      42.19
+                1.00     1.548           HH      34.47
+            """,
+        ),
+    ],
+)
+def test_columns_that_do_not_fit_follow_below(
+    columns: int, shown: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    show_table(*PATH, sides=("right",))
+    assert capsys.readouterr().out == textwrap.dedent(shown)
+
+
+def test_no_line_ends_before_a_number(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for columns in range(20, 40):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        line("a slope of 2.5 ± 1.25 (F = 6.49, p < 0.001) explains 76 % of it, the others p = 0.24")
+        told = capsys.readouterr().out
+        assert not re.search(r"[±<>=Fp]\n|\n[%<>=]", told)
+        assert " ".join(told.split()).endswith("explains 76 % of it, the others p = 0.24")
