@@ -117,10 +117,12 @@ def draw(paint: Callable[[Figure], None], width_in: float = PANEL_WIDTH_IN, heig
 
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        FigureCanvasSVG(figure)
+        canvas = FigureCanvasSVG(figure)
         paint(figure)
         buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        # Not by savefig, which draws once more before, for boxes that nobody asks for.
+        metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
+        canvas.print_svg(buffer, metadata=metadata)  # type: ignore[no-untyped-call]
     return _TIPS.sub(_write_tips, _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue()))).strip()
 
 

@@ -108,7 +108,7 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
         data=partial(intervals_data, found),
     )
     if pairs:
-        surfaces = _contours(analysis, pairs[:1], chosen_limits(analysis))
+        surfaces = _contours(analysis, slice(1))
         first, caption = surfaces.panels[0], surfaces.caption
     else:
         names = list(analysis.region.names)
@@ -136,7 +136,7 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         )
     blocks.append(table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows))
     blocks += _steps(analysis)
-    blocks += _surfaces(analysis, chosen_pairs(analysis)[1:])  # the first opens the report
+    blocks += _surfaces(analysis, slice(1, None))  # the first opens the report
     if effects := effects_text(analysis):
         blocks.append(Paragraph(effects))
     blocks.append(_posterior_figure(analysis))
@@ -255,22 +255,18 @@ def _place(analysis: Analysis, point: FloatArray, se: FloatArray) -> str:
 
 def surface_section(analysis: Analysis, key: str) -> Section:
     """Return contours of all pairs of numeric factors and slices, for a reader who wants the surface alone."""
-    return Section(key, "Response surfaces", tuple(_surfaces(analysis, chosen_pairs(analysis))))
+    return Section(key, "Response surfaces", tuple(_surfaces(analysis, slice(None))))
 
 
-def _surfaces(analysis: Analysis, pairs: Sequence[tuple[int, int]]) -> list[Block]:
-    """Contours of pairs of numeric factors, and slices."""
-    blocks: list[Block] = [_contours(analysis, pairs, chosen_limits(analysis))] if pairs else []
+def _surfaces(analysis: Analysis, which: slice) -> list[Block]:
+    """Contours of some of the pairs of `chosen_pairs`, and slices."""
+    blocks: list[Block] = [_contours(analysis, which)] if chosen_pairs(analysis)[which] else []
     return [*blocks, _slices(analysis, range(analysis.region.k)), *_by_level(analysis)]
 
 
-def chosen_limits(analysis: Analysis) -> tuple[float, float]:
-    """Ends of the colour scale of all pairs that are drawn."""
-    return _limits([surface(analysis, x, y) for x, y in chosen_pairs(analysis)])
-
-
-def _contours(analysis: Analysis, pairs: Sequence[tuple[int, int]], limits: tuple[float, float]) -> FigureBlock:
-    surfaces = [surface(analysis, x, y) for x, y in pairs]
+def _contours(analysis: Analysis, which: slice) -> FigureBlock:
+    every = [surface(analysis, x, y) for x, y in chosen_pairs(analysis)]
+    limits, surfaces = _limits(every), every[which]
     panels = tuple(
         Panel(
             f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
