@@ -26,45 +26,40 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
     return document
 
 
-_OF_FIT = ("n_runs", "n_terms", "df_residual", "s", "r2", "r2_adjusted", "r2_predicted", "press")
-
-
 def _document(analysis: Analysis) -> dict[str, Any]:
+    fit, decision = analysis.fit, analysis.decision
     return {
-        **{name: getattr(analysis, name) for name in ("application", "goal", "response", "score_unit")},
-        **{name: getattr(analysis.fit, name) for name in _OF_FIT},
+        **_of(analysis, "application", "goal", "response", "score_unit"),
+        **_of(fit, "n_runs", "n_terms", "df_residual", "s", "r2", "r2_adjusted", "r2_predicted", "press"),
         "terms": _terms(analysis),
         "covariance": _covariance(analysis),
         "terms_dropped": list(analysis.dropped),
-        "anova": [fields_to_json(row) for row in analysis.anova],
+        **_of(analysis, "anova"),
         "lack_of_fit": _lack_of_fit(analysis.lack_of_fit),
-        "factors_importance": [fields_to_json(row) for row in analysis.importance],
+        "factors_importance": _value(analysis.importance),
         "stationary_point": _stationary(analysis),
         "departure": _departure(analysis),
-        "steps": [fields_to_json(step) for step in analysis.steps],
+        **_of(analysis, "steps"),
         "optimum": optimum_to_json(analysis),
         "posterior": _posterior(analysis),
         "diagnostics": _diagnostics(analysis),
-        "confirmation": _or_none(analysis.confirmation),
+        **_of(analysis, "confirmation"),
         "stop": {
-            "held": analysis.decision.held,
-            "reasons": list(analysis.decision.reasons),
-            "checks": [fields_to_json(check) for check in analysis.decision.checks],
-            "half_width": analysis.decision.half_width,
-            "noise_floor": analysis.decision.noise_floor,
-            "guess": analysis.data.guess,
-            "perfect": analysis.data.perfect,
-            "attainable_half_width": analysis.decision.attainable_half_width,
-            "runs_needed": analysis.decision.runs_needed,
+            **_of(decision, "held", "reasons", "checks", "half_width", "noise_floor"),
+            **_of(analysis.data, "guess", "perfect"),
+            **_of(decision, "attainable_half_width", "runs_needed"),
         },
-        "sources": _or_none(analysis.sources),
-        "warnings": list(analysis.warnings),
+        **_of(analysis, "sources", "warnings"),
     }
 
 
 def fields_to_json(found: Any, but: str = "") -> dict[str, Any]:
     """The fields of a dataclass by their names, ``but`` one; those that are dataclasses as documents of their own."""
-    return {field.name: _value(getattr(found, field.name)) for field in fields(found) if field.name != but}
+    return _of(found, *(field.name for field in fields(found) if field.name != but))
+
+
+def _of(found: Any, *names: str) -> dict[str, Any]:
+    return {name: _value(getattr(found, name)) for name in names}
 
 
 def _value(value: Any) -> Any:
@@ -73,10 +68,6 @@ def _value(value: Any) -> Any:
     if is_dataclass(value):
         return fields_to_json(value)
     return [_value(one) for one in value] if isinstance(value, tuple) else value
-
-
-def _or_none(found: Any) -> dict[str, Any] | None:
-    return None if found is None else fields_to_json(found)
 
 
 def _or_reason(found: Any) -> dict[str, Any]:
@@ -88,9 +79,7 @@ def _departure(analysis: Analysis) -> dict[str, Any]:
     """What the scores say of a surface that is no quadratic; lengths coded, noise on the scale of the fit."""
     found = analysis.fitted.departure
     document: dict[str, Any] = {
-        "probability": found.probability,
-        "log_bayes_factor": found.log_bayes_factor,
-        "reason": found.reason,
+        **_of(found, "probability", "log_bayes_factor", "reason"),
         "optimum_of_quadratic": analysis.region.decode(analysis.of_quadratic.point)[0],
     }
     if found.process is not None:
@@ -108,18 +97,11 @@ def optimum_to_json(analysis: Analysis) -> dict[str, Any]:
     return {
         "settings": best.settings,
         "coded": dict(zip(analysis.region.names, best.point.tolist(), strict=True)),
-        "at_bound": list(best.at_bound),
-        "mean": best.mean,
-        "confidence": interval_to_json(best.confidence),
-        "prediction": interval_to_json(best.prediction),
+        **_of(best, "at_bound", "mean", "confidence", "prediction"),
         "prediction_mean": {**interval_to_json(best.prediction_mean), "replicates": best.replicates},
-        "level": best.level,
-        "whole": interval_to_json(best.whole),
-        "by_chance": interval_to_json(best.by_chance),
+        **_of(best, "level", "whole", "by_chance"),
         "ground": _ground(best),
-        "ties": list(best.ties),
-        "ridge": best.ridge,
-        "exact": best.exact,
+        **_of(best, "ties", "ridge", "exact"),
     }
 
 
@@ -131,10 +113,7 @@ def _ground(best: OptimumEstimate) -> dict[str, Any] | None:
     return {
         "half_width": best.of_ground,
         "share_of_variance": ground.share,
-        "sd_ground": ground.sd_ground,
-        "sd_chance": ground.sd_chance,
-        "n_worlds": ground.n_worlds,
-        "n_simulations": ground.n_simulations,
+        **_of(ground, "sd_ground", "sd_chance", "n_worlds", "n_simulations"),
     }
 
 
@@ -142,16 +121,11 @@ def look_summary(analysis: Analysis) -> dict[str, Any]:
     """What the store keeps of a look: enough for the history of the interval and of futility."""
     decision = analysis.decision
     return {
-        "n_runs": analysis.fit.n_runs,
-        "s": analysis.fit.s,
+        **_of(analysis.fit, "n_runs", "s"),
         "optimum": optimum_to_json(analysis),
-        "half_width": decision.half_width,
-        "guess": analysis.data.guess,
-        "perfect": analysis.data.perfect,
-        "noise_floor": decision.noise_floor,
-        "held": decision.held,
-        "reasons": list(decision.reasons),
-        "futility": list(decision.futility),
+        **_of(decision, "half_width"),
+        **_of(analysis.data, "guess", "perfect"),
+        **_of(decision, "noise_floor", "held", "reasons", "futility"),
     }
 
 
@@ -194,13 +168,9 @@ def _stationary(analysis: Analysis) -> dict[str, Any] | None:
     numeric = [analysis.region.names[j] for j in analysis.region.numeric]
     return {
         **_place(analysis, point.point, point.se),
-        "value": point.value,
-        "kind": point.kind,
+        **_of(point, "value", "kind"),
         "factors": numeric,
-        "eigenvalues": point.eigenvalues,
-        "eigenvectors": point.eigenvectors,
-        "inside_region": point.inside_region,
-        "flat": point.flat,
+        **_of(point, "eigenvalues", "eigenvectors", "inside_region", "flat"),
         "exact": {
             **_place(analysis, point.exact_point, point.exact_se),
             "value": point.exact_value,
@@ -247,18 +217,12 @@ def _posterior(analysis: Analysis) -> dict[str, Any]:
             "settings": {
                 row.factor: {"probabilities": row.probabilities}
                 if row.probabilities
-                else {"mean": row.mean, "low": row.low, "high": row.high, "p_at_bound": row.p_at_bound}
+                else _of(row, "mean", "low", "high", "p_at_bound")
                 for row in posterior.settings
             },
-            "mean": posterior.mean,
-            "credible": interval_to_json(posterior.credible),
-            "predictive": interval_to_json(posterior.predictive),
-            "expected_regret": posterior.expected_regret,
-            "p_regret_above": posterior.p_regret_above,
-            "regret_epsilon": posterior.regret_epsilon,
+            **_of(posterior, "mean", "credible", "predictive", "expected_regret", "p_regret_above", "regret_epsilon"),
         },
-        "effects": [fields_to_json(one) for one in posterior.effects],
-        "effects_probability": posterior.effects_probability,
+        **_of(posterior, "effects", "effects_probability"),
     }
 
 
@@ -267,8 +231,7 @@ def _diagnostics(analysis: Analysis) -> dict[str, Any]:
     names = ("score", "residual", "leverage", "studentised", "cooks_distance")
     columns = np.column_stack([analysis.data.scores, fit.residuals, fit.leverage, fit.studentised, fit.cooks_distance])
     return {
-        "condition_number": fit.condition_number,
-        "rank": fit.rank,
+        **_of(fit, "condition_number", "rank"),
         "vif": dict(zip(fit.names, fit.vif().tolist(), strict=True)),
         "runs": [
             {"run_id": int(run_id), **dict(zip(names, row, strict=True))}
@@ -313,8 +276,7 @@ def _models(found: TermChoice | str) -> dict[str, Any]:
     if isinstance(found, str):
         return {"reason": found}
     return {
-        "n_models": found.n_models,
-        "exhaustive": found.exhaustive,
+        **_of(found, "n_models", "exhaustive"),
         "units": [
             {"name": name, "inclusion": float(after), "prior": float(before)}
             for name, after, before in zip(found.units, found.inclusion, found.prior_inclusion, strict=True)
@@ -325,18 +287,13 @@ def _models(found: TermChoice | str) -> dict[str, Any]:
             {"name": name, "mean": float(mean), "sd": float(sd)}
             for name, mean, sd in zip(found.terms, found.coefficient_mean, found.coefficient_sd, strict=True)
         ],
-        "optimum": {
-            "mean": found.mean,
-            "confidence": interval_to_json(found.confidence),
-            "prediction": interval_to_json(found.prediction),
-        },
+        "optimum": _of(found, "mean", "confidence", "prediction"),
     }
 
 
 def _blocks(found: BlockStudy) -> dict[str, Any]:
     return {
-        "effect": found.effect,
-        "same": [fields_to_json(one) for one in found.same],
+        **_of(found, "effect", "same"),
         "new": _or_reason(found.new),
         "s": found.sigma,
         "s_block": found.sigma_block,

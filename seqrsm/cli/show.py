@@ -53,13 +53,7 @@ def show_templates(found: Mapping[str, str]) -> None:
 def run_row(run: RunRecord) -> dict[str, Any]:
     """A run as JSON."""
     return {
-        "run_id": run.run_id,
-        "batch": run.batch,
-        "state": run.state,
-        "source": run.source,
-        "purpose": run.purpose,
-        "why": run.why,
-        "settings": run.settings,
+        **{name: getattr(run, name) for name in ("run_id", "batch", "state", "source", "purpose", "why", "settings")},
         "scores": {score.application: {"score": score.score, "se": score.se} for score in run.scores},
         "reason": run.reason,
     }
