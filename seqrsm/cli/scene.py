@@ -12,6 +12,9 @@ from seqrsm.cli.console import AsJson, guarded, print_json, say
 
 scene_app = typer.Typer(help="Ground-truth data bases.", no_args_is_help=True)
 
+_LARGEST_FIELD_HA = 100.0
+"""Fields are seldom larger [ha]: a section of the North American survey has 259, most often in quarters."""
+
 
 @scene_app.command("import")
 @guarded
@@ -26,28 +29,51 @@ def scene_import(
     moisture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
     ] = None,
+    parcels: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the fields' numbers, 0 for none.")
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="GeoTIFF of cover codes seen on the ground, the only ones scored."),
+    ] = None,
+    field_m: Annotated[
+        float | None, typer.Option(min=0.01, help="Mean side of a field [m]: larger patches of cover are cut.")
+    ] = None,
     cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
     band: Annotated[
         list[str] | None, typer.Option(metavar="LAYER=N", help="Band of a raster that has several, as in cover=2.")
     ] = None,
 ) -> None:
     """Build a data base from elevation and ground cover on a projected grid in metres."""
+    from seqrsm.scene.fields import connected_patches
     from seqrsm.scene.raster import import_scene
+    from seqrsm.scene.statistics import field_sizes
 
     replaced = out.exists()
+    named = {"temperature": temperature, "moisture": moisture, "parcels": parcels, "truth": truth}
     scene = import_scene(
         elevation,
         cover,
         legend,
         out,
         cell_m=cell_m,
-        temperature=temperature,
-        moisture=moisture,
-        bands=_bands(band or []),
+        field_m=field_m,
+        layers={layer: file for layer, file in named.items() if file is not None},
+        parts=_bands(band or []),
         name=out.stem,
     )
     _set_aside(out, replaced)
-    say(f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m")
+    (n, size), (n_before, before) = field_sizes(scene.field_id), field_sizes(connected_patches(scene.cover))
+    hectares, hectares_before = size * scene.cell_m**2 / 1e4, before * scene.cell_m**2 / 1e4
+    say(
+        f"wrote {out}: {scene.shape[0]} x {scene.shape[1]} cells of {scene.cell_m:g} m, fields: {n}, median "
+        f"{hectares:.3g} ha by area (patches of cover: {n_before}, {hectares_before:.3g} ha)"
+    )
+    if parcels is None and field_m is None and hectares > _LARGEST_FIELD_HA:
+        say(
+            "warning: each patch of cover is one field, far larger than fields are, which makes scores too high; give "
+            "--parcels FILE, or cut them, as with --field-m 150"
+        )
 
 
 def _set_aside(out: Path, replaced: bool) -> None:

@@ -85,11 +85,24 @@ def voronoi_labels(rows: int, cols: int, spacing: int, *, seed: int) -> NDArray[
     return label
 
 
-def rectangle_labels(rows: int, cols: int, height: int, width: int) -> NDArray[np.int32]:
-    """Rectangles of ``height`` x ``width`` cells, numbered row by row: int32 array (rows, cols)."""
-    across = -(-cols // width)
-    row, col = np.arange(rows, dtype=np.int32)[:, None], np.arange(cols, dtype=np.int32)[None, :]
-    return np.asarray((row // np.int32(height)) * np.int32(across) + col // np.int32(width))
+def cut_patches(patch: AnyArray, spacing: int, whole: AnyArray, *, seed: int) -> NDArray[np.int32]:
+    """Fields of the patches: those of more than two fields' area are cut into Voronoi pieces, as `voronoi_labels` does.
+
+    Parameters
+    ----------
+    patch : int array (rows, cols)
+        Number >= 0 of the patch.
+    spacing : int
+        Mean side of a field [cells].
+    whole : bool array (rows, cols)
+        Patches that are fields already: not cut, however large.
+    seed : int
+        Seed of the pieces' centres.
+    """
+    large = np.bincount(patch.ravel()) > 2 * spacing**2
+    piece = voronoi_labels(patch.shape[0], patch.shape[1], spacing, seed=seed)
+    piece[~large[patch] | whole] = -1
+    return connected_patches(patch, piece)
 
 
 def connected_patches(*keys: AnyArray) -> NDArray[np.int32]:

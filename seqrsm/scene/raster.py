@@ -1,4 +1,4 @@
-"""Scenes from GeoTIFF rasters: elevation and ground cover, brought to one grid of square cells in metres."""
+"""Scenes from GeoTIFF rasters, brought to one grid of square cells in metres."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import Problem, SceneError
-from seqrsm.scene.fields import connected_patches
+from seqrsm.scene.fields import connected_patches, cut_patches
 from seqrsm.scene.file import save_scene
 from seqrsm.scene.geotiff import Raster, read_geotiff
 from seqrsm.scene.scene import MAX_CELLS, NO_COVER, Scene
@@ -29,16 +29,16 @@ def import_scene(
     out: str | Path | None = None,
     *,
     cell_m: float | None = None,
-    temperature: str | Path | None = None,
-    moisture: str | Path | None = None,
-    bands: Mapping[str, int] | None = None,
+    field_m: float | None = None,
+    layers: Mapping[str, str | Path] | None = None,
+    parts: Mapping[str, int] | None = None,
     name: str = "",
     licence: str = "",
 ) -> Scene:
-    """Scene of two or three rasters and a legend.
+    """Scene of elevations, ground cover and a legend, with further layers where there are any.
 
     All are resampled to square cells over the ground that elevation and cover share: elevation and the like by
-    straight lines, cover by the nearest cell. Touching cells of one cover code are one field.
+    straight lines, cover and the like by the nearest cell. Touching cells of one cover code and parcel are one field.
 
     Parameters
     ----------
@@ -50,12 +50,16 @@ def import_scene(
         Scene file to write.
     cell_m : float, optional
         Side of a cell [m]; the finer of both rasters' if not given.
-    temperature : path, optional
-        GeoTIFF of the ground's physical temperature [K] in the same system; it reaches at least as far.
-    moisture : path, optional
-        The same of the soil's volumetric moisture [m3/m3].
-    bands : Mapping[str, int], optional
-        Band, from 1, of a raster that has several: of ``"elevation"``, ``"cover"``, ``"temperature"``, ``"moisture"``.
+    field_m : float, optional
+        Mean side of a field [m]: larger patches of cover, where no parcel is known, are cut into fields of that size.
+    layers : Mapping[str, path], optional
+        ``"temperature"``: GeoTIFF of the ground's physical temperature [K]; it reaches at least as far.
+        ``"moisture"``: the same of the soil's volumetric moisture [m3/m3].
+        ``"parcels"``: GeoTIFF of parcel numbers, 0 for none.
+        ``"truth"``: GeoTIFF of cover codes seen on the ground: they replace those of ``cover``, and only their cells
+        are scored.
+    parts : Mapping[str, int], optional
+        Band, from 1, of each layer whose raster has several.
     name, licence : str
         Kept in the scene.
 
@@ -66,61 +70,71 @@ def import_scene(
     Raises
     ------
     SceneError
-        A file that cannot be read, is in degrees, does not overlap the other, or holds codes the legend lacks.
+        A file that cannot be read, is in degrees, does not overlap the other, or holds codes the legend lacks; a field
+        smaller than a cell.
     """
-    chosen = dict(bands or {})
-    given = {"elevation": elevation, "cover": cover, "temperature": temperature, "moisture": moisture}
-    _check_bands(chosen, [layer for layer, file in given.items() if file is not None])
+    given = {"elevation": elevation, "cover": cover, **(layers or {})}
+    chosen = dict(parts or {})
+    _check_parts(chosen, given)
+    height = read_geotiff(str(elevation), "elevation", chosen.get("elevation"))
 
     def read(layer: str) -> Raster:
-        return read_geotiff(str(given[layer]), layer, chosen.get(layer))
+        raster = read_geotiff(str(given[layer]), layer, chosen.get(layer))
+        _same_system(height, raster, str(given[layer]))
+        return raster
 
-    height, kind = read("elevation"), read("cover")
-    _same_system(height, kind, str(cover))
+    kind = read("cover")
     names, notes, category_of = read_legend(legend)
     cell = min(height.step_x, height.step_y, kind.step_x, kind.step_y) if cell_m is None else cell_m
     left, top, rows, cols = _common(height, kind, cell, str(cover))
     x: FloatArray = left + (np.arange(cols, dtype=np.float64) + 0.5) * float(cell)
     y: FloatArray = top - (np.arange(rows, dtype=np.float64) + 0.5) * float(cell)
-    codes, known = _nearest(kind, x, y)
-    if codes.dtype.kind == "f":
-        if (codes != np.rint(codes)).any():
-            text = "cover codes must be whole numbers"
-            remedy = "Is this the raster of ground cover?"
-            raise SceneError(Problem(text, remedy, str(cover), value=float(codes[codes != np.rint(codes)][0])))
-        codes = codes.astype(np.int64)
+
+    def numbers(layer: str) -> tuple[AnyArray, AnyArray]:
+        """Whole numbers of a layer in the cells, and where there are any."""
+        return _whole_numbers(kind if layer == "cover" else read(layer), layer, x, y, str(given[layer]))
+
+    codes, known = numbers("cover")
+    seen: AnyArray = np.array(True)
+    if "truth" in given:
+        true, seen = numbers("truth")
+        codes, known = np.where(seen, true, codes), known | seen
     indices = _categories(codes, known, category_of, str(legend))
     z = _bilinear(height, x, y)
-    kelvin = None
-    if temperature is not None:
-        warmth = read("temperature")
-        _same_system(height, warmth, str(temperature))
-        kelvin = _bilinear(warmth, x, y, beyond=np.nan)
-    wet = None
-    if moisture is not None:
-        soil = read("moisture")
-        _same_system(height, soil, str(moisture))
-        wet = _bilinear(soil, x, y, beyond=np.nan)
-    scored = np.isfinite(z) & (indices != NO_COVER)
+    kelvin, wet = (
+        _bilinear(read(layer), x, y, beyond=np.nan) if layer in given else None for layer in ("temperature", "moisture")
+    )
+    scored = np.isfinite(z) & (indices != NO_COVER) & seen
     if not scored.any():
         text = "no cell has both an elevation and a category"
         remedy = f"Look for what stands for no data in it and in {cover}, and at the legend's empty categories"
         raise SceneError(Problem(text, remedy, str(elevation)))
-    files = [file for file in given.values() if file is not None]
+    fields = [np.where(known, codes, 0), indices]
+    if "parcels" in given:
+        parcel, owned = numbers("parcels")
+        fields.append(np.where(owned, parcel, 0))
+    field_id = connected_patches(*fields)
+    if field_m is not None:
+        if not cell <= field_m <= cell * max(z.shape):
+            text = f"a field is from a cell of {cell:g} m to the whole site wide"
+            raise SceneError(Problem(text, field="field_m", value=field_m))
+        owned = fields[2] != 0 if "parcels" in given else np.zeros(z.shape, dtype=np.bool_)
+        field_id = cut_patches(field_id, round(field_m / cell), owned, seed=0)
     scene = _scene(
         given,
         height,
         elevation_m=z,
         cover=indices,
         categories=names,
-        field_id=connected_patches(np.where(known, codes, 0), indices),
+        field_id=field_id,
         scored=scored,
         cell_m=float(cell),
         epsg=height.epsg if height.epsg is not None else kind.epsg,
         bounds=(left, top - rows * cell, left + cols * cell, top),
         name=name or Path(cover).stem,
         licence=licence,
-        provenance=f"imported from {', '.join(Path(file).name for file in files)} and {Path(legend).name}",
+        provenance=f"imported from {', '.join(Path(file).name for file in given.values())} and {Path(legend).name}"
+        + (f", fields cut to {field_m:g} m" if field_m is not None else ""),
         category_notes=notes,
         temperature_k=kelvin,
         soil_moisture=wet,
@@ -133,7 +147,7 @@ def import_scene(
 _LAYERS: Final = {"elevation_m": "elevation", "temperature_k": "temperature", "soil_moisture": "moisture"}
 
 
-def _scene(given: Mapping[str, str | Path | None], height: Raster, **layers: Any) -> Scene:
+def _scene(given: Mapping[str, str | Path], height: Raster, **layers: Any) -> Scene:
     """`Scene` whose problems name the raster that they come from."""
     try:
         return Scene(**layers)
@@ -159,12 +173,12 @@ def _wildest(raster: Raster) -> float:
     return max(ends, key=abs)
 
 
-def _check_bands(chosen: Mapping[str, int], layers: list[str]) -> None:
+def _check_parts(chosen: Mapping[str, int], given: Mapping[str, str | Path]) -> None:
     """Refuse a band of a raster that is not there."""
     problems = [
-        Problem("no such raster is given", f"Name one of {', '.join(layers)}", field="--band", value=layer)
+        Problem("no such layer is given", f"Name one of {', '.join(given)}", field="--band", value=layer)
         for layer in chosen
-        if layer not in layers
+        if layer not in given
     ]
     if problems:
         raise SceneError(*problems)
@@ -243,6 +257,17 @@ def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float,
     return left, top, rows, cols
 
 
+def _whole_numbers(raster: Raster, layer: str, x: FloatArray, y: FloatArray, file: str) -> tuple[AnyArray, AnyArray]:
+    """Codes at points by the nearest cell, and where they are known."""
+    codes, known = _nearest(raster, x, y)
+    if codes.dtype.kind == "f":
+        if (codes != np.rint(codes)).any():
+            text, remedy = f"{layer} codes must be whole numbers", f"Is this the raster of {layer}?"
+            raise SceneError(Problem(text, remedy, file, value=float(codes[codes != np.rint(codes)][0])))
+        codes = codes.astype(np.int64)
+    return codes, known
+
+
 def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, AnyArray]:
     """Values at points by the nearest cell, and where they are known."""
     rows, cols = raster.values.shape
@@ -252,6 +277,8 @@ def _nearest(raster: Raster, x: FloatArray, y: FloatArray) -> tuple[AnyArray, An
     known = np.isfinite(values)
     if raster.nodata is not None:
         known &= values != raster.nodata
+    left, bottom, right, top = raster.bounds
+    known &= ((y >= bottom) & (y <= top))[:, None] & ((x >= left) & (x <= right))
     return np.where(known, values, 0), known
 
 

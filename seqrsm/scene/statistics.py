@@ -52,9 +52,7 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
     """Statistics of ``scene``; cells without elevation or category are left out."""
     count = _counts(scene.cover, NO_COVER + 1)[: len(scene.categories)]
     known = max(int(count.sum()), 1)
-    size = _counts(scene.field_id, scene.n_fields)
-    size = np.sort(size[size > 0])
-    half = int(np.searchsorted(np.cumsum(size), 0.5 * scene.field_id.size))
+    n_fields, median = field_sizes(scene.field_id)
     z = scene.elevation_m
     low, high = _ends(z)
     return SceneStatistics(
@@ -66,9 +64,16 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
         scored_fraction=float(scene.scored.mean()),
         boundary_density_1_m=_boundary_density(scene.cover, scene.cell_m),
         field_boundary_density_1_m=_boundary_density(scene.field_id, scene.cell_m),
-        n_fields=int(size.size),
-        median_field_m2=float(size[half]) * scene.cell_m**2,
+        n_fields=n_fields,
+        median_field_m2=median * scene.cell_m**2,
     )
+
+
+def field_sizes(field_id: AnyArray) -> tuple[int, float]:
+    """How many fields hold a cell, and their median size [cells], each weighted by its size."""
+    size = _counts(field_id, int(field_id.max()) + 1)
+    size = np.sort(size[size > 0])
+    return int(size.size), float(size[int(np.searchsorted(np.cumsum(size), 0.5 * field_id.size))])
 
 
 def _counts(layer: AnyArray, n: int) -> AnyArray:

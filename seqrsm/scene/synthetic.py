@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
 from seqrsm.errors import Problem, SceneError
 from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
-from seqrsm.scene.fields import connected_patches, draw_index, rectangle_labels, voronoi_labels
+from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels
 from seqrsm.scene.scene import HIGHEST_M, MAX_CELLS, Scene
 from seqrsm.scene.terrain import fractal_terrain
 
@@ -63,7 +63,6 @@ def synthetic_scene(
     categories: Sequence[str],
     shares: Sequence[float] | None = None,
     field_m: float = 150.0,
-    layout: Literal["voronoi", "rectangles"] = "voronoi",
     terrain: Terrain | None = None,
     features: Features | None = None,
     seed: int = 0,
@@ -85,8 +84,6 @@ def synthetic_scene(
         Relative number of fields of each category; equal if not given.
     field_m : float
         Mean side of a field [m], at least one cell.
-    layout : "voronoi" or "rectangles"
-        Form of the fields.
     terrain : Terrain, optional
         Flat by default.
     features : Features, optional
@@ -123,10 +120,7 @@ def synthetic_scene(
     relief = fractal_terrain(
         rows, cols, cell_m, relief_m=relief_m, rms_slope=terrain.rms_slope, exponent=terrain.exponent, seed=seed
     )
-    if layout == "voronoi":
-        piece = voronoi_labels(rows, cols, side, seed=seed)
-    else:
-        piece = rectangle_labels(rows, cols, side, side)
+    piece = voronoi_labels(rows, cols, side, seed=seed)
     wrong = [
         Problem("must not be negative", field=name, value=getattr(features, name))
         for name in ("rivers", "towns", "river_m", "road_m")
@@ -166,8 +160,7 @@ def synthetic_scene(
         cell_m=cell_m,
         name=f"synthetic {rows} x {cols}, seed {seed}",
         licence="none needed: computed",
-        provenance=f"seqrsm.scene.synthetic, {layout} fields of {field_m:g} m, relief {relief_m:g} m"
-        f"{made}, seed {seed}",
+        provenance=f"seqrsm.scene.synthetic, voronoi fields of {field_m:g} m, relief {relief_m:g} m{made}, seed {seed}",
     )
 
 

@@ -62,10 +62,10 @@ def test_several_bands_are_refused_until_one_is_chosen(files, tmp_path, kind):
     files["cover"] = bands_of(tmp_path / "rgb.tif", kind)
     with pytest.raises(SceneError, match=r"rgb\.tif: the raster has 3 bands.*--band cover=1.*gdal_translate -b 1"):
         import_scene(**files)
-    scene = import_scene(**files, bands={"cover": 2})
+    scene = import_scene(**files, parts={"cover": 2})
     assert np.array_equal(scene.cover, CODES - 1)
     with pytest.raises(SceneError, match=r"3 bands \(got 'cover=4'\). Choose one from 1 to 3"):
-        import_scene(**files, bands={"cover": 4})
+        import_scene(**files, parts={"cover": 4})
 
 
 def test_a_picture_as_cover_is_told_to_be_one(files, tmp_path):
@@ -79,7 +79,7 @@ def test_elevations_with_a_second_band(files, tmp_path):
     files["elevation"] = write(tmp_path / "two.tif", both, photometric="minisblack", planarconfig="separate")
     with pytest.raises(SceneError, match="2 bands, and elevation is one"):
         import_scene(**files)
-    assert np.array_equal(import_scene(**files, bands={"elevation": 1}).elevation_m, HEIGHT)
+    assert np.array_equal(import_scene(**files, parts={"elevation": 1}).elevation_m, HEIGHT)
 
 
 def test_the_command_takes_a_band(files, tmp_path):
@@ -91,7 +91,7 @@ def test_the_command_takes_a_band(files, tmp_path):
         ([], "has 3 bands"),
         (["--band", "cover=0"], "a number from 1"),
         (["--band", "2"], "not a band"),
-        (["--band", "moisture=1"], "no such raster is given"),
+        (["--band", "moisture=1"], "no such layer is given"),
         (["--band", "elevation=2", "--band", "cover=2"], "the raster has 1 band "),
     ):
         done = CliRunner().invoke(app, [*command, *wrong])

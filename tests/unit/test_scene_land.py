@@ -13,7 +13,6 @@ from seqrsm.scene.fields import (
     connected_patches,
     draw_index,
     hash_uniform,
-    rectangle_labels,
     voronoi_labels,
 )
 from seqrsm.scene.scene import Scene
@@ -65,13 +64,6 @@ def test_patches_are_the_connected_components() -> None:
     assert np.all(np.diff(first) > 0)
 
 
-def test_rectangles() -> None:
-    label = rectangle_labels(5, 7, 2, 3)
-    assert label.max() + 1 == 9
-    assert np.all(label[:2, :3] == 0)
-    assert label[4, 6] == 8
-
-
 def test_draws_follow_shares() -> None:
     index = draw_index(np.arange(50_000), [3.0, 0.0, 1.0], seed=9)
     count = np.bincount(index, minlength=3)
@@ -116,10 +108,9 @@ def test_impossible_terrain() -> None:
         fractal_terrain(30, 30, 5.0, relief_m=-1.0, seed=0)
 
 
-@pytest.mark.parametrize("layout", ["voronoi", "rectangles"])
-def test_synthetic_scene(layout: str) -> None:
+def test_synthetic_scene() -> None:
     scene = synthetic_scene(
-        200, 300, 5.0, categories=["Wheat", "Corn", "Water"], shares=[2, 1, 1], field_m=100.0, layout=layout,
+        200, 300, 5.0, categories=["Wheat", "Corn", "Water"], shares=[2, 1, 1], field_m=100.0,
         terrain=Terrain(30.0, rms_slope=0.05, base_m=100.0), seed=4,
     )  # fmt: skip
     found = scene_statistics(scene)
@@ -133,8 +124,7 @@ def test_synthetic_scene(layout: str) -> None:
 
 def test_boundary_density_of_a_checkerboard() -> None:
     """Squares of side a have 2/a of boundary to an area; the isotropic rule counts pi/4 of a grid-aligned one."""
-    label = rectangle_labels(100, 100, 10, 10)
-    board = ((label // 10 + label) % 2).astype(np.uint8)
+    board = (np.add.outer(np.arange(100) // 10, np.arange(100) // 10) % 2).astype(np.uint8)
     scene = Scene(
         np.zeros((100, 100), np.float32), board, ("A", "B"), connected_patches(board), np.ones((100, 100), bool), 2.0
     )

@@ -89,17 +89,17 @@ def test_a_raster_of_temperature_becomes_a_layer(files, tmp_path):
     i, j = np.mgrid[0:80, 0:90]
     kelvin = (290.0 + 0.05 * (4.0 * j + 2.0) + 0.02 * (4.0 * i + 2.0)).astype(np.float32)
     warm = write(tmp_path / "t.tif", kelvin, 4.0, left=1000.0, top=5010.0)
-    scene = import_scene(**files, temperature=warm, out=tmp_path / "scene.npz")
+    scene = import_scene(**files, layers={"temperature": warm}, out=tmp_path / "scene.npz")
     i, j = np.mgrid[0:60, 0:60]
     exact = 290.0 + 0.05 * (20.0 + 5.0 * j + 2.5) + 0.02 * (10.0 + 5.0 * i + 2.5)
     np.testing.assert_allclose(load_scene(tmp_path / "scene.npz").temperature_k, exact, atol=1e-3)
     assert "t.tif" in scene.provenance
     short = write(tmp_path / "t.tif", kelvin[:, :60], 4.0, left=1000.0, top=5010.0)
     with pytest.raises(SceneError, match="are not known"):
-        import_scene(**files, temperature=short)
+        import_scene(**files, layers={"temperature": short})
     other = write(tmp_path / "t.tif", kelvin, 4.0, code=32631)
     with pytest.raises(SceneError, match="EPSG 31370 and EPSG 32631"):
-        import_scene(**files, temperature=other)
+        import_scene(**files, layers={"temperature": other})
 
 
 def test_degrees_are_refused_with_the_remedy(files, tmp_path):
@@ -245,7 +245,7 @@ def test_problems_of_a_layer_name_its_raster(files, tmp_path):
         import_scene(**files)
     files["elevation"] = write(tmp_path / "z.tif", np.abs(values) % 50, 10.0)
     with pytest.raises(SceneError, match=r"z\.tif: soil_moisture"):
-        import_scene(**files, moisture=files["elevation"])
+        import_scene(**files, layers={"moisture": files["elevation"]})
 
 
 def test_nothing_known_is_refused(files, tmp_path):
