@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from seqrsm.rng import generator
 from seqrsm.score.classification import cluster_ratio, halves
 from seqrsm.score.cover import score_evidence
-from seqrsm.score.evidence import Evidence, cells_in_pixels, decibels, tiles
+from seqrsm.score.evidence import Evidence, _keep_fields_whole, cells_in_pixels, decibels, tiles
 from seqrsm.score.utilities import Asked
 
 
@@ -249,3 +249,16 @@ def test_zeros_take_the_least_power_among_the_pixels_with_cells():
     found = decibels(power, counts)
     np.testing.assert_allclose(found, [[0.0, 0.0, 10.0, 0.0], [20.0, 30.0, 20.0, 20.0]])
     np.testing.assert_allclose(decibels(np.array([[0.01, 10.0]]), counts[:2]), [[-20.0, 10.0]])
+
+
+def test_a_small_field_belongs_to_the_tile_of_its_first_pixel() -> None:
+    rng = np.random.default_rng(6)
+    field, tile = rng.integers(-2, 30, 2000).astype(np.int32), rng.integers(0, 9, 2000)
+    small = rng.random(30) < 0.7
+    wanted, first = tile.copy(), {}
+    for n, f in enumerate(field.tolist()):
+        if f >= 0 and small[f]:
+            wanted[n] = first.setdefault(f, tile[n])
+    _keep_fields_whole(field, small, tile)
+    np.testing.assert_array_equal(tile, wanted)
+    assert len(first) > 10
