@@ -53,7 +53,7 @@ def bowl(settings: dict, run_id: int) -> float:
 def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs are scored by `bowl`."""
     # What is imported while the names are others would keep those.
-    for name in ("dossier", "images", "pictures", "tradeoff", "check"):
+    for name in ("dossier", "images", "tradeoff", "check"):
         importlib.import_module(f"seqrsm.campaign.{name}")
 
     def carry(_function: Any, tasks: Any, *_: Any) -> Iterator[tuple[int, Any]]:
