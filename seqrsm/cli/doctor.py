@@ -18,7 +18,7 @@ PACKAGES = (
     "numpy", "scipy", "pandas", "matplotlib", "numba", "emcee", "typer", "rich", "pydantic", "sqlalchemy", "alembic",
     "jinja2", "typst", "tifffile", "pillow",
 )  # fmt: skip
-EXTRAS = {"distributed": "cluster", "psycopg": "postgres", "rasterio": "raster"}
+EXTRAS = {"distributed": "cluster", "psycopg": "postgres", "pyogrio": "vector"}
 
 
 def examine() -> dict[str, Any]:

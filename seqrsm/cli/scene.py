@@ -20,7 +20,7 @@ _LARGEST_FIELD_HA = 100.0
 @guarded
 def scene_import(
     elevation: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of elevations in metres.")],
-    cover: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of cover codes.")],
+    cover: Annotated[Path, typer.Option(metavar="FILE", help="Cover codes: GeoTIFF or polygons.")],
     legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV: code, category, note.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
     temperature: Annotated[
@@ -30,11 +30,10 @@ def scene_import(
         Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
     ] = None,
     parcels: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the fields' numbers, 0 for none.")
+        Path | None, typer.Option(metavar="FILE", help="Fields: GeoTIFF of their numbers, or polygons.")
     ] = None,
     truth: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="GeoTIFF of cover codes seen on the ground, the only ones scored."),
+        Path | None, typer.Option(metavar="FILE", help="Cover codes seen on the ground, the only ones scored.")
     ] = None,
     field_m: Annotated[
         float | None, typer.Option(min=0.01, help="Mean side of a field [m]: larger patches of cover are cut.")
@@ -42,6 +41,9 @@ def scene_import(
     cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
     band: Annotated[
         list[str] | None, typer.Option(metavar="LAYER=N", help="Band of a raster that has several, as in cover=2.")
+    ] = None,
+    attribute: Annotated[
+        list[str] | None, typer.Option(metavar="LAYER=NAME", help="Attribute of polygons, as in cover=crop.")
     ] = None,
 ) -> None:
     """Build a data base from elevation and ground cover on a projected grid in metres."""
@@ -59,7 +61,7 @@ def scene_import(
         cell_m=cell_m,
         field_m=field_m,
         layers={layer: file for layer, file in named.items() if file is not None},
-        parts=_bands(band or []),
+        parts=_parts(band or [], attribute or []),
         name=out.stem,
     )
     _set_aside(out, replaced)
@@ -84,19 +86,24 @@ def _set_aside(out: Path, replaced: bool) -> None:
         say(f"{words} is about the scene that was there: it is SCENE-of-template.md now")
 
 
-def _bands(texts: list[str]) -> dict[str, int]:
-    """Bands of ``--band LAYER=N``."""
+def _parts(bands: list[str], attributes: list[str]) -> dict[str, int | str]:
+    """Bands of ``--band LAYER=N`` and attributes of ``--attribute LAYER=NAME``."""
     from seqrsm.errors import Problem, SceneError
 
-    parts = [(layer.strip(), number.strip(), text) for text in texts for layer, _, number in [text.partition("=")]]
-    problems = [
-        Problem("not a band", "Write a layer and a number from 1, as in cover=2", field="--band", value=text)
-        for layer, number, text in parts
-        if not layer or not number.isdecimal() or len(number) > 5 or int(number) < 1
-    ]
+    out: dict[str, int | str] = {}
+    problems = []
+    for option, text in [*(("band", text) for text in bands), *(("attribute", text) for text in attributes)]:
+        layer, _, part = (word.strip() for word in text.partition("="))
+        number = int(part) if part.isdecimal() and len(part) <= 5 else 0
+        if not layer or not (number if option == "band" else part):
+            remedy = "a number from 1, as in cover=2" if option == "band" else "a name, as in cover=crop"
+            problems.append(
+                Problem(f"names no {option}", f"Write a layer and {remedy}", field=f"--{option}", value=text)
+            )
+        out[layer] = number if option == "band" else part
     if problems:
         raise SceneError(*problems)
-    return {layer: int(number) for layer, number, _ in parts}
+    return out
 
 
 @scene_app.command("synthetic")

@@ -1,4 +1,4 @@
-"""Scenes from GeoTIFF rasters, brought to one grid of square cells in metres."""
+"""Scenes from GeoTIFF rasters and vector layers, brought to one grid of square cells in metres."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from seqrsm.scene.fields import connected_patches, cut_patches
 from seqrsm.scene.file import save_scene
 from seqrsm.scene.geotiff import Raster, read_geotiff
 from seqrsm.scene.scene import MAX_CELLS, NO_COVER, Scene
+from seqrsm.scene.vector import burn_layer, is_vector
 
 _ROWS_AT_ONCE = 256
 _MOST_TOLD: Final = 10
@@ -31,7 +32,7 @@ def import_scene(
     cell_m: float | None = None,
     field_m: float | None = None,
     layers: Mapping[str, str | Path] | None = None,
-    parts: Mapping[str, int] | None = None,
+    parts: Mapping[str, int | str] | None = None,
     name: str = "",
     licence: str = "",
 ) -> Scene:
@@ -43,7 +44,7 @@ def import_scene(
     Parameters
     ----------
     elevation, cover : path
-        GeoTIFF files in one projected coordinate system in metres.
+        GeoTIFF files in one projected coordinate system in metres; cover may be a vector layer of polygons.
     legend : path
         CSV with columns ``code, category`` and optionally ``note``; an empty category is no data.
     out : path, optional
@@ -55,11 +56,12 @@ def import_scene(
     layers : Mapping[str, path], optional
         ``"temperature"``: GeoTIFF of the ground's physical temperature [K]; it reaches at least as far.
         ``"moisture"``: the same of the soil's volumetric moisture [m3/m3].
-        ``"parcels"``: GeoTIFF of parcel numbers, 0 for none.
-        ``"truth"``: GeoTIFF of cover codes seen on the ground: they replace those of ``cover``, and only their cells
-        are scored.
-    parts : Mapping[str, int], optional
-        Band, from 1, of each layer whose raster has several.
+        ``"parcels"``: GeoTIFF of parcel numbers, 0 for none, or polygons.
+        ``"truth"``: GeoTIFF of cover codes seen on the ground, or polygons: they replace those of ``cover``, and only
+        their cells are scored.
+    parts : Mapping[str, int or str], optional
+        Of each layer, the band, from 1, of a raster that has several, or the attribute of a vector layer that holds
+        the number: ``code`` if not given, the polygon's place in the file for parcels.
     name, licence : str
         Kept in the scene.
 
@@ -76,23 +78,28 @@ def import_scene(
     given = {"elevation": elevation, "cover": cover, **(layers or {})}
     chosen = dict(parts or {})
     _check_parts(chosen, given)
-    height = read_geotiff(str(elevation), "elevation", chosen.get("elevation"))
+    height = read_geotiff(str(elevation), "elevation", _band_of(chosen, "elevation"))
 
     def read(layer: str) -> Raster:
-        raster = read_geotiff(str(given[layer]), layer, chosen.get(layer))
+        raster = read_geotiff(str(given[layer]), layer, _band_of(chosen, layer))
         _same_system(height, raster, str(given[layer]))
         return raster
 
-    kind = read("cover")
+    kind = height if is_vector(cover) else read("cover")
     names, notes, category_of = read_legend(legend)
     cell = min(height.step_x, height.step_y, kind.step_x, kind.step_y) if cell_m is None else cell_m
     left, top, rows, cols = _common(height, kind, cell, str(cover))
     x: FloatArray = left + (np.arange(cols, dtype=np.float64) + 0.5) * float(cell)
     y: FloatArray = top - (np.arange(rows, dtype=np.float64) + 0.5) * float(cell)
+    epsg = height.epsg if height.epsg is not None else kind.epsg
 
     def numbers(layer: str) -> tuple[AnyArray, AnyArray]:
         """Whole numbers of a layer in the cells, and where there are any."""
-        return _whole_numbers(kind if layer == "cover" else read(layer), layer, x, y, str(given[layer]))
+        if not is_vector(given[layer]):
+            return _whole_numbers(kind if layer == "cover" else read(layer), layer, x, y, str(given[layer]))
+        attribute = str(chosen.get(layer, "code")) if layer != "parcels" or layer in chosen else None
+        words = {names[index]: code for code, index in reversed(category_of.items()) if index != NO_COVER}
+        return burn_layer(given[layer], x, y, epsg=epsg, attribute=attribute, words=words)
 
     codes, known = numbers("cover")
     seen: AnyArray = np.array(True)
@@ -129,7 +136,7 @@ def import_scene(
         field_id=field_id,
         scored=scored,
         cell_m=float(cell),
-        epsg=height.epsg if height.epsg is not None else kind.epsg,
+        epsg=epsg,
         bounds=(left, top - rows * cell, left + cols * cell, top),
         name=name or Path(cover).stem,
         licence=licence,
@@ -173,15 +180,23 @@ def _wildest(raster: Raster) -> float:
     return max(ends, key=abs)
 
 
-def _check_parts(chosen: Mapping[str, int], given: Mapping[str, str | Path]) -> None:
-    """Refuse a band of a raster that is not there."""
-    problems = [
-        Problem("no such layer is given", f"Name one of {', '.join(given)}", field="--band", value=layer)
-        for layer in chosen
-        if layer not in given
-    ]
+def _check_parts(chosen: Mapping[str, int | str], given: Mapping[str, str | Path]) -> None:
+    """Refuse a band or attribute of a layer that is not there, or of the other sort."""
+    problems = []
+    for layer, part in chosen.items():
+        option = "--attribute" if isinstance(part, str) else "--band"
+        if layer not in given:
+            remedy = f"Name one of {', '.join(given)}"
+            problems.append(Problem("no such layer is given", remedy, field=option, value=layer))
+        elif is_vector(given[layer]) != isinstance(part, str):
+            text = "a raster has bands, a vector layer has attributes"
+            problems.append(Problem(text, file=str(given[layer]), field=option, value=f"{layer}={part}"))
     if problems:
         raise SceneError(*problems)
+
+
+def _band_of(chosen: Mapping[str, int | str], layer: str) -> int | None:
+    return int(chosen[layer]) if layer in chosen else None
 
 
 def _same_system(one: Raster, other: Raster, file: str) -> None:
