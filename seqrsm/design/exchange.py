@@ -16,6 +16,7 @@ _SEARCHING = "searching the design"
 _CANDIDATES, _FEW_FACTORS = 3**8, 3
 _CHAIN = 20  # local searches of a chain
 _REPLACED = (4, 20)  # rows drawn anew between two of them
+_FEWEST, _SURE = 100, 60  # searches made at least, and those of them that come to one value, which ends the rest
 _NEAR = 0.02  # an exchange that ends further below the chain's best than this is not worth a descent
 _MAX_PASSES, _MAX_ROUNDS, _FINISHED = 60, 20, 4
 _COARSE, _FINE, _SAME = 1e-3, 1e-9, 1e-5  # of the criterion: of a pass of exchanges, of a last round, of two optima
@@ -89,13 +90,20 @@ def search_candidates(
 
 def search_region(
     model: QuadraticModel, region: Region, task: Task, searches: int, seed: int
-) -> tuple[FloatArray, int]:
-    """Best rows (n, k) found by so many local searches, and how many of them ended at their value; 0: all singular.
+) -> tuple[FloatArray, int, int]:
+    """Search a region by so many local searches at most.
 
     Chains of local searches: the first from random candidates, each further one from the best of its chain with some
-    rows drawn anew (iterated local search). In a box each ends in a descent of all coordinates, which is dear within
-    constraints. The best of the best few chains are exchanged and descended until neither gains: candidates jump over
-    oblique edges, descent finds what lies between them.
+    rows drawn anew (iterated local search); where many come to one value, they end early. In a box each ends in a
+    descent of all coordinates, which is dear within constraints. The best of the best few chains are exchanged and
+    descended until neither gains: candidates jump over oblique edges, descent finds what lies between them.
+
+    Returns
+    -------
+    ndarray (n, k)
+        Best rows found.
+    int, int
+        How many of the searches ended at their value, 0 where all were singular; and how many were made.
     """
     rng = np.random.default_rng([seed, 1])
     candidates = region.candidates(5 if region.k <= _FEW_FACTORS else 3, limit=_CANDIDATES)
@@ -121,12 +129,15 @@ def search_region(
         values.append(value)
         if value > top:
             tops[-1] = value, points
+        if len(values) >= _FEWEST and sum(one > max(values) - _SAME for one in values) >= _SURE:
+            break
     tops.sort(key=lambda pair: -pair[0])
     best = tops[0][0]
     if not np.isfinite(best):
-        return tops[0][1], 0
+        return tops[0][1], 0, len(values)
     ends = [_finished(model, region, task, candidates, top) for top in tops[:_FINISHED] if np.isfinite(top[0])]
-    return max(ends, key=lambda pair: pair[0])[1], sum(value > best - _SAME for value in values)
+    hits = sum(value > best - _SAME for value in values)
+    return max(ends, key=lambda pair: pair[0])[1], hits, len(values)
 
 
 def _finished(

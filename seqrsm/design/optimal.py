@@ -77,7 +77,7 @@ def optimal_design(
     seed : int
         The same seed gives the same design on one machine; where matrices are rounded otherwise, one as good.
     starts : int, optional
-        Local searches; by default enough to come within half a per cent of the best designs known up to
+        Local searches at most; by default enough to come within half a per cent of the best designs known up to
         five factors, two per cent with six.
     fixed : ndarray (m, k), optional
         Runs already made or decided: counted, never moved.
@@ -104,11 +104,12 @@ def optimal_design(
         return _minimax(model, region, n_runs, kept, moments, seed, starts)
     weights = {"D": None, "I": moments, "A": np.eye(model.p)}[criterion]
     searches = (_SEARCHES if model.p <= _FEW_TERMS else _MANY_SEARCHES) if starts is None else max(starts, 1)
-    points, hits = search_region(model, region, Task(n_runs, precision, weights), searches, seed % 2**63)
+    task = Task(n_runs, precision, weights)
+    points, hits, made = search_region(model, region, task, searches, seed % 2**63)
     if hits == 0:
         raise _singular(model, region)
     value = _value(model, region, np.vstack([kept, points]), criterion, moments)
-    return Design(points, value, hits, searches, seed)
+    return Design(points, value, hits, made, seed)
 
 
 def _minimax(
