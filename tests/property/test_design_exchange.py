@@ -52,6 +52,24 @@ def test_no_single_move_improves_a_mixed_design(criterion):
                 assert loss(moved) >= best - 1e-6 * abs(best), (i, j, value)
 
 
+@pytest.mark.parametrize("weighted", [False, True])
+def test_the_slope_of_the_loss_is_that_of_differences(weighted) -> None:
+    region, points = Region(MIXED), start_design(MODEL, Region(MIXED), 24, seed=2)
+    points[:, [0, 3]] = np.clip(points[:, [0, 3]], -0.8, 0.8)
+    task = exchange.Task(24, np.zeros((MODEL.p, MODEL.p)), region_moments(MODEL, region) if weighted else None)
+    value, slope = task.loss(MODEL, region, points)
+    assert value == pytest.approx(-task.value(MODEL.matrix(points)))
+    assert slope.shape == (24, 2)
+    for column, factor in enumerate((0, 3)):
+        for run in range(0, 24, 5):
+            ends = []
+            for step in (-1e-5, 1e-5):
+                moved = points.copy()
+                moved[run, factor] += step
+                ends.append(task.loss(MODEL, region, moved)[0])
+            assert slope[run, column] == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-4, abs=1e-6)
+
+
 def test_a_descent_that_goes_astray_is_not_followed(monkeypatch) -> None:
     """Within constraints SLSQP may end where terms coincide."""
     region, points = Region(MIXED), start_design(MODEL, Region(MIXED), 24, seed=2)
