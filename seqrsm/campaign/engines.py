@@ -86,14 +86,15 @@ class Engine:
         return tuple(name for name, parameter in self.parameters.items() if parameter.kind == "function")
 
 
-@lru_cache(maxsize=4)
-def _loaded(load: Callable[[str | None], Any], path: str, modified_ns: int) -> Any:
-    del modified_ns  # part of the key: an edited table is read again
-    return load(path or None)
+@lru_cache(maxsize=8)
+def _loaded(load: Callable[..., Any], path: str, modified_ns: int, *more: Any) -> Any:
+    del modified_ns  # part of the key: an edited file is read again
+    return load(path or None, *more)
 
 
-def _table(load: Callable[[str | None], Any], path: str) -> Any:
-    return _loaded(load, path, modified_ns(path))
+def loaded(load: Callable[..., Any], path: str, *more: Any) -> Any:
+    """What ``load`` makes of a file, "" for the shipped one, and of ``more``; once as long as the file stays."""
+    return _loaded(load, path, modified_ns(path), *more)
 
 
 def modified_ns(path: str) -> int:
@@ -106,7 +107,7 @@ def _radar_image(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, *
 
 
 def _targets(path: str) -> tuple[CulturalTarget, ...]:
-    found: tuple[CulturalTarget, ...] = _loaded(load_targets, path, modified_ns(path)) if path else ()
+    found: tuple[CulturalTarget, ...] = loaded(load_targets, path) if path else ()
     return found
 
 
@@ -149,7 +150,7 @@ def _radar_detail_m(sensor: RadarConfiguration) -> float:
 ENGINES: Mapping[str, Engine] = {
     "psm": Engine(
         configure=radar.from_settings,
-        table=partial(_table, load_sigma0_table),
+        table=partial(loaded, load_sigma0_table),
         simulate=_radar_image,
         examine=_examine_radar,
         detail_m=_radar_detail_m,
@@ -159,7 +160,7 @@ ENGINES: Mapping[str, Engine] = {
     ),
     "prm": Engine(
         configure=radiometer.from_settings,
-        table=partial(_table, load_emissivity_table),
+        table=partial(loaded, load_emissivity_table),
         simulate=simulate_radiometer,
         examine=_examine_radiometer,
         detail_m=attrgetter("resolution_m"),

@@ -213,6 +213,6 @@ def place_in_swath(place: Instrument) -> dict[str, Any]:
         found["incidence_deg"] = float(np.rad2deg(theta[0]))
         found["looks"] = float(sensor.looks_used(theta)[0])
         found["noise_db"] = noise_equivalent_db(sensor)
-    elif sensor.conical_incidence_deg > 0.0:
+    elif sensor.conical:
         found |= {"incidence_deg": sensor.conical_incidence_deg, "footprint_m": list(sensor.footprint_m)}
     return found

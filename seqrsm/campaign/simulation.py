@@ -17,7 +17,7 @@ from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.acquisitions import Acquisition, acquisitions_of
-from seqrsm.campaign.engines import ENGINES, Image, check_utility, modified_ns, score_by
+from seqrsm.campaign.engines import ENGINES, Image, check_utility, loaded, modified_ns, score_by
 from seqrsm.design.factors import setting_text
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
@@ -26,7 +26,7 @@ from seqrsm.scene.coarse import cells_in_one, coarse_scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
-from seqrsm.score.known_map import known_map_at
+from seqrsm.score.known_map import load_known_map
 from seqrsm.score.utilities import utility_of
 from seqrsm.simulate.cluster import local_file
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
@@ -213,7 +213,7 @@ def score_images(task: SimulationTask, utility: str, images: Sequence[Image], sc
     known = None
     if task.known_map:
         ground = task.world if isinstance(task.world, int) else task.stream
-        known = replace(known_map_at(task.known_map, modified_ns(task.known_map), scene.categories), key=ground)
+        known = replace(loaded(load_known_map, task.known_map, scene.categories), key=ground)
     return score_by(utility, images, scene, seed=task.seed, run_id=task.stream, known=known)
 
 

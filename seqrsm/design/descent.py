@@ -13,8 +13,7 @@ from seqrsm.design import search
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 
-_ITERATIONS = 100
-_FINE = 1e-12
+_ITERATIONS, _GAIN = 100, 1e-12  # at most, and of the last
 _RIDGE = 1e-10  # share of the mean diagonal of M added to it: a singular design has a huge variance, not none
 _DIFFERENCE = 1e-6
 
@@ -35,10 +34,8 @@ def in_coordinates(model: QuadraticModel, region: Region, base: FloatArray, pull
     return slope[[model.columns[j].start for j in region.continuous]].T
 
 
-def lower(
-    region: Region, start: FloatArray, value: Callable[[FloatArray], tuple[float, FloatArray]], gain: float = _FINE
-) -> FloatArray:
-    """The design (n, k) moved downhill in ``value``, which gives its slope (n, c) too, until a step gains less.
+def lower(region: Region, start: FloatArray, value: Callable[[FloatArray], tuple[float, FloatArray]]) -> FloatArray:
+    """The design (n, k) moved downhill in ``value``, which gives its slope (n, c) too.
 
     By scipy's L-BFGS-B in a box, by SLSQP within constraints.
     """
@@ -70,7 +67,7 @@ def lower(
         return slopes.reshape(-1, n * c)
 
     constraints: Any = () if region.is_box else ({"type": "ineq", "fun": slacks, "jac": slack_slopes},)
-    options: Any = {"maxiter": _ITERATIONS, "ftol": gain}
+    options: Any = {"maxiter": _ITERATIONS, "ftol": _GAIN}
     found = minimize(
         valued,
         start[:, free].ravel(),

@@ -20,7 +20,6 @@ _FEWEST, _SURE = 100, 60  # searches made at least, and those of them that come 
 _NEAR = 0.02  # an exchange that ends further below the chain's best than this is not worth a descent
 _MAX_PASSES, _MAX_ROUNDS, _FINISHED = 60, 20, 4
 _COARSE, _FINE, _SAME = 1e-3, 1e-9, 1e-5  # of the criterion: of a pass of exchanges, of a last round, of two optima
-_DESCENT = 1e-12
 # Smallest eigenvalue of M with unit diagonal: below the first M is singular but for rounding, below the second too
 # near to it to be exchanged from (random runs over many levels are), and a ridge carries the search out of there.
 _SINGULAR, _DOUBTFUL, _RIDGE = 1e-14, 1e-8, 1e-2
@@ -129,14 +128,13 @@ def search_region(
         values.append(value)
         if value > top:
             tops[-1] = value, points
-        if len(values) >= _FEWEST and sum(one > max(values) - _SAME for one in values) >= _SURE:
+        hits = int(np.count_nonzero(np.array(values) > max(values) - _SAME))
+        if number + 1 >= _FEWEST and hits >= _SURE:
             break
     tops.sort(key=lambda pair: -pair[0])
-    best = tops[0][0]
-    if not np.isfinite(best):
+    if not np.isfinite(tops[0][0]):
         return tops[0][1], 0, len(values)
     ends = [_finished(model, region, task, candidates, top) for top in tops[:_FINISHED] if np.isfinite(top[0])]
-    hits = sum(value > best - _SAME for value in values)
     return max(ends, key=lambda pair: pair[0])[1], hits, len(values)
 
 
@@ -146,7 +144,7 @@ def _finished(
     """Value and design (n, k) that neither exchange nor descent betters."""
     (before, points), rows = top, model.matrix(candidates)
     for _ in range(_MAX_ROUNDS):
-        value, points = _descended(model, region, task, points)
+        _, points = _descended(model, region, task, points)
         value = _exchange(points, model.matrix(points), candidates, rows, task, _FINE)
         if not value > before + _FINE:
             break
@@ -161,7 +159,7 @@ def _drawn(candidates: FloatArray, n: int, rng: np.random.Generator) -> FloatArr
 
 def _descended(model: QuadraticModel, region: Region, task: Task, points: FloatArray) -> tuple[float, FloatArray]:
     """Value and design (n, k) with its continuous coordinates moved; as it was where that made it no better."""
-    moved = lower(region, points, lambda at: task.loss(model, region, at), _DESCENT)
+    moved = lower(region, points, lambda at: task.loss(model, region, at))
     before, after = (task.value(model.matrix(one)) for one in (points, moved))
     return (after, moved) if after > before else (before, points)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -49,26 +48,23 @@ class KnownMap:
         """What each label says for each class, (n_labels, n_classes): natural logarithm of the share."""
         return np.asarray(np.log(np.maximum(self.share, _LEAST_SHARE)).T)
 
-    def label_of_cells(self, scene: Scene, seed: int) -> IntArray:
-        """Label (rows, columns) that it gives each cell of a scene; a field has one label."""
+    def label_of_fields(self, scene: Scene, seed: int) -> IntArray:
+        """Label (n_fields,) that it gives each field of a scene."""
         cover = categories_of_fields(scene).astype(np.int64)
         known = cover < len(self.share)
         reached = np.cumsum(self.share, axis=1)[np.where(known, cover, 0)]
         drawn = generator(seed, self.key, "known map").random(len(cover))
-        label = np.minimum(np.sum(drawn[:, None] >= reached, axis=1), len(self.labels) - 1)
-        return np.asarray(label[scene.field_id], dtype=np.int64)
+        return np.asarray(np.minimum(np.sum(drawn[:, None] >= reached, axis=1), len(self.labels) - 1))
 
 
-def load_known_map(path: Path, categories: Sequence[str], key: int = 0) -> KnownMap:
+def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
     """Read a map's confusion table: ``cover`` and a column for each label, separated as scores may be.
 
     Parameters
     ----------
-    path : Path
+    path : path
     categories : sequence of str
         Covers of the scene: the table must have a row for each, and may have more.
-    key : int
-        As of `KnownMap`.
 
     Raises
     ------
@@ -114,7 +110,7 @@ def load_known_map(path: Path, categories: Sequence[str], key: int = 0) -> Known
     if problems:
         raise SceneError(*problems)
     share = np.array([rows[name] / rows[name].sum() for name in categories])
-    return KnownMap(tuple(labels), share, key)
+    return KnownMap(tuple(labels), share)
 
 
 def labels_of_units(known: KnownMap, scene: Scene, unit: AnyArray, n_units: int, seed: int) -> IntArray:
@@ -131,12 +127,5 @@ def labels_of_units(known: KnownMap, scene: Scene, unit: AnyArray, n_units: int,
     """
     cells = np.flatnonzero((unit >= 0) & scene.scored & (scene.cover != NO_COVER))
     found = np.zeros(n_units, dtype=np.int64)
-    found[unit.ravel()[cells]] = known.label_of_cells(scene, seed).ravel()[cells]
+    found[unit.ravel()[cells]] = known.label_of_fields(scene, seed)[scene.field_id.ravel()[cells]]
     return found
-
-
-@lru_cache(maxsize=4)
-def known_map_at(path: str, modified_ns: int, categories: tuple[str, ...]) -> KnownMap:
-    """`load_known_map`, once as long as the file stays."""
-    del modified_ns
-    return load_known_map(Path(path), categories)

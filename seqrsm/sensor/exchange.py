@@ -91,7 +91,7 @@ def _radiometer(
     angle = other if "angle" in properties else base
     taken["scan_period_s"] = angle.scan_period_s * taken["resolution_m"] / angle.resolution_m
     # A turn moves the beam by many footprints in the time that another scan may integrate.
-    taken["integration_time_ms"] = (angle if angle.conical_incidence_deg > 0.0 else base).integration_time_ms
+    taken["integration_time_ms"] = (angle if angle.conical else base).integration_time_ms
     taken["antenna_limit_m"] = max(base.antenna_limit_m, other.antenna_limit_m)  # what is asked is not what is carried
     if "noise" in properties:
         # By the receiver's temperature, so that a pixel stays what the integration time makes of it; by the bandwidth

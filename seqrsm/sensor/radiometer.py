@@ -166,10 +166,15 @@ class RadiometerConfiguration:
         return PLANCK_J_S * self.frequency_ghz * 1e9 / BOLTZMANN_J_K
 
     @property
+    def conical(self) -> bool:
+        """Whether it scans on a cone, not across the track."""
+        return self.conical_incidence_deg > 0.0
+
+    @property
     def quarter_turns(self) -> int:
         """``numpy.rot90(layer, quarter_turns)`` turns a scene layer into rows that the beam is pointed across."""
         # From the left edge to the right of a sweep, from the near end to the far of what a cone looks ahead to.
-        return round((self.heading_deg - 90.0) / 90.0) - (1 if self.conical_incidence_deg > 0.0 else 0)
+        return round((self.heading_deg - 90.0) / 90.0) - self.conical
 
     @property
     def footprint_m(self) -> tuple[float, float]:
@@ -243,7 +248,7 @@ def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
     for low, high in (("temperature_low_k", "temperature_high_k"), ("soil_moisture_low", "soil_moisture_high")):
         if getattr(radiometer, low) > getattr(radiometer, high):
             problems.append(Problem("above the high end", f"Keep it at or below {high}", field=low))
-    if radiometer.conical_incidence_deg > 0.0 and (radiometer.mode == "report" or radiometer.scan_half_angle_deg > 0.0):
+    if radiometer.conical and (radiometer.mode == "report" or radiometer.scan_half_angle_deg > 0.0):
         text = "a conical scan has no half angle, and the report of 1979 none of this kind"
         problems.append(Problem(text, "Leave out scan_half_angle_deg and mode", field="conical_incidence_deg"))
     if radiometer.beam == "measured" and not radiometer.beam_file:

@@ -113,7 +113,7 @@ def scan_geometry(
     if height_m <= 0.0:
         text = "the flight line is not above the ground"
         raise ConfigurationError(Problem(text, "Fly higher", field="altitude_m", value=radiometer.altitude_m))
-    if radiometer.conical_incidence_deg > 0.0:
+    if radiometer.conical:
         return _conical_geometry(radiometer, height_m, across_m, along_m)
     report = radiometer.mode == "report"
     beta = radiometer.beamwidth_rad(height_m)

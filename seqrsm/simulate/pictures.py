@@ -132,7 +132,7 @@ def _radar_picture(image: RadarImage) -> Picture:
 
 def _radiometer_picture(image: RadiometerImage) -> Picture:
     nedt = float(np.nanmedian(image.nedt_k))
-    first = "first turn" if image.radiometer.conical_incidence_deg > 0.0 else "left edge of the sweep"
+    first = "first turn" if image.radiometer.conical else "left edge of the sweep"
     return Picture(
         channels=image.radiometer.channels,
         values=image.brightness_k.astype(np.float64),

@@ -77,7 +77,7 @@ def test_a_descent_that_goes_astray_is_not_followed(monkeypatch) -> None:
     value, moved = exchange._descended(MODEL, region, task, points)
     assert value == pytest.approx(log_det(MODEL, moved))
     assert value > log_det(MODEL, points)
-    monkeypatch.setattr(exchange, "lower", lambda region, start, loss, gain: np.tile(start[:1], (len(start), 1)))
+    monkeypatch.setattr(exchange, "lower", lambda region, start, loss: np.tile(start[:1], (len(start), 1)))
     value, kept = exchange._descended(MODEL, region, task, points)
     np.testing.assert_array_equal(kept, points)
     assert value == pytest.approx(log_det(MODEL, points))

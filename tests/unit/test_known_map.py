@@ -66,19 +66,19 @@ BLURRED = of([[0.7, 0.1, 0.1, 0.1], [0.1, 0.7, 0.1, 0.1], [0.1, 0.1, 0.7, 0.1], 
 
 
 def test_fields_have_one_label_each_drawn_by_the_table() -> None:
-    labels = BLURRED.label_of_cells(SCENE, 3)
+    labels = BLURRED.label_of_fields(SCENE, 3)[SCENE.field_id]
     for field in (0, 17, 399):
         assert np.ptp(labels[SCENE.field_id == field]) == 0
     first = np.unique(SCENE.field_id, return_index=True)[1]
     cover, label = SCENE.cover.ravel()[first], labels.ravel()[first]
     assert np.mean(cover == label) == pytest.approx(0.7, abs=3.5 * math.sqrt(0.21 / len(first)))
     # Another ground has other errors, the same ground the same.
-    np.testing.assert_array_equal(BLURRED.label_of_cells(SCENE, 3), labels)
-    assert np.any(replace(BLURRED, key=1).label_of_cells(SCENE, 3) != labels)
+    np.testing.assert_array_equal(BLURRED.label_of_fields(SCENE, 3)[SCENE.field_id], labels)
+    assert np.any(replace(BLURRED, key=1).label_of_fields(SCENE, 3)[SCENE.field_id] != labels)
 
 
 def test_units_take_the_label_of_their_cells() -> None:
-    labels = BLURRED.label_of_cells(SCENE, 3)
+    labels = BLURRED.label_of_fields(SCENE, 3)[SCENE.field_id]
     unit = np.arange(SCENE.cover.size).reshape(SCENE.cover.shape)
     np.testing.assert_array_equal(labels_of_units(BLURRED, SCENE, unit, unit.size, 3), labels.ravel())
 

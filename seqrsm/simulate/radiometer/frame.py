@@ -63,14 +63,14 @@ def make_radiometer_frame(scene: Scene, radiometer: RadiometerConfiguration, pre
     turns = radiometer.quarter_turns
     elevation, cover, field, mean_m = _layers(scene, turns, precision)
     n, height_m = len(elevation), radiometer.altitude_m - mean_m
+    incidence = math.radians(radiometer.conical_incidence_deg)
     across_m = np.asarray((np.arange(n) - 0.5 * (n - 1)) * scene.cell_m, dtype=np.float64)
-    tangent = math.tan(math.radians(radiometer.conical_incidence_deg))
     return RadiometerFrame(
         elevation_m=elevation,
         cover=cover,
         field=field,
         across_m=across_m,
-        away_m=np.full(n, height_m * tangent) if tangent > 0.0 else across_m,
+        away_m=np.full(n, height_m * math.tan(incidence)) if radiometer.conical else across_m,
         height_m=height_m,
         cell_m=scene.cell_m,
         quarter_turns=turns,

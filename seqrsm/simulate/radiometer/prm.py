@@ -234,7 +234,7 @@ def radiation_map(
     frame = met.frame
     dtype = frame.elevation_m.dtype
     n, m = frame.elevation_m.shape
-    geometry = row_geometry(frame, met.air)
+    geometry = row_geometry(frame, met.air, radiometer.conical)
     antenna = np.empty((len(met.lookups), n, m), dtype=dtype)
     state = np.empty((n, m), dtype=np.uint8)
     kernels_prm.emit_cells(
@@ -257,7 +257,7 @@ def radiation_map(
     return antenna, offset, state
 
 
-def row_geometry(frame: RadiometerFrame, air: Atmosphere) -> FloatArray:
+def row_geometry(frame: RadiometerFrame, air: Atmosphere, conical: bool) -> FloatArray:
     """Geometry (n, 5) of the rows of a frame, as `kernels_prm.emit_cells` takes it."""
     away_m = np.abs(frame.away_m)
     look = np.arctan2(away_m, frame.height_m)
@@ -268,7 +268,7 @@ def row_geometry(frame: RadiometerFrame, air: Atmosphere) -> FloatArray:
     geometry[:, 1] = np.where(
         towards_nadir > 0.25 * frame.cell_m, frame.cell_m / np.maximum(towards_nadir, 0.25 * frame.cell_m), 0.0
     )
-    if frame.away_m is not frame.across_m:
+    if conical:
         # Rays of a cone are parallel: each row is as far off as the one before, and before the first there is none.
         geometry[:, 1] = np.where(np.arange(len(away_m)) > 0, frame.cell_m / away_m, 0.0)
     geometry[:, 2] = np.where(frame.away_m >= 0.0, 1.0, -1.0)
@@ -351,7 +351,7 @@ def scan_image(
     -------
     RadiometerImage
     """
-    frame, scan, conical = met.frame, met.scan, radiometer.conical_incidence_deg > 0.0
+    frame, scan = met.frame, met.scan
     antenna_k, offset, state = mapped
     n_channels, n, m = antenna_k.shape
     total = np.zeros_like(antenna_k)
@@ -380,8 +380,8 @@ def scan_image(
     footprint = np.empty((n, m), dtype=np.int32)
     coverage = np.empty((n, m), dtype=np.int32)
     # The beam moves across the rows of a sweep, along those of a conical scan.
-    moved = max(1.0, scan.smear), 1.0
-    held_rad, held_m = np.array([scan.beamwidth_rad, radiometer.footprint_m[1]]) * (moved[::-1] if conical else moved)
+    moved = (1.0, max(1.0, scan.smear)) if radiometer.conical else (max(1.0, scan.smear), 1.0)
+    held_rad, held_m = np.array([scan.beamwidth_rad, radiometer.footprint_m[1]]) * moved
     sweep = (scan.from_m, frame.cell_m, held_rad, scan.half_angle_rad, scan.place_rad[0], scan.step_rad)
     sampled = (len(scan.look_rad), held_m, scan.sweep_advance_m, scan.n_sweeps)
     kernels_prm.register_cells(
