@@ -314,7 +314,8 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
                 "Propose flights (`seqrsm propose --source flight`), then `seqrsm ingest` and `seqrsm fit`.",
             )
         )
-    if not bool(np.any(scene_at(str(spec.scene_path)).scored)):
+    scene = scene_at(str(spec.scene_path))
+    if not bool(np.any(scene.scored)):
         raise SpecError(
             Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
         )
@@ -323,6 +324,8 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         remedy = "Remove known_map, or add an [[application]] that classifies."
         raise SpecError(Problem(text, remedy, str(spec.folder / SPEC_NAME), field="[simulator] known_map"))
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
+    if centre.known_map:
+        loaded(load_known_map, centre.known_map, scene.categories)
     combinations = _check_sensors(spec)
     first = carry_out(centre)
     if first.failure:

@@ -98,7 +98,7 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
             wrong(f"the row has {len(cells)} cells, the header {len(header)}", "Give one to each label.", line)
         elif cover in rows:
             wrong("a cover is given twice", "Leave one.", line, "cover", cover)
-        elif not sum(row) > 0.0:
+        elif sum(row) == 0.0:
             wrong("a cover has no ground", _NUMBERS, line, "cover", cover)
         rows[cover] = np.array(row)
     missing = [name for name in categories if name not in rows]

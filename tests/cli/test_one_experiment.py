@@ -172,7 +172,12 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
     assert str(folder / "old.csv") in files_of(task)
     assert folder / "old.csv" in spec_files(spec)
     assert run(folder, "--max-runs", "14").exit_code in (0, 3)
-    changed(folder, "old.csv", ",90", ",70")
+    changed(folder, "old.csv", ",90", ",many")
+    wrong = RUNNER.invoke(app, ["check", str(folder)])
+    assert wrong.exit_code == 2
+    assert wrong.output.startswith(f"error: {folder / 'old.csv'}:2: ")
+    assert "no ground" not in wrong.output  # what is no number is told once
+    changed(folder, "old.csv", ",many", ",70")
     refused = run(folder, "--max-runs", "17")
     assert refused.exit_code == 2
     assert "old.csv: the file is not the one" in refused.output
