@@ -122,6 +122,7 @@ def by_surface(
     rule: Sufficing,
     level: float,
     sds: tuple[float, float],
+    optimism: float,
     rng: np.random.Generator,
 ) -> Comparison:
     """Compare two settings of the region by what is believed of the surface.
@@ -138,15 +139,18 @@ def by_surface(
         As in `compared`.
     sds : tuple of float
         Of a future difference, and of a future score, over one ground about the surface, see `future_sd`.
+    optimism : float
+        Of the optimum's mean, score units, see `OptimumEstimate`.
     rng : Generator
     """
-    parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
+    less = np.array([0.0, optimism])
+    parts = [(scale.to_score(one) - less, share) for one, share in joint_draws(belief, points, terms, rng)]
     gains = [(one[:, 0] - one[:, 1], share) for one, share in parts]
     futures = [(one + sds[0] * rng.standard_normal(len(one)), share) for one, share in gains]
     judged = futures
     if not rule.relative:
         judged = [(one[:, 0] + sds[1] * rng.standard_normal(len(one)), share) for one, share in parts]
-    mean = scale.to_score(belief.mean(points))
+    mean = scale.to_score(belief.mean(points)) - less
     return Comparison(
         score=float(mean[0]),
         difference=float(mean[0] - mean[1]),

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
+from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws, optimism
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
 from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.posterior import (
@@ -96,13 +96,15 @@ def analyse(
     draws = draw_coefficients(spec, fitted, sampler=sampler, n_draws=n_draws)
     belief = Belief(fitted.surface, fitted.departure, region, goal)
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
-    estimate = _estimate(spec, fitted, belief, best, draws)
-    confirmation, agreement = _confirmation(spec, application, fitted, belief, runs)
+    rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
+    taken_off = optimism(belief, fitted.data.points, fitted.fit.weights, best.point, rng)
+    estimate = _estimate(spec, fitted, belief, best, draws, taken_off)
+    confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     decision = _decision(spec, application, fitted, estimate, agreement)
-    posterior = summarise_posterior(spec, fitted, belief, estimate, draws)
+    posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
     described = estimate
     if thorough and best is not of_quadratic:  # what is studied is the quadratic
-        described = _estimate(spec, fitted, belief.of_quadratic, of_quadratic, draws)
+        described = _estimate(spec, fitted, belief.of_quadratic, of_quadratic, draws, 0.0)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
         application=application.name,
@@ -121,26 +123,30 @@ def analyse(
             + _other_sampler(sampler, draws)
             + effects_left_out(application, posterior)
         ),
-        steps=_steps(spec, fitted, belief, best, draws) if thorough else (),
+        steps=_steps(spec, fitted, belief, estimate, draws) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         study=study_fit(spec, fitted, described, draws) if thorough else None,
     )
 
 
-def _steps(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> tuple[Step, ...]:
+def _steps(
+    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws
+) -> tuple[Step, ...]:
     rng = generator(spec.seed, fitted.fit.n_runs, "steps")
-    return steps_of(belief, fitted.scale, best.point, spec.stop.level, draws, rng)
+    return steps_of(belief, fitted.scale, estimate.point, estimate.optimism, spec.stop.level, draws, rng)
 
 
-def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws) -> OptimumEstimate:
+def _estimate(
+    spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum, draws: Draws, taken_off: float
+) -> OptimumEstimate:
     stop, scale, share = spec.stop, fitted.scale, fitted.ground_share
     whole, chance = (replace(stop_rule(spec, share), counts_ground=counts) for counts in (True, False))
     asked = (1.0, whole.replicates_of("prediction_mean"), whole.replicates_of(), chance.replicates_of())
     if fitted.surface.errors.exact:
-        mean, found = intervals(belief, scale, best.point, stop.level, asked)
+        mean, found = intervals(belief, scale, best.point, stop.level, asked, taken_off)
     else:
         rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, asked, draws, rng)
+        mean, found = intervals_by_draws(belief, scale, best.point, stop.level, asked, taken_off, draws, rng)
         watched = ("confidence", "prediction", "prediction_mean").index(stop.interval)
         if share == 0.0:  # draws are rounded to whole runs
             found = (*found[:3], found[watched], found[watched])
@@ -149,6 +155,7 @@ def _estimate(spec: CampaignSpec, fitted: Fitted, belief: Belief, best: Optimum,
         point=best.point,
         at_bound=best.at_bound + tuple(f"constraint {expr}" for expr in best.active_constraints),
         mean=mean,
+        optimism=float(scale.to_score(belief.mean(best.point[None, :]))[0]) - mean if taken_off else 0.0,
         confidence=found[0],
         prediction=found[1],
         prediction_mean=found[2],
@@ -241,7 +248,12 @@ def _all_equal(fitted: Fitted) -> bool:
 
 
 def _confirmation(
-    spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, belief: Belief, runs: Sequence[RunRecord]
+    spec: CampaignSpec,
+    application: ApplicationSpec,
+    fitted: Fitted,
+    belief: Belief,
+    runs: Sequence[RunRecord],
+    taken_off: float,
 ) -> tuple[Confirmation | None, Agreement | None]:
     """The latest set of confirmation runs, against what is believed at their settings; none once it is in the fit."""
     why = confirmation_reason(application.name)
@@ -265,12 +277,13 @@ def _confirmation(
     fresh_scale = ResponseScale.of(spec.model.response, scores)
     agreement = confirmation_agrees(
         confirmation_interval(fresh_scale.values, spec.stop.level),
-        predicted=float(predicted.mean[0]),
+        predicted=float(predicted.mean[0]) - taken_off,
         half_width=float(predicted.prediction.half_width[0]),
         df=surface.df_residual,
         unit=application.unit,
     )
-    low, high = (float(scale.to_score(end)[0]) for end in (predicted.prediction.low, predicted.prediction.high))
+    ends = predicted.prediction.low, predicted.prediction.high
+    low, high = (float(scale.to_score(end - taken_off)[0]) for end in ends)
     verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
     measured = f"{known(interval.mean, half)} {application.unit}".rstrip()
     text = (

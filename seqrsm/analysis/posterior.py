@@ -147,9 +147,11 @@ def future_noise(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArr
 
 
 def summarise_posterior(
-    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws
+    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws, taken_off: float
 ) -> PosteriorSummary:
     """Posterior of the optimum: the exact optimum for every draw of the coefficients, and optima of the process.
+
+    ``taken_off`` the predictive interval is what `optimism` found.
 
     Returns
     -------
@@ -175,7 +177,7 @@ def summarise_posterior(
     tail = 0.5 * (1.0 - spec.stop.level)
     rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
     stop = spec.stop
-    _, (_, predictive) = intervals_by_draws(belief, scale, estimate.point, stop.level, (1.0,), draws, rng)
+    _, (_, predictive) = intervals_by_draws(belief, scale, estimate.point, stop.level, (1.0,), taken_off, draws, rng)
     return PosteriorSummary(
         sampler=draws.made,
         term_draws=draws.terms,

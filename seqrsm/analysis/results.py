@@ -216,6 +216,9 @@ class OptimumEstimate:
         Factors whose optimum lies at a bound of the region, such as "frequency (low)".
     mean : float
         Estimated mean utility there.
+    optimism : float
+        What was taken off the surface there to give ``mean`` and all intervals, since the same scores chose the
+        settings; score units.
     confidence : Interval
         Of the mean utility at these settings.
     prediction : Interval
@@ -254,6 +257,7 @@ class OptimumEstimate:
     ties: tuple[dict[str, float | str], ...] = ()
     ridge: bool = False
     exact: bool = True
+    optimism: float = 0.0
 
     @property
     def of_ground(self) -> float:

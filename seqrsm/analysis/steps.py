@@ -45,7 +45,13 @@ class Step:
 
 
 def steps_of(
-    belief: Belief, scale: ResponseScale, point: FloatArray, level: float, draws: Draws, rng: np.random.Generator
+    belief: Belief,
+    scale: ResponseScale,
+    point: FloatArray,
+    optimism: float,
+    level: float,
+    draws: Draws,
+    rng: np.random.Generator,
 ) -> tuple[Step, ...]:
     """Steps of every factor with values or levels, from joint draws of the surface.
 
@@ -55,6 +61,8 @@ def steps_of(
     scale : ResponseScale
     point : ndarray (k,)
         Recommended settings, coded.
+    optimism : float
+        Of their mean, score units, see `OptimumEstimate`.
     level : float
         Of the intervals.
     draws : Draws
@@ -82,8 +90,9 @@ def steps_of(
         points = np.repeat(point[None, :], len(values), axis=0)
         points[:, j] = coded
         feasible = belief.region.feasible(points)
-        parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
-        mean = scale.to_score(belief.mean(points))
+        less = np.where(np.isclose(coded, point[j]), optimism, 0.0)
+        parts = [(scale.to_score(one) - less, share) for one, share in joint_draws(belief, points, terms, rng)]
+        mean = scale.to_score(belief.mean(points)) - less
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]

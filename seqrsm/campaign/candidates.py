@@ -290,7 +290,8 @@ class _Comparer:
             whole = np.isfinite(own).all(axis=1) & np.isfinite(self.optimum).all(axis=1)
             if whole.sum() > 1:
                 sds = future_sd((own - self.optimum)[whole], self.runs), future_sd(own[whole], self.runs)
-        return by_surface(analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds, rng)
+        optimism = analysis.optimum.optimism
+        return by_surface(analysis.belief, analysis.scale, points, terms, self.rule, self.level, sds, optimism, rng)
 
     # -- simulated ------------------------------------------------------------------------------------------------
 

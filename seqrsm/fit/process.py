@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.special import gammaln, logsumexp
 
@@ -203,6 +203,19 @@ class Process:
     def mean(self, points: FloatArray) -> FloatArray:
         """Mean (m,) of the surface at coded points (m, k), score units."""
         return np.asarray(np.mean(self.means(points), axis=0))
+
+    def means_of(self, scores: FloatArray, points: FloatArray) -> FloatArray:
+        """Means (b, m) of the surface at coded points (m, k) if the runs had these scores (b, n), score units.
+
+        What the process rests on stays as it is.
+        """
+        cross = self._covariance(self.hyper, self._places(self.hyper, points), self._own)
+        y = (scores - self.centre) / self.scatter
+        sums = np.zeros((len(scores), len(points)))
+        for factor, row in zip(self._factors, cross, strict=True):
+            sums += cho_solve((factor, True), y.T, check_finite=False).T @ row.T
+        found: FloatArray = self.centre + self.scatter * sums / len(cross)
+        return found
 
     def joint(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Means (d, m) and covariances (d, m, m) of the surface at coded points (m, k), score units."""

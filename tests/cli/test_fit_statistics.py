@@ -107,7 +107,7 @@ def test_weights_from_standard_errors(tmp_path: Path) -> None:
     row = np.asarray(matrix([found["departure"]["optimum_of_quadratic"]]))
     half = float(theirs.get_prediction(row, weights=1 / np.median(se) ** 2).conf_int(obs=True)[0] @ [-0.5, 0.5])
     point = analysis.of_quadratic.point
-    _, (_, prediction, _) = intervals(analysis.belief.of_quadratic, analysis.scale, point, 0.95, (1, 5))
+    _, (_, prediction, _) = intervals(analysis.belief.of_quadratic, analysis.scale, point, 0.95, (1, 5), 0.0)
     assert prediction.half_width == pytest.approx(half, rel=1e-7)
     rows[4]["se"] = ""
     with pytest.raises(FitError, match="runs 5 have no standard error"):

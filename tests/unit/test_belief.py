@@ -12,7 +12,13 @@ from process_cases import bowl, hill, spread
 from scipy import optimize, stats
 from scored_campaigns import analysed, campaign, numeric, specification
 
-from seqrsm.analysis.belief import PRIOR_LOG_ODDS, Belief, _mixture_quantile, intervals_by_draws, mixed_quantiles
+from seqrsm.analysis.belief import (
+    PRIOR_LOG_ODDS,
+    Belief,
+    _mixture_quantile,
+    intervals_by_draws,
+    mixed_quantiles,
+)
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
@@ -210,7 +216,7 @@ def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors
     (analysis,) = made.analyse_all(n_draws=400)
     belief, at = believed(analysis, share), np.array([0.3, 0.3])
     draws = draw_coefficients(made.spec, analysis.fitted, sampler="exact", n_draws=8000)
-    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, (1, 5), draws, np.random.default_rng(5))
+    mean, found = intervals_by_draws(belief, analysis.scale, at, 0.95, (1, 5), 0.0, draws, np.random.default_rng(5))
     one, five = (belief.bands(at[None, :], 0.95, 1.0, m) for m in (1, 5))
     assert mean == pytest.approx(float(one.mean[0]), rel=1e-12)
     if errors == "student_t" and share < 1.0:
@@ -219,6 +225,36 @@ def test_intervals_by_draws_agree_with_those_by_quantiles(tmp_path: Path, errors
         low, high = float(wanted.low[0]), float(wanted.high[0])
         slack = {"normal": 0.06, "student_t": 0.5}[errors] * (high - low)
         assert [got.low, got.high] == pytest.approx([low, high], abs=slack)
+
+
+def test_means_of_new_scores_are_linear_in_them_and_those_of_the_runs_are_the_processes(narrow: Analysis) -> None:
+    process, y = narrow.fitted.departure.process, narrow.fitted.fit.y
+    assert process is not None
+    other = y[::-1] + 3.0
+    found = process.means_of(np.stack([y, other, 0.25 * y + 0.75 * other]), AT)
+    np.testing.assert_allclose(found[0], process.mean(AT), rtol=1e-9)
+    np.testing.assert_allclose(found[2], 0.25 * found[0] + 0.75 * found[1], rtol=1e-9)
+
+
+def test_the_mean_told_is_less_by_what_choosing_adds(tmp_path: Path, narrow: Analysis) -> None:
+    """Against the best on a grid under each of other new scores, on a table; a narrow top leaves nothing to choose."""
+    points = np.round(spread(40, 2), 3)
+    y = 50.0 + 35.0 / (1.0 + np.exp(8.0 * np.sum(points**2, axis=1) - 6.0)) + 2.0 * NOISE[:40]
+    analysis = analysed(tmp_path / "c", TWO, points, y)
+    best, process, made = analysis.optimum, analysis.fitted.departure.process, analysis.fitted.data.points
+    assert process is not None
+    side = np.linspace(-1.0, 1.0, 61)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    sd = np.sqrt(process.noise_variance(process.means(made)).mean(axis=0))
+    told = process.means_of(process.mean(made) + sd * np.random.default_rng(8).standard_normal((800, len(made))), grid)
+    above = told.max(axis=1) - process.mean(grid)[np.argmax(told, axis=1)]
+    error = np.std(above) * np.sqrt(1.0 / 200 + 1.0 / 800)
+    assert 0.0 < best.optimism == pytest.approx(analysis.fitted.departure.probability * np.mean(above), abs=4 * error)
+    there = float(analysis.belief.mean(best.point[None, :])[0])
+    assert best.mean == pytest.approx(there - best.optimism)
+    middle = 0.5 * (best.confidence.low + best.confidence.high)
+    assert middle == pytest.approx(best.mean, abs=0.2 * best.confidence.half_width)
+    assert narrow.optimum.optimism == 0.0
 
 
 @pytest.mark.parametrize("rest", ['errors = "student_t"', 'block = "day"', 'terms = "hierarchical"'])

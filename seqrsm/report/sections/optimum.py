@@ -201,6 +201,16 @@ def _departure(analysis: Analysis) -> list[Block]:
         "and intervals count both. The quadratic alone has its optimum at "
         f"{format_settings(analysis.region.factors, alone)}. "
     )
+    if off := analysis.optimum.optimism:
+        side = "below" if off > 0.0 else "above"
+        text += (
+            f"The mean told lies {format_significant(abs(off), 2)} {analysis.score_unit} {side} the surface: the "
+            "scores that tell it also chose the settings, and chose those that chance favoured. "
+        )
+        how += (
+            " What the choice adds to the mean is found by the bootstrap: new scores about the process's surface "
+            "choose and tell anew, 200 times."
+        )
     return [Paragraph(text, method=how)]
 
 
