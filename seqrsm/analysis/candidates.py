@@ -154,7 +154,7 @@ def by_surface(
     return Comparison(
         score=float(mean[0]),
         difference=float(mean[0] - mean[1]),
-        confidence=mixed_quantiles(gains, level),
-        one_ground=mixed_quantiles(futures, level),
+        confidence=mixed_quantiles(gains, level).also_less(optimism),
+        one_ground=mixed_quantiles(futures, level).also_less(optimism),
         probability=sum(share * float(np.mean(rule.sign * (one - rule.score) >= 0.0)) for one, share in judged),
     )

@@ -97,14 +97,11 @@ def analyse(
     belief = Belief(fitted.surface, fitted.departure, region, goal)
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
-    taken_off = optimism(belief, fitted.data.points, fitted.fit.weights, best.point, rng)
+    taken_off = optimism(belief, fitted.fit, fitted.data.points, best.point, rng)
     estimate = _estimate(spec, fitted, belief, best, draws, taken_off)
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     decision = _decision(spec, application, fitted, estimate, agreement)
     posterior = summarise_posterior(spec, fitted, belief, estimate, draws, taken_off)
-    described = estimate
-    if thorough and best is not of_quadratic:  # what is studied is the quadratic
-        described = _estimate(spec, fitted, belief.of_quadratic, of_quadratic, draws, 0.0)
     stationary = _stationary(fitted, of_quadratic)
     return Analysis(
         application=application.name,
@@ -125,7 +122,7 @@ def analyse(
         ),
         steps=_steps(spec, fitted, belief, estimate, draws) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
-        study=study_fit(spec, fitted, described, draws) if thorough else None,
+        study=study_fit(spec, fitted, of_quadratic.point) if thorough else None,
     )
 
 
@@ -275,22 +272,22 @@ def _confirmation(
     at = fitted.region.code([fresh[0].settings])
     predicted = belief.bands(at, spec.stop.level, scale.weight_at(belief.mean(at)), len(scores))
     fresh_scale = ResponseScale.of(spec.model.response, scores)
+    wide = Interval(float(predicted.prediction.low[0]), float(predicted.prediction.high[0])).also_less(taken_off)
     agreement = confirmation_agrees(
         confirmation_interval(fresh_scale.values, spec.stop.level),
-        predicted=float(predicted.mean[0]) - taken_off,
-        half_width=float(predicted.prediction.half_width[0]),
+        predicted=0.5 * (wide.low + wide.high),
+        half_width=wide.half_width,
         df=surface.df_residual,
         unit=application.unit,
     )
-    ends = predicted.prediction.low, predicted.prediction.high
-    low, high = (float(scale.to_score(end - taken_off)[0]) for end in ends)
+    expected = scale.in_scores(wide.low, wide.high)
     verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
     measured = f"{known(interval.mean, half)} {application.unit}".rstrip()
     text = (
         f"{len(scores)} fresh runs at the recommended settings scored {measured} on average "
         f"({100 * spec.stop.level:g} % interval {known(interval.low, half)} to {known(interval.high, half)}); this "
-        f"{verdict} the model, which predicted their mean between {known(low, half)} and {known(high, half)} "
-        f"(p = {agreement.p:.2g})."
+        f"{verdict} the model, which predicted their mean between {known(expected.low, half)} and "
+        f"{known(expected.high, half)} (p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(
         run_ids=tuple(run.run_id for run in fresh),

@@ -20,7 +20,6 @@ from seqrsm.analysis.runs import (
 )
 from seqrsm.analysis.scale import ResponseScale
 from seqrsm.analysis.surfaces import Surface, surface_of
-from seqrsm.decide.intervals import independent_runs
 from seqrsm.design.factors import settings_text
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -75,10 +74,6 @@ class Fitted:
     def ground_share(self) -> float:
         """Share of a run's variance that future runs over one ground have in common; 0 where it was not measured."""
         return 0.0 if self.ground is None else self.ground.share
-
-    def runs_like(self, m: int) -> float:
-        """Independent runs whose mean scatters as that of ``m`` runs over one ground."""
-        return independent_runs("prediction_mean", m, self.ground_share)
 
     @property
     def occasions(self) -> int:

@@ -139,13 +139,6 @@ def future_scores(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatAr
     return np.asarray(np.mean(found, axis=1))
 
 
-def future_noise(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArray, replicates: int) -> FloatArray:
-    """Draws (m,) of what the mean of future runs adds to the mean response, on the scale of the fit; not of counts."""
-    rng = generator(spec.seed, fitted.fit.n_runs, "future noise")
-    added = fitted.surface.errors.added(draws, fitted.scale, draws.terms @ row, replicates, rng)
-    return np.asarray(np.mean(added, axis=1))
-
-
 def summarise_posterior(
     spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws, taken_off: float
 ) -> PosteriorSummary:

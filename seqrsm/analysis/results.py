@@ -29,24 +29,6 @@ from seqrsm.fit.transforms import PowerProfile
 
 
 @dataclass(frozen=True, slots=True)
-class SearchedOptimum:
-    """Intervals at the recommended settings that allow for their having been searched for in the same scores.
-
-    Attributes
-    ----------
-    optimism : float
-        By how much the estimated mean there is too good, on average; score units, on the scale of the fit for a logit.
-    confidence, prediction, prediction_mean : Interval
-        As in the optimum, never shorter.
-    """
-
-    optimism: float
-    confidence: Interval
-    prediction: Interval
-    prediction_mean: Interval
-
-
-@dataclass(frozen=True, slots=True)
 class TermChoice:
     """Averaging over hierarchical sub-models.
 
@@ -158,7 +140,6 @@ class Study:
 
     Attributes
     ----------
-    searched : SearchedOptimum or str
     terms : TermChoice or str
     profile : PowerProfile or str
         On which scale the scores obey the model.
@@ -175,7 +156,6 @@ class Study:
         Path of steepest ascent from the centre of the region, to where a bound, a constraint or the optimum ends it.
     """
 
-    searched: SearchedOptimum | str
     terms: TermChoice | str
     profile: PowerProfile | str
     normal: NormalPlot
@@ -217,8 +197,8 @@ class OptimumEstimate:
     mean : float
         Estimated mean utility there.
     optimism : float
-        What was taken off the surface there to give ``mean`` and all intervals, since the same scores chose the
-        settings; score units.
+        What was taken off the surface there to give ``mean``, since the same scores chose the settings; score units.
+        All intervals reach further by as much, at their lower end (upper where minimized).
     confidence : Interval
         Of the mean utility at these settings.
     prediction : Interval

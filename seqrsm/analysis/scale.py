@@ -32,6 +32,10 @@ class Interval:
         """The smallest interval that holds both."""
         return Interval(min(self.low, other.low), max(self.high, other.high))
 
+    def also_less(self, taken_off: float) -> Interval:
+        """The smallest that holds this one and the same less ``taken_off``."""
+        return Interval(self.low - max(taken_off, 0.0), self.high - min(taken_off, 0.0))
+
 
 @dataclass(frozen=True, slots=True)
 class ResponseScale:

@@ -91,13 +91,14 @@ def steps_of(
         points[:, j] = coded
         feasible = belief.region.feasible(points)
         less = np.where(np.isclose(coded, point[j]), optimism, 0.0)
-        parts = [(scale.to_score(one) - less, share) for one, share in joint_draws(belief, points, terms, rng)]
+        parts = [(scale.to_score(one), share) for one, share in joint_draws(belief, points, terms, rng)]
         mean = scale.to_score(belief.mean(points)) - less
         for i, over in pairs:
             if feasible[i] and feasible[over]:
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]
-                interval = mixed_quantiles(gains, level)
-                better = sum(share * float(np.mean(sign_of(belief.goal) * gain > 0.0)) for gain, share in gains)
+                off = float(less[i] - less[over])
+                interval = mixed_quantiles(gains, level).also_less(off)
+                better = sum(share * float(np.mean(sign_of(belief.goal) * (gain - off) > 0.0)) for gain, share in gains)
                 gain = float(mean[i] - mean[over])
                 found.append(Step(factor.name, values[i], values[over], float(mean[i]), gain, interval, better))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""What a thorough analysis adds to the fit: what its search adds, which terms, which scale, which runs, which way.
+"""What a thorough analysis adds to the fit: which terms, which scale, which runs, which way.
 
 Each part is made for the model it is right for; a sentence stands for what cannot be had.
 """
@@ -11,14 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from seqrsm.analysis.fitted import Fitted
-from seqrsm.analysis.posterior import future_noise
 from seqrsm.analysis.results import (
     Analysis,
     BlockResponse,
     BlockStudy,
-    OptimumEstimate,
     PathPoint,
-    SearchedOptimum,
     Study,
     TermChoice,
 )
@@ -28,12 +25,9 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.fit.canonical import steepest_path
-from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import FTest, Prediction
 from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import block_columns, extrapolated, influential_runs, normal_plot
-from seqrsm.fit.optimum import Goal, optimum
-from seqrsm.fit.optimum_interval import searched_from_draws, searched_interval
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import PowerProfile, box_cox_profile, logit_profile
 from seqrsm.propose.steepest import ascent_path
@@ -42,25 +36,21 @@ from seqrsm.spec.read import CampaignSpec
 _STEP = 0.25  # coded distance between the points of a ridge path
 _PATH_POINTS = 12
 _TOP_MODELS = 10
-_SETS = 2000  # posterior draws that repeat the search
 
 
-def study_fit(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws) -> Study:
+def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
     """Everything beyond the fit.
 
     Parameters
     ----------
     spec : CampaignSpec
     fitted : Fitted
-    estimate : OptimumEstimate
-        Recommended settings and the intervals there.
-    draws : Draws
-        Of the posterior.
+    point : ndarray (k,)
+        The quadratic's best settings, coded.
     """
-    fit, point = fitted.fit, estimate.point
+    fit = fitted.fit
     row = fitted.model.matrix(point[None, :])
     return Study(
-        searched=_searched(spec, fitted, estimate, draws),
         terms=_terms(spec, fitted, point),
         profile=_profile(spec, fitted),
         normal=normal_plot(fit),
@@ -72,67 +62,8 @@ def study_fit(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, dra
     )
 
 
-def _searched(spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws) -> SearchedOptimum | str:
-    if fitted.surface.errors.unsearched:
-        return fitted.surface.errors.unsearched
-    if fitted.surface.limits(""):
-        return _searched_from_draws(spec, fitted, estimate, draws)
-    goal: Goal = fitted.application.goal
-    weight = float(fitted.scale.weight_at(np.array([_best_value(fitted, goal)]))[0])
-    n_runs = fitted.runs_like(spec.stop.replicates)
-    try:
-        found = searched_interval(
-            fitted.model,
-            fitted.region,
-            fitted.fit,
-            goal,
-            level=spec.stop.level,
-            weight=weight,
-            replicates=(1.0, n_runs),
-            seed=spec.seed % 2**32,
-        )
-    except FitError as error:
-        return error.problems[0].message
-    ends = fitted.scale.to_score(np.array([found.mean, found.mean - found.optimism]))
-    return SearchedOptimum(
-        optimism=float(ends[0] - ends[1]),
-        confidence=fitted.scale.in_scores(*found.confidence),
-        prediction=fitted.scale.in_scores(*found.predictions[0]),
-        prediction_mean=fitted.scale.in_scores(*found.predictions[1]),
-    )
-
-
 def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
     return fitted.scale.in_scores(float(found.low[0]), float(found.high[0]))
-
-
-def _searched_from_draws(
-    spec: CampaignSpec, fitted: Fitted, estimate: OptimumEstimate, draws: Draws
-) -> SearchedOptimum | str:
-    goal, row, some = fitted.application.goal, fitted.surface.rows(estimate.point[None, :])[0], draws.first(_SETS)
-    if not float(np.max(np.std(some.terms, axis=0))) > 0.0:
-        return "no interval at the optimum: there is no estimate of error"
-    noise = [
-        future_noise(spec, fitted, some, row, m) for m in (1, max(round(fitted.runs_like(spec.stop.replicates)), 1))
-    ]
-    optimism, found = searched_from_draws(
-        fitted.model,
-        fitted.region,
-        fitted.surface.estimate,
-        some.terms,
-        [np.zeros(len(some.terms)), *noise],
-        goal,
-        level=spec.stop.level,
-    )
-    plain = (estimate.confidence, estimate.prediction, estimate.prediction_mean)
-    both = [one.around(fitted.scale.in_scores(*ends)) for one, ends in zip(plain, found, strict=True)]
-    best = _best_value(fitted, goal)
-    ends = fitted.scale.to_score(np.array([best, best - optimism]))
-    return SearchedOptimum(float(ends[0] - ends[1]), *both)
-
-
-def _best_value(fitted: Fitted, goal: Goal) -> float:
-    return optimum(fitted.model, fitted.region, fitted.surface.estimate, goal).value
 
 
 def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice | str:

@@ -108,6 +108,10 @@ class Surface(Protocol):
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """Variance (m,) of the mean, in units of ``s`` squared."""
 
+    @property
+    def error_covariance(self) -> FloatArray:
+        """Covariance (c, c) of the errors of ``estimate`` that new scores would bring."""
+
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
@@ -206,6 +210,11 @@ class Quadratic:
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
         return self.fit.variance_unscaled(rows)
+
+    @property
+    def error_covariance(self) -> FloatArray:
+        """See `Surface`."""
+        return self.s**2 * self.fit.covariance_unscaled[: self.model.p, : self.model.p]
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
@@ -309,6 +318,14 @@ class RandomBlocks(Quadratic):
         """See `Surface`."""
         return self.posterior.variance(rows) / self.s**2
 
+    @property
+    def error_covariance(self) -> FloatArray:
+        """Of the mixture over the ratios of the variances."""
+        found = self.posterior
+        size, away = np.sqrt(found.shares) * found.s, found.mean - found.estimate
+        factor = size[:, None, None] * found.factor
+        return np.asarray(np.einsum("cpq,crq->pr", factor, factor) + (found.shares[:, None] * away).T @ away)
+
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
@@ -397,6 +414,12 @@ class TwoSources(Quadratic):
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
         return self.both.variance_unscaled(rows)
+
+    @property
+    def error_covariance(self) -> FloatArray:
+        """Of the simulation's surface: the discrepancy has a prior, and what a prior holds back is not chosen by."""
+        factor = self.both.s_simulation * self.both.posterior.factor[: self.model.p]
+        return np.asarray(factor @ factor.T)
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator

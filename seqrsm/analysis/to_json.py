@@ -248,7 +248,6 @@ def interval_to_json(interval: Interval) -> dict[str, float]:
 def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
     """Keys of the document, beside those of the fit; ``{"reason": ...}`` where something cannot be had."""
     return {
-        "searched": _or_reason(study.searched),
         "models": _models(study.terms),
         "transform": _or_reason(study.profile),
         "blocks": None if study.blocks is None else _blocks(study.blocks),

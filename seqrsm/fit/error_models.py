@@ -156,8 +156,6 @@ class ErrorModel:
         The scale that they must be modelled on; "" for any.
     random_blocks : bool
         Blocks may be random.
-    unsearched : str
-        Why intervals cannot allow for the search of the optimum; "" where they can.
     """
 
     name: ClassVar[str]
@@ -166,7 +164,6 @@ class ErrorModel:
     of_counts: ClassVar[bool] = False
     response: ClassVar[str] = ""
     random_blocks: ClassVar[bool] = False
-    unsearched: ClassVar[str] = ""
 
     def limits(self, what: str) -> str:
         """Why a method for least squares, ``what``, does not apply; empty where it does."""
@@ -350,7 +347,6 @@ class BetaBinomial(ErrorModel):
     words = "beta-binomial, with one correlation of the decisions within a run"
     of_counts = True
     response = "logit"
-    unsearched = "the bootstrap of the search is not for counts with beta_binomial errors"
 
     def draws(
         self, runs: LinearRuns, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: np.random.Generator

@@ -22,7 +22,6 @@ from seqrsm.report.rounding import (
     format_p,
     format_percent,
     format_plain,
-    format_plus_minus,
     format_range,
     format_share,
     format_significant,
@@ -283,11 +282,12 @@ def half_width_text(analysis: Analysis, half_width: float) -> str:
 
 
 def mean_text(analysis: Analysis) -> str:
-    """Return the mean score at the optimum with its confidence half-width, where there is one."""
-    half = analysis.optimum.confidence.half_width
-    if not math.isfinite(half):
-        return score_text(analysis, analysis.optimum.mean)
-    return with_unit(format_plus_minus(analysis.optimum.mean, half, score_decimals(analysis)), analysis.score_unit)
+    """Return the mean score at the optimum with its confidence interval, which need not be symmetric about it."""
+    best, decimals = analysis.optimum, score_decimals(analysis)
+    if not math.isfinite(best.confidence.half_width):
+        return score_text(analysis, best.mean)
+    ends = format_range(best.confidence.low, best.confidence.high, decimals)
+    return with_unit(f"{format_number(best.mean, decimals)} ({ends})", analysis.score_unit)
 
 
 def setting_spread(posterior: SettingPosterior | None) -> float:

@@ -31,7 +31,6 @@ from seqrsm.fit.ensemble import EnsemblePosterior, GeneralPosterior, sample_mode
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
-from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import box_cox_profile
@@ -135,7 +134,6 @@ def measure() -> list[str]:
         f"| {name} | {1e3 * cpu_time(function, 3):.1f} ms | | |"
         for name, function in {
             "exact optimum of one surface": lambda: optimum(model, region, fit.estimate),
-            "interval allowing for the search": lambda: searched_interval(model, region, fit),
             "average over 38,619 models": lambda: average_models(Z, y, model.terms),
             "random days, exact, with REML": lambda: fit_random_blocks(Z, y, days),
             "Box-Cox profile": lambda: box_cox_profile(Z, y),

@@ -124,8 +124,9 @@ def test_numbers_are_those_of_the_analysis(simulated, page):
     half = 2.042272 * s * np.sqrt(1 + h)  # t(30, 0.975), any table
     mean = row @ np.linalg.lstsq(fit.Z, fit.y)[0]
     text = "".join(Page(page).text).replace("\u00a0", " ")
-    assert f"{mean - half:.1f} to {mean + half:.1f} percent" in text
-    assert f"{mean:.1f} ± {2.042272 * s * np.sqrt(h):.1f} percent" in text
+    less, of_mean = best.optimism, 2.042272 * s * np.sqrt(h)
+    assert f"{mean - half - less:.1f} to {mean + half:.1f} percent" in text
+    assert f"{mean - less:.1f} ({mean - of_mean - less:.1f} to {mean + of_mean:.1f}) percent" in text
     assert abs(mean - truth_score(best.point[None, :])[0]) < 4 * s * np.sqrt(h)
 
 

@@ -103,7 +103,7 @@ def test_key_figures_are_those_of_the_document(summary, document):
     (figures,) = (block for block in summary if isinstance(block, KeyFigures))
     by_label = {item.label: item for item in figures.items}
     best = document["optimum"]
-    agree(by_label["Mean score there"].value, best["mean"], best["confidence"]["half_width"])
+    agree(by_label["Mean score there"].value, best["mean"], best["confidence"]["low"], best["confidence"]["high"])
     agree(by_label["One future run there"].value, best["prediction"]["low"], best["prediction"]["high"])
     agree(by_label["Half-width that decides"].value, document["stop"]["half_width"])
     assert document["stop"]["half_width"] == pytest.approx(best["prediction_mean"]["half_width"])

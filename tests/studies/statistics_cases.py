@@ -6,7 +6,6 @@ thing is wrong on purpose.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -20,8 +19,6 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.natural import natural_coefficients, natural_transform
-from seqrsm.fit.optimum import optimum_draws
-from seqrsm.fit.optimum_interval import searched_interval
 from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
 from seqrsm.fit.transforms import box_cox_profile, logit_profile
 
@@ -230,51 +227,6 @@ def random_day(sets: int) -> Iterator[Row]:
             sets,
             "blocks forgotten" if j == 2 else "",
             hits[:, 5].mean() if j == 2 else float("nan"),
-        )
-
-
-def at_the_optimum(sets: int, k: int) -> Iterator[Row]:
-    """Intervals at the fitted optimum, from curved to nearly flat surfaces: t, and with the search allowed for."""
-    n = {2: 16, 3: 24, 4: 36}[k]
-    for curvature in (6.0, 1.0, 0.5, 0.0):
-        model, region, points, beta = surface(k, n, curvature)
-        Z, sigma = model.matrix(points), 0.5
-        rng = np.random.default_rng(100 * k)
-        fit, _, b, s = many(Z, Z @ beta, list(model.terms), sets, sigma, rng)
-        place, value = optimum_draws(model, region, b)
-        rows = model.matrix(place)
-        h, truth, t = fit.variance_unscaled(rows), rows @ beta, student_quantile(fit.df_residual, LEVEL)
-        future = truth + sigma * rng.normal(size=sets)
-        what = f"k = {k}, curvature {curvature / sigma:g} sigma"
-        plain = (
-            np.mean(np.abs(value - truth) <= t * s * np.sqrt(h)),
-            np.mean(np.abs(value - future) <= t * s * np.sqrt(1.0 + h)),
-        )
-        hits = np.zeros((sets, 2), dtype=bool)
-        for i in range(sets):
-            one = dataclasses.replace(fit, estimate=b[i], s=float(s[i]))
-            found = searched_interval(model, region, one, draws=250, seed=i)
-            hits[i] = (
-                found.confidence[0] <= truth[i] <= found.confidence[1],
-                found.predictions[0][0] <= future[i] <= found.predictions[0][1],
-            )
-        yield Row(
-            f"mean at the optimum, after search; {what}",
-            hits[:, 0].mean(),
-            LEVEL,
-            True,
-            sets,
-            COMPARED,
-            plain[0],
-        )
-        yield Row(
-            f"one run at the optimum, after search; {what}",
-            hits[:, 1].mean(),
-            LEVEL,
-            True,
-            sets,
-            COMPARED,
-            plain[1],
         )
 
 

@@ -26,18 +26,21 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "statistical"))
 sys.path.insert(0, str(Path(__file__).parent))
 import sbc_samplers
 import statistics_cases as cases
-import statistics_models
+import told_optimum
 from statistics_cases import Row, Study
 
 from seqrsm.errors import ConvergenceError
 
 SBC = "calibration of posteriors"
+TOLD = "at the recommended settings"
+ANALYSES = 25
+"""Data sets of a formula for each one that goes through the whole analysis."""
 COVERAGE: dict[str, dict[str, Study]] = {
     "settings fixed beforehand": {"all": cases.fixed_settings},
     "random blocks": {"all": cases.random_day},
-    "at the fitted optimum": {f"k = {k}": partial(cases.at_the_optimum, k=k) for k in (2, 3, 4)},
-    "at the fitted optimum, other errors, days and sources": {
-        name: partial(statistics_models.at_the_optimum, name=name) for name in statistics_models.CASES
+    TOLD: {
+        **{f"k = {k}": partial(told_optimum.at_the_optimum, k=k) for k in (2, 3, 4)},
+        **{name: partial(told_optimum.at_the_optimum, k=3, name=name) for name in list(told_optimum.CASES)[1:]},
     },
     "models and scales": {"averages": cases.averages, "powers": cases.scales},
     "F tests": {"all": cases.f_tests},
@@ -75,6 +78,7 @@ def parts(study: str, sets: int, sbc: int) -> dict[str, tuple[int, Callable[[], 
     """Parts of a study by name: data sets asked for, and what makes the rows."""
     if study == SBC:
         return {name: (sbc, partial(calibration, sbc, name)) for name in sbc_samplers.STUDIES}
+    sets = sets // ANALYSES if study == TOLD else sets
     return {
         name: (sets, lambda make=make: [dataclasses.asdict(row) for row in make(sets)])
         for name, make in COVERAGE[study].items()

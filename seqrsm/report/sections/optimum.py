@@ -50,7 +50,6 @@ from seqrsm.report.figures.surfaces import (
     surface,
 )
 from seqrsm.report.rounding import format_number, format_plus_minus, format_share, format_significant
-from seqrsm.report.sections.study import searched_blocks
 from seqrsm.report.wording import (
     decimal_cell,
     effects_text,
@@ -150,8 +149,7 @@ def shape_section(analysis: Analysis, key: str) -> Section:
         f"{whose} prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
         "print; z\u2080 is the full model row) is"
     )
-    blocks: list[Block] = [Paragraph("", method=how), PREDICTION_EQUATION, *_departure(analysis)]
-    blocks += searched_blocks(analysis)
+    blocks: list[Block] = [Paragraph("", method=how), PREDICTION_EQUATION, *_departure(analysis), *_choice(analysis)]
     blocks += _shape(analysis)
     sampled = "; ".join(f"{name} {value}" for name, value in _sampler(analysis))
     blocks.append(Paragraph(f"How the posterior was computed: {sampled}.", "note"))
@@ -201,16 +199,24 @@ def _departure(analysis: Analysis) -> list[Block]:
         "and intervals count both. The quadratic alone has its optimum at "
         f"{format_settings(analysis.region.factors, alone)}. "
     )
-    if off := analysis.optimum.optimism:
-        side = "below" if off > 0.0 else "above"
-        text += (
-            f"The mean told lies {format_significant(abs(off), 2)} {analysis.score_unit} {side} the surface: the "
-            "scores that tell it also chose the settings, and chose those that chance favoured. "
-        )
-        how += (
-            " What the choice adds to the mean is found by the bootstrap: new scores about the process's surface "
-            "choose and tell anew, 200 times."
-        )
+    return [Paragraph(text, method=how)]
+
+
+def _choice(analysis: Analysis) -> list[Block]:
+    """What choosing the settings by the same scores takes off their mean."""
+    off = analysis.optimum.optimism
+    if not off:
+        return []
+    side, reach = ("below", "down") if off > 0.0 else ("above", "up")
+    text = (
+        f"The mean told lies {format_significant(abs(off), 2)} {analysis.score_unit} {side} the surface, and the "
+        f"intervals reach as much further {reach}: the scores that tell it also chose the settings, and chose those "
+        "that chance favoured. "
+    )
+    how = (
+        "What the choice adds is found by the bootstrap: about the surface, brought nearer to its mean over the runs "
+        "by what error adds to its variance there, new scores choose and tell anew, 200 times."
+    )
     return [Paragraph(text, method=how)]
 
 

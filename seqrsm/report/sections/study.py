@@ -7,14 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint, SearchedOptimum, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint, Study, TermChoice
 from seqrsm.analysis.study import TermTest
 from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, right, table
 from seqrsm.report.rounding import format_percent, format_significant
 from seqrsm.report.wording import (
     axis_label,
     capital,
-    half_width_text,
     interval_text,
     level_phrase,
     p_cell,
@@ -24,21 +23,6 @@ from seqrsm.report.wording import (
     significant_cell,
     whole_cell,
 )
-
-
-def searched_blocks(analysis: Analysis) -> list[Block]:
-    """How much better the optimum looks for having been searched for in the same scores; empty without a study."""
-    if analysis.study is None:
-        return []
-    found = analysis.study.searched
-    if not isinstance(found, SearchedOptimum):
-        return [Paragraph(f"What the search for the optimum adds to its intervals is not known: {found}.", "note")]
-    size = half_width_text(analysis, abs(found.optimism))
-    alone = analysis.fitted.departure.probability > 0.0
-    settings = "The quadratic's own best settings" if alone else "The settings"
-    text = f"{settings} were chosen by the same scores, which makes their mean look about {size} too good"
-    how = " (bootstrap with the search repeated); fit --json has the intervals that allow for it."
-    return [Paragraph(text + how)]
 
 
 def paths_section(analysis: Analysis, key: str) -> Section | None:

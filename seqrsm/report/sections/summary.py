@@ -159,7 +159,9 @@ def recommendation(analysis: Analysis) -> str:
     missing = no_error_estimate(analysis)
     if missing:
         return text + f"{score_text(analysis, analysis.optimum.mean)} ({missing})."
-    return text + f"{mean_text(analysis)} ({level_phrase(analysis)} confidence interval)."
+    interval = interval_text(analysis, analysis.optimum.confidence)
+    mean = score_text(analysis, analysis.optimum.mean)
+    return text + f"{mean} ({level_phrase(analysis)} confidence interval {interval})."
 
 
 def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
