@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
+import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -46,6 +48,9 @@ ASSUMED_SPREAD = 3.0
 
 REFUSAL_LEVEL = 0.99
 """A target is refused only when noise this improbably small could not reach it either."""
+
+_ROOM = 1.2
+"""By how much a target may be above the median half-width that the budget gives."""
 
 _ALL_SUBSETS = 4
 """Factors of which every subset is planned; of more, all of them and all but one."""
@@ -185,6 +190,44 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         unit=unit if in_units else "s",
         refused=refused,
     )
+
+
+def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda done, total: None) -> str:
+    """Widen the stop target of a new simulated campaign, where it is out of reach, to what its budget reaches.
+
+    Parameters
+    ----------
+    folder : Path
+        Its ``campaign.toml`` has a line ``half_width = NUMBER``, over which the reason is written.
+    progress : callable
+        As of `check_campaign`.
+
+    Returns
+    -------
+    str
+        The reason, and what else could be done; "" where nothing is changed.
+
+    Raises
+    ------
+    UserError
+        As `check_campaign` does.
+    """
+    result = check_campaign(folder, progress)
+    if not result.target_problem and result.plans[0].reaches(result.target):
+        return ""
+    expected = result.plans[0].half_width
+    reason = (
+        f"{result.target:g} {result.unit} is out of reach: {result.max_runs} runs can be expected to give "
+        f"{expected:.3g}; {100.0 * result.ground_share:.0f} % of a run's variance is what is not known of the ground, "
+        'which flights narrow and simulations do not ([stop] worlds = "ignore" leaves it out)'
+    )
+    unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)
+    target = f"half_width = {unit * math.ceil(_ROOM * expected / unit):.10g}"
+    lines = [*(f"# {line}" for line in textwrap.wrap(reason, 110)), target]
+    path = folder / SPEC_NAME
+    text = re.sub(r"(?m)^half_width = \S+", lambda _: "\n".join(lines), path.read_text(encoding="utf-8"))
+    path.write_text(text, encoding="utf-8")
+    return reason
 
 
 def plan_campaign(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from seqrsm.catalog import Entry, Platform, Table, catalog_rows, load_catalog, summary
-from seqrsm.cli.console import heading, line, say, show_table
+from seqrsm.cli.console import display, heading, line, say, show_table
+from seqrsm.errors import UserError
 from seqrsm.sensor.named import NamedSensor
 
 _MARKS = {"seen": "", "derived": "=", "recalled": "?"}
@@ -111,6 +113,14 @@ def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> N
             how = f"which no utility that ships measures: {one.measure.says}"
         say(f"made {folder} for {one.words} from {tables}, {how}")
     if engine_for(wanted):
+        from seqrsm.campaign.check import settle_target
+
+        with display("seeing what the target may be", inner=False) as shown:
+            try:
+                if reason := settle_target(folder, partial(shown.count, "seeing what the target may be")):
+                    say(f"a wider stop target than usual was written: {reason}")
+            except UserError as error:  # of a scene of one's own
+                say(f"to be mended: {error}")
         say(f"see the comments in {folder}/campaign.toml; next: seqrsm check {folder}")
         return
     say(f'write your own (utility = "mine:score" and a [simulator]), or measure; next: seqrsm propose {folder}')

@@ -35,6 +35,7 @@ DEPRESSION_DEG = (10.0, 85.0)
 
 _NAMED = "percent_correct by field"
 _ALTITUDES_M = (6000.0, 12000.0, 24000.0)
+_HALF_SCENE_M = 1950.0  # of the template's
 _LEAST_RATIO = 1.5
 
 
@@ -111,9 +112,7 @@ def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | N
     """
     wanted = applications_of(applications)
     engine = engine_for(wanted)
-    if scene is not None:
-        _check_covers(scene, wanted)
-    text = campaign_text(wanted)
+    text = campaign_text(wanted, _HALF_SCENE_M if scene is None else _half_scene(scene, wanted))
     with new_folder(folder) as part:
         if scene is not None:
             shutil.copyfile(scene, part / "scene.npz")
@@ -151,15 +150,18 @@ def engine_for(wanted: Sequence[Wanted]) -> str:
     return "prm" if "prm" in engines else "".join(engines)
 
 
-def _check_covers(scene: Path, wanted: Sequence[Wanted]) -> None:
-    known = load_scene(scene).categories
+def _half_scene(path: Path, wanted: Sequence[Wanted]) -> float:
+    """Half of a scene's range, with room at its ends [m]; it must have the covers that are asked for."""
+    scene = load_scene(path)
+    known = scene.categories
     for one in wanted:
         lacking = [name for name in (asked_for(one.measure.utility).covers if one.measure.utility else ())
                    if name not in known]  # fmt: skip
         if lacking:
             remedy = f"The scene has {', '.join(known)}."
             message = f"{one.words} is measured on {', '.join(lacking)}, which the scene lacks"
-            raise UserError(Problem(message, remedy, file=str(scene)))
+            raise UserError(Problem(message, remedy, file=str(path)))
+    return float(0.53 * scene.cover.shape[0] * scene.cell_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,10 +176,17 @@ class _Chosen:
     comments: tuple[str, ...]
 
 
-def campaign_text(wanted: Sequence[Wanted]) -> str:
-    """Text of campaign.toml for what the catalogue says of some applications."""
+def campaign_text(wanted: Sequence[Wanted], half_scene_m: float = _HALF_SCENE_M) -> str:
+    """Text of campaign.toml for what the catalogue says of some applications, over a scene of this half range [m]."""
     engine = engine_for(wanted)
-    limits = _DEFAULTS[engine] if engine else _MEASURED
+    limits = dict(_DEFAULTS[engine] if engine else _MEASURED)
+    if engine == "psm":
+        usual, steepest = limits["depression_angle"], math.degrees(math.atan(_ALTITUDES_M[-1] / half_scene_m))
+        nadir = min(usual.limits[1], float(math.floor(steepest)))
+        why = usual.why.replace("85", f"{nadir:.0f}")
+        limits["depression_angle"] = replace(
+            usual, high=min(usual.high, nadir), limits=(usual.limits[0], nadir), why=why
+        )
     both = " and ".join(one.words for one in wanted)
     name = both.replace(" ", "-")[:60].strip("-")
     several = len(wanted) > 1
@@ -202,7 +211,7 @@ def campaign_text(wanted: Sequence[Wanted]) -> str:
         *(_factor_text(item) for item in chosen if item.low < item.high),
         _polarization_text(levels, level_comments),
         *(_application_text(one, engine, by_name) for one in wanted),
-        *_simulator_text(engine, chosen, by_name, levels),
+        *_simulator_text(engine, chosen, by_name, levels, half_scene_m),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
         f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
@@ -231,7 +240,7 @@ def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -
 
 
 def _simulator_text(
-    engine: str, chosen: list[_Chosen], by_name: Mapping[str, _Chosen], levels: tuple[str, ...]
+    engine: str, chosen: list[_Chosen], by_name: Mapping[str, _Chosen], levels: tuple[str, ...], half_scene_m: float
 ) -> list[str]:
     """The tables of the simulator; none for measured scores."""
     if not engine:
@@ -246,7 +255,7 @@ def _simulator_text(
             "altitude_m = 1500.0\nspeed_m_s = 60.0"
         )
         return [*parts, *_fixed_text(chosen, ("H+V", ""))]
-    altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"])
+    altitude, bandwidth = _platform(by_name["resolution"], by_name["depression_angle"], half_scene_m)
     parts.append(
         "# The bandwidth resolves the finest ground resolution at the steepest angle.\n[simulator.fixed]\n"
         f"bandwidth = {bandwidth:.1f}            # MHz\npeak_power = 300.0           # W\naltitude_m = {altitude:.1f}"
@@ -383,9 +392,8 @@ def _fixed_text(chosen: list[_Chosen], levels: tuple[str, ...]) -> list[str]:
     return fixed
 
 
-def _platform(resolution: _Chosen, depression: _Chosen) -> tuple[float, float]:
+def _platform(resolution: _Chosen, depression: _Chosen, half_scene_m: float) -> tuple[float, float]:
     """Altitude [m] from which the steepest swath stays beside nadir, and bandwidth [MHz] for the finest resolution."""
-    half_scene_m = 1950.0
     steepest = math.radians(depression.high)
     altitude = next((h for h in _ALTITUDES_M if h / math.tan(steepest) > half_scene_m), _ALTITUDES_M[-1])
     needed_hz = SPEED_OF_LIGHT_M_S / (2.0 * resolution.low * math.cos(steepest))

@@ -47,19 +47,44 @@ def test_soil_moisture_is_measured_by_its_skill_and_says_where_its_numbers_come_
 
 
 @pytest.mark.parametrize(
-    ("words", "utility"),
+    ("words", "utility", "widened"),
     [
-        ("crop classification", "percent_correct by field"),
-        ("flood", "detection of Water"),
-        ("forest", "detection of Trees"),
+        ("habitat inventory", "percent_correct by field", False),
+        ("flood", "detection of Water", True),
+        ("forest", "detection of Trees", True),
     ],
 )
-def test_other_applications_check(tmp_path, words, utility) -> None:
+def test_a_campaign_passes_its_own_check_and_says_why_its_target_is_wide(tmp_path, words, utility, widened) -> None:
+    """What is not known of the ground is most of a detection's scatter: 14 percent was written, which none reaches."""
     folder = tmp_path / "mine"
-    assert f"measured by {utility}" in made(folder, words)
-    checked = CliRunner().invoke(app, ["check", str(folder)])
+    said = made(folder, words)
+    assert f"measured by {utility}" in said
+    checked = CliRunner().invoke(app, ["check", str(folder), "--json"])
     assert checked.exit_code == 0, checked.output
+    found = json.loads(checked.stdout)
+    assert found["target_problem"] == found["refused"] == ""
+    as_it_is = found["plans"][0]
+    assert not as_it_is["change"]
+    assert 14.0 <= found["target"] == load_spec(folder).stop.half_width
+    assert as_it_is["half_width"] <= found["target"]
     assert load_spec(folder).applications[0].utility == utility
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    for told in (said, text):
+        assert ("can be expected to give" in " ".join(told.split())) == widened
+    if widened:  # no wider than it must be, and the reason is that of the check
+        assert found["target"] <= 1.32 * as_it_is["half_width"]
+        assert f"{100 * found['ground_share']:.0f} % of a run's variance" in " ".join(text.replace("# ", "").split())
+    else:
+        assert found["target"] == 14.0
+
+
+@pytest.mark.parametrize("name", ["crops-and-moisture", "flevoland", "limburg-radar"])
+def test_a_template_passes_its_own_check(tmp_path, name) -> None:
+    folder = tmp_path / "mine"
+    assert CliRunner().invoke(app, ["init", str(folder), "--template", name]).exit_code == 0
+    checked = CliRunner().invoke(app, ["check", str(folder), "--json"])
+    assert checked.exit_code == 0, checked.output
+    assert json.loads(checked.stdout)["target_problem"] == ""
 
 
 @pytest.mark.parametrize(
@@ -95,6 +120,13 @@ def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None
     given = ["--application", "flood", "--scene", str(wake)]
     assert CliRunner().invoke(app, ["init", str(tmp_path / "own"), *given]).exit_code == 0
     assert (tmp_path / "own" / "scene.npz").read_bytes() == wake.read_bytes()
+    # The scene is 13.5 km deep: from 24 km up the swath stays beside nadir to atan(24 / 7.2) only.
+    assert "altitude_m = 24000.0" in (tmp_path / "own" / "campaign.toml").read_text(encoding="utf-8")
+    steep = campaign_text(applications_of(["forest"]), 0.53 * 450 * 30.0)
+    assert "83 deg (most agree on 30 to 70)\n# cut: nearer to nadir than 73 deg no aircraft's swath" in steep
+    checked = CliRunner().invoke(app, ["check", str(tmp_path / "own")])
+    assert checked.exit_code == 0, checked.output
+    assert "Warning" not in checked.output
     given[1] = "urban"
     refused = CliRunner().invoke(app, ["init", str(tmp_path / "none"), *given])
     assert refused.exit_code == 2
