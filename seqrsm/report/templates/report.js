@@ -6,8 +6,8 @@
   });
   document.querySelectorAll("table[data-sortable]").forEach(function (table) {
     var body = table.tBodies[0];
-    table.tHead.querySelectorAll("th").forEach(function (head, column) {
-      var button = document.createElement("button");
+    table.tHead.querySelectorAll("th").forEach(function (head) {
+      var column = head.cellIndex, button = document.createElement("button");
       button.type = "button";
       while (head.firstChild) { button.appendChild(head.firstChild); }
       head.appendChild(button);
