@@ -151,7 +151,9 @@ def _natural(analysis: Analysis) -> list[dict[str, float]]:
     """Natural-unit coefficients, in log10 of a factor on a log scale; nan for blocks."""
     found = natural_coefficients(analysis.model, analysis.fit, analysis.optimum.level)
     columns = np.full((analysis.fit.n_terms, 4), np.nan)
-    columns[: analysis.model.p] = np.column_stack([found.estimate, found.se, found.interval.low, found.interval.high])
+    columns[: analysis.model.p] = np.column_stack(
+        [found.mean, found.se_mean, found.confidence.low, found.confidence.high]
+    )
     return [dict(zip(("estimate", "se", "low", "high"), row, strict=True)) for row in columns.tolist()]
 
 

@@ -7,32 +7,13 @@ intervals follow from the fit without any further approximation: Cov(beta_nat) =
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
-from seqrsm.fit.intervals import Interval
+from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.least_squares import LeastSquaresFit
-
-
-@dataclass(frozen=True, slots=True)
-class NaturalCoefficients:
-    """Coefficients of the surface in natural units, in the order of the model's terms.
-
-    Attributes
-    ----------
-    estimate, se : ndarray (p,)
-        nan where the runs do not determine the coefficient (``se`` also when saturated).
-    interval : Interval
-        Confidence interval of each.
-    """
-
-    estimate: FloatArray
-    se: FloatArray
-    interval: Interval
 
 
 def natural_transform(model: QuadraticModel) -> FloatArray:
@@ -66,7 +47,7 @@ def natural_transform(model: QuadraticModel) -> FloatArray:
     return T
 
 
-def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: float = 0.95) -> NaturalCoefficients:
+def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: float = 0.95) -> Prediction:
     """Coefficients in natural units with standard errors and confidence intervals.
 
     Parameters
@@ -79,8 +60,8 @@ def natural_coefficients(model: QuadraticModel, fit: LeastSquaresFit, level: flo
 
     Returns
     -------
-    NaturalCoefficients
-        A coefficient is nan where it is not estimable: it takes part in an alias, or a term it is made of does.
+    Prediction
+        ``mean``, ``se_mean`` and ``confidence`` (p,) are those of the coefficients, in the order of the model's terms;
+        nan where not estimable: the coefficient takes part in an alias, or a term it is made of does.
     """
-    found = fit.predict(natural_transform(model), level)
-    return NaturalCoefficients(found.mean, found.se_mean, found.confidence)
+    return fit.predict(natural_transform(model), level)

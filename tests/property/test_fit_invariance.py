@@ -49,8 +49,8 @@ def test_units(seed: int, scale: float, shift: float) -> None:
     assert two.value == pytest.approx(one.value, rel=1e-9)
     natural, natural2 = natural_coefficients(model, fit), natural_coefficients(model2, fit2)
     square = model.term_names.index("a^2")
-    assert natural2.estimate[square] * scale**2 == pytest.approx(natural.estimate[square], rel=1e-6)
-    assert natural2.se[square] * scale**2 == pytest.approx(natural.se[square], rel=1e-6)
+    assert natural2.mean[square] * scale**2 == pytest.approx(natural.mean[square], rel=1e-6)
+    assert natural2.se_mean[square] * scale**2 == pytest.approx(natural.se_mean[square], rel=1e-6)
 
 
 @settings(max_examples=25, deadline=None)
@@ -85,7 +85,7 @@ def test_order_of_runs_and_positive_covariance(seed: int) -> None:
     natural = natural_coefficients(model, fit)
     T = natural_transform(model)
     assert np.linalg.eigvalsh(T @ fit.covariance_unscaled @ T.T)[0] > 0.0
-    np.testing.assert_allclose(natural.se**2, fit.s**2 * np.diagonal(T @ fit.covariance_unscaled @ T.T), rtol=1e-8)
+    np.testing.assert_allclose(natural.se_mean**2, fit.s**2 * np.diagonal(T @ fit.covariance_unscaled @ T.T), rtol=1e-8)
 
 
 @settings(max_examples=10, deadline=None)

@@ -144,13 +144,13 @@ def test_natural_coefficients_are_covered() -> None:
     natural = natural_coefficients(model, first, LEVEL)
     estimates = y @ Z @ first.covariance_unscaled
     s = np.sqrt(np.sum((y - estimates @ Z.T) ** 2, axis=1) / 6)
-    half = natural.interval.half_width / first.s * s[:, None]
+    half = natural.confidence.half_width / first.s * s[:, None]
     gap = np.abs((estimates - beta) @ natural_transform(model).T)
     error = 4 * np.sqrt(LEVEL * (1 - LEVEL) / sets)
     assert error < 0.01
     np.testing.assert_allclose(np.mean(gap <= half, axis=0), LEVEL, atol=error)
     # Control: the standard errors of the coded coefficients alone, as if T were diagonal.
-    wrong = half * (np.abs(np.diagonal(natural_transform(model))) * first.se / natural.se)
+    wrong = half * (np.abs(np.diagonal(natural_transform(model))) * first.se / natural.se_mean)
     assert np.max(np.abs(np.mean(gap <= wrong, axis=0) - LEVEL)) > 0.01
 
 

@@ -58,11 +58,11 @@ def test_same_surface_and_the_standard_errors_of_a_fit_in_natural_units(order: i
     coded = fit_least_squares(model.matrix(points), y, model.terms)
     found = natural_coefficients(model, coded, 0.9)
     direct = fit_least_squares(natural_matrix(model, region, points), y, model.terms)
-    np.testing.assert_allclose(found.estimate, direct.estimate, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.se, direct.se, rtol=1e-9)
-    np.testing.assert_allclose(found.interval.low, direct.interval(0.9).low, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.mean, direct.estimate, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.se_mean, direct.se, rtol=1e-9)
+    np.testing.assert_allclose(found.confidence.low, direct.interval(0.9).low, rtol=1e-9, atol=1e-9)
     new = region.sample(200, np.random.default_rng(5))
-    surface = natural_matrix(model, region, new) @ found.estimate
+    surface = natural_matrix(model, region, new) @ found.mean
     np.testing.assert_allclose(surface, coded.predict(model.matrix(new)).mean, rtol=1e-10)
 
 
@@ -71,8 +71,8 @@ def test_blocks_are_left_alone() -> None:
     columns, names = block_columns(["a", "b"] * 40)
     fit = fit_least_squares(np.hstack([model.matrix(points), columns]), y, [*model.terms, *names])
     found = natural_coefficients(model, fit)
-    assert found.estimate.shape == (model.p,)
-    np.testing.assert_allclose(found.estimate, natural_transform(model) @ fit.estimate[: model.p], rtol=1e-12)
+    assert found.mean.shape == (model.p,)
+    np.testing.assert_allclose(found.mean, natural_transform(model) @ fit.estimate[: model.p], rtol=1e-12)
 
 
 def test_transform_of_two_factors_by_hand() -> None:
@@ -103,9 +103,9 @@ def test_range_of_any_width(width: float) -> None:
     found = natural_coefficients(model, fit)
     half, (b0, b1, b2, b12, b11, b22) = 0.5 * width, fit.estimate
     by_hand = [b0 - b1 + b11, (b1 - 2 * b11) / half, b2 - b12, b12 / half, b11 / half**2, b22]
-    np.testing.assert_allclose(found.estimate, by_hand, rtol=1e-9)
+    np.testing.assert_allclose(found.mean, by_hand, rtol=1e-9)
     natural = natural_matrix(model, region, points)
-    np.testing.assert_allclose(natural @ found.estimate, fit.fitted, rtol=1e-10)
+    np.testing.assert_allclose(natural @ found.mean, fit.fitted, rtol=1e-10)
 
 
 def test_what_is_aliased_stays_unknown() -> None:
@@ -115,5 +115,5 @@ def test_what_is_aliased_stays_unknown() -> None:
     points = np.array([[x, z] for x in (-1.0, -0.5, 0.0, 0.5, 1.0) for z in (-1.0, 1.0)])
     fit = fit_least_squares(model.matrix(points), np.arange(10.0) ** 2, model.terms)
     found = natural_coefficients(model, fit)
-    unknown = {name for name, value in zip(model.term_names, found.estimate, strict=True) if np.isnan(value)}
+    unknown = {name for name, value in zip(model.term_names, found.mean, strict=True) if np.isnan(value)}
     assert unknown == {"z", "z^2"}
