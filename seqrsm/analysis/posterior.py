@@ -16,7 +16,7 @@ from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma
-from seqrsm.fit.elicitation import OptimumNear, RepeatScatter, UtilityRange, elicited_prior
+from seqrsm.fit.elicitation import elicited_prior
 from seqrsm.fit.error_models import Draws, Sampler, enough
 from seqrsm.fit.optimum import optimum_draws, sign_of
 from seqrsm.fit.transforms import logit_scores
@@ -51,17 +51,19 @@ def _elicited(
         middle = min(max(0.5 * (low + high), 1.0), 99.0)
         repeat_sd *= 100.0 / (middle * (100.0 - middle))
         low, high = (float(end) for end in logit_scores(np.array([low, high])).value)
-    optima = []
+    optimum = {}
     for name, expected in known.optimum.items():
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
         if name in model.term_names:
-            optima.append(OptimumNear(name, stated.value, stated.doubt))
+            optimum[name] = stated.value, stated.doubt
     return elicited_prior(
         model,
         spec.region,
-        UtilityRange(low, high, known.probability),
-        optima=optima,
-        scatter=RepeatScatter(repeat_sd, known.repeat_runs),
+        (low, high),
+        probability=known.probability,
+        repeat_sd=repeat_sd,
+        repeat_runs=known.repeat_runs,
+        optimum=optimum,
         goal=application.goal,
     )
 

@@ -10,80 +10,45 @@ which is linear in the coefficients and enters as one more row of the prior, bes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.special import ndtri
 
 from seqrsm.arrays import FloatArray
-from seqrsm.design.factors import CategoricalFactor, span
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.moments import region_moments
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import FitError, Problem
 from seqrsm.fit.conjugate import NormalInverseGamma
 from seqrsm.fit.optimum import Goal, sign_of
 
-_DEFAULT_NOISE = 0.1  # of the range of the utility, when nothing is said of repeats
 _SHARE_CURVATURE = 1.0  # fall from the optimum over half a factor's range, in standard deviations of the utility
-
-
-@dataclass(frozen=True, slots=True)
-class UtilityRange:
-    """'The utility lies between ``low`` and ``high``', at a setting taken at random, with ``probability``."""
-
-    low: float
-    high: float
-    probability: float = 0.95
-
-
-@dataclass(frozen=True, slots=True)
-class OptimumNear:
-    """'The best value of ``factor`` is near ``value``'.
-
-    Attributes
-    ----------
-    factor : str
-        A numeric factor.
-    value : float
-        Natural units.
-    doubt : float, optional
-        Standard deviation of that, as a share of half the factor's (coded) range; default 0.5.
-    """
-
-    factor: str
-    value: float
-    doubt: float = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class RepeatScatter:
-    """'Runs repeated at one setting scatter by ``sd``', said with the weight of ``runs`` observations."""
-
-    sd: float
-    runs: float = 3.0
 
 
 def elicited_prior(
     model: QuadraticModel,
     region: Region,
-    utility: UtilityRange,
+    utility: tuple[float, float],
     *,
-    optima: Sequence[OptimumNear] = (),
-    scatter: RepeatScatter | None = None,
-    goal: Goal = "maximize",
+    probability: float,
+    repeat_sd: float,
+    repeat_runs: float,
+    optimum: Mapping[str, tuple[float, float]],
+    goal: Goal,
 ) -> NormalInverseGamma:
     """Conjugate prior of the model's coefficients that says what the statements say.
 
     Parameters
     ----------
     model, region : QuadraticModel, Region
-    utility : UtilityRange
-    optima : sequence of OptimumNear
-        At most one for each factor.
-    scatter : RepeatScatter, optional
-        Default: a tenth of the range of the utility, worth three runs.
+    utility : tuple of float
+        The utility at a setting taken at random lies between these, low < high, with ``probability`` in [0.5, 1).
+    repeat_sd, repeat_runs : float
+        Runs repeated at one setting scatter by this, said with the weight of so many observations, both > 0.
+    optimum : Mapping
+        By numeric factor: where its best value is expected, natural units, and the standard deviation of that as a
+        share of half the factor's (coded) range, > 0.
     goal : "maximize" or "minimize"
         Sign of the curvature that an optimum implies.
 
@@ -91,27 +56,19 @@ def elicited_prior(
     -------
     NormalInverseGamma
         With sigma at its prior guess the statements hold as made; through sigma's own doubt the tails are heavier.
-
-    Raises
-    ------
-    FitError
-        Every statement that is empty, contradictory, or about no numeric factor of the model.
     """
-    scatter = RepeatScatter(_DEFAULT_NOISE * (utility.high - utility.low)) if scatter is None else scatter
-    _check(model, utility, optima, scatter)
-    centre = 0.5 * (utility.low + utility.high)
-    spread = 0.5 * (utility.high - utility.low) / float(ndtri(0.5 + 0.5 * utility.probability))
+    low, high = utility
+    spread = 0.5 * (high - low) / float(ndtri(0.5 + 0.5 * probability))
     order_two = model.order == 2
     curvature = -sign_of(goal) * _SHARE_CURVATURE * spread
     mean, precision = np.zeros(model.p), np.zeros((model.p, model.p))
     place = {name: i for i, name in enumerate(model.term_names)}
-    mean[0] = centre
-    for statement in optima if order_two else ():
-        j = region.names.index(statement.factor)
-        factor = model.factors[j]
+    mean[0] = 0.5 * (low + high)
+    for name, (value, doubt) in optimum.items() if order_two else ():
+        factor = model.factors[region.names.index(name)]
         assert not isinstance(factor, CategoricalFactor)
-        at = float(factor.code(statement.value))
-        linear, square = place.get(statement.factor), place.get(f"{statement.factor}^2")
+        at = float(factor.code(value))
+        linear, square = place.get(name), place.get(f"{name}^2")
         if linear is None or square is None:
             continue
         # c (x - x*)^2 about its own mean over the region, c x^2 - 2 c x* x
@@ -120,10 +77,10 @@ def elicited_prior(
         mean[0] -= curvature / 3.0
         row = np.zeros(model.p)
         row[linear], row[square] = 1.0, 2.0 * at
-        precision += np.outer(row, row) / (2.0 * curvature * statement.doubt) ** 2
+        precision += np.outer(row, row) / (2.0 * curvature * doubt) ** 2
     precision += _spread_precision(model, region, mean, spread, precision)
-    a0 = 0.5 * scatter.runs
-    return NormalInverseGamma(mean, precision * scatter.sd**2, a0, a0 * scatter.sd**2)
+    a0 = 0.5 * repeat_runs
+    return NormalInverseGamma(mean, precision * repeat_sd**2, a0, a0 * repeat_sd**2)
 
 
 def _spread_precision(
@@ -152,34 +109,3 @@ def _spread_precision(
         reached = float(np.sum(W * np.linalg.inv(diagonal + known)))
         low, high = (middle, high) if reached < wanted else (low, middle)
     return np.diag(1.0 / (variance * wanted * np.exp(low)))
-
-
-def _check(model: QuadraticModel, utility: UtilityRange, optima: Sequence[OptimumNear], scatter: RepeatScatter) -> None:
-    problems = []
-    if not (np.isfinite(utility.low) and np.isfinite(utility.high) and utility.low < utility.high):
-        value = (utility.low, utility.high)
-        problems.append(Problem("the utility's range is empty", "Give low < high.", field="utility", value=value))
-    if not 0.5 <= utility.probability < 1.0:
-        remedy = "Give a value from 0.5 to below 1."
-        problems.append(Problem("not a usable probability", remedy, field="utility", value=utility.probability))
-    if not (scatter.sd > 0.0 and scatter.runs > 0.0):
-        problems.append(Problem("the scatter of repeats must be positive", field="scatter", value=scatter.sd))
-    numeric = {model.factors[j].name: model.factors[j] for j in model.numeric}
-    seen: set[str] = set()
-    for statement in optima:
-        factor = numeric.get(statement.factor)
-        if factor is None:
-            remedy = f"Numeric factors are {', '.join(numeric)}."
-            problems.append(Problem("no numeric factor of this name", remedy, field="optimum", value=statement.factor))
-            continue
-        assert not isinstance(factor, CategoricalFactor)
-        low, high = span(factor)
-        if not low <= statement.value <= high:
-            what, remedy = "an optimum is expected outside the factor's range", f"Give {low:g} to {high:g}."
-            problems.append(Problem(what, remedy, field=statement.factor, value=statement.value))
-        if statement.factor in seen or not statement.doubt > 0.0:
-            what = "each factor takes one statement, with a positive doubt"
-            problems.append(Problem(what, field=statement.factor, value=statement.doubt))
-        seen.add(statement.factor)
-    if problems:
-        raise FitError(*problems)

@@ -20,7 +20,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import ConvergenceError
 from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.conjugate import LinearBounds, NormalInverseGamma, posterior
-from seqrsm.fit.elicitation import OptimumNear, UtilityRange, elicited_prior
+from seqrsm.fit.elicitation import elicited_prior
 from seqrsm.fit.ensemble import Effort, sample_model, sample_posterior
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
@@ -73,7 +73,8 @@ def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarra
     """Stated in natural terms, sampled with emcee; place and value of the optimum are ranked, too."""
     factors = (ContinuousFactor("frequency", 1.0, 18.0, scale="log"),)
     model, region = QuadraticModel(factors), Region(factors)
-    prior = elicited_prior(model, region, UtilityRange(60.0, 95.0), optima=[OptimumNear("frequency", 5.0)])
+    said = {"probability": 0.95, "repeat_sd": 3.5, "repeat_runs": 3.0, "optimum": {"frequency": (5.0, 0.5)}}
+    prior = elicited_prior(model, region, (60.0, 95.0), goal="maximize", **said)
     beta, sigma = ancestral(prior, rng)
     X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
     found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, effort=LIGHT)
