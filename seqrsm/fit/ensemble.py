@@ -123,22 +123,11 @@ class GeneralPosterior(Sampled):
 
     Attributes
     ----------
-    names : tuple of str (d,)
     draws : ndarray (m, d)
         In the parameters' own units.
     """
 
-    names: tuple[str, ...]
     draws: FloatArray
-
-    def of(self, name: str) -> FloatArray:
-        """Draws (m,) of one parameter, or (m, c) of all whose names begin with ``name[``."""
-        if name in self.names:
-            return self.draws[:, self.names.index(name)]
-        columns = [i for i, other in enumerate(self.names) if other.startswith(f"{name}[")]
-        if not columns:
-            raise KeyError(name)
-        return self.draws[:, columns]
 
 
 @dataclass(slots=True)
@@ -226,8 +215,7 @@ def sample_model(
     target = general_target(model)
     chain, reached = _run(target, Effort() if effort is None else effort, seed)
     draws = model.natural(reached.kept.reshape(-1, target.d))[0]
-    names = tuple(parameter.name for parameter in model.parameters)
-    return GeneralPosterior(names, draws, **_evidence(chain, reached, draws))
+    return GeneralPosterior(draws, **_evidence(chain, reached, draws))
 
 
 class _Chain:

@@ -367,10 +367,10 @@ class BetaBinomial(ErrorModel):
             beta_binomial_model(runs.fit.Z, runs.correct, runs.trials, prior), seed=int(rng.integers(2**31))
         )
         keep, usual = _spread(len(chain.draws), n), float(np.median(runs.trials))
-        correlation = chain.of("correlation")[keep]
+        correlation = chain.draws[keep, -1]
         made = _sampled(chain, self.name, len(keep)) | {"correlation": float(np.mean(correlation)), "trials": usual}
         more = {"correlation": correlation, "trials": np.full(len(keep), usual)}
-        return Draws(chain.of("beta")[keep][:, : runs.p], np.full(len(keep), runs.fit.s), made, more=more)
+        return Draws(chain.draws[keep, : runs.p], np.full(len(keep), runs.fit.s), made, more=more)
 
     def future_scores(
         self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
@@ -411,12 +411,12 @@ def _logit_prior(runs: LinearRuns) -> CoefficientPrior:
     kinds = np.array(runs.fit.kinds)
     sd = np.where(kinds == "intercept", _LOGIT_INTERCEPT_SD, _LOGIT_SD)
     if runs.stated is None:
-        return CoefficientPrior(np.zeros(len(kinds)), sd)
+        return CoefficientPrior(np.zeros(len(kinds)), np.diag(1.0 / np.square(sd)))
     stated = with_further(runs.stated, runs.p, np.zeros(len(kinds) - runs.p))
     silent = np.diagonal(stated.Lambda0) == 0.0
     # The precision with sigma at its prior guess.
     precision = stated.Lambda0 * (stated.a0 / stated.b0) + np.diag(np.where(silent, 1.0 / np.square(sd), 0.0))
-    return CoefficientPrior(stated.m0, sd, precision=precision)
+    return CoefficientPrior(stated.m0, precision)
 
 
 def _spread(n: int, wanted: int) -> IntArray:

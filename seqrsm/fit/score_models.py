@@ -13,46 +13,37 @@ from scipy.special import expit, gammaln
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.linear_system import check_runs
-from seqrsm.fit.target import GeneralModel, Parameter
+from seqrsm.fit.target import GeneralModel
 
 _STIRLING = 60.0  # from here on the series is exact to the last digits
 
 
 @dataclass(frozen=True, slots=True)
 class CoefficientPrior:
-    """Normal priors, cut off at bounds where there are any.
+    """Normal prior, cut off at bounds where there are any.
 
     Attributes
     ----------
-    mean, sd : ndarray (p,)
-        Of independent coefficients; ``sd`` inf: flat.
+    mean : ndarray (p,)
+    inverse : ndarray (p, p)
+        Inverse covariance; a row of zeros: flat.
     low, high : ndarray (p,), optional
         Bounds of each coefficient; -inf and inf where there is none.
-    precision : ndarray (p, p), optional
-        Inverse covariance of coefficients that depend on each other, in place of ``sd``.
     """
 
     mean: FloatArray
-    sd: FloatArray
+    inverse: FloatArray
     low: FloatArray | None = None
     high: FloatArray | None = None
-    precision: FloatArray | None = None
 
-    @property
-    def inverse(self) -> FloatArray:
-        """Inverse covariance (p, p)."""
-        return np.diag(1.0 / np.square(self.sd)) if self.precision is None else self.precision
-
-    def parameters(self, start: FloatArray) -> list[Parameter]:
-        """Parameters "beta[j]" with a start inside the bounds."""
-        p = start.size
-        low = np.full(p, -np.inf) if self.low is None else np.asarray(self.low, dtype=np.float64)
-        high = np.full(p, np.inf) if self.high is None else np.asarray(self.high, dtype=np.float64)
+    def bounded(self, start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A start (p,) moved inside the bounds, and these, (p,) each."""
+        low = np.full(start.size, -np.inf) if self.low is None else self.low
+        high = np.full(start.size, np.inf) if self.high is None else self.high
         if np.any(low >= high):
             raise FitError(Problem("a coefficient's bounds are empty", "Give low < high."))
         inner = np.where(np.isfinite(high - low), 0.02 * (high - low), 0.02 * np.abs(start) + 1e-3)
-        inside = np.clip(start, low + inner, high - inner)
-        return [Parameter(f"beta[{j}]", float(inside[j]), float(low[j]), float(high[j])) for j in range(p)]
+        return np.clip(start, low + inner, high - inner), low, high
 
     def log_density(self, beta: FloatArray) -> FloatArray:
         """Value (n,) at coefficients (n, p), up to a constant."""
@@ -73,7 +64,7 @@ def beta_binomial_model(
     prior : CoefficientPrior
         On the logit scale.
     overdispersion : float
-        The parameter "correlation" of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior
+        The last parameter, the correlation of decisions within a run, 1 / (1 + phi) in (0, 1), has the prior
         Beta(1, ``overdispersion``): the default expects 0.1. The variance is binomial times
         1 + (trials - 1) correlation.
 
@@ -92,8 +83,7 @@ def beta_binomial_model(
             Problem(f"run {runs} (counted from 1) has counts that cannot be", "Give 0 <= correct <= trials.")
         )
     logit = np.log((c + 0.5) / (m - c + 0.5))
-    start: FloatArray = np.asarray(np.linalg.lstsq(Z, logit, rcond=None)[0], dtype=np.float64)
-    parameters = [*prior.parameters(start), Parameter("correlation", 1.0 / (1.0 + overdispersion), 0.0, 1.0)]
+    start, low, high = prior.bounded(np.linalg.lstsq(Z, logit, rcond=None)[0])
     p = Z.shape[1]
 
     def log_density(v: FloatArray) -> FloatArray:
@@ -105,7 +95,8 @@ def beta_binomial_model(
         likelihood = np.sum(binomial + more, axis=1)
         return np.asarray(likelihood + prior.log_density(v[:, :p]) + (overdispersion - 1.0) * np.log1p(-v[:, p]))
 
-    return GeneralModel(tuple(parameters), log_density)
+    correlation = 1.0 / (1.0 + overdispersion)
+    return GeneralModel(np.append(start, correlation), np.append(low, 0.0), np.append(high, 1.0), log_density)
 
 
 def _log_rising(a: FloatArray, c: FloatArray) -> FloatArray:

@@ -205,64 +205,50 @@ _STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter and its bounds.
-
-    Attributes
-    ----------
-    name : str
-    start : float
-        A likely value, inside the bounds.
-    low, high : float
-        -inf and inf where there is none.
-    """
-
-    name: str
-    start: float
-    low: float = -np.inf
-    high: float = np.inf
-
-
-@dataclass(frozen=True, slots=True)
 class GeneralModel:
     """Parameters and their joint log density with the data.
 
     Attributes
     ----------
-    parameters : tuple of Parameter (d,)
+    start : ndarray (d,)
+        Likely values, inside the bounds.
+    low, high : ndarray (d,)
+        Bounds; -inf and inf where there is none.
     log_density : callable
         (n, d) parameter values -> (n,) log prior plus log likelihood, up to a constant; -inf where impossible.
     """
 
-    parameters: tuple[Parameter, ...]
+    start: FloatArray
+    low: FloatArray
+    high: FloatArray
     log_density: Callable[[FloatArray], FloatArray]
 
     def natural(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Parameter values (n, d) of unbounded coordinates (n, d), and the log Jacobian (n,)."""
         values, log_jacobian = x.copy(), np.zeros(x.shape[0])
-        for j, parameter in enumerate(self.parameters):
-            if np.isfinite(parameter.low) and np.isfinite(parameter.high):
-                width = parameter.high - parameter.low
-                values[:, j] = parameter.low + width * expit(x[:, j])
+        for j, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
+            if np.isfinite(low) and np.isfinite(high):
+                width = high - low
+                values[:, j] = low + width * expit(x[:, j])
                 log_jacobian += -np.abs(x[:, j]) - 2.0 * np.log1p(np.exp(-np.abs(x[:, j]))) + np.log(width)
-            elif np.isfinite(parameter.low):
-                values[:, j] = parameter.low + np.exp(x[:, j])
+            elif np.isfinite(low):
+                values[:, j] = low + np.exp(x[:, j])
                 log_jacobian += x[:, j]
-            elif np.isfinite(parameter.high):
-                values[:, j] = parameter.high - np.exp(x[:, j])
+            elif np.isfinite(high):
+                values[:, j] = high - np.exp(x[:, j])
                 log_jacobian += x[:, j]
         return values, log_jacobian
 
-    def unbounded(self, values: FloatArray) -> FloatArray:
-        """Coordinates (d,) of parameter values (d,) inside their bounds."""
-        x = values.copy()
-        for j, p in enumerate(self.parameters):
-            if np.isfinite(p.low) and np.isfinite(p.high):
-                x[j] = np.log(values[j] - p.low) - np.log(p.high - values[j])
-            elif np.isfinite(p.low):
-                x[j] = np.log(values[j] - p.low)
-            elif np.isfinite(p.high):
-                x[j] = np.log(p.high - values[j])
+    def unbounded_start(self) -> FloatArray:
+        """Coordinates (d,) of ``start``."""
+        x = self.start.copy()
+        for j, (value, low, high) in enumerate(zip(self.start, self.low, self.high, strict=True)):
+            if np.isfinite(low) and np.isfinite(high):
+                x[j] = np.log(value - low) - np.log(high - value)
+            elif np.isfinite(low):
+                x[j] = np.log(value - low)
+            elif np.isfinite(high):
+                x[j] = np.log(high - value)
         return x
 
 
@@ -307,7 +293,7 @@ def general_target(model: GeneralModel) -> Target:
     FitError
         The density is not finite at the starting values.
     """
-    d = len(model.parameters)
+    d = len(model.start)
 
     def log_prob(x: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
@@ -315,7 +301,7 @@ def general_target(model: GeneralModel) -> Target:
             value = model.log_density(values) + log_jacobian
         return np.where(np.isfinite(value), value, -np.inf)
 
-    start = model.unbounded(np.array([parameter.start for parameter in model.parameters]))
+    start = model.unbounded_start()
     if not np.all(np.isfinite(start)) or not np.isfinite(log_prob(start[None, :])[0]):
         raise FitError(Problem("the posterior density is not finite where it is expected to lie"))
     mode = _mode(log_prob, start)

@@ -79,7 +79,7 @@ def samplers(
     p = Z.shape[1]
     share = 1.0 / (1.0 + np.exp(-(y - 60.0) / 10.0))
     correct, trials = rng.binomial(200, share).astype(float), np.full(40, 200.0)
-    logit = CoefficientPrior(np.zeros(p), np.where(np.arange(p) == 0, 10.0, 2.5))
+    logit = CoefficientPrior(np.zeros(p), np.diag(np.where(np.arange(p) == 0, 10.0, 2.5) ** -2.0))
     bounds = LinearBounds(np.eye(p)[1:3], np.array([0.0, -np.inf]), np.array([np.inf, 0.0]))
     return {
         "normal errors, flat prior": lambda: sample_posterior(Z, y, seed=1),

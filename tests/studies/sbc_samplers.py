@@ -30,7 +30,7 @@ Study = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
 X = np.linspace(-1, 1, 12)
 Z = np.column_stack([np.ones(12), X])
 SD = np.full(2, 2.0)
-PRIOR = CoefficientPrior(np.zeros(2), SD)
+PRIOR = CoefficientPrior(np.zeros(2), np.diag(SD**-2.0))
 CONJUGATE = NormalInverseGamma(np.zeros(2), np.diag([0.25, 0.25]), 3.0, 3.0)
 DAY = np.arange(12) // 3
 LIGHT = Effort(min_ess=400, walkers=32, ensembles=2, max_seconds=20.0)
