@@ -20,7 +20,7 @@ from seqrsm.arrays import FloatArray
 from seqrsm.constants import COSMIC_BACKGROUND_K
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
-from seqrsm.scattering.readers import DATA, read_rows
+from seqrsm.scattering.readers import DATA, Row, read_rows
 from seqrsm.units import LN10_OVER_10
 
 ATMOSPHERES: Final = ("us_standard", "midlatitude_summer", "midlatitude_winter", "none")
@@ -40,40 +40,6 @@ _CLOUD_C: Final = 10.0
 _RAIN_TOP_KM: Final = 3.0
 _LARGEST_SECANT: Final = 1.0 / math.cos(math.radians(75.0))
 _EDGES_KM: Final[FloatArray] = np.concatenate([np.linspace(0.0, 4.0, 81)[:-1], np.linspace(4.0, 40.0, 145)])
-
-# Coefficients of ITU-R P.838-3: rows a, b, c of each sum, then slope and constant.
-_RAIN_K: Final = {
-    "H": (
-        (-5.33980, -0.35351, -0.23789, -0.94158),
-        (-0.10008, 1.26970, 0.86036, 0.64552),
-        (1.13098, 0.45400, 0.15354, 0.16817),
-        -0.18961,
-        0.71147,
-    ),
-    "V": (
-        (-3.80595, -3.44965, -0.39902, 0.50167),
-        (0.56934, -0.22911, 0.73042, 1.07319),
-        (0.81061, 0.51059, 0.11899, 0.27195),
-        -0.16398,
-        0.63297,
-    ),
-}
-_RAIN_ALPHA: Final = {
-    "H": (
-        (-0.14318, 0.29591, 0.32177, -5.37610, 16.1721),
-        (1.82442, 0.77564, 0.63773, -0.96230, -3.29980),
-        (-0.55187, 0.19822, 0.13164, 1.47828, 3.43990),
-        0.67849,
-        -1.95537,
-    ),
-    "V": (
-        (-0.07771, 0.56727, -0.20238, -48.2991, 48.5833),
-        (2.33840, 0.95545, 1.14520, 0.791669, 0.791459),
-        (-0.76284, 0.54039, 0.26809, 0.116226, 0.116479),
-        -0.053739,
-        0.83433,
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,31 +232,38 @@ def cloud_db_per_kg_m2(frequency_ghz: float) -> float:
     return float(0.819 * frequency_ghz / (imaginary * (1.0 + eta**2)))
 
 
-def rain_db_km(frequency_ghz: float, rain_mm_h: float, polarization: str = "") -> float:
-    """Specific loss of rain [dB/km]: k R**alpha, ITU-R P.838-3; the value at 1 GHz holds below it.
+def rain_db_km(frequency_ghz: float, rain_mm_h: float) -> float:
+    """Specific loss of rain [dB/km]: k R**alpha, ITU-R P.838-3, mean of H and V; the value at 1 GHz holds below it.
 
     Parameters
     ----------
     frequency_ghz : float
     rain_mm_h : float
         Rain rate [mm/h], >= 0.
-    polarization : {"H", "V", ""}
-        "" takes the mean of both.
     """
     if rain_mm_h == 0.0:
         return 0.0
     x = math.log10(max(frequency_ghz, 1.0))
-    asked = (polarization,) if polarization else ("H", "V")
-    values = [10.0 ** _regression(x, *_RAIN_K[p]) * rain_mm_h ** _regression(x, *_RAIN_ALPHA[p]) for p in asked]
-    return float(sum(values)) / len(values)
+    values = [10.0 ** _regression(x, "k", p) * rain_mm_h ** _regression(x, "alpha", p) for p in ("H", "V")]
+    return sum(values) / len(values)
 
 
-def _regression(
-    x: float, a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...], slope: float, constant: float
-) -> float:
-    return (
-        sum(ai * math.exp(-(((x - bi) / ci) ** 2)) for ai, bi, ci in zip(a, b, c, strict=True)) + slope * x + constant
-    )
+def _regression(x: float, coefficient: str, polarization: str) -> float:
+    """Of log10 k, or of alpha, at x = log10(frequency / GHz)."""
+    own = [
+        row
+        for row in _rain_rows()
+        if (row.text("coefficient"), row.text("polarization")) == (coefficient, polarization)
+    ]
+    terms = [[float(row.text(name)) for name in "abc"] for row in own if row.text("part") == "term"]
+    slope, constant = next((float(row.text("a")), float(row.text("b"))) for row in own if row.text("part") == "line")
+    return sum(a * math.exp(-(((x - b) / c) ** 2)) for a, b, c in terms) + slope * x + constant
+
+
+@lru_cache(maxsize=1)
+def _rain_rows() -> list[Row]:
+    columns = ("coefficient", "polarization", "part", "a", "b", "c", "status", "source")
+    return read_rows(DATA / "atmosphere_rain.csv", columns)
 
 
 @lru_cache(maxsize=1)

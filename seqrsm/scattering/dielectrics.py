@@ -12,7 +12,9 @@ from seqrsm.arrays import FloatArray
 _VACUUM_F_M: Final = 8.854e-12  # as in the soil model's own constants
 _ALPHA: Final = 0.65
 _QUARTZ_DENSITY: Final = 2.65
-_BRANCH_GHZ: Final = 1.3
+_SAND, _CLAY = 0.3, 0.3  # mass fractions of loam
+_DENSITY: Final = 1.7  # of the dry soil [g/cm^3]
+_SOIL_C: Final = 23.0
 _SMOOTH_GHZ: Final = (1.3, 5.0)
 
 
@@ -40,41 +42,6 @@ def permittivity_water_ulaby14(frequency_ghz: ArrayLike, temperature_c: ArrayLik
     return np.asarray(debye + high, dtype=np.complex128)
 
 
-def permittivity_soil_dobson85(
-    frequency_ghz: ArrayLike,
-    moisture: ArrayLike,
-    *,
-    sand: float = 0.3,
-    clay: float = 0.3,
-    bulk_density_g_cm3: float = 1.7,
-    temperature_c: float = 23.0,
-) -> NDArray[np.complex128]:
-    """Permittivity of moist soil, semi-empirical mixing model.
-
-    Parameters
-    ----------
-    frequency_ghz : float array
-        Frequency [GHz], 0.3 to 18.
-    moisture : float array
-        Volumetric moisture [m^3/m^3], above 0.
-    sand, clay : float
-        Mass fractions [1].
-    bulk_density_g_cm3 : float
-        Density of the dry soil [g/cm^3].
-    temperature_c : float
-        Temperature [deg C].
-
-    Notes
-    -----
-    Dobson, Ulaby, Hallikainen and El-Rayes 1985, IEEE TGRS 23(1); below 1.3 GHz the conductivity of Peplinski, Ulaby
-    and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long 2014 section 4-8.
-    Free water: Debye with the relaxation time of Stogryn 1971.
-    """
-    f = np.asarray(frequency_ghz, dtype=np.float64)
-    share = np.where(f < _BRANCH_GHZ, 0.0, 1.0)
-    return _dobson(f, moisture, share, sand, clay, bulk_density_g_cm3, temperature_c)
-
-
 def permittivity_soil(frequency_ghz: ArrayLike, moisture: ArrayLike) -> NDArray[np.complex128]:
     """Permittivity of moist loam without the published model's step at 1.3 GHz, which is 2.4 in the imaginary part.
 
@@ -88,24 +55,39 @@ def permittivity_soil(frequency_ghz: ArrayLike, moisture: ArrayLike) -> NDArray[
         As there.
     """
     f = np.asarray(frequency_ghz, dtype=np.float64)
-    share = np.asarray(np.interp(np.log(f), np.log(_SMOOTH_GHZ), (0.0, 1.0)))
-    return _dobson(f, moisture, share, sand=0.3, clay=0.3, density=1.7, celsius=23.0)
+    return permittivity_soil_dobson85(f, moisture, np.asarray(np.interp(np.log(f), np.log(_SMOOTH_GHZ), (0.0, 1.0))))
 
 
-def _dobson(
-    f: FloatArray, moisture: ArrayLike, share: FloatArray, sand: float, clay: float, density: float, celsius: float
+def permittivity_soil_dobson85(
+    frequency_ghz: ArrayLike, moisture: ArrayLike, share: ArrayLike
 ) -> NDArray[np.complex128]:
-    """The model with a share of the conductivity of above 1.3 GHz, the rest of that of below."""
-    mv = np.asarray(moisture, dtype=np.float64)
-    low = 0.0467 + 0.22 * density - 0.411 * sand + 0.661 * clay
-    high = -1.645 + 1.939 * density - 2.256 * sand + 1.594 * clay
-    conductivity = (1.0 - share) * low + share * high
-    water_real, water_imag = _free_water_stogryn71(f, celsius)
-    pore = (_QUARTZ_DENSITY - density) / (_QUARTZ_DENSITY * mv)
+    """Permittivity of moist loam, semi-empirical mixing model.
+
+    Parameters
+    ----------
+    frequency_ghz : float array
+        Frequency [GHz], 0.3 to 18.
+    moisture : float array
+        Volumetric moisture [m^3/m^3], above 0.
+    share : float array
+        Of the conductivity of Dobson, the rest of that of Peplinski; as published 0 below 1.3 GHz and 1 from there on.
+
+    Notes
+    -----
+    Dobson, Ulaby, Hallikainen and El-Rayes 1985, IEEE TGRS 23(1); below 1.3 GHz the conductivity of Peplinski, Ulaby
+    and Dobson 1995, IEEE TGRS 33(3). The imaginary part has no power 1/alpha, as in Ulaby and Long 2014 section 4-8.
+    Free water: Debye with the relaxation time of Stogryn 1971.
+    """
+    f, mv = np.asarray(frequency_ghz, dtype=np.float64), np.asarray(moisture, dtype=np.float64)
+    low = 0.0467 + 0.22 * _DENSITY - 0.411 * _SAND + 0.661 * _CLAY
+    high = -1.645 + 1.939 * _DENSITY - 2.256 * _SAND + 1.594 * _CLAY
+    conductivity = (1.0 - np.asarray(share)) * low + np.asarray(share) * high
+    water_real, water_imag = _free_water_stogryn71(f, _SOIL_C)
+    pore = (_QUARTZ_DENSITY - _DENSITY) / (_QUARTZ_DENSITY * mv)
     water_imag = water_imag + pore * conductivity / (2.0 * np.pi * _VACUUM_F_M * f * 1e9)
-    b_real = 1.27 - 0.519 * sand - 0.152 * clay
-    b_imag = 2.06 - 0.928 * sand - 0.255 * clay
-    real = (1.0 + 0.66 * density + mv**b_real * water_real**_ALPHA - mv) ** (1.0 / _ALPHA)
+    b_real = 1.27 - 0.519 * _SAND - 0.152 * _CLAY
+    b_imag = 2.06 - 0.928 * _SAND - 0.255 * _CLAY
+    real = (1.0 + 0.66 * _DENSITY + mv**b_real * water_real**_ALPHA - mv) ** (1.0 / _ALPHA)
     return np.asarray(real + 1j * mv**b_imag * water_imag, dtype=np.complex128)
 
 

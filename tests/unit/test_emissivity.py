@@ -144,7 +144,7 @@ def test_assumptions_are_told():
 
 def test_every_shipped_row_has_a_status():
     folder = Path(__file__).parents[2] / "seqrsm" / "scattering" / "data"
-    names = ("emissivity_table3", "emissivity_models", "emissivity_variability", "atmosphere_nodes")
+    names = ("emissivity_table3", "emissivity_models", "emissivity_variability", "atmosphere_nodes", "atmosphere_rain")
     for name in names:
         lines = [line for line in (folder / f"{name}.csv").read_text().splitlines() if not line.startswith("#")]
         rows = list(csv.DictReader(lines))

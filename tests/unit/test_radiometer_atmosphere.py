@@ -9,7 +9,14 @@ import pytest
 
 from seqrsm.constants import COSMIC_BACKGROUND_K
 from seqrsm.errors import ScatteringDataError
-from seqrsm.scattering.atmosphere import Atmosphere, cloud_db_per_kg_m2, make_atmosphere, rain_db_km, zenith_nodes
+from seqrsm.scattering.atmosphere import (
+    Atmosphere,
+    _regression,
+    cloud_db_per_kg_m2,
+    make_atmosphere,
+    rain_db_km,
+    zenith_nodes,
+)
 
 NODES = zenith_nodes()
 MODELS = {"us_standard": "USstd", "midlatitude_summer": "MLS", "midlatitude_winter": "MLW"}
@@ -93,8 +100,11 @@ def test_no_atmosphere_leaves_space():
 
 @pytest.mark.parametrize(("f", "db_km"), [(10.0, 0.0920), (15.0, 0.273), (36.0, 1.52), (89.0, 3.87)])
 def test_rain_against_an_independent_package(f, db_km):
-    assert rain_db_km(f, 5.0, "H") == pytest.approx(db_km, rel=0.04)
-    assert rain_db_km(f, 5.0, "V") < rain_db_km(f, 5.0, "H")
+    x = np.log10(f)
+    h, v = (10.0 ** _regression(x, "k", p) * 5.0 ** _regression(x, "alpha", p) for p in "HV")
+    assert h == pytest.approx(db_km, rel=0.04)
+    assert v < h
+    assert rain_db_km(f, 5.0) == pytest.approx(0.5 * (h + v), rel=1e-12)
     assert rain_db_km(f, 0.0) == 0.0
 
 
