@@ -1,4 +1,4 @@
-"""The surface of a fit, whatever it is made from: one protocol, and a class for each structure of sources and blocks.
+"""The surface of a fit, whatever it is made from: one class, and one more for each further structure of its runs.
 
 Each holds its model of errors too. What is said of a surface beyond these members is said by none: whoever looks for
 the optimum, its intervals or the next runs asks them, and a further structure is a further class in `STRUCTURES`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Final, Protocol
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.random import Generator
@@ -70,93 +70,37 @@ class SourceComparison:
     text: str
 
 
-class Surface(Protocol):
+@dataclass(frozen=True, slots=True)
+class Surface:
     """A fitted response surface with its errors, on the scale of the fit; of flights where there are two sources.
 
-    ``rows`` are what its mean is linear in, (m, c): `rows` makes them of coded points, and ``draws(...).terms`` are
-    coefficients of the same columns.
-    """
-
-    @property
-    def errors(self) -> ErrorModel:
-        """How scores scatter about it."""
-
-    @property
-    def estimate(self) -> FloatArray:
-        """Coefficients (c,) of the mean whose optimum is sought."""
-
-    @property
-    def s(self) -> float:
-        """Standard deviation of a future run of weight 1; in a new block where blocks are random."""
-
-    @property
-    def df_residual(self) -> int:
-        """Degrees of freedom of ``s``."""
-
-    @property
-    def n_terms(self) -> int:
-        """Terms that have used up runs."""
-
-    def rows(self, points: FloatArray) -> FloatArray:
-        """Rows (m, c) of coded points (m, k)."""
-
-    def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
-    ) -> Prediction:
-        """Mean, confidence interval, and prediction interval of the mean of ``replicates`` future runs of a weight."""
-
-    def variance_unscaled(self, rows: FloatArray) -> FloatArray:
-        """Variance (m,) of the mean, in units of ``s`` squared."""
-
-    @property
-    def error_covariance(self) -> FloatArray:
-        """Covariance (c, c) of the errors of ``estimate`` that new scores would bring."""
-
-    def draws(
-        self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
-    ) -> Draws:
-        """About ``n`` posterior draws under the prior that is ``stated`` and ``bounds`` of single terms."""
-
-    def limits(self, what: str) -> str:
-        """Why ``what``, a method for plain least squares, does not apply; empty where it does."""
-
-    @property
-    def no_departure(self) -> str:
-        """Why no process is weighed against it; empty where one is."""
-
-    @property
-    def fixed_blocks(self) -> bool:
-        """Blocks, where there are some, differ by constants."""
-
-    @property
-    def note(self) -> str:
-        """What has to be said of it beside the figures; empty where nothing has."""
-
-    def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
-        """Simulation against flight at a coded point (k,); None where there is one source."""
-
-    def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
-        """Its blocks as a random effect; None where its errors or sources know none."""
-
-    def in_block(
-        self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
-    ) -> Prediction | None:
-        """Prediction at a row (1, c) in a block that was run; None where a block like it never comes again."""
-
-
-@dataclass(frozen=True, slots=True)
-class Quadratic:
-    """Least squares: one source, blocks as constants.
+    As it stands here that of least squares: one source, blocks as constants; other structures inherit, and say what is
+    otherwise with them. ``rows`` are what its mean is linear in, (m, c): `rows` makes them of coded points, and
+    ``draws(...).terms`` are coefficients of the same columns.
 
     Attributes
     ----------
-    errors, estimate, s, df_residual, n_terms, note
-        See `Surface`.
+    errors : ErrorModel
+        How scores scatter about it.
     model : QuadraticModel
     data : ScoredRuns
     scale : ResponseScale
     fit : LeastSquaresFit
         With blocks and sources as constants, behind the terms of the model.
+    estimate : ndarray (c,)
+        Coefficients of the mean whose optimum is sought.
+    s : float
+        Standard deviation of a future run of weight 1; in a new block where blocks are random.
+    df_residual : int
+        Degrees of freedom of ``s``.
+    n_terms : int
+        Terms that have used up runs.
+    note : str
+        What has to be said of it beside the figures; empty where nothing has.
+    fixed_blocks : bool
+        Blocks, where there are some, differ by constants.
+    no_departure : str
+        Why no process is weighed against it; empty where one is.
     """
 
     errors: ErrorModel
@@ -182,9 +126,9 @@ class Quadratic:
     @classmethod
     def of(
         cls, spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale, fit: LeastSquaresFit
-    ) -> Quadratic:
+    ) -> Surface:
         """The surface that these runs call for."""
-        return Quadratic(
+        return Surface(
             errors=spec.errors,
             model=model,
             data=data,
@@ -198,28 +142,34 @@ class Quadratic:
         )
 
     def rows(self, points: FloatArray) -> FloatArray:
-        """Rows (m, p) of the model."""
+        """Rows (m, c) of coded points (m, k)."""
         return self.model.matrix(points)
 
     def predict(
         self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
     ) -> Prediction:
-        """Of the average block."""
+        """Mean, confidence interval, and prediction interval of the mean of ``replicates`` future runs of a weight.
+
+        Here those of the average block.
+        """
         return self.fit.predict(rows, level, weight, replicates)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
-        """See `Surface`."""
+        """Variance (m,) of the mean, in units of ``s`` squared."""
         return self.fit.variance_unscaled(rows)
 
     @property
     def error_covariance(self) -> FloatArray:
-        """See `Surface`."""
+        """Covariance (c, c) of the errors of ``estimate`` that new scores would bring."""
         return self.s**2 * self.fit.covariance_unscaled[: self.model.p, : self.model.p]
 
     def draws(
         self, stated: NormalInverseGamma | None, bounds: LinearBounds | None, sampler: Sampler, n: int, rng: Generator
     ) -> Draws:
-        """By the errors; without a stated prior a flat one where runs can carry it: credible and t intervals agree."""
+        """About ``n`` posterior draws under the prior that is ``stated`` and ``bounds`` of single terms.
+
+        By the errors; without a stated prior a flat one where runs can carry it: credible and t intervals agree.
+        """
         p, fit = self.model.p, self.fit
         prior: Prior = Flat() if fit.df_residual > 0 else weakly_informative(fit.kinds, fit.y)
         if stated is not None:
@@ -229,22 +179,25 @@ class Quadratic:
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
     def limits(self, what: str) -> str:
-        """See `Surface`."""
+        """Why ``what``, a method for plain least squares, does not apply; empty where it does."""
         return self.errors.limits(what)
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
-        """There is one source."""
+        """Simulation against flight at a coded point (k,); None where there is one source."""
         del point, level
         return None
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
-        """Fitted for this: the surface itself has constants."""
+        """Its blocks as a random effect, fitted for this where they are constants; None where errors know none."""
         return random_blocks(spec, self.model, self.data, self.scale) if self.errors.random_blocks else None
 
     def in_block(
         self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
     ) -> Prediction | None:
-        """By the block's constant."""
+        """Prediction at a row (1, c) in a block that was run; None where a block like it never comes again.
+
+        Here by the block's constant.
+        """
         contrast = self.fit.Z[labels.index(block), self.model.p :]
         here = np.hstack([row, contrast[None, :]])
         return self.fit.predict(here, level, weight)
@@ -260,7 +213,7 @@ class Quadratic:
 
 
 @dataclass(frozen=True, slots=True)
-class RandomBlocks(Quadratic):
+class RandomBlocks(Surface):
     """Blocks as a random effect: the surface of the average block, and future runs in a new one.
 
     Attributes
@@ -311,8 +264,7 @@ class RandomBlocks(Quadratic):
     ) -> Prediction:
         """Of the average block, and of runs in a new one."""
         w = float(np.mean(weight))
-        found = self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
-        return found
+        return self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
@@ -355,7 +307,7 @@ class RandomBlocks(Quadratic):
 
 
 @dataclass(frozen=True, slots=True)
-class TwoSources(Quadratic):
+class TwoSources(Surface):
     """Simulations and flights: the flight's surface.
 
     Attributes
@@ -483,7 +435,7 @@ class TwoSources(Quadratic):
         return None
 
 
-STRUCTURES: Final = (RandomBlocks, TwoSources, Quadratic)
+STRUCTURES: Final = (RandomBlocks, TwoSources, Surface)
 """Structures of sources and blocks; the first that suits is taken."""
 
 
