@@ -30,11 +30,6 @@ EARTH_GM_M3_S2: Final = 3.986_004_418e14
 """Gravitational constant times mass of the Earth [m3/s2] (IERS Conventions 2010, Table 1.1)."""
 
 
-def wavelength_m(frequency_hz: float) -> float:
-    """Wavelength in vacuum [m] at ``frequency_hz`` [Hz]."""
-    return SPEED_OF_LIGHT_M_S / frequency_hz
-
-
 def wavenumber_rad_m(frequency_hz: float) -> float:
     """Wavenumber in vacuum [rad/m] at ``frequency_hz`` [Hz]."""
     return 2.0 * 3.141592653589793 * frequency_hz / SPEED_OF_LIGHT_M_S

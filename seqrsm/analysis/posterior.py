@@ -133,14 +133,6 @@ def central(draws: FloatArray, level: float) -> Interval:
     return Interval(float(low), float(high))
 
 
-def future_scores(spec: CampaignSpec, fitted: Fitted, draws: Draws, row: FloatArray, replicates: int) -> FloatArray:
-    """Draws (m,) of the mean of future scores at a row of the surface (c,)."""
-    rng = generator(spec.seed, fitted.fit.n_runs, "predictive")
-    here = draws.terms @ row
-    found = fitted.surface.errors.future_scores(draws, fitted.scale, here, replicates, rng)
-    return np.asarray(np.mean(found, axis=1))
-
-
 def summarise_posterior(
     spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws, taken_off: float
 ) -> PosteriorSummary:

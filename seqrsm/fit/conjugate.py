@@ -222,12 +222,6 @@ class ConjugatePosterior:
         return float(np.sqrt(self.b / self.a))
 
     @property
-    def precision(self) -> FloatArray:
-        """Lambda (p, p), relative to sigma^2."""
-        inverse = np.linalg.inv(self.factor)
-        return np.asarray(inverse.T @ inverse, dtype=np.float64)
-
-    @property
     def marginal_scale(self) -> FloatArray:
         """Student-t scale (p,) of every coefficient; the standard error under the flat prior."""
         return np.asarray(self.scale * np.sqrt(np.sum(np.square(self.factor), axis=1)))

@@ -83,7 +83,7 @@ def beta_binomial_model(
             Problem(f"run {runs} (counted from 1) has counts that cannot be", "Give 0 <= correct <= trials.")
         )
     logit = np.log((c + 0.5) / (m - c + 0.5))
-    start, low, high = prior.bounded(np.linalg.lstsq(Z, logit, rcond=None)[0])
+    start, low, high = prior.bounded(np.asarray(np.linalg.lstsq(Z, logit, rcond=None)[0], dtype=np.float64))
     p = Z.shape[1]
 
     def log_density(v: FloatArray) -> FloatArray:

@@ -245,7 +245,7 @@ def rain_db_km(frequency_ghz: float, rain_mm_h: float) -> float:
         return 0.0
     x = math.log10(max(frequency_ghz, 1.0))
     values = [10.0 ** _regression(x, "k", p) * rain_mm_h ** _regression(x, "alpha", p) for p in ("H", "V")]
-    return sum(values) / len(values)
+    return float(sum(values)) / len(values)
 
 
 def _regression(x: float, coefficient: str, polarization: str) -> float:

@@ -92,7 +92,6 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
@@ -219,11 +218,6 @@ class CampaignSpec:
     def factors(self) -> tuple[Factor, ...]:
         """Factors in the order of the file."""
         return self.region.factors
-
-    @property
-    def constraints(self) -> tuple[Constraint, ...]:
-        """Constraints in the order of the file."""
-        return self.region.constraints
 
     @property
     def scene_path(self) -> FilePath | None:

@@ -458,11 +458,6 @@ class Store:
             ledger.states([run_id])
             return ledger.runs(RUNS.c.id == run_id)[0]
 
-    def last_batch(self) -> int:
-        """Number of the latest batch; 0 before the first."""
-        with self._read() as ledger:
-            return ledger.last_batch()
-
     def looks(self, application: str | None = None) -> tuple[LookRecord, ...]:
         """Looks in order; only those of one application."""
         query = sa.select(LOOKS).order_by(LOOKS.c.id)

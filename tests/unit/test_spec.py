@@ -105,7 +105,7 @@ def test_the_contract_is_read(load, tmp_path):
         CategoricalFactor("polarization", ("HH", "VV", "HH+HV")),
         ContinuousFactor("resolution", 10.0, 100.0, "m"),
     )
-    assert spec.constraints[0].expr == "looks <= 4 * (resolution / 12.1) ** 2"
+    assert spec.region.constraints[0].expr == "looks <= 4 * (resolution / 12.1) ** 2"
     assert spec.region.names == ("frequency", "looks", "polarization", "resolution")
     (application,) = spec.applications
     assert (application.utility, application.goal, application.weight) == ("percent_correct", "maximize", 1.0)
