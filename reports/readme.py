@@ -122,9 +122,10 @@ def _answer(one: dict[str, Any], units: dict[str, str], *, alone: bool) -> str:
         for name, value in best["settings"].items()
     )
     future = best["prediction"]
-    verdict = "the stop rule held" if one["stop"]["held"] else "the stop rule does not hold yet"
+    verdict = "stop rule met" if one["stop"]["held"] else "stop rule not met yet"
     if fresh is not None and not fresh["agrees"]:
-        verdict += f", but fresh runs contradict it: {fresh['interval']['low']:.3g} to {fresh['interval']['high']:.3g}"
+        low, high = fresh["interval"]["low"], fresh["interval"]["high"]
+        verdict += f", but confirmation runs contradict the model: {low:.3g} to {high:.3g}"
     name = "" if alone else f"{one['application']}: "
     scored = f"{best['mean']:.3g} {one['score_unit']}".rstrip()
     return (

@@ -81,13 +81,13 @@ def weigh_departure(
     n = len(fit.y)
     reason = surface.no_departure
     if not reason and stated:
-        reason = "a prior is stated of the quadratic"
+        reason = "a prior is given for the quadratic"
     if not reason and model.order == 1:
         reason = "the model is of first order"
     if not reason and not (fit.df_residual > 0 and fit.s > 0.0):
-        reason = "nothing is left to tell scatter from surface"
+        reason = "no degrees of freedom remain to separate scatter from surface"
     if not reason and not LEAST_RUNS <= n <= MOST_RUNS:
-        reason = f"it is weighed with {LEAST_RUNS} to {MOST_RUNS} runs, here are {n}"
+        reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
     rng = generator(seed, n, "process")

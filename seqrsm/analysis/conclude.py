@@ -281,12 +281,12 @@ def _confirmation(
         unit=application.unit,
     )
     expected = scale.in_scores(wide.low, wide.high)
-    verdict, half = "agrees with" if agreement.agrees else "contradicts", 0.5 * (interval.high - interval.low)
+    verdict, half = "in line with" if agreement.agrees else "contradicting", 0.5 * (interval.high - interval.low)
     measured = f"{known(interval.mean, half)} {application.unit}".rstrip()
     text = (
-        f"{len(scores)} fresh runs at the recommended settings scored {measured} on average "
-        f"({100 * spec.stop.level:g} % interval {known(interval.low, half)} to {known(interval.high, half)}); this "
-        f"{verdict} the model, which predicted their mean between {known(expected.low, half)} and "
+        f"{len(scores)} confirmation runs at the recommended settings averaged {measured} "
+        f"({100 * spec.stop.level:g} % interval {known(interval.low, half)} to {known(interval.high, half)}), "
+        f"{verdict} the model's prediction interval for their mean, {known(expected.low, half)} to "
         f"{known(expected.high, half)} (p = {agreement.p:.2g})."
     )
     confirmation = Confirmation(
@@ -306,13 +306,13 @@ def _other_sampler(sampler: Sampler, draws: Draws) -> list[str]:
     if sampler != "emcee" or made["method"] == "emcee":
         return []
     if made["method"] == "gibbs":
-        return ["The posterior was drawn by Gibbs sampling, not by emcee, which did not converge."]
+        return ["The posterior was drawn by Gibbs sampling because emcee did not converge."]
     reason = "the surface passes through every score"
     if "blocks" in made:
-        reason = "with random blocks it is known"
+        reason = "the exact form is known with random blocks"
     elif "sources" in made:
-        reason = "with simulations and flights it is known"
-    return [f"Draws of the posterior are independent ones of its exact form, not by emcee: {reason}."]
+        reason = "the exact form is known with simulations and flights"
+    return [f"The posterior was drawn exactly, not by emcee: {reason}."]
 
 
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:
@@ -322,42 +322,46 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(f"No error estimate: {fit.reason}.")
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
-        found.append(f"{outside} runs were made outside the region; they are part of the fit.")
+        found.append(f"{outside} runs lie outside the region; they are included in the fit.")
     if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
-        found.append("Blocks differ by fitted constants; the optimum's value is that of their plain mean.")
+        found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
     if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):
-        found.append("One block so far: how blocks differ is not known yet, and the intervals are for this block only.")
+        found.append(
+            "Only one block so far: block differences are unknown, and the intervals apply to this block only."
+        )
     if fitted.dropped:
         found.append(
-            f"{len(fitted.dropped)} terms were left out by the same scores that are fitted: intervals hold given the "
-            "terms that stay, and are too short for the doubt about them; `seqrsm fit` shows averages over models."
+            f"{len(fitted.dropped)} terms were dropped by these same scores: the intervals are conditional on "
+            "the remaining terms and too short; `seqrsm fit` shows the model averages."
         )
     if surface.note:
         found.append(surface.note)
     if bool(extrapolated(fit, fitted.model.matrix(best.point[None, :]))[0]):
-        found.append("The optimum is an extrapolation: it lies further from the runs than any run does.")
+        found.append("The optimum is an extrapolation: its leverage exceeds that of every run.")
     found += [
-        f"Run {data.run_ids[run.run]} stands out ({'; '.join(run.reasons)})."
+        f"Run {data.run_ids[run.run]} is unusual ({'; '.join(run.reasons)})."
         for run in influential_runs(fit)
         if any("outlier" in reason for reason in run.reasons)
     ]
     if best.flat:
-        found.append("The optimum is a ridge: other settings are as good, see the canonical analysis.")
+        found.append("The optimum lies on a ridge: other settings are equally good (see the canonical analysis).")
     if fit.condition_number > 1e3:
         found.append(f"The design is ill-conditioned (condition number {fit.condition_number:.2g}).")
     if fit.leverage_one_runs:
         ids = ", ".join(str(data.run_ids[i]) for i in fit.leverage_one_runs)
         found.append(f"The model must pass through run {ids} (leverage 1): its score cannot be checked.")
     if _all_equal(fitted):
-        found.append("All scores are equal: there is no optimum to find, and every setting is as good.")
+        found.append("All scores are equal, so there is no optimum: every setting is equally good.")
     elif fit.df_residual >= _MIN_DF and (p := _model_p(fitted)) is not None and p > MODEL_ALPHA:
         test = f"F test of all terms: p = {p:.2g}"
-        found.append(f"No parameter is seen to matter ({test}): other settings may be as good.")
+        found.append(f"No factor has a significant effect ({test}): other settings may be equally good.")
     counted = data.trials is not None and len(data.trials) > 0 and bool(np.all(np.isfinite(data.trials)))
     if application.is_percent and counted and spec.model.weights == "equal" and surface.errors.exact:
-        found.append('Scores are counts: [model] weights = "counts" would let them count by their binomial variance.')
+        found.append('The scores are counts: [model] weights = "counts" would weight them by their binomial variance.')
     if application.is_percent and spec.model.response == "identity" and len(data.scores):
         values = fitted.scale.to_score(fit.fitted)
         if np.max(values) > 95.0 or np.min(values) < 5.0:
-            found.append('Fitted scores pass 95 % or fall below 5 %: [model] response = "logit" fits bounded scores.')
+            found.append(
+                'Fitted scores exceed 95 % or fall below 5 %: [model] response = "logit" suits bounded scores.'
+            )
     return found

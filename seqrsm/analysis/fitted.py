@@ -136,7 +136,7 @@ def fit_surface(
         crossed_blocks=occasions_shared(data) > 0,
     )
     if fit.aliased:
-        message = f"the runs cannot tell these terms apart: {', '.join(fit.aliased)}"
+        message = f"the runs cannot separate these terms: {', '.join(fit.aliased)}"
         raise FitError(Problem(message, _remedy(region, model, data, "Add runs", n_aliased=len(fit.null.T))))
     return fit
 
@@ -148,18 +148,18 @@ def _remedy(
     missing = missing_runs(model, region, data.points)
     if missing.unresolved:
         return (
-            f"No run of the region tells {', '.join(missing.unresolved)} apart: change the factors or constraints, "
+            f"No run in the region separates {', '.join(missing.unresolved)}: change the factors or constraints, "
             "or set [model] order = 1."
         )
     if not missing.settings:
         least = max(n_short, n_aliased)
         if n_aliased:
-            return "Blocks and settings change together: repeat settings of one block in another, or leave blocks out."
+            return "Blocks and settings are confounded: repeat settings of one block in another, or omit blocks."
         return f"{start}: at least {least} more (`seqrsm propose` names good ones), or set [model] order = 1."
     shown = "; ".join(settings_text(region.factors, settings) for settings in missing.settings[:LISTED_RUNS])
     count = len(missing.settings)
     more = f" and {count - LISTED_RUNS} more (`seqrsm propose` names them)" if count > LISTED_RUNS else ""
-    return f"{start}; {count} at these settings would do: {shown}{more}. Or set [model] order = 1."
+    return f"{start}; {count} at these settings would suffice: {shown}{more}. Or set [model] order = 1."
 
 
 def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale) -> QuadraticModel:

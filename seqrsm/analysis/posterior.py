@@ -97,9 +97,9 @@ def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) 
     if np.isfinite(share) and not posterior.effects:
         reason = f"the scores contradict it (probability {share:.1g})"
     else:
-        reason = "its term was left out of the fit"
-    what = f"What [application.prior] says of the effect of {', '.join(names)}"
-    return [f"{what} is left out of the posterior: {reason}."]
+        reason = "its term was dropped from the fit"
+    what = f"The [application.prior] bounds on the effect of {', '.join(names)}"
+    return [f"{what} are not used in the posterior: {reason}."]
 
 
 _AT_BOUND = 1.0 - 1e-6

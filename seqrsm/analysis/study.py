@@ -111,7 +111,7 @@ def _profile(spec: CampaignSpec, fitted: Fitted) -> PowerProfile | str:
         if fitted.application.is_percent:
             return logit_profile(fit.Z, scores, weights=weights, level=spec.stop.level)
         if np.min(scores) <= 0.0:
-            return "Box and Cox's transforms are for positive scores"
+            return "Box-Cox transforms need positive scores"
         return box_cox_profile(fit.Z, scores, weights=weights, level=spec.stop.level)
     except FitError as error:
         return error.problems[0].message

@@ -289,7 +289,7 @@ class RandomBlocks(Surface):
 
     def limits(self, what: str) -> str:
         """See `Surface`."""
-        return self.errors.limits(what) or f"{what} is for fixed blocks, here they are random"
+        return self.errors.limits(what) or f"{what} needs fixed blocks; here they are random"
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""
@@ -317,7 +317,7 @@ class TwoSources(Surface):
 
     both: SourceFit
 
-    no_departure: ClassVar[str] = "simulations and flights differ by a surface of their own"
+    no_departure: ClassVar[str] = "the difference between simulations and flights is a surface of its own"
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
@@ -397,7 +397,7 @@ class TwoSources(Surface):
 
     def limits(self, what: str) -> str:
         """See `Surface`."""
-        return self.errors.limits(what) or f"{what} is for scores of one source, here are simulations and flights"
+        return self.errors.limits(what) or f"{what} needs scores from one source; here are simulations and flights"
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """On a transformed scale the difference is taken in scores."""
@@ -410,7 +410,7 @@ class TwoSources(Surface):
             return ends.high - ends.low
 
         difference, interval = in_scores(mean), Interval(in_scores(low), in_scores(high))
-        source = "mostly the prior's" if found.prior_driven else "mostly the flights'"
+        source = "the prior" if found.prior_driven else "the flights"
         return SourceComparison(
             n_simulations=found.n_simulations,
             n_flights=found.n_flights,
@@ -422,10 +422,10 @@ class TwoSources(Surface):
             prior_share=found.prior_share,
             prior_driven=found.prior_driven,
             text=(
-                f"At the recommended settings flights score {difference:+.3g} against simulations "
-                f"({100 * level:g} % credible interval {interval.low:.3g} to {interval.high:.3g}); after "
-                f"{found.n_flights} flights this is {source} word ({100 * found.prior_share:.0f} % of the prior "
-                "variance is left). All intervals are for flights."
+                "Model discrepancy at the recommended settings: flights score "
+                f"{difference:+.3g} relative to simulations ({100 * level:g} % credible interval {interval.low:.3g} to "
+                f"{interval.high:.3g}). After {found.n_flights} flights this rests mainly on {source} "
+                f"({100 * found.prior_share:.0f} % of the prior variance remains). All intervals are for flights."
             ),
         )
 
@@ -465,7 +465,7 @@ def random_blocks(
     """
     if len(set(data.sources)) > 1:
         remedy = 'Set [model] block_effect = "fixed".'
-        raise FitError(Problem("random blocks are for scores of one source, here are simulations and flights", remedy))
+        raise FitError(Problem("random blocks need scores from one source; here are simulations and flights", remedy))
     labels, alike = block_labels(spec, data), None
     if occasions_shared(data):
         # Runs that share no occasion met one each, as random effects can.

@@ -96,11 +96,11 @@ def way_out(plans: Sequence[Plan], over: Sequence[Plan], target: float, unit: st
         return text.strip()
     widths = [plan for plan in (*plans, *over) if np.isfinite(plan.half_width) and plan.runs >= plan.asked]
     if not widths:
-        return "Raise max_runs, or take fewer factors or levels."
+        return "Raise max_runs, or use fewer factors or levels."
     least = min(plan.half_width for plan in widths)
     near = min((plan for plan in widths if plan.half_width <= _AS_NARROW * least), key=lambda plan: plan.loss)
     how = f"{near.runs} runs" + (f" and {near.change}" if near.change else "")
-    return f"Nothing listed reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
+    return f"None of these reaches it; {how} come near ({told(near)}): widen [stop] half_width to that, or more."
 
 
 def random_surfaces(region: Region, noise: float, spread: float, source: str, seed: int) -> Surfaces:

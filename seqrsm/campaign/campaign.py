@@ -153,12 +153,12 @@ class Campaign:
         csv: Path | None = None,
         analyses: Sequence[Analysis] | None = None,
     ) -> tuple[RunRecord, ...]:
-        """Issue the next runs, flights in random order; the first call issues the start design.
+        """Issue the next runs, flights in random order; the first call issues the initial design.
 
         Parameters
         ----------
         n : int, optional
-            Runs wanted; the campaign's batch by default. The start design has its own size.
+            Runs wanted; the campaign's batch by default. The initial design has its own size.
         source : "simulation", "flight" or "best", optional
             "best" takes for each run the source that gains more for its cost. By default simulation where there is a
             simulator, else flight, which is any measurement.
@@ -362,7 +362,7 @@ class Campaign:
         return found
 
     def cells_of_ground(self) -> int:
-        """Cells of a coarser data base along a side of a pixel at least; 0: as it is. Measured once, and kept.
+        """Cells of a coarser database along a side of a pixel at least; 0: as it is. Measured once, and kept.
 
         See `seqrsm.campaign.tradeoff.coarsest_within`.
         """

@@ -98,7 +98,7 @@ def run_campaign(
     Raises
     ------
     UserError
-        No run of the start design, or of several batches after it, gave a score, and with what reasons.
+        No run of the initial design, or of several batches after it, gave a score, and with what reasons.
     """
     if cluster is None and campaign.spec.simulator is not None:
         start_workers(check_simulator.__module__, workers)
@@ -153,7 +153,7 @@ class _ClosedLoop:
             try:
                 ending = self._step(budget, batch)
             except OvertakenError:
-                self.say("another command went on with this campaign meanwhile; looking again")
+                self.say("another command advanced this campaign meanwhile; analysing again")
         return self._finish(ending)
 
     def _step(self, budget: int, batch: int) -> Ending | None:
@@ -169,13 +169,13 @@ class _ClosedLoop:
         if left == budget:
             self.say("checking the simulator with one image at the centre of the region")
             check_simulator(spec)
-            self.say("searching the start design")
+            self.say("searching for an initial design")
             with self._timed("propose"):
                 runs = campaign.decide(budget=budget)
-            self.say(f"start design of {len(runs)} runs")
+            self.say(f"initial design of {len(runs)} runs")
             return None
         if self._too_few() and left > 0:
-            self.say("too few scores for a fit; going on with the start design")
+            self.say("too few scores for a fit; continuing with the initial design")
             with self._timed("propose"):
                 campaign.decide(budget=budget)
             return None
@@ -188,7 +188,7 @@ class _ClosedLoop:
             # Fresh runs that contradict the model are evidence against it: they enter the fit with the next ones.
             if left <= 0 or not any(analysis.contradicted for analysis in analyses):
                 return "stop"
-            self.say("the fresh runs contradict the model; going on")
+            self.say("the confirmation runs contradict the model; continuing")
         if any(analysis.decision.wants_confirmation for analysis in analyses):
             self._add_confirmation(analyses)
             return None
@@ -205,7 +205,7 @@ class _ClosedLoop:
         with self._timed("simulate"):
             made = list(self.simulate())
             while others := self.campaign.store.runs("running", source="simulation"):
-                self.say(f"waiting for {len(others)} runs that another command carries out")
+                self.say(f"waiting for {len(others)} runs of another command")
                 time.sleep(WAIT_S)
                 made += self.simulate()
         return made
@@ -217,7 +217,7 @@ class _ClosedLoop:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
 
     def _too_few(self) -> bool:
-        """Whether an application's scores cannot be fitted, so that simulated runs of the start design must come.
+        """Whether an application's scores cannot be fitted, so that simulated runs of the initial design must come.
 
         Raises
         ------
@@ -232,25 +232,25 @@ class _ClosedLoop:
             return fitted <= terms
         raise StoreError(
             Problem(
-                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights wait for theirs",
-                "Take them in with `seqrsm ingest`, or give them up with `seqrsm void`; `run` simulates only.",
+                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights have no scores yet",
+                "Add their scores with `seqrsm ingest`, or cancel them with `seqrsm void`; `run` only simulates.",
             )
         )
 
     def _refuse_less_than_a_start(self, budget: int) -> None:
-        """A smaller budget for one call ends the campaign early, and nothing else; the start design is made whole."""
+        """A smaller budget for one call ends the campaign early, and nothing else; the initial design is made whole."""
         spec = self.campaign.spec
         least = start_size(QuadraticModel(spec.factors, spec.model.order), spec)
         if budget < least and self.campaign.store.n_used() == 0:
-            remedy = f"Give {least} or more, or leave it out."
-            raise UserError(Problem(f"the start design has {least} runs", remedy, field="--max-runs", value=budget))
+            remedy = f"Give {least} or more, or omit it."
+            raise UserError(Problem(f"the initial design has {least} runs", remedy, field="--max-runs", value=budget))
 
     def _refuse_hopeless(self, made: Sequence[RunRecord]) -> None:
         """No others replace runs that the machine failed; batches without a single score would come for ever."""
         broken = [run for run in self.campaign.store.runs("failed") if run.fault == "machine"]
         if broken:
-            text = f"the machine failed {len(broken)} runs, which are not given up: {broken[-1].reason}"
-            remedy = f"Mend it and give the command again; after {MAX_ATTEMPTS} attempts, `seqrsm retry` first."
+            text = f"{len(broken)} runs failed because of this machine and will be tried again: {broken[-1].reason}"
+            remedy = f"Fix the cause and repeat the command; after {MAX_ATTEMPTS} attempts, run `seqrsm retry` first."
             raise UserError(Problem(text, remedy))
         if not made or any(run.state != "failed" for run in made):
             return

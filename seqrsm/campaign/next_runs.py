@@ -1,4 +1,4 @@
-"""Which runs to make next: the start design, then batches chosen for the interval at the optimum."""
+"""Which runs to make next: the initial design, then batches chosen for the interval at the optimum."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from seqrsm.store.records import NewRun, RunRecord
 START = "start"
 CENTRE_REPEATS = 3
 EXTRA_RUNS = 6
-"""Runs of the start design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
+"""Runs of the initial design beyond one for each term: campaign studies found 4 to 6 enough for a first look."""
 
 _DAY_PRECISION, _DAY_KNOWN = 0.01, 1e6  # of a new day's effect: within 10 standard deviations of a run, or none
-_WEAK = 0.05  # prior precision of a start design that is completed: the runs cannot determine the model yet
+_WEAK = 0.05  # prior precision of an initial design that is completed: the runs cannot determine the model yet
 _TARGETS = 256
 
 
 def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
-    """Runs of the start design: at most the budget.
+    """Runs of the initial design: at most the budget.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def start_batch(
         points = start_design(model, spec.region, max(n, len(made) + 1), seed=spec.seed, fixed=fixed)
     else:
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
-    why = f"start design: {n} runs for a model of {model.p} terms"
+    why = f"initial design: {n} runs for a model of {model.p} terms"
     cost = _cost(spec, source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
 

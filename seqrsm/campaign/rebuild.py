@@ -26,7 +26,7 @@ Record = TypeVar("Record", RunRecord, ScoreRecord, LookRecord, EventRecord, File
 
 
 def rebuild(source: Path, folder: Path, *, trust_code: bool = False) -> None:
-    """Make the campaign of an export in a new folder, its data base in there; all or nothing.
+    """Make the campaign of an export in a new folder, its database in there; all or nothing.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _write(document: Mapping[str, Any], source: Path, folder: Path, trust_code: 
         message = "the specification in the export is not the one that its runs were made for"
         raise StoreError(Problem(message, _AGAIN, file=where, field="spec_hash"))
     if spec.store_url is not None:
-        message = "the specification in the export names a data base of its own"
+        message = "the specification in the export names a database of its own"
         raise StoreError(Problem(message, "Take [store] out of it.", file=where, field="campaign_toml"))
     code = {str(one["path"]): str(one["sha256"]) for one in attachments if str(one["path"]).endswith(".py")}
     code |= {name: code.get(f"{name.partition(':')[0].replace('.', '/')}.py", "") for name in own_functions(spec)}

@@ -1,6 +1,6 @@
 """``seqrsm tradeoff``: speed against accuracy of this campaign's own simulations, measured.
 
-Some configurations spread over the region are simulated on the same occasions on the data base as it is and on coarser
+Some configurations spread over the region are simulated on the same occasions on the database as it is and on coarser
 ones; what each of these loses is set against the time it saves. Each configuration is kept as soon as it is measured,
 in ``tradeoff.json`` of the campaign's folder: the same command goes on where it was interrupted.
 """
@@ -30,7 +30,7 @@ FIRST_RUN: Final = 2**30
 """Run id of the first occasion: far beyond any campaign's."""
 
 LEVELS: Final = (0, 8, 4, 2)
-"""Cells of the data base along a side of a pixel at least, where it is made coarser; 0: as it is."""
+"""Cells of the database along a side of a pixel at least, where it is made coarser; 0: as it is."""
 
 COARSENED: Final = "coarser data base measured"
 """Kind of the event that keeps which of them a campaign takes."""
@@ -50,7 +50,7 @@ def measure_tradeoff(
     configurations : int
         Settings spread over the region, the centre among them.
     occasions : int
-        Occasions on which each is simulated on every data base, the same for all.
+        Occasions on which each is simulated on every database, the same for all.
     progress : callable
         Told of (done, all) configurations.
 
@@ -95,7 +95,7 @@ def _kept(folder: Path) -> dict[str, Any]:
 
 
 def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int = 2) -> dict[str, Any]:
-    """The coarsest data base whose scores differ by no more than the campaign's tolerance, root mean square.
+    """The coarsest database whose scores differ by no more than the campaign's tolerance, root mean square.
 
     Measured at settings from the finest to the coarsest sensor, for which most cells are averaged.
 
@@ -129,7 +129,7 @@ def _some_configurations(spec: CampaignSpec, n: int) -> list[dict[str, float | s
 def _measured(
     spec: CampaignSpec, settings: Mapping[str, float | str], occasions: int, *, timed: bool = True
 ) -> dict[str, Any]:
-    """Scores, time and blocks of cells on every data base at one configuration, on the same occasions.
+    """Scores, time and blocks of cells on every database at one configuration, on the same occasions.
 
     ``timed``: what is done once only, compiled or cached, is done before.
     """
@@ -158,7 +158,7 @@ def _measured(
 
 
 def _summary(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Each coarser data base against the one as it is, for every application."""
+    """Each coarser database against the one as it is, for every application."""
     good = [row for row in rows if not row["failure"]]
     assert spec.simulator is not None
     return {
@@ -173,7 +173,7 @@ def _summary(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> dict[str,
 
 
 def _against_full(rows: Sequence[Mapping[str, Any]], cells: int, application: str, goal: Goal) -> dict[str, Any]:
-    """One data base against the one as it is."""
+    """One database against the one as it is."""
     own, top = ([row["levels"][str(level)] for row in rows] for level in (cells, 0))
     cheap, full = (np.array([[s[application] for s in one["scores"]] for one in levels]) for levels in (own, top))
     seconds, seconds_full = (np.array([np.median(one["seconds"]) for one in levels]) for levels in (own, top))

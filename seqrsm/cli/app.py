@@ -44,13 +44,13 @@ app = typer.Typer(
 )
 app.add_typer(scene_app, name="scene")
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder, the one that holds campaign.toml.")]
-Workers = Annotated[int, typer.Option(min=1, help="Processes that simulate at the same time.")]
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Campaign folder (contains campaign.toml).")]
+Workers = Annotated[int, typer.Option(min=1, help="Simulation processes in parallel.")]
 Cluster = Annotated[str | None, typer.Option(metavar="ADDRESS", help="Address of a dask scheduler (extra 'cluster').")]
 Accepted = Annotated[
     bool,
     typer.Option(
-        "--accept", help="Go on though program, simulator, scene, utility or code changed since the runs so far."
+        "--accept", help="Continue although program, simulator, scene, utility or code changed since earlier runs."
     ),
 ]
 
@@ -95,7 +95,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     pass
@@ -104,25 +104,31 @@ def _root(
 @app.command()
 @guarded
 def init(
-    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder to make.")] = None,
-    template: Annotated[str | None, typer.Option(metavar="NAME", help="Which example to start from.")] = None,
+    folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder to create.")] = None,
+    template: Annotated[str | None, typer.Option(metavar="NAME", help="Example to start from.")] = None,
     application: Annotated[
         list[str] | None,
-        typer.Option(metavar="WORDS", help='Start from the literature on an application, such as "soil moisture".'),
+        typer.Option(
+            metavar="WORDS", help='Start from literature requirements for an application, such as "soil moisture".'
+        ),
     ] = None,
     scene: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Your own scene, for --application: see `seqrsm scene`.")
+        Path | None, typer.Option(metavar="FILE", help="Your own scene, with --application (see `seqrsm scene`).")
     ] = None,
-    more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="More words of --application.")] = None,
+    more: Annotated[list[str] | None, typer.Argument(metavar="[WORDS]", help="Further words of --application.")] = None,
     source: Annotated[
-        Path | None, typer.Option("--from", metavar="FILE", help="Make it anew from the .json of `seqrsm export`.")
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="Rebuild a campaign from the .json of `seqrsm export`."),
     ] = None,
     trust_code: Annotated[
-        bool, typer.Option("--trust-code", help="Take the code that comes with the export: you have read it.")
+        bool, typer.Option("--trust-code", help="Accept the code in the export, once you have read it.")
     ] = False,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Make a campaign folder from a template, from what the literature asks for, or from an export."""
+    """Create a campaign folder.
+
+    From a template, from literature requirements for an application, or from an export.
+    """
     from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
@@ -132,15 +138,15 @@ def init(
         return
     if more and len(application or ()) != 1:
         raise UserError(
-            Problem("init makes one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
+            Problem("init creates one folder", "Write: seqrsm init DIR --template NAME.", value=" ".join(more))
         )
     if scene is not None and not application:
-        raise UserError(Problem("a scene goes with --application", "Give it, too.", field="--scene"))
+        raise UserError(Problem("--scene needs --application", "Add --application WORDS.", field="--scene"))
     application = application or None
     if folder is None or [template, application, source].count(None) != 2:
         raise UserError(
             Problem(
-                "init needs a folder, and a template or an application or an export",
+                "init needs a folder and one of template, application or export",
                 "Write: seqrsm init DIR --template NAME (--list names them), --application WORDS, or --from FILE.json.",
             )
         )
@@ -148,7 +154,7 @@ def init(
         from seqrsm.campaign.rebuild import rebuild
 
         rebuild(source, folder, trust_code=trust_code)
-        say(f"made {folder} from {source}; next: seqrsm status {folder}")
+        say(f"created {folder} from {source}; next: seqrsm status {folder}")
         return
     if application is not None:
         from seqrsm.cli.show_catalog import say_made
@@ -157,7 +163,7 @@ def init(
         return
     assert template is not None
     copy_template(template, folder)
-    say(f"made {folder} from template {template}; next: {_next_step(folder)}")
+    say(f"created {folder} from template {template}; next: {_next_step(folder)}")
 
 
 def _next_step(folder: Path) -> str:
@@ -172,10 +178,13 @@ def _next_step(folder: Path) -> str:
 @guarded
 def check(
     folder: Folder,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Every statement on what is assumed.")] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Show every assumption.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Validate everything and say what a run would cost and whether the stop target can be reached; run nothing."""
+    """Check a campaign before it runs.
+
+    Validates the specification, and estimates cost and whether the target half-width can be reached. Starts no runs.
+    """
     from seqrsm.campaign.check import check_campaign
     from seqrsm.cli.blocks import show_sections
     from seqrsm.report.sections.check import check_sections
@@ -192,21 +201,25 @@ def check(
     if not as_json:
         if result.target_problem:
             line(f"Warning: {result.target_problem}")
-        line("All is in order.")
+        line("No problems found.")
 
 
 @app.command()
 @guarded
 def run(
     folder: Folder,
-    max_runs: Annotated[int | None, typer.Option(min=1, help="Budget of runs; default is the campaign's.")] = None,
-    batch: Annotated[int | None, typer.Option(min=1, help="Runs in a batch; default is the campaign's.")] = None,
+    max_runs: Annotated[int | None, typer.Option(min=1, help="Budget of runs [default: the campaign's].")] = None,
+    batch: Annotated[int | None, typer.Option(min=1, help="Runs per batch [default: the campaign's].")] = None,
     workers: Workers = 1,
     cluster: Cluster = None,
     accept: Accepted = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run the closed loop until the stop rule holds or the budget is spent; the same command goes on after a stop."""
+    """Run a campaign to its end.
+
+    Simulates, fits, decides and proposes until the stop rule is met or the budget is spent. After an interruption the
+    same command continues.
+    """
     from seqrsm.cli.show_fit import show_look, show_outcome
 
     campaign = _opened(folder, accept=accept)
@@ -240,19 +253,19 @@ def run(
 @guarded
 def propose(
     folder: Folder,
-    n: Annotated[int | None, typer.Option("-n", min=1, help="How many runs; default is the campaign's batch.")] = None,
+    n: Annotated[int | None, typer.Option("-n", min=1, help="Number of runs [default: the campaign's batch].")] = None,
     source: Annotated[
-        str | None, typer.Option(help="simulation, flight or best; default is simulation where there is a simulator.")
+        str | None, typer.Option(help="simulation, flight or best [default: simulation if there is a simulator].")
     ] = None,
     csv: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write them as the form a flight crew fills in.")
+        Path | None, typer.Option(metavar="FILE", help="Also write a form for the flight crew to fill in.")
     ] = None,
     form: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Issue none; write the form of the flights that are issued.")
+        Path | None, typer.Option(metavar="FILE", help="Issue none; write the form of flights already issued.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Issue the next runs."""
+    """Propose and issue the next runs."""
     from seqrsm.cli.show import run_row, show_proposals
 
     campaign = _opened(folder)
@@ -263,7 +276,7 @@ def propose(
         runs = campaign.issue(n, source=source, csv=csv)
     print_json([run_row(run) for run in runs]) if as_json else show_proposals(campaign.spec, runs)
     if n is not None and len(runs) > n:
-        say(f"{len(runs)} runs and not {n}: the model needs its start design whole; -n counts for the batches after it")
+        say(f"{len(runs)} runs instead of {n}: the model needs the whole initial design; -n applies to later batches")
 
 
 @app.command()
@@ -275,7 +288,7 @@ def simulate(
     accept: Accepted = False,
     as_json: AsJson = False,
 ) -> None:
-    """Carry out the issued simulation runs."""
+    """Simulate the issued runs."""
     from seqrsm.cli.show import run_row, show_runs
 
     campaign = _opened(folder, accept=accept)
@@ -291,14 +304,14 @@ def ingest(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", help="Measured scores: CSV, .xlsx (extra 'excel') or .parquet.")
     ],
-    accept: Annotated[bool, typer.Option("--accept", help="Take in as it is what looks wrong, too.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen and change nothing.")] = False,
+    accept: Annotated[bool, typer.Option("--accept", help="Ingest rows that look wrong as they are.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Report what would happen; change nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take measured scores or interpreters' rankings in; all or nothing.
+    """Ingest measured scores or rankings.
 
-    Where rows look wrong, such as a frequency in MHz under a header without unit, -9999, a score far from all others or
-    a row that stands twice, each is told with what may have been meant, and nothing is taken in without --accept.
+    All files are ingested, or none. Suspect rows, such as a frequency in MHz under a header without unit, -9999, an
+    outlying score or a duplicate row, are reported with a suggestion, and nothing is ingested without --accept.
     """
     taken = _opened(folder).ingest(*files, dry_run=dry_run, accept=accept)
     print_json(taken.to_json()) if as_json else taken.show()
@@ -309,14 +322,17 @@ def ingest(
 def void(
     folder: Folder,
     run_id: Annotated[int | None, typer.Argument(metavar="[RUN_ID]")] = None,
-    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason; it stays in the history.")] = "",
+    why: Annotated[str, typer.Option(metavar="TEXT", help="The reason, kept in the history.")] = "",
     ranking: Annotated[
-        int | None, typer.Option(metavar="N", help="In place of a run: an interpreter's ranking, by its number.")
+        int | None, typer.Option(metavar="N", help="Void an interpreter's ranking, by number, instead of a run.")
     ] = None,
 ) -> None:
-    """Take a run, or a ranking, out of the fit; nothing is ever deleted."""
+    """Exclude a run or a ranking from the fit.
+
+    Nothing is ever deleted.
+    """
     if (run_id is None) == (ranking is None):
-        raise UserError(Problem("void takes out one run or one ranking", "Give RUN_ID, or --ranking N."))
+        raise UserError(Problem("void excludes one run or one ranking", "Give RUN_ID, or --ranking N."))
     if run_id is not None:
         _opened(folder).opened.store.void(run_id, why)
         say(f"run {run_id} is void: {why}")
@@ -331,10 +347,15 @@ def retry(
     folder: Folder,
     runs: Annotated[
         list[int] | None,
-        typer.Argument(metavar="[RUN_ID...]", help="Default: all that failed, but not by their settings."),
+        typer.Argument(
+            metavar="[RUN_ID...]", help="Default: all failed runs, except those whose settings are impossible."
+        ),
     ] = None,
 ) -> None:
-    """Issue failed runs again, their attempts counted anew; the next `run` or `simulate` carries them out."""
+    """Issue failed runs again.
+
+    Their attempts are reset; the next `run` or `simulate` carries them out.
+    """
     ids = _opened(folder).opened.store.retry(runs or ())
     say(f"issued again: {', '.join(map(str, ids)) or 'no run'}")
 
@@ -343,14 +364,14 @@ def retry(
 @guarded
 def fit(
     folder: Folder,
-    application: Annotated[str | None, typer.Option(help="Which application, where there are several.")] = None,
+    application: Annotated[str | None, typer.Option(help="Application, if there are several.")] = None,
     test: Annotated[
         list[str] | None,
-        typer.Option(metavar="TERMS", help="Partial F test of factors, terms or groups, joined by commas; repeatable."),
+        typer.Option(metavar="TERMS", help="Partial F test of comma-separated factors, terms or groups; repeatable."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Model, ANOVA, optimum, intervals, posterior, diagnostics."""
+    """Show model, optimum, intervals, diagnostics."""
     campaign = _opened(folder)
     with display("sampling the posterior"):
         found = campaign.fit(application, test=test or ())
@@ -364,7 +385,10 @@ def status(
     history: Annotated[bool, typer.Option("--history", help="Every event, with time, version and seed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Runs by state, optimum and intervals so far, stop or go on and why; of a folder of campaigns, a line for each."""
+    """Show runs, optimum, intervals and decision.
+
+    For a folder of campaigns, one line each.
+    """
     from seqrsm.campaign.status import campaign_status, campaigns_in, overview
     from seqrsm.cli.show import show_overview
     from seqrsm.cli.show_fit import show_status
@@ -372,7 +396,7 @@ def status(
 
     if folders := campaigns_in(folder):
         if history:
-            raise UserError(Problem("a history is that of one campaign", f"Name one: {folders[0]}", field="--history"))
+            raise UserError(Problem("--history needs a single campaign", f"Name one: {folders[0]}", field="--history"))
         with display("reading", inner=False) as shown:
             found = overview(folders, partial(shown.count, "reading"))
         print_json({"campaigns": found}) if as_json else show_overview(found)
@@ -389,7 +413,10 @@ def rehearse(
     campaigns: Annotated[int, typer.Option(min=10, help="Campaigns to simulate.")] = 40,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate whole campaigns from the current posterior: runs needed, cost, coverage under the chosen stop rule."""
+    """Simulate whole campaigns in advance.
+
+    Draws surfaces from the current posterior; reports runs needed, cost and coverage under the stop rule.
+    """
     from seqrsm.campaign.rehearsal import rehearse_campaign
     from seqrsm.cli.blocks import show_sections
     from seqrsm.report.sections.check import rehearsal_section
@@ -405,10 +432,13 @@ def rehearse(
 def tradeoff(
     folder: Folder,
     configurations: Annotated[int, typer.Option(min=2, max=100, help="Settings spread over the region.")] = 8,
-    occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each on every data base.")] = 6,
+    occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each on every scene resolution.")] = 6,
     as_json: AsJson = False,
 ) -> None:
-    """Measure speed against accuracy of this campaign's simulations; goes on after an interruption."""
+    """Measure simulation speed against accuracy.
+
+    After an interruption the same command continues.
+    """
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.blocks import show_blocks
     from seqrsm.report.sections.speed import tradeoff_blocks
@@ -431,13 +461,18 @@ def candidates(
     folder: Folder,
     sufficient: Annotated[
         float | None,
-        typer.Option(metavar="SCORE", help="From which score on a sensor suffices; default is that of campaign.toml."),
+        typer.Option(metavar="SCORE", help="Score from which a sensor suffices [default: campaign.toml's]."),
     ] = None,
-    worlds: Annotated[int, typer.Option(min=4, max=1000, help="Grounds that are drawn, all for every sensor.")] = 16,
+    worlds: Annotated[
+        int, typer.Option(min=4, max=1000, help="Draws of the tables (worlds), common to all sensors.")
+    ] = 16,
     workers: Workers = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the sensors of [[candidate]] with the optimum: does one suffice, and what does it lack."""
+    """Compare candidate sensors with the optimum.
+
+    Reports the probability that each [[candidate]] suffices, and which properties cost it score.
+    """
     campaign = _opened(folder)
     with display("comparing", inner=False) as shown:
         found = campaign.candidates(
@@ -454,10 +489,13 @@ def report(
     pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="Write only this PDF file.")] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write every figure as SVG, PDF and PNG, its numbers as CSV beside it."),
+        typer.Option(metavar="DIR", help="Write each figure as SVG, PDF and PNG, and its data as CSV."),
     ] = None,
 ) -> None:
-    """Write the report, HTML and PDF by default, into the campaign's own reports/ folder."""
+    """Write the report as HTML and PDF.
+
+    By default both, into the campaign's reports/ folder.
+    """
     campaign = _opened(folder)
     with display("reading") as shown:
         written = campaign.report(html, pdf, figures, step=shown.step)
@@ -466,7 +504,7 @@ def report(
             say(f"wrote {path}")
     if figures is not None:
         count = sum(path.parent == figures for path in written)
-        say(f"wrote {count} files into {figures}; captions.csv says what each shows")
+        say(f"wrote {count} files into {figures}; captions.csv describes each")
 
 
 @app.command()
@@ -475,15 +513,16 @@ def image(
     folder: Folder,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Image to write: .png, .tif (GeoTIFF) or .npz.")],
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A sensor setting.")] = None,
-    run_id: Annotated[int, typer.Option(min=0, help="Whose random occasion to draw; 0 belongs to no run.")] = 0,
-    mask: Annotated[
-        str, typer.Option(metavar="NAME", help="Write this mask instead: shadow, layover or blocked.")
-    ] = "",
-    threads: Annotated[int, typer.Option(min=1, max=256, help="Threads for one radar image.")] = 1,
-    number: Annotated[int, typer.Option(help="Which image of several sensors or dates to write, from 1.")] = 1,
+    run_id: Annotated[int, typer.Option(min=0, help="Run whose random occasion is drawn; 0 is no run's.")] = 0,
+    mask: Annotated[str, typer.Option(metavar="NAME", help="Write a mask instead: shadow, layover or blocked.")] = "",
+    threads: Annotated[int, typer.Option(min=1, max=256, help="Threads per radar image.")] = 1,
+    number: Annotated[int, typer.Option(help="Image to write of several sensors or dates, from 1.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region."""
+    """Simulate one image.
+
+    Settings not given default to the current optimum, or to the centre of the region before the first fit.
+    """
     from seqrsm.campaign.images import write_image
 
     campaign = _opened(folder)
@@ -502,11 +541,14 @@ app.command()(parameters)
 def plan_page(
     folder: Folder,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Page to write, by default reports/plan.html.")
+        Path | None, typer.Option(metavar="FILE", help="Page to write [default: reports/plan.html].")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a page that works offline: move factors, budget and target, see half-width, loss and cost."""
+    """Write an interactive planning page.
+
+    An offline HTML page: vary factors, budget and target, and see half-width, expected loss and cost.
+    """
     from seqrsm.campaign.check import plan_campaign
     from seqrsm.files import put
     from seqrsm.report.plan import render_plan
@@ -526,10 +568,10 @@ def plan_page(
 @guarded
 def help_on(
     words: Annotated[
-        list[str] | None, typer.Argument(metavar="[WORDS]", help="What about, as in `help rankings`.")
+        list[str] | None, typer.Argument(metavar="[WORDS]", help="A topic, as in `help rankings`.")
     ] = None,
 ) -> None:
-    """Print what the guides say of a matter, or list their headings."""
+    """Print the guides on a topic, or list topics."""
     from seqrsm.cli.console import line
     from seqrsm.cli.guides import about, show, topics
 
@@ -545,11 +587,9 @@ def help_on(
 @guarded
 def export(
     folder: Folder,
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Where to: .csv (runs and scores) or .json (everything).")
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A .csv (runs and scores) or .json (everything).")],
 ) -> None:
-    """Write everything out."""
+    """Export runs and scores, or everything."""
     from seqrsm.campaign.export import export as write_all
 
     campaign = _opened(folder).opened

@@ -40,11 +40,11 @@ EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
-_INTERRUPTED = "interrupted; every score so far is kept, and the same command goes on from here"
+_INTERRUPTED = "interrupted; all scores so far are kept, and the same command continues from here"
 _AGAIN_S = 0.1
 """After this time an interrupt comes again that a callback has swallowed."""
 
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON document on stdout, nothing else there.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")]
 """The option that every command with a result has."""
 
 

@@ -88,14 +88,14 @@ def parse_factor(text: str) -> Factor:
     remedy = 'Write NAME=LOW:HIGH, NAME=LOW:HIGH:log, or NAME=LEVEL,LEVEL; for example "looks=1,2,4".'
     name, equals, rest = (part.strip() for part in text.partition("="))
     if not equals or not name or not rest:
-        raise _wrong("a factor is not understood", remedy, "--factor", text)
+        raise _wrong("a factor cannot be read", remedy, "--factor", text)
     if ":" in rest:
         low, _, tail = rest.partition(":")
         high, _, scale = tail.partition(":")
         try:
             ends = float(low), float(high)
         except ValueError:
-            raise _wrong("the range of a factor is no pair of numbers", remedy, "--factor", text) from None
+            raise _wrong("the range of a factor is not a pair of numbers", remedy, "--factor", text) from None
         if scale.strip() not in ("", "log", "linear"):
             raise _wrong("unknown scale", "Use log or linear.", "--factor", text)
         return ContinuousFactor(name, *ends, scale="log" if scale.strip() == "log" else "linear")
@@ -116,7 +116,9 @@ def _criterion(text: str) -> Criterion:
 
 def _factors(request: DesignRequest) -> tuple[Factor, ...]:
     if request.declared and request.factors is not None:
-        raise _wrong("factors are counted and declared", "Give --factors or --factor, not both.", "--factors")
+        raise _wrong(
+            "both a number of factors and factors are given", "Give --factors or --factor, not both.", "--factors"
+        )
     if request.declared:
         found = tuple(parse_factor(text) for text in request.declared)
         if len(found) > _MAX_FACTORS:
@@ -195,8 +197,8 @@ def _optimal(
     if request.runs is None:
         raise _wrong("the number of runs is missing", f"Give --runs, {model.p} or more.", "--runs")
     if (request.centre or 0) >= request.runs:
-        remedy = "Give fewer, or more --runs: these count the runs at the centre."
-        raise _wrong("no run is left beside those at the centre", remedy, "--centre", request.centre)
+        remedy = "Give fewer, or more --runs, which include those at the centre."
+        raise _wrong("no runs remain besides those at the centre", remedy, "--centre", request.centre)
     repeats = np.tile(region.centre(), (request.centre or 0, 1))
     design = optimal_design(
         model,
@@ -249,7 +251,7 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
             raise DesignError(
                 Problem(
                     f"{len(out_of_region)} of {len(points)} runs of this design violate a constraint",
-                    "Use an optimal design, which keeps to the region.",
+                    "Use an optimal design, which stays within the region.",
                     field="--design",
                     value=request.kind,
                 )
@@ -281,13 +283,13 @@ def _document(
     warnings = [f"cannot be estimated: {alias}" for alias in report.aliases]
     outside = int(np.count_nonzero(np.any(np.abs(points[:, list(region.numeric)]) > 1.0 + 1e-9, axis=1)))
     if outside:
-        warnings.append(f"{outside} of {len(points)} runs lie beyond the factors' bounds")
+        warnings.append(f"{outside} of {len(points)} runs lie outside the factors' bounds")
     if report.rank == report.n_terms and report.condition_number > 1e3:
         warnings.append(f"the design is ill-conditioned (condition number {report.condition_number:.2g})")
     if report.n_runs == report.n_terms:
-        warnings.append("as many runs as terms: nothing is left over to estimate the scatter from")
+        warnings.append("as many runs as terms: the scatter cannot be estimated")
     elif not report.df_pure_error:
-        warnings.append("no settings are repeated: lack of fit cannot be tested")
+        warnings.append("no settings are repeated, so lack of fit cannot be tested")
     return {
         "factors": region.k,
         "names": list(region.names),

@@ -66,5 +66,5 @@ def about(words: str) -> list[Topic]:
     found = [one for one in known if wanted in one.title.casefold()]
     found = found or [one for one in known if wanted in one.text.casefold()]
     if not found:
-        raise UserError(Problem("no guide says anything of it", "seqrsm help lists the topics.", value=words))
+        raise UserError(Problem("no guide covers this topic", "seqrsm help lists the topics.", value=words))
     return found

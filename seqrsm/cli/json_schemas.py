@@ -23,7 +23,7 @@ def output_schema(command: str) -> dict[str, Any]:
     """
     held = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
     if command not in held["commands"]:
-        remedy = f"Use one of {', '.join(held['commands'])}; none: of campaign.toml."
+        remedy = f"Use one of {', '.join(held['commands'])}; without a command, the schema is that of campaign.toml."
         raise UserError(Problem("no command of this name has --json", remedy, field="COMMAND", value=command))
     needed: dict[str, Any] = {}
     left = [held["commands"][command]]

@@ -1,6 +1,6 @@
-"""``seqrsm.Campaign``: what the commands do, for notebooks and scripts; the commands call it themselves.
+"""``seqrsm.Campaign``: the commands as methods, for notebooks and scripts; the commands call it themselves.
 
-The numbers are those of the commands on the same store, to the bit where the matrix library runs as many threads: the
+The numbers equal those of the commands on the same store, to the bit if the matrix library runs as many threads: the
 commands set ``OPENBLAS_NUM_THREADS=1``.
 """
 
@@ -38,7 +38,7 @@ class _Page(io.StringIO):
 
 
 class Shown:
-    """A result that a terminal and a notebook show by themselves."""
+    """A result that displays itself in a terminal and in a notebook."""
 
     def show(self) -> None:
         """Print it as the command does."""
@@ -52,7 +52,7 @@ class Shown:
 
 
 class Sections(Shown):
-    """A result that is shown as sections of the report: ``sections``."""
+    """A result displayed as sections of the report: ``sections``."""
 
     sections: tuple[Section, ...]
 
@@ -69,22 +69,22 @@ class Sections(Shown):
 
 
 class Campaign:
-    """A campaign folder, open.
+    """An open campaign folder.
 
     Parameters
     ----------
     folder : str or Path
-        The one that holds ``campaign.toml``.
+        The folder that contains ``campaign.toml``.
 
     Raises
     ------
     UserError
-        What is wrong there; so does every method where a command would end with exit code 2.
+        If the folder or its specification is wrong; methods raise it where a command would end with exit code 2.
 
     Examples
     --------
     >>> c = seqrsm.Campaign("mine")  # doctest: +SKIP
-    >>> plan = c.propose(4)  # what to measure next, a DataFrame
+    >>> plan = c.propose(4)  # what to measure next: a DataFrame
     >>> c.ingest(plan.assign(score=measured))
     >>> c.fit()
     """
@@ -106,23 +106,23 @@ class Campaign:
         template: str | None = None,
         **tables: Mapping[str, Any],
     ) -> Self:
-        """Make a campaign's folder and open it.
+        """Create a campaign folder and open it.
 
         Parameters
         ----------
         folder : str or Path
-            New, or empty.
+            A new or empty folder.
         factors : Mapping
-            By name a range ``(low, high)``, a list of values or of levels, or the keys of a ``[[factor]]``:
+            For each name a range ``(low, high)``, a list of values or levels, or the keys of a ``[[factor]]``:
             ``{"low": 1.25, "high": 9.6, "unit": "GHz", "scale": "log"}``.
         half_width : float
-            Target of the interval at the optimum, in score units.
+            Target half-width of the interval at the optimum, in score units.
         application : str or Mapping
-            A name, of measured scores that are made large, or the keys of an ``[[application]]``.
+            A name, for measured scores to be maximized, or the keys of an ``[[application]]``.
         constraints : sequence of str
             Such as ``"looks <= 4 * resolution"``.
         template : str
-            In place of all others: the example to copy, see ``seqrsm init --list``.
+            An example to copy, instead of all other arguments; see ``seqrsm init --list``.
         **tables : Mapping
             Further tables of ``campaign.toml``: ``model={"order": 1}``, ``stop={"max_runs": 30}``.
         """
@@ -157,44 +157,44 @@ class Campaign:
 
     @property
     def spec(self) -> CampaignSpec:
-        """What ``campaign.toml`` says."""
+        """The specification, as read from ``campaign.toml``."""
         return self.opened.spec
 
     def __repr__(self) -> str:
         return f"seqrsm.Campaign({str(self.folder)!r}): {len(self.opened.store.runs('scored'))} scored runs"
 
     def close(self) -> None:
-        """Close the data base; whatever is asked later opens it no more."""
+        """Close the database; the campaign cannot be used afterwards."""
         self.opened.store.close()
 
     # -- the loop -------------------------------------------------------------------------------------------------
 
     def issue(self, n: int | None = None, *, source: str | None = None, csv: Path | None = None) -> list[RunRecord]:
-        """Issue the next runs as `propose` does, as records; ``csv``: a file for the form, too."""
+        """Issue the next runs as `propose` does and return records; ``csv``: also write the form to this file."""
         if self.spec.simulator is None and source in ("simulation", "best"):
             raise UserError(Problem("this campaign has no simulator", "Use flight.", field="--source", value=source))
         return list(self.opened.propose(n, source=source, csv=csv))
 
     def propose(self, n: int | None = None, *, source: str | None = None) -> DataFrame:
-        """Issue the next runs; the first call issues the start design, which has its own size.
+        """Propose and issue the next runs; the first call issues the initial design, which has its own size.
 
         Parameters
         ----------
         n : int, optional
-            How many; the campaign's batch by default.
+            Number of runs; by default the campaign's batch.
         source : "simulation", "flight" or "best", optional
-            By default simulation where there is a simulator, else flight, which is any measurement.
+            By default simulation if there is a simulator, else flight, which stands for any measurement.
 
         Returns
         -------
         DataFrame
             The form, a row for each run (and application): ``run_id``, factors in their own units, empty ``score`` and
-            ``se``, and in ``note`` why. Fill in ``score`` and give it to `ingest`.
+            ``se``, and the reason in ``note``. Fill in ``score`` and pass it to `ingest`.
         """
         return self.form(self.issue(n, source=source))
 
     def form(self, runs: Sequence[RunRecord] | None = None) -> DataFrame:
-        """The form of runs, by default of all that wait for a measurement."""
+        """The form for some runs, by default for all that await a measurement."""
         import pandas as pd
 
         from seqrsm.campaign.form import form_rows
@@ -204,28 +204,28 @@ class Campaign:
         return pd.DataFrame(rows, columns=pd.Index(header))
 
     def ingest(self, *tables: TableSource, dry_run: bool = False, accept: bool = False) -> Ingested:
-        """Take measured scores or interpreters' rankings in, all or nothing.
+        """Ingest measured scores or interpreters' rankings: all tables, or none.
 
-        What looks wrong, such as a frequency in MHz without unit, -9999, or a row that stands twice, is an error that
-        says what is suspected, and nothing is taken in.
+        Suspect rows, such as a frequency in MHz without unit, -9999 or a duplicate row, raise an error that says what
+        is suspected, and nothing is ingested.
 
         Parameters
         ----------
         *tables : DataFrame, str or Path
-            A table in memory, or a file: CSV, ``.xlsx``, ``.parquet``. A column for each factor and ``score``.
+            A table in memory or a file (CSV, ``.xlsx``, ``.parquet``) with a column for each factor and ``score``.
         dry_run : bool
-            Say what would happen and change nothing.
+            Report what would happen and change nothing.
         accept : bool
-            Take in as it is what looks wrong, too.
+            Ingest suspect rows as they are.
         """
         return Ingested(self.opened.ingest(*tables, dry_run=dry_run, accept=accept))
 
     def simulate(self, workers: int = 1) -> None:
-        """Carry out the simulations that are issued."""
+        """Simulate the issued runs."""
         self.opened.simulate(workers=workers)
 
     def run(self, **options: Any) -> Outcome:
-        """Run the closed loop until it ends; see `seqrsm.campaign.loop.run_campaign` for the options."""
+        """Run the campaign to its end; see `seqrsm.campaign.loop.run_campaign` for the options."""
         from seqrsm.campaign.loop import run_campaign
 
         return run_campaign(self.opened, **options)
@@ -238,9 +238,9 @@ class Campaign:
         Parameters
         ----------
         application : str, optional
-            Which, where there are several.
+            Which one, if there are several.
         test : sequence of str
-            Partial F tests, each of factors, terms or groups joined by commas.
+            Partial F tests, each of comma-separated factors, terms or groups.
         """
         from seqrsm.analysis.study import term_tests
 
@@ -256,18 +256,18 @@ class Campaign:
         workers: int = 1,
         progress: Any = lambda done, of: None,
     ) -> Candidates:
-        """Which sensor of ``[[candidate]]`` suffices, and what it lacks.
+        """Probability that each sensor of ``[[candidate]]`` suffices, and which properties cost it score.
 
         Parameters
         ----------
         sufficient : float, optional
-            Score from which on a sensor suffices, by default that of ``campaign.toml``.
+            Score from which a sensor suffices; by default that of ``campaign.toml``.
         worlds : int
-            Grounds that are drawn, 4 at least, all for every sensor.
+            Draws of the tables, at least 4, common to all sensors.
         workers : int
-            Processes.
+            Parallel processes.
         progress : callable
-            Told of (done, all) candidates.
+            Called with (done, total) candidates.
         """
         from seqrsm.campaign.candidates import measure_candidates
 
@@ -276,7 +276,7 @@ class Campaign:
         )
 
     def status(self, *, history: bool = False) -> Status:
-        """Runs by state, optimum and intervals so far, stop or go on and why; ``history``: every event."""
+        """Runs by state, current optimum and intervals, decision and reasons; ``history``: every event."""
         from seqrsm.campaign.status import campaign_status
 
         return Status(self.spec, campaign_status(self.folder, history=history))
@@ -299,23 +299,23 @@ class Campaign:
         threads: int = 1,
         **more: float | str,
     ) -> Any:
-        """Simulate one image; settings not given are those of the optimum so far, else of the centre of the region.
+        """Simulate one image; settings not given default to the current optimum, else to the centre of the region.
 
         Parameters
         ----------
         settings : Mapping, optional
-            By name, and as further arguments: ``image(frequency=1.25)``.
+            By name; also as keyword arguments: ``image(frequency=1.25)``.
         run_id : int
-            Whose random occasion to draw; 0 belongs to no run.
+            Run whose random occasion is drawn; 0 is no run's.
         number : int
             Which image of several sensors or dates, from 1.
         threads : int
-            For one image of a radar.
+            Per radar image.
 
         Returns
         -------
         xarray.Dataset
-            Where xarray is installed; else a dict of arrays by name. ``image`` is in dB or K, as its ``units`` say;
+            If xarray is installed, else a dict of arrays by name. ``image`` is in dB or K, as its ``units`` state;
             settings, scores and a summary are attributes.
         """
         from seqrsm.campaign.images import simulated
@@ -347,7 +347,7 @@ class Campaign:
         *,
         step: Any = lambda text: None,
     ) -> tuple[Path, ...]:
-        """Write the report, by default HTML and PDF into the campaign's ``reports``; which files were written."""
+        """Write the report, by default HTML and PDF into the campaign's ``reports``; return the files written."""
         from seqrsm.campaign.dossier import assemble
         from seqrsm.report import write_report
 
@@ -358,7 +358,7 @@ class Campaign:
 
 
 class Ingested(Shown):
-    """What became of each table of scores: ``reports``."""
+    """The outcome for each table of scores: ``reports``."""
 
     def __init__(self, reports: Sequence[IngestReport]) -> None:
         self.reports = tuple(reports)
@@ -390,7 +390,7 @@ class Status(Shown):
 
 
 class Candidates(Sections):
-    """Which sensor suffices, and what the others lack."""
+    """Candidate sensors compared with the optimum."""
 
     def __init__(self, result: Mapping[str, Any]) -> None:
         from seqrsm.report.sections.candidates import candidate_section
@@ -404,10 +404,10 @@ class Candidates(Sections):
         return self._result
 
     def to_frame(self) -> DataFrame:
-        """A row for each application and candidate, the most probable to suffice first.
+        """A row for each application and candidate, in order of the probability of sufficing.
 
-        Probability that it suffices, score, difference to the optimum and the ends of its intervals, each in score
-        units, missing where a candidate could not be judged: ``why`` tells.
+        Probability of sufficing, score, difference from the optimum and interval ends, in score units; missing where a
+        candidate could not be evaluated, for the reason in ``why``.
         """
         import pandas as pd
 
@@ -423,14 +423,14 @@ class Candidates(Sections):
 
 
 class Fit(Sections):
-    """What the scores say.
+    """The fitted model and what follows from it.
 
     Attributes
     ----------
     analyses : tuple of Analysis
-        One for each application: every number.
+        One for each application, with every number.
     tests : sequence of sequence of TermTest
-        Those asked for, of each.
+        The tests requested, for each.
     compromise : CompromiseEstimate or None
         Over several applications and considerations.
     """
@@ -455,7 +455,7 @@ class Fit(Sections):
         return (summary_section(self._campaign.spec, self.analyses, self.compromise, self._campaign.store.runs()),)
 
     def show_all(self) -> None:
-        """Print all that ``seqrsm fit`` prints, the summary last."""
+        """Print everything that ``seqrsm fit`` prints, the summary last."""
         from seqrsm.cli.show_fit import show_fit
 
         show_fit(self._campaign, self.analyses, self.tests, self.compromise)
@@ -496,13 +496,13 @@ class Fit(Sections):
 
 
 class Plot(Sections):
-    """Figures that a notebook shows; `Campaign.report` writes all of a campaign's to files."""
+    """Figures for a notebook; `Campaign.report` writes all of a campaign's figures to files."""
 
     def __init__(self, sections: Sequence[Section]) -> None:
         self.sections = tuple(sections)
 
     def show(self) -> None:
-        """Print what each figure shows; a terminal has no pictures."""
+        """Print the caption of each figure, since a terminal shows no pictures."""
         from seqrsm.cli.console import line
         from seqrsm.report.blocks import FigureBlock, unfolded
 

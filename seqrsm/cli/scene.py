@@ -1,4 +1,4 @@
-"""The ``seqrsm scene`` commands: ground-truth data bases made, drawn and shown."""
+"""The ``seqrsm scene`` commands: scenes made, drawn and shown."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 from seqrsm.cli.console import AsJson, guarded, print_json, say
 
-scene_app = typer.Typer(help="Ground-truth data bases.", no_args_is_help=True)
+scene_app = typer.Typer(help="Make and show scenes: elevation and ground cover on a grid.", no_args_is_help=True)
 
 _LARGEST_FIELD_HA = 100.0
 """Fields are seldom larger [ha]: a section of the North American survey has 259, most often in quarters."""
@@ -20,33 +20,34 @@ _LARGEST_FIELD_HA = 100.0
 @guarded
 def scene_import(
     elevation: Annotated[Path, typer.Option(metavar="FILE", help="GeoTIFF of elevations in metres.")],
-    cover: Annotated[Path, typer.Option(metavar="FILE", help="Cover codes: GeoTIFF or polygons.")],
-    legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV: code, category, note.")],
+    cover: Annotated[Path, typer.Option(metavar="FILE", help="Cover codes, GeoTIFF or polygons.")],
+    legend: Annotated[Path, typer.Option(metavar="FILE", help="CSV with code, category, note.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Scene to write (.npz).")],
     temperature: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the ground's temperature in kelvin.")
+        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of ground temperature in kelvin.")
     ] = None,
-    moisture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="GeoTIFF of the soil's moisture in m3/m3.")
-    ] = None,
+    moisture: Annotated[Path | None, typer.Option(metavar="FILE", help="GeoTIFF of soil moisture in m3/m3.")] = None,
     parcels: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Fields: GeoTIFF of their numbers, or polygons.")
+        Path | None, typer.Option(metavar="FILE", help="Fields, as GeoTIFF of field numbers or polygons.")
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Cover codes seen on the ground, the only ones scored.")
+        Path | None, typer.Option(metavar="FILE", help="Cover codes observed on the ground; only these are scored.")
     ] = None,
     field_m: Annotated[
-        float | None, typer.Option(min=0.01, help="Mean side of a field [m]: larger patches of cover are cut.")
+        float | None, typer.Option(min=0.01, help="Mean field side [m]; larger patches of cover are divided.")
     ] = None,
     cell_m: Annotated[float | None, typer.Option(min=0.0, help="Cell size to resample to [m].")] = None,
     band: Annotated[
-        list[str] | None, typer.Option(metavar="LAYER=N", help="Band of a raster that has several, as in cover=2.")
+        list[str] | None, typer.Option(metavar="LAYER=N", help="Band of a multi-band raster, as in cover=2.")
     ] = None,
     attribute: Annotated[
         list[str] | None, typer.Option(metavar="LAYER=NAME", help="Attribute of polygons, as in cover=crop.")
     ] = None,
 ) -> None:
-    """Build a data base from elevation and ground cover on a projected grid in metres."""
+    """Build a scene from elevation and cover.
+
+    On a projected grid in metres.
+    """
     from seqrsm.scene.fields import connected_patches
     from seqrsm.scene.raster import import_scene
     from seqrsm.scene.statistics import field_sizes
@@ -73,8 +74,8 @@ def scene_import(
     )
     if parcels is None and field_m is None and hectares > _LARGEST_FIELD_HA:
         say(
-            "warning: each patch of cover is one field, far larger than fields are, which makes scores too high; give "
-            "--parcels FILE, or cut them, as with --field-m 150"
+            "warning: each patch of cover is treated as one field, far larger than real fields, which makes scores too "
+            "high; give --parcels FILE, or divide them, as with --field-m 150"
         )
 
 
@@ -83,7 +84,7 @@ def _set_aside(out: Path, replaced: bool) -> None:
     words = out.parent / "SCENE.md"
     if replaced and words.exists():
         words.replace(out.parent / "SCENE-of-template.md")
-        say(f"{words} is about the scene that was there: it is SCENE-of-template.md now")
+        say(f"{words} describes the previous scene and was renamed SCENE-of-template.md")
 
 
 def _parts(bands: list[str], attributes: list[str]) -> dict[str, int | str]:
@@ -98,7 +99,7 @@ def _parts(bands: list[str], attributes: list[str]) -> dict[str, int | str]:
         if not layer or not (number if option == "band" else part):
             remedy = "a number from 1, as in cover=2" if option == "band" else "a name, as in cover=crop"
             problems.append(
-                Problem(f"names no {option}", f"Write a layer and {remedy}", field=f"--{option}", value=text)
+                Problem(f"no {option} is named", f"Write a layer and {remedy}", field=f"--{option}", value=text)
             )
         out[layer] = number if option == "band" else part
     if problems:
@@ -117,14 +118,17 @@ def scene_synthetic(
         str, typer.Option(metavar="NAMES", help="Covers of the fields.")
     ] = "Wheat,Corn,Vegetables,Grass,Trees",
     field_m: Annotated[float, typer.Option(min=0.01, help="Mean side of a field [m].")] = 150.0,
-    relief_m: Annotated[float, typer.Option(min=0.0, help="Highest above lowest point [m].")] = 30.0,
+    relief_m: Annotated[float, typer.Option(min=0.0, help="Height range of the terrain [m].")] = 30.0,
     rivers: Annotated[int, typer.Option(min=0, max=50, help="Rivers through the valleys.")] = 1,
     towns: Annotated[int, typer.Option(min=0, max=50, help="Towns.")] = 1,
     town_m: Annotated[float, typer.Option(min=1.0, help="Mean radius of a town [m].")] = 200.0,
-    roads: Annotated[bool, typer.Option(help="Roads that join the towns.")] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another land.")] = 0,
+    roads: Annotated[bool, typer.Option(help="Roads between the towns.")] = True,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random landscape.")] = 0,
 ) -> None:
-    """Draw a data base: terrain, fields, rivers, roads and towns."""
+    """Draw a synthetic scene.
+
+    Terrain, fields, rivers, roads and towns.
+    """
     from seqrsm.scene.file import save_scene
     from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
 
@@ -150,7 +154,7 @@ def scene_show(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A scene (.npz).")],
     as_json: AsJson = False,
 ) -> None:
-    """Say what a data base holds."""
+    """Show the contents of a scene."""
     from seqrsm.cli.show import show_scene
     from seqrsm.scene.file import load_scene
     from seqrsm.scene.statistics import scene_statistics

@@ -30,7 +30,7 @@ def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
             unit = application["unit"]
             mean = "-" if look is None else f"{known_text(look['optimum']['mean'])} {unit}".rstrip()
             width = "-" if look is None else f"\u00b1 {known_text(look['half_width'])}"
-            decision = "-" if look is None else "stop" if look["held"] else "go on"
+            decision = "-" if look is None else "stop" if look["held"] else "continue"
             rows.append([one["folder"], *counts, application["name"], mean, width, target, decision])
     heads = ["campaign", "scored", "waiting", "failed", "application", "optimum", "half-width", "target", "decision"]
     if rows:
@@ -73,7 +73,7 @@ def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
             ", ".join(f"{score.application} {format_significant(score.score, 4)}" for score in run.scores) or run.reason
         )
         line(f"run {run.run_id}: {run.state}, {found} ({settings_text(spec.factors, run.settings)})")
-    line(f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} carried out")
+    line(f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} completed")
 
 
 def show_ingest(report: IngestReport) -> None:
@@ -82,13 +82,13 @@ def show_ingest(report: IngestReport) -> None:
         parts = [
             f"{len(ids)} {what}"
             for ids, what in (
-                (report.matched, "proposed runs now scored"),
+                (report.matched, "proposed runs scored"),
                 (report.created, "new runs"),
-                (report.unchanged, "runs that had these scores already"),
+                (report.unchanged, "runs unchanged"),
             )
             if ids
         ]
-        would = "would be taken in" if report.dry_run else "taken in"
+        would = "would be ingested" if report.dry_run else "ingested"
         what = "ranks" if report.ranked or report.rankings else "scores"
         if report.rankings:
             parts.append(f"rankings {report.rankings[0]} to {report.rankings[-1]}")
@@ -97,7 +97,7 @@ def show_ingest(report: IngestReport) -> None:
         line(f"{report.file}: {message}")
     for summary in report.ranked:
         show_table(
-            ["interpreter", "rankings", "sharpness", "95 %", "agreement"],
+            ["interpreter", "rankings", "sharpness", "95 % interval", "agreement"],
             [
                 [
                     one.interpreter,
@@ -116,7 +116,7 @@ def show_ingest(report: IngestReport) -> None:
 
 
 def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
-    """What a data base holds."""
+    """What a scene holds."""
     line(f"{scene.name}: {scene.elevation_m.shape[0]} x {scene.elevation_m.shape[1]} cells of {scene.cell_m:g} m")
     line(f"licence: {scene.licence}")
     for name, value in statistics.items():
@@ -129,10 +129,10 @@ def show_scene(scene: Scene, statistics: Mapping[str, Any]) -> None:
             line(f"{name}: {value}")
     if scene.temperature_k is not None:
         known = scene.temperature_k[scene.valid()]
-        line(f"temperature of the ground: {known.min():.1f} to {known.max():.1f} K")
+        line(f"ground temperature: {known.min():.1f} to {known.max():.1f} K")
     if scene.soil_moisture is not None:
         known = scene.soil_moisture[scene.valid()]
-        line(f"moisture of the soil: {known.min():.3f} to {known.max():.3f} m3/m3")
+        line(f"soil moisture: {known.min():.3f} to {known.max():.3f} m3/m3")
 
 
 def show_design(result: Mapping[str, Any]) -> None:
@@ -143,7 +143,7 @@ def show_design(result: Mapping[str, Any]) -> None:
         rows.append([str(i + 1), *cells])
     show_table(["run", *result["names"]], rows)
     if result["prior_runs"]:
-        line(f"together with {result['prior_runs']} runs made before:")
+        line(f"together with {result['prior_runs']} prior runs:")
     for name, value in result.items():
         if isinstance(value, float):
             line(f"{name}: {value:.6g}")
@@ -151,8 +151,8 @@ def show_design(result: Mapping[str, Any]) -> None:
         line(f"resolution {result['resolution']}; {result['defining_relation']}")
     curve = result["fraction_of_design_space"]
     if curve[0] is not None:
-        shares = ", ".join(f"{curve[at]:.4g} in {at} %" for at in (50, 90, 100))
-        line(f"scaled prediction variance is at most {shares} of the region")
+        shares = ", ".join(f"{curve[at]:.4g} over {at} %" for at in (50, 90, 100))
+        line(f"scaled prediction variance at most {shares} of the region")
     line(f"{result['n_distinct']} distinct settings, {result['df_pure_error']} degrees of freedom of pure error")
     for warning in result.get("warnings", ()):
         line(f"Warning: {warning}")
@@ -165,17 +165,17 @@ def show_doctor(result: Mapping[str, Any]) -> None:
     for name, version in result["extras"].items():
         line(f"{name}: {version}")
     times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in result["warm_up_s"].items())
-    line(f"kernels are compiled in {result['kernel_cache']}: {times}")
+    line(f"compiled kernels in {result['kernel_cache']}: {times}")
 
 
 def show_parameters(rows: Sequence[Mapping[str, Any]]) -> None:
     """Parameters of a sensor, one statement each."""
     for head, chosen in (
-        ("Must be given, as factor or fixed", [row for row in rows if row["required"]]),
-        ("May be left out", [row for row in rows if not row["required"]]),
+        ("Required, as a factor or fixed", [row for row in rows if row["required"]]),
+        ("Optional", [row for row in rows if not row["required"]]),
     ):
         heading(head)
         for row in chosen:
-            default = "" if row["default"] in (None, "") else f"; {row['default']} by default"
+            default = "" if row["default"] in (None, "") else f"; default {row['default']}"
             never = "" if row["factor"] else "; cannot be a factor"
             line(f"- {row['name']}: {row['what']}; {row['allowed']}{default}{never}")

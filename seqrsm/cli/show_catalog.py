@@ -54,7 +54,7 @@ def show_sensors(sensors: Sequence[NamedSensor]) -> None:
             title = "Radars" if kind == "sar" else "Radiometers"
             show_table(heads, rows, title=title, sides=("left", "left", "left", "right"))
     if sensors:
-        line("? recalled, not checked at a source; = worked out from other values; - not found")
+        line("? recalled, not verified against a source; = derived from other values; - not found")
     if len(sensors) == 1:
         (one,) = sensors
         show_table(["value", "", ""], [[name, _value(one, name), one.resting(name)] for name in one.values])
@@ -81,8 +81,8 @@ def show_asked_for(found: Sequence[Entry], words: str) -> None:
     columns, rows = catalog_rows(summary(found))
     kept = [i for i, name in enumerate(columns) if name != "applications"]
     narrow = [columns[i] for i in kept], [[row[i] for i in kept] for row in rows]
-    _columns_and_rows(narrow, f"What is asked for: {words}")
-    heading("Entries, as printed")
+    _columns_and_rows(narrow, f"Requirements for {words}")
+    heading("Entries as printed")
     _show_entries(found)
 
 
@@ -102,7 +102,7 @@ def _columns_and_rows(rendered: tuple[Sequence[str], Sequence[Sequence[str]]], t
 
 
 def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> None:
-    """Make a campaign from the catalogue, and tell what each application is measured by."""
+    """Make a campaign from the catalogue, and say what each application is measured by."""
     from seqrsm.spec.from_catalog import engine_for, init_from_catalog, tables_text
 
     wanted = init_from_catalog(applications, folder, scene)
@@ -110,8 +110,8 @@ def say_made(folder: Path, applications: Sequence[str], scene: Path | None) -> N
         tables = tables_text(entry.table for entry in one.start.entries)
         how = f"measured by {one.measure.utility}"
         if not one.measure.utility:
-            how = f"which no utility that ships measures: {one.measure.says}"
-        say(f"made {folder} for {one.words} from {tables}, {how}")
+            how = f"which no built-in utility measures: {one.measure.says}"
+        say(f"created {folder} for {one.words} from {tables}, {how}")
     if engine_for(wanted):
         from seqrsm.campaign.check import settle_target
 

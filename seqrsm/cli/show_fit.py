@@ -65,19 +65,17 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     show_sections([section for section in measure if section is not None])
     line()
     if not outcome.held:
-        line("Stopped for futility." if outcome.futile else "The budget ended the campaign.")
+        line("Stopped for futility." if outcome.futile else "The budget was spent before the stop rule was met.")
     split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())
-    line(f"{outcome.n_scored} runs scored in all; time: {split}")
+    line(f"{outcome.n_scored} runs scored in total; time: {split}")
 
 
 def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
-    """One line a look, on stderr: score, half-width against its target, and what is still missing."""
+    """One line per interim analysis, on stderr: score, half-width against its target, conditions not met."""
     decision = analysis.decision
     name = f"{analysis.application}: " if len(spec.applications) > 1 else ""
     missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
-    rest = (
-        "the stop rule holds" if decision.held else f"missing: {', '.join(missing)}" if missing else "to be confirmed"
-    )
+    rest = "stop rule met" if decision.held else f"not met: {', '.join(missing)}" if missing else "to be confirmed"
     mean = f"{format_significant(analysis.optimum.mean, 3)} {analysis.score_unit}".rstrip()
     say(
         f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
@@ -97,9 +95,9 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
         ],
     ]
     if result["simulated_by"]:
-        rows.append(["simulated by", _simulated_by(result["simulated_by"])])
+        rows.append(["simulated on", _simulated_by(result["simulated_by"])])
     if (shared := result["common_random_numbers"])["runs"]:
-        text = f"shared by {shared['runs']} runs, in {shared['occasions']} occasions that are blocks of the fit"
+        text = f"shared by {shared['runs']} runs in {shared['occasions']} occasions (blocks of the fit)"
         rows.append(["random numbers", text])
     show_table((), rows, title=f"campaign {result['campaign']}", sides=("left",))
     for application in result["applications"]:
@@ -120,7 +118,7 @@ def _told(detail: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _simulated_by(found: Sequence[Mapping[str, Any]]) -> str:
-    """Runs on each data base."""
+    """Runs on each scene resolution."""
     return ", ".join(f"{one['runs']} on {ground_name(one['averaged'])}" for one in found)
 
 
@@ -138,6 +136,6 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
         if kind in best:
             watched = f", target \u00b1 {result['target_half_width']:g}" if kind == result["interval"] else ""
             line(f"{words}: \u00b1 {known_text(best[kind]['half_width'])}{watched}", 2)
-    heading("Decision: stop" if look["held"] else "Decision: go on")
+    heading("Decision: stop" if look["held"] else "Decision: continue")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)

@@ -17,12 +17,14 @@ def design(
         int | None, typer.Option(min=1, max=8, help="Number of continuous factors, coded -1 to 1.")
     ] = None,
     runs: Annotated[int | None, typer.Option(min=1, help="Number of runs.")] = None,
-    criterion: Annotated[str, typer.Option(help="What to make best: D, I, A or G.")] = "D",
+    criterion: Annotated[str, typer.Option(help="Optimality criterion: D, I, A or G.")] = "D",
     factor: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=...", help="Instead of --factors: x=1:10, f=1:18:log, looks=1,2,4 or pol=HH,HV."),
     ] = None,
-    constraint: Annotated[list[str] | None, typer.Option(metavar="EXPR", help="Such as 'a + b <= 1'.")] = None,
+    constraint: Annotated[
+        list[str] | None, typer.Option(metavar="EXPR", help="Constraint, such as 'a + b <= 1'.")
+    ] = None,
     kind: Annotated[
         str,
         typer.Option(
@@ -31,19 +33,20 @@ def design(
             "definitive-screening, latin-hypercube or sobol.",
         ),
     ] = "optimal",
-    order: Annotated[int, typer.Option(min=1, max=2, help="Of the model.")] = 2,
+    order: Annotated[int, typer.Option(min=1, max=2, help="Order of the model.")] = 2,
     centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,
     prior_runs: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV of runs already made: the design completes them.")
+        Path | None, typer.Option(metavar="FILE", help="CSV of runs already made, which the design augments.")
     ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the design as CSV.")] = None,
-    random_order: Annotated[
-        bool, typer.Option("--random-order", help="Rows in random order, as to be carried out.")
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the search and of the random order.")] = 1979,
+    random_order: Annotated[bool, typer.Option("--random-order", help="Randomize the run order.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search and of the random order.")] = 1979,
     as_json: AsJson = False,
 ) -> None:
-    """Search a stand-alone optimal design for the quadratic model, or make a classical one, and judge it."""
+    """Make and evaluate a stand-alone design.
+
+    Searches for an optimal design for a polynomial model, or makes a classical one.
+    """
     from seqrsm.cli.designs import DesignRequest, standalone_design
     from seqrsm.cli.show import show_design
 
@@ -60,11 +63,14 @@ def design(
 def catalog(
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[WORDS]", help="Of an application (soil moisture), a sensor (Seasat), a table (A.32)."),
+        typer.Argument(metavar="[WORDS]", help="An application (soil moisture), sensor (Seasat) or table (A.32)."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Look up sensors by name, and what the literature asks for, Tables A.1 to A.39 of RSL TR 380-1."""
+    """Look up sensors and literature requirements.
+
+    Sensors by name, and requirements of applications in Tables A.1 to A.39 of RSL TR 380-1.
+    """
     from seqrsm.catalog import load_catalog, platforms_called, search, table_called, to_json
     from seqrsm.cli import show_catalog as show
     from seqrsm.sensor import named
@@ -88,16 +94,19 @@ def catalog(
         if entries:
             show.show_asked_for(entries, asked)
         if not found:
-            like = f" Names like it: {', '.join(nearest)}." if nearest else ""
-            line(f"No sensor, platform or application is called {asked}.{like} `seqrsm catalog` lists the tables.")
+            like = f" Similar names: {', '.join(nearest)}." if nearest else ""
+            line(f"No sensor, platform or application matches {asked}.{like} `seqrsm catalog` lists the tables.")
 
 
 @guarded
 def parameters(
-    engine: Annotated[str, typer.Argument(metavar="ENGINE", help="psm, the radar, or prm, the radiometer.")],
+    engine: Annotated[str, typer.Argument(metavar="ENGINE", help="psm (radar) or prm (radiometer).")],
     as_json: AsJson = False,
 ) -> None:
-    """List the parameters of a sensor: factors of a campaign, or given under [simulator.fixed]."""
+    """List the parameters of a sensor.
+
+    Each may be a factor or be set under [simulator.fixed].
+    """
     from seqrsm.cli.show import show_parameters
     from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, listed
     from seqrsm.sensor.radar import RadarConfiguration
@@ -114,18 +123,21 @@ def parameters(
 @guarded
 def doctor(
     folder: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", help="A campaign whose data base is checked as well.")
+        Path | None, typer.Argument(metavar="[DIR]", help="A campaign whose database to check as well.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check the environment, and a campaign's data base, and warm the compiled kernels up."""
+    """Check the installation and a campaign's database.
+
+    Also compiles the kernels.
+    """
     from seqrsm.campaign.campaign import Campaign
     from seqrsm.cli.doctor import examine
     from seqrsm.cli.show import show_doctor
 
     if folder is not None:
         Campaign.open(folder).store.close()
-        say(f"{folder}: every run, score, look and event is what was written")
+        say(f"{folder}: runs, scores, analyses and events are as recorded")
     with display("compiling the kernels"):
         result = examine()
     print_json(result) if as_json else show_doctor(result)
@@ -134,12 +146,13 @@ def doctor(
 @guarded
 def schema(
     command: Annotated[
-        list[str] | None, typer.Argument(metavar="[COMMAND]", help="Of its --json in place of campaign.toml.")
+        list[str] | None, typer.Argument(metavar="[COMMAND]", help="Schema of this command's --json instead.")
     ] = None,
 ) -> None:
-    """Print the JSON schema of campaign.toml, by which editors complete and check it, or of a command's --json.
+    """Print a JSON schema.
 
-    Write it beside the file (seqrsm schema > campaign.schema.json) and begin that with: #:schema campaign.schema.json
+    Of campaign.toml, with which editors complete and check it, or of a command's --json. To use it, write it beside the
+    file (seqrsm schema > campaign.schema.json) and begin that with: #:schema campaign.schema.json
     """
     from seqrsm.cli.json_schemas import output_schema
     from seqrsm.spec.schema import campaign_schema

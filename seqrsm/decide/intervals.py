@@ -218,7 +218,7 @@ def confirmation_interval(scores: ArrayLike, level: float = 0.95) -> Confirmatio
         raise FitError(
             Problem(
                 "a confirmation interval needs at least two finite scores",
-                "Make at least five fresh runs at the recommended settings.",
+                "Make at least five confirmation runs at the recommended settings.",
                 field="scores",
                 value=values.tolist(),
             )
@@ -259,8 +259,10 @@ def counted_confirmation(correct: ArrayLike, trials: ArrayLike, level: float = 0
     """
     right, n = np.asarray(correct, dtype=np.float64).ravel(), np.asarray(trials, dtype=np.float64).ravel()
     if len(right) < 2 or len(right) != len(n) or not np.all((n >= 1.0) & (right >= 0.0) & (right <= n)):
-        remedy = "Give correct and n of at least two fresh runs, 0 <= correct <= n."
-        raise FitError(Problem("these are no counts of fresh runs", remedy, field="correct", value=right.tolist()))
+        remedy = "Give correct and n of at least two confirmation runs, 0 <= correct <= n."
+        raise FitError(
+            Problem("these are not counts of confirmation runs", remedy, field="correct", value=right.tolist())
+        )
     total, m = float(n.sum()), len(n)
     share = float(right.sum()) / total
     spread = float(np.sum(n * (right / n - share) ** 2)) / (m - 1)
@@ -307,8 +309,8 @@ def confirmation_agrees(
     agrees = bool(abs(difference) <= half_width)
     suffix = f" {unit}" if unit else ""
     text = (
-        f"The mean of {confirmation.n} fresh runs is {known(confirmation.mean, confirmation.half_width)} ± "
-        f"{confirmation.half_width:.3g}{suffix}; the model predicted {known(predicted, half_width)} ± "
-        f"{half_width:.3g}{suffix} for it: they {'agree' if agrees else 'do not agree'} (p = {p:.2g})."
+        f"The mean of {confirmation.n} confirmation runs is {known(confirmation.mean, confirmation.half_width)} ± "
+        f"{confirmation.half_width:.3g}{suffix}; the model predicts {known(predicted, half_width)} ± "
+        f"{half_width:.3g}{suffix}: they {'agree' if agrees else 'disagree'} (p = {p:.2g})."
     )
     return Agreement(agrees, p, text)

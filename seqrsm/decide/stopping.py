@@ -213,7 +213,7 @@ def futility(
     if rule.half_width < ahead.noise_floor:
         found.append(
             f"The target of ± {amount(rule.half_width, unit)} is below the noise floor of "
-            f"± {amount(ahead.noise_floor, unit)}: no number of runs narrows the {rule.interval_name} further. "
+            f"± {amount(ahead.noise_floor, unit)}: more runs cannot narrow the {rule.interval_name} further. "
             f"The mean of {rule.replicates} runs could be predicted to "
             f"± {amount(ahead.attainable_mean_half_width, unit)}."
         )
@@ -229,9 +229,9 @@ def futility(
         )
     # With fewer residual degrees of freedom a test of all terms says little about any of them.
     if width == 0.0 and model_p == 1.0:
-        found.append("All scores are equal: no parameter matters, and every setting is as good.")
+        found.append("All scores are equal: no factor has an effect, and every setting is equally good.")
     elif model_p is not None and model_p > MODEL_ALPHA and df_residual >= max(4, n_terms // 2):
-        found.append(f"No parameter matters as far as these runs can tell (F test of all terms: p = {model_p:.2g}).")
+        found.append(f"No factor has a significant effect so far (F test of all terms: p = {model_p:.2g}).")
     return tuple(found)
 
 
@@ -260,7 +260,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     needed = rule.min_runs(n_terms)
     if rule.guard == "runs" and rule.max_runs < needed:
         return (
-            f"The stop rule asks for at least {needed} runs ({_RUNS_PER_TERM:g} for each of {n_terms} terms), more "
+            f"The stop rule needs at least {needed} runs ({_RUNS_PER_TERM:g} for each of {n_terms} terms), more "
             f"than max_runs = {rule.max_runs}."
         )
     runs = rule.max_runs
@@ -272,11 +272,11 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     target = amount(rule.half_width, unit)
     if rule.half_width < floor:
         head = (
-            f"A half-width of {target} is below the noise floor: with a standard deviation of {amount(sigma, unit)} a "
-            f"run the {rule.interval_name} cannot fall below ± {amount(floor, unit)} with any number of runs"
+            f"A half-width of {target} is below the noise floor: with a run-to-run standard deviation of "
+            f"{amount(sigma, unit)}, no number of runs brings the {rule.interval_name} below ± {amount(floor, unit)}"
         )
     else:
-        head = f"A half-width of {target} is out of reach of {runs} runs"
+        head = f"{runs} runs cannot reach a half-width of {target}"
     typical = float(rule_half_width(rule, sigma, runs - n_terms, n_terms / runs, n_terms))
     tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
     if rule.interval == "prediction":
@@ -457,7 +457,7 @@ def decide(
         width = scale * float(rule_half_width(rule, s, df_residual, h, n_terms))
     checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
-        asked = f"{rule.min_runs(n_terms)} are asked for ({_RUNS_PER_TERM:g} for each term)"
+        asked = f"{rule.min_runs(n_terms)} are required ({_RUNS_PER_TERM:g} per term)"
         enough = n_runs >= rule.min_runs(n_terms)
         checks.append(Check("runs", enough, f"{n_runs} runs for {n_terms} terms; {asked}."))
     if look.guess is not None:
@@ -475,9 +475,9 @@ def decide(
     budget_spent = n_runs >= rule.max_runs
     reasons = [check.text for check in checks if check.holds is not True]
     if held:
-        reasons = [f"The stop rule holds after {n_runs} runs.", *(check.text for check in checks)]
+        reasons = [f"The stop rule is met after {n_runs} runs.", *(check.text for check in checks)]
     elif budget_spent:
-        reasons.append(f"The budget of {rule.max_runs} runs is spent before the stop rule held.")
+        reasons.append(f"The budget of {rule.max_runs} runs was spent before the stop rule was met.")
     if confirmation is not None and not confirmation.agrees and rule.guard != "confirmation":
         reasons.append(confirmation.text)
     return Decision(
@@ -496,31 +496,31 @@ def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
-    kind = ", valid at every look" if rule.guard == "anytime" else ""
+    kind = ", valid at every interim analysis" if rule.guard == "anytime" else ""
     now = f"± {amount(width, unit)} ({100 * rule.level:g} %{kind})"
     text = f"The {rule.interval_name} at the optimum is {now}; {target}."
     return Check("interval", width <= rule.half_width, text)
 
 
 def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
-    said = f"Without an image {amount(guess, unit)} would be scored"
+    said = f"Guessing without an image scores {amount(guess, unit)}"
     if lead > width:
         return Check("guess", True, f"{said}; the optimum is better by {amount(lead, unit)}.")
     away = f"better by {amount(lead, unit)}" if lead > 0.0 else "no better"
-    text = f"{said}; the optimum is {away}, and its interval holds that: no setting is seen to add anything."
+    text = f"{said}; the optimum is {away}, less than its half-width, so no setting is shown to beat guessing."
     return Check("guess", False, text)
 
 
 def _pure_error_check(df: int) -> Check:
     asked = _MIN_DF_PURE_ERROR
-    text = f"Repeats give {df} degrees of freedom of pure error; {asked} are asked for."
+    text = f"Repeated runs give {df} degrees of freedom of pure error; {asked} are required."
     return Check("pure_error", df >= asked, text)
 
 
 def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:
     p = adequacy.p
     if adequacy.saturated:
-        text = "The model has a term for every setting of the region: there is no lack of fit to test."
+        text = "The model has a term for every setting of the region, so lack of fit cannot arise."
         return Check("lack_of_fit", True, text)
     if p is None or not np.isfinite(p):
         return Check(
@@ -533,6 +533,6 @@ def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:
 
 def _confirmation_check(rule: StopRule, confirmation: Agreement | None) -> Check:
     if confirmation is None:
-        text = f"{rule.replicates} fresh runs at the recommended settings have not been made."
+        text = f"{rule.replicates} confirmation runs at the recommended settings are still to be made."
         return Check("confirmation", None, text)
     return Check("confirmation", confirmation.agrees, confirmation.text)

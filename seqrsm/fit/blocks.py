@@ -218,9 +218,11 @@ def fit_random_blocks(
     names = tuple(dict.fromkeys(days))
     n, p = Z.shape
     if len(names) < 2:
-        raise FitError(Problem("one day cannot show how days differ", "Fly on a second day or fit without blocks."))
+        raise FitError(
+            Problem("one block cannot show how blocks differ", "Fly on a second day, or fit without blocks.")
+        )
     if n <= p or np.linalg.matrix_rank(Z / np.maximum(np.linalg.norm(Z, axis=0), 1e-300)) < p:
-        raise FitError(Problem(f"{n} runs do not determine {p} terms and their scatter", "Add runs or drop terms."))
+        raise FitError(Problem(f"{n} runs cannot determine {p} terms and their scatter", "Add runs or drop terms."))
     index = np.array([names.index(day) for day in days], dtype=np.int64)
     ratios = np.exp(2.0 * _LOG_ROOT)
     runs = _reduce(Z, y, w, index) if similarity is None else _rotated(Z, y, w, index, similarity)
@@ -231,7 +233,9 @@ def fit_random_blocks(
     shares = shares[keep] / np.sum(shares[keep])
     few = len(names) <= _FEW_DAYS
     reason = (
-        f"{len(names)} blocks hardly show how blocks differ: intervals for a new one rest on the prior" if few else ""
+        f"{len(names)} blocks tell little of block differences; intervals for a new one rest on the prior"
+        if few
+        else ""
     )
     return RandomBlockPosterior(
         names,
@@ -315,7 +319,7 @@ def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, 
     # The last column of R holds Q'y and, below it, the length of the residual.
     residual = np.abs(R[:, p, p])
     if np.any(residual <= 1e-13 * np.linalg.norm(white[:, :, p], axis=1)):
-        raise FitError(Problem("the model reproduces every score exactly, so there is no scatter to divide"))
+        raise FitError(Problem("the model reproduces every score exactly, so no scatter remains"))
     inverse: FloatArray = np.asarray(np.linalg.inv(R[:, :p, :p]), dtype=np.float64)
     log_det_r = np.sum(np.log(np.abs(np.diagonal(R[:, :p, :p], axis1=1, axis2=2))), axis=1)
     log_likelihood = -0.5 * log_det - log_det_r - (n - p) * np.log(residual)

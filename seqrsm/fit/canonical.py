@@ -261,8 +261,8 @@ def _inside(region: Region, point: FloatArray) -> bool:
 def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float, level: bool) -> str:
     if form.kind == "none":
         if level:
-            return "The fitted surface is level: every setting is as good."
-        return "The fitted surface has no curvature: it has no stationary point, and its optimum lies at the bounds."
+            return "The fitted surface is flat: every setting is equally good."
+        return "The fitted surface has no curvature, hence no stationary point; its optimum is at the bounds."
     if not form.flat.any():
         return ""
     axes = []
@@ -271,9 +271,9 @@ def _ridge_warning(form: CanonicalForm, names: list[str], threshold: float, leve
         axes.append(" and ".join(names[i] for i in strongest if abs(form.eigenvectors[i, j]) > 0.3))
     share = 100.0 * float(np.abs(form.eigenvalues[form.flat]).max() / np.abs(form.eigenvalues).max())
     return (
-        f"The surface is a ridge: its curvature along {'; '.join(axes)} is at most {share:.2g} % of the largest "
-        f"(threshold {100.0 * threshold:g} %). Moving along it changes the response little, and the place of the "
-        "stationary point along it is poorly known."
+        f"The curvature along {'; '.join(axes)} is at most {share:.2g} % of the largest (ridge threshold "
+        f"{100.0 * threshold:g} %): the response changes little in that direction, in which the stationary point is "
+        "poorly determined."
     )
 
 

@@ -229,7 +229,7 @@ def lack_of_fit(
     if df_residual == 0:
         return "no residual degrees of freedom: as many terms as runs"
     if setting_ids is None:
-        return "it is not known which runs repeat a setting"
+        return "which runs repeat a setting is not known"
     df_pe, ss_pe, n_groups = pure_error(y, weights, setting_ids, block_ids, crossed=crossed)
     df_lof = n_groups - rank
     if df_pe == 0:
@@ -237,7 +237,7 @@ def lack_of_fit(
         where = "no setting was run twice" if not twice else "no setting was run twice in one block"
         return f"{where}, so there is no pure error to test against"
     if df_lof <= 0:
-        return "no more distinct settings than terms, so the model passes through every mean of repeats"
+        return "no more distinct settings than terms, so the model passes through all means of repeats"
     if ss_pe == 0.0:
         return "all repeated runs gave the same score: pure error is zero and F is undefined"
     ss_lof = max(sse - ss_pe, 0.0)

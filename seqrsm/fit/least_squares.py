@@ -519,15 +519,15 @@ def influential_runs(fit: LeastSquaresFit) -> tuple[InfluentialRun, ...]:
         h, d, t = float(fit.leverage[i]), float(fit.cooks_distance[i]), float(fit.studentised[i])
         reasons = []
         if i in fit.leverage_one_runs:
-            reasons.append("leverage 1: the model must pass through its score, which nothing can check")
+            reasons.append("leverage 1, so its score cannot be checked")
         elif h > 2.0 * p / n:
-            reasons.append(f"leverage {h:.2f} is above 2p/n = {2.0 * p / n:.2f}: it stands apart from the other runs")
+            reasons.append(f"high leverage ({h:.2f}, above 2p/n = {2.0 * p / n:.2f})")
         if d > 4.0 / n:
-            reasons.append(f"Cook's distance {d:.2g} is above 4/n = {4.0 / n:.2g}: without it the surface would move")
+            reasons.append(f"influential (Cook's distance {d:.2g}, above 4/n = {4.0 / n:.2g})")
         if fit.df_residual > 1 and np.isfinite(t):
             chance = 2.0 * n * float(stdtr(fit.df_residual - 1.0, -abs(t)))
             if chance < _OUTLIER:
-                reasons.append(f"studentised residual {t:.1f}: an outlier at {max(chance, 1e-6):.2g} in {n} runs")
+                reasons.append(f"outlier (studentised residual {t:.1f}, p = {max(chance, 1e-6):.2g} over {n} runs)")
         if reasons:
             found.append(InfluentialRun(i, h, d, t, tuple(reasons)))
     return tuple(sorted(found, key=lambda run: -run.cooks_distance if np.isfinite(run.cooks_distance) else -np.inf))

@@ -92,10 +92,10 @@ class ModelSpace:
         self.m = len(y) - sum(df for df, _ in sequential_ss([base], t))
         total = float(t @ t)
         if self.m < 2:
-            what = f"{len(y)} runs leave nothing to choose terms by, beside the mean and the blocks"
+            what = f"{len(y)} runs are too few to select terms besides the mean and the blocks"
             raise FitError(Problem(what, 'Add runs, or set [model] terms = "full".'))
         if total <= (1e-14 * float(np.linalg.norm(y * root))) ** 2:
-            raise FitError(Problem("the scores do not vary, so no term can be told from none", "Add runs."))
+            raise FitError(Problem("the scores do not vary, so no term can be selected", "Add runs."))
         length = np.linalg.norm(X, axis=0)
         self._X = X / np.where(length > 0.0, length, 1.0)
         self._gram, self._cross = self._X.T @ self._X, self._X.T @ t / np.sqrt(total)
@@ -326,7 +326,7 @@ def average_models(
     check_runs(Z, y, w, len(terms))
     units = units_of(terms)
     if not units:
-        raise ValueError("no term can be left out")
+        raise ValueError("no term can be dropped")
     space = ModelSpace(Z, y, w, terms, units)
     listed = hierarchical_models(units, _MAX_LISTED)
     if listed is not None:

@@ -164,7 +164,7 @@ def box_cox_profile(
         A score that is not positive, no residual degrees of freedom, or scores that do not vary about the model.
     """
     y = np.asarray(y, dtype=np.float64)
-    _require(y > 0.0, "a score that is not positive", "powers of it do not exist: shift the scores or keep the scale")
+    _require(y > 0.0, "a score that is not positive", "powers need positive scores: shift the scores or keep the scale")
     log_y = np.log(y) - np.mean(np.log(y))  # about the geometric mean: the Jacobian is then 1 for every power
 
     def transform(power: float) -> tuple[FloatArray, float]:
@@ -210,7 +210,7 @@ def _profile(
     root = np.sqrt(w)
     factors = linear_system.factorise(Z * root[:, None])
     if factors.rank >= y.size:
-        raise FitError(Problem("as many terms as runs: no residuals to choose a scale by", "Add runs."))
+        raise FitError(Problem("as many terms as runs, so no residuals to choose a transformation", "Add runs."))
     Q = factors.Q
 
     def log_likelihood(power: float) -> float:
@@ -219,7 +219,9 @@ def _profile(
         r = t - Q @ (Q.T @ t)
         sse = float(r @ r)
         if sse <= (1e-13 * float(np.linalg.norm(t))) ** 2:
-            raise FitError(Problem("the model reproduces every score exactly: no scale is better than another"))
+            raise FitError(
+                Problem("the model reproduces every score exactly, so every transformation fits equally well")
+            )
         df = y.size - factors.rank
         return -0.5 * df * float(np.log(sse)) + df / y.size * log_jacobian
 

@@ -171,8 +171,8 @@ def propose_from_process(
         narrower = 1.0 - np.sqrt(max(1.0 - value[chosen] / max(at_hat[cloud.hat], 1e-300), 0.0))
         share = loss[chosen] / of_loss if of_loss > 0.0 else 0.0
         why = (
-            f"narrows the confidence interval of the mean at the optimum by {percent(float(narrower))}, and takes "
-            f"{percent(float(share))} off the doubt about what these settings lose"
+            f"narrows the confidence interval of the mean at the optimum by {percent(float(narrower))}, the "
+            f"variance of the loss at these settings by {percent(float(share))}"
         )
         again = bool(executed[chosen])
         purpose = "regret" if loss[chosen] > value[chosen] else "optimum"

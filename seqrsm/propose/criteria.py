@@ -123,7 +123,7 @@ class Regret(_Variance):
         return self.known.regret
 
     def _says(self, choice: Choice) -> tuple[str, str]:
-        return "regret", f"lowers the expected loss from a misplaced optimum by {self._share(choice)}{choice.again}"
+        return "regret", f"reduces the expected loss from a misplaced optimum by {self._share(choice)}{choice.again}"
 
 
 class Optimum(_Variance):
@@ -150,7 +150,7 @@ class Spread(Greedy):
 
     def _says(self, choice: Choice) -> tuple[str, str]:
         se = self.known.standard_error(choice.row)
-        why = f"the mean is least known here (standard error {se:.2g} s): keeps lack of fit testable over the region"
+        why = f"the mean is least certain here (standard error {se:.2g} s): keeps lack of fit testable over the region"
         return "spread", f"{why}{choice.again}"
 
 
@@ -178,7 +178,7 @@ class Tie(Greedy):
 
     def _says(self, choice: Choice) -> tuple[str, str]:
         left = max(float(self.known.C[-1, -1] - choice.gain * choice.cost), 0.0)
-        why = "ties the new block to the earlier ones: repeats settings already run, so that its effect is known to"
+        why = "links the new block to earlier ones by repeating their settings, so that its effect is known to"
         return "tie", f"{why} {np.sqrt(left):.2g} s"
 
 
@@ -221,7 +221,7 @@ class Steepest:
     def __init__(self, known: Known, n: int) -> None:
         sought = known.sought
         if sought.beta is None:
-            raise DesignError(Problem("steepest ascent needs a fitted surface", "Score the start design first."))
+            raise DesignError(Problem("steepest ascent needs a fitted surface", "Score the initial design first."))
         beta = np.asarray(sought.beta, dtype=np.float64)
         centre = known.region.centre()
         self._path = list(steepest_points(known.model, known.region, beta, centre, n, sought.goal))

@@ -151,11 +151,11 @@ def _compare_range(spec: CampaignSpec, analysis: Analysis, item: StartRange) -> 
     elif item.low <= value <= item.high:
         inside = item.agreed_low is not None and item.agreed_high is not None
         most = inside and item.n_agreeing > 1 and item.agreed_low <= value <= item.agreed_high  # type: ignore[operator]
-        verdict, why = "agrees", "within the part that most sources share" if most else "within the printed range"
+        verdict, why = "agrees", "within the range most sources share" if most else "within the printed range"
     elif low <= item.high and high >= item.low:
-        verdict, why = "not excluded", "the credible interval reaches the printed range"
+        verdict, why = "not excluded", "the credible interval overlaps the printed range"
     elif factor is not None and _apart(item, factor):
-        verdict, why = "not comparable", "the campaign looked outside the printed range only"
+        verdict, why = "not comparable", "the campaign's region lies outside the printed range"
     else:
         verdict, why = "differs", "outside the printed range" + ("" if factor is not None else ", held fixed")
     return Comparison(item.name, printed, tables, agreed, found, verdict, why)
@@ -208,17 +208,17 @@ def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -
     channels = {channel for level in item.levels for channel in level.split("+")}
     missing = [channel for channel in best.split("+") if channel not in channels]
     if not set(best.split("+")) <= _CHANNELS:
-        verdict, why = "not comparable", "more than a set of channels"
+        verdict, why = "not comparable", "not a plain set of channels"
     elif not item.levels:
         verdict, why = "nothing printed", "the tables name no channel"
     elif any(set(level.split("+")) == set(best.split("+")) for level in item.levels):
-        verdict, why = "agrees", "asked for as such"
+        verdict, why = "agrees", "required in this combination"
     elif not missing:
-        verdict, why = "agrees", "every channel is asked for, though not together"
+        verdict, why = "agrees", "every channel is required, though not together"
     elif len(missing) < len(best.split("+")):
-        verdict, why = "not excluded", f"nobody asks for {', '.join(missing)}"
+        verdict, why = "not excluded", f"no source requires {', '.join(missing)}"
     else:
-        verdict, why = "differs", f"nobody asks for {', '.join(missing)}"
+        verdict, why = "differs", f"no source requires {', '.join(missing)}"
     return Comparison("polarization", printed, ", ".join(item.tables), NOTHING, found, verdict, why)
 
 

@@ -233,7 +233,7 @@ def no_error_estimate(analysis: Analysis) -> str:
     """Why there are no intervals, in words; "" where there are."""
     fit = analysis.fit
     if fit.df_residual == 0:
-        return f"no error estimate: N = p ({fit.n_runs} runs, {fit.rank} terms)"
+        return f"no error estimate: as many terms as runs ({fit.n_runs} runs, {fit.rank} terms)"
     if not math.isfinite(analysis.optimum.confidence.half_width):
         return "no interval: the runs do not determine the score at these settings"
     return ""
@@ -352,36 +352,37 @@ def level_phrase(analysis: Analysis) -> str:
 
 
 def watched_interval(stop: StopSpec) -> str:
-    """Return the interval that the stop rule watches, in words."""
+    """Return the interval that the stop rule uses, in words."""
     return interval_names(stop.replicates)[stop.interval]
 
 
 def parts_of_width(analysis: Analysis) -> str:
-    """Return the two parts of the half-width that the rule watches: ``"; chance ± 4.2, ground ± 8.7"``, or ``""``."""
+    """Return the two parts of the stop-rule half-width: ``"; sampling ± 4.2, tables ± 8.7"``, or ``""``."""
     best = analysis.optimum
     if best.ground is None:
         return ""
     chance, ground = (format_significant(part, 2) for part in (best.by_chance.half_width, best.of_ground))
-    return f"; chance \u00b1 {chance}, ground \u00b1 {ground}"
+    return f"; sampling \u00b1 {chance}, tables \u00b1 {ground}"
 
 
 def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
-    """Return what of the interval is chance and what is not known of the ground; ``""`` where flights have told."""
+    """Return the interval's two parts, sampling error and table uncertainty; ``""`` where there are flights."""
     best = analysis.optimum
     if best.ground is None:
         if any(source != "simulation" for source in analysis.data.sources):
             return ""
         return (
-            "How much of the scatter of simulated scores is one ground against another has not been measured: the "
-            "interval of the mean of several runs takes all of it for chance."
+            "Table uncertainty has not been separated from sampling error: the interval of the mean of several runs "
+            "treats all scatter of simulated scores as sampling error."
         )
     widths = (best.whole.half_width, best.by_chance.half_width, best.of_ground)
     whole, chance, ground = (half_width_text(analysis, width) for width in widths)
-    left = " The target is for the part by chance alone." if stop.worlds == "ignore" else ""
+    left = " The target applies to sampling error only." if stop.worlds == "ignore" else ""
     return (
-        f"The {watched_interval(stop)} is \u00b1 {whole}: \u00b1 {chance} by the chance of occasions and of the runs "
-        f"made, and \u00b1 {ground} by what is not known of the ground, which no simulation narrows but flights do "
-        f"(measured by {best.ground.n_simulations} simulations in {best.ground.n_worlds} worlds).{left}"
+        f"The {watched_interval(stop)}, \u00b1 {whole}, combines \u00b1 {chance} of sampling error with "
+        f"\u00b1 {ground} of table uncertainty: how far the ground may depart from the tabulated means (estimated from "
+        f"{best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
+        f"table uncertainty; simulations do not.{left}"
     )
 
 
@@ -410,8 +411,8 @@ def effects_text(analysis: Analysis) -> str:
         return ""
     said = listing([_effect_text(analysis, bound) for bound in posterior.effects])
     share = posterior.effects_probability
-    without = f" Without this prior the probability of that is {format_share(share)}." if math.isfinite(share) else ""
-    return f"By the prior, from the low to the high end of its range, {said}.{without}"
+    without = f" Without this prior its probability is {format_share(share)}." if math.isfinite(share) else ""
+    return f"Prior constraint, from the low to the high end of the range: {said}.{without}"
 
 
 def _effect_text(analysis: Analysis, bound: EffectBound) -> str:
@@ -429,5 +430,5 @@ def _effect_text(analysis: Analysis, bound: EffectBound) -> str:
 
 
 def ground_name(averaged: int) -> str:
-    """On which data base a run was simulated, by the cells along a side of those that were one."""
-    return "the data base as it is" if averaged == 1 else f"{averaged} x {averaged} cells as one"
+    """On which database a run was simulated, by the cells along a side of those that were one."""
+    return "full scene" if averaged == 1 else f"{averaged} x {averaged} cells averaged"

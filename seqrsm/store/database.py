@@ -1,4 +1,4 @@
-"""Connections to the campaign's data base: opening, creating, migrating, and short transactions.
+"""Connections to the campaign's database: opening, creating, migrating, and short transactions.
 
 SQLite runs in WAL mode with synchronous FULL, so a score that was acknowledged survives a loss of power; PostgreSQL
 does the same by default. Writers take one lock each (``BEGIN IMMEDIATE``, or the row "campaign" of ``meta``), so that
@@ -47,7 +47,7 @@ def _to_json(value: Any) -> str:
 
 
 class Database:
-    """One campaign's data base, open.
+    """One campaign's database, open.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Database:
     create : bool
         Make the tables when there are none; otherwise their absence is an error.
     campaign : str
-        Name that a new data base gets; an existing one of another name is refused when this is not empty.
+        Name that a new database gets; an existing one of another name is refused when this is not empty.
     migrations : Path
         Folder of the schema versions (replaced in tests only).
     revisions : sequence of str
@@ -116,7 +116,7 @@ class Database:
     def write(self) -> Iterator[sa.Connection]:
         """A transaction that is alone in writing; durable when the block ends, undone when it raises."""
         if self.read_only:
-            raise StoreError(Problem("the data base may not be written", _RIGHTS, file=self.label))
+            raise StoreError(Problem("the database may not be written", _RIGHTS, file=self.label))
         with self._explained(), self._connected() as connection:
             connection = connection.execution_options(seqrsm_write=True)
             with connection.begin():
@@ -141,7 +141,7 @@ class Database:
             yield connection
 
     def _found(self) -> tuple[int, int] | None:
-        """Device and number of the file at the data base's path."""
+        """Device and number of the file at the database's path."""
         if self.path is None:
             return None
         with suppress(OSError):
@@ -159,7 +159,7 @@ class Database:
             with suppress(exc.DBAPIError, sqlite3.Error), self._engine.connect() as connection:
                 _copy_into(connection, place)
                 self._rescued = f"What it held is in {place}."
-        message = "the data base is no longer the file that was opened: it was moved, deleted or replaced"
+        message = "the database is no longer the file that was opened: it was moved, deleted or replaced"
         raise StoreError(Problem(message, f"Put it back. {self._rescued}".strip(), file=self.label))
 
     # -- opening --------------------------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ class Database:
             except (exc.ArgumentError, exc.NoSuchModuleError, ValueError):
                 raise StoreError(
                     Problem(
-                        "the address of the data base is not usable",
+                        "the address of the database is not usable",
                         'Write url = "postgresql+psycopg://user@host/name".',
                         field="[store] url",
                         value=self.label,
@@ -182,7 +182,7 @@ class Database:
                 ) from None
             except ImportError as error:
                 raise StoreError(
-                    Problem(f"the driver of the data base is missing ({error})", 'Run: pip install "seqrsm[postgres]"')
+                    Problem(f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"')
                 ) from None
         else:
             query = {"uri": "true"} | ({"mode": "ro", "immutable": "1"} if self.read_only else {"mode": "rw"})
@@ -199,13 +199,13 @@ class Database:
         if version is None:
             if not create:
                 raise StoreError(
-                    Problem("this is no campaign's data base: it has no tables", _ABSENT_REMEDY, file=self.label)
+                    Problem("this is no campaign's database: it has no tables", _ABSENT_REMEDY, file=self.label)
                 )
             self._create(campaign)
         elif version not in self._revisions:
             raise StoreError(
                 Problem(
-                    f"the data base was written by a newer seqrsm than this one (schema {version}, known up to"
+                    f"the database was written by a newer seqrsm than this one (schema {version}, known up to"
                     f" {self._revisions[-1]}, program {__version__})",
                     "Upgrade seqrsm: pip install --upgrade seqrsm",
                     file=self.label,
@@ -216,12 +216,12 @@ class Database:
         with self._engine.connect() as connection:
             name = connection.execute(sa.select(META.c.value).where(META.c.key == "campaign")).scalar()
         if name is None:
-            raise StoreError(Problem("the data base has lost its name", "Restore it from a copy.", file=self.label))
+            raise StoreError(Problem("the database has lost its name", "Restore it from a copy.", file=self.label))
         if campaign and name != campaign:
             raise StoreError(
                 Problem(
-                    f"the data base belongs to the campaign '{name}', not '{campaign}'",
-                    "Give each campaign a folder or data base of its own, or restore the name in campaign.toml.",
+                    f"the database belongs to the campaign '{name}', not '{campaign}'",
+                    "Give each campaign a folder or database of its own, or restore the name in campaign.toml.",
                     file=self.label,
                 )
             )
@@ -250,7 +250,7 @@ class Database:
 
         if self.path is not None:
             if self.read_only:
-                message = f"the data base has the older schema {version}, and may not be written"
+                message = f"the database has the older schema {version}, and may not be written"
                 raise StoreError(Problem(message, _RIGHTS, file=self.label))
             with self._engine.connect() as connection:
                 _copy_into(connection, self.path.with_name(f"{self.path.name}.schema-{version}.{_stamp()}.bak"))
@@ -269,23 +269,23 @@ class Database:
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
-        """Turn the data base's own exceptions into a StoreError with a remedy."""
+        """Turn the database's own exceptions into a StoreError with a remedy."""
         try:
             yield
         except (exc.DBAPIError, sqlite3.Error) as error:
             text = str(error.orig if isinstance(error, exc.DBAPIError) else error)
             if self.path is not None and (missing := _cut_off(self.path)):
-                message = f"the data base is damaged: {missing} bytes are missing at its end ({text})"
+                message = f"the database is damaged: {missing} bytes are missing at its end ({text})"
                 raise StoreError(Problem(message, _RESTORE, file=self.label)) from error
             for sign, message, remedy in _EXPLANATIONS:
                 if sign in text.lower():
                     raise StoreError(Problem(f"{message} ({text})", remedy, file=self.label)) from error
             raise StoreError(
-                Problem(f"the data base refused ({text})", "Nothing was changed; try again.", file=self.label)
+                Problem(f"the database refused ({text})", "Nothing was changed; try again.", file=self.label)
             ) from error
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise StoreError(
-                Problem(f"the data base holds damaged text ({error})", _RESTORE, file=self.label)
+                Problem(f"the database holds damaged text ({error})", _RESTORE, file=self.label)
             ) from error
 
 
@@ -293,18 +293,18 @@ _RIGHTS = "Give yourself the right to write the file and its folder, or copy the
 _ABSENT_REMEDY = "Make a campaign with `seqrsm init`, or start this one with `seqrsm run`."
 _RESTORE = "Restore the file from a copy; what can be read comes out with: sqlite3 campaign.db .recover"
 _EXPLANATIONS = (
-    ("not a database", "the file is not a data base, or its beginning is damaged", _RESTORE),
-    ("malformed", "the data base is damaged", _RESTORE),
+    ("not a database", "the file is not a database, or its beginning is damaged", _RESTORE),
+    ("malformed", "the database is damaged", _RESTORE),
     ("disk i/o error", "the disk could not be read or written", "Check the disk and its free space, then try again."),
     ("disk is full", "the disk is full", "Free some space; nothing acknowledged was lost."),
-    ("readonly", "the data base may not be written", _RIGHTS),
-    ("unable to open", "the data base cannot be opened", "Check that file and folder exist and may be written."),
-    ("locked", f"another process held the data base for {BUSY_TIMEOUT_S:.0f} s", "Let it end, then try again."),
-    ("timeout", "the data base server did not answer in time", "Let others end, then try again."),
-    ("no such table", "the data base lacks a table", _RESTORE),
-    ("no such column", "the data base lacks a column", _RESTORE),
-    ("connection failed", "the data base server does not answer", "Check host, name, user and network."),
-    ("could not connect", "the data base server does not answer", "Check host, name, user and network."),
+    ("readonly", "the database may not be written", _RIGHTS),
+    ("unable to open", "the database cannot be opened", "Check that file and folder exist and may be written."),
+    ("locked", f"another process held the database for {BUSY_TIMEOUT_S:.0f} s", "Let it end, then try again."),
+    ("timeout", "the database server did not answer in time", "Let others end, then try again."),
+    ("no such table", "the database lacks a table", _RESTORE),
+    ("no such column", "the database lacks a column", _RESTORE),
+    ("connection failed", "the database server does not answer", "Check host, name, user and network."),
+    ("could not connect", "the database server does not answer", "Check host, name, user and network."),
 )
 
 
@@ -314,24 +314,24 @@ _NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "fuse.sshfs", "fuse.glusterf
 
 def _check_path(path: Path, create: bool) -> None:
     if path.is_dir():
-        raise StoreError(Problem("a folder stands where the data base should be", "Move it away.", file=str(path)))
+        raise StoreError(Problem("a folder stands where the database should be", "Move it away.", file=str(path)))
     if not path.parent.is_dir():
         raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
     if not create and not path.exists():
-        raise StoreError(Problem("there is no data base yet", _ABSENT_REMEDY, file=str(path)))
+        raise StoreError(Problem("there is no database yet", _ABSENT_REMEDY, file=str(path)))
     if create and not path.exists():
         try:
             path.touch()  # an unfinished creation; SQLite makes no files, in the place of one that vanished
         except OSError as error:
-            message = f"the data base cannot be made ({error.strerror})"
+            message = f"the database cannot be made ({error.strerror})"
             raise StoreError(Problem(message, "Check that its folder may be written.", file=str(path))) from None
     # Beside a write-ahead log the file may rightly be shorter than its header says.
     if not _has_log(path) and (missing := _cut_off(path)) and not _has_log(path):
         raise StoreError(
-            Problem(f"the data base is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
+            Problem(f"the database is damaged: {missing} bytes are missing at its end", _RESTORE, file=str(path))
         )
     if not _may_write(path.parent) and _has_log(path) and path.with_name(path.name + "-wal").stat().st_size:
-        message = "the data base was not closed, and its last changes can only be read where its folder may be written"
+        message = "the database was not closed, and its last changes can only be read where its folder may be written"
         raise StoreError(Problem(message, "Copy the folder to a place that may be written.", file=str(path)))
 
 
@@ -344,7 +344,7 @@ def _stamp() -> str:
 
 
 def _copy_into(connection: sa.Connection, place: Path) -> None:
-    """Copy an SQLite data base into a new file."""
+    """Copy an SQLite database into a new file."""
     raw = connection.connection.driver_connection
     assert isinstance(raw, sqlite3.Connection)
     try:
@@ -456,6 +456,6 @@ def _schema_version(connection: sa.Connection) -> str | None:
     """Version by plain SQL: alembic costs 0.3 s to import and is needed only to migrate."""
     if not sa.inspect(connection).has_table("alembic_version"):
         if sa.inspect(connection).has_table("runs"):
-            raise StoreError(Problem("the data base has tables but no schema version", _RESTORE))
+            raise StoreError(Problem("the database has tables but no schema version", _RESTORE))
         return None
     return str(connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar())

@@ -273,7 +273,7 @@ def restore(
     """Insert everything; StoreError when the store is not empty or the records contradict each other."""
     connection = ledger.connection
     if connection.execute(sa.select(RUNS.c.id).limit(1)).first() or connection.execute(sa.select(EVENTS.c.id)).first():
-        raise StoreError(Problem("the data base holds a campaign already", "Give this one a data base of its own."))
+        raise StoreError(Problem("the database holds a campaign already", "Give this one a database of its own."))
     rows: dict[sa.Table, list[dict[str, Any]]] = {
         # A replacement comes after what it replaces.
         RUNS: [_renamed(run, run_id="id", scores=None) for run in sorted(runs, key=lambda run: run.run_id)],

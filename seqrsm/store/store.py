@@ -510,7 +510,7 @@ class Store:
             looks = [LookRecord(*row) for row in ledger.connection.execute(sa.select(LOOKS))]
             found = list(changes(ledger.runs(sa.true()), looks, events, DERIVED))
         if found:
-            remedy = "Restore the data base from a copy."
+            remedy = "Restore the database from a copy."
             raise StoreError(*(Problem(text, remedy, file=self.label) for text in found[:5]))
 
     def info(self) -> dict[str, str]:
@@ -583,7 +583,7 @@ def heartbeat(store: Store, every_s: float = BEAT_S) -> Iterator[None]:
 
     def beat() -> None:
         while not done.wait(every_s):
-            with suppress(StoreError):  # a busy or absent data base: the next beat may get through
+            with suppress(StoreError):  # a busy or absent database: the next beat may get through
                 store.beat()
 
     thread = threading.Thread(target=beat, daemon=True, name="heartbeat")

@@ -187,7 +187,7 @@ def test_a_truncated_data_base(folder, keep, command):
     damaged = content[: int(keep * len(content))]
     path.write_bytes(damaged)
     says = call(command, folder, *([folder / "second.csv"] if command == "ingest" else []), code=2)
-    assert "damaged" in says or "not a data base" in says
+    assert "damaged" in says or "not a database" in says
     assert path.read_bytes() == damaged  # nothing made worse
 
 

@@ -76,13 +76,13 @@ def test_what_is_not_known_of_the_ground_is_told_everywhere(finished, copy) -> N
     assert (ground["n_worlds"], ground["n_simulations"]) == (16, 32)
     assert sum(finished[1]["rests_on"]["cover"].values()) == pytest.approx(1.0)
     text = " ".join(ok("run", copy).split())
-    assert "What to measure" in text
-    assert "by what is not known of the ground" in text
-    assert "By area, the means behind the score at these settings are" in text
+    assert "Which covers to measure" in text
+    assert "of table uncertainty" in text
+    assert "Table values used at these settings, by area of the scene: " in text
     ok("report", copy, "--html", copy / "report.html")
     page = (copy / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
-    assert "What to measure" in page
-    assert "measured by 32 simulations in 16 worlds" in page
+    assert "Which covers to measure" in page
+    assert "estimated from 32 simulations in 16 draws of the tables" in page
 
 
 def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
@@ -218,7 +218,7 @@ def test_budget_ends_with_3(tmp_path, tiny_scene) -> None:
 def test_a_budget_below_the_start_design_is_refused_before_anything_is_simulated(tiny) -> None:
     result = seqrsm("run", tiny, "--max-runs", 3)
     assert result.exit_code == 2
-    assert "the start design has" in result.stderr
+    assert "the initial design has" in result.stderr
     assert json.loads(ok("status", tiny, "--json"))["runs"] == {}
 
 
@@ -309,7 +309,7 @@ def test_status_of_a_folder_of_campaigns(copy, tmp_path) -> None:
     assert "copy" in text
     assert "broken: " in text
     refused = seqrsm("status", tmp_path, "--history")
-    assert (refused.exit_code, "of one campaign" in refused.stderr) == (2, True)
+    assert (refused.exit_code, "a single campaign" in refused.stderr) == (2, True)
     assert seqrsm("status", tmp_path / "no campaign").exit_code == 2
     shutil.copytree(tmp_path / "broken", copy / "older try")  # a campaign stays one whatever lies in its folder
     assert json.loads(ok("status", copy, "--json")) == alone
@@ -347,7 +347,7 @@ def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     assert all("margin" in one for one in found[:-1])
     assert "4 bits (assumed)" in found[-1]
     assert "520 from Sentinel-1" in found[-1]
-    assert "could not be built" in ok("check", copy)
+    assert "cannot be built" in ok("check", copy)
 
 
 def test_catalog_finds_soil_moisture() -> None:

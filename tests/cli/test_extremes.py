@@ -130,7 +130,7 @@ def test_equal_scores_everywhere(tmp_path) -> None:
     for place in found["posterior"]["optimum"]["settings"].values():
         assert place["high"] - place["low"] > 1.8
         assert place["p_at_bound"] == 0.0
-    assert "The fitted surface is level" in call("fit", folder).stdout
+    assert "The fitted surface is flat" in call("fit", folder).stdout
 
 
 def test_one_wild_score(tmp_path) -> None:

@@ -96,7 +96,7 @@ def test_the_stationary_point_has_standard_errors(folder: Path) -> None:
         assert list(found["se"]["natural"].values()) == pytest.approx(errors, rel=1e-6)
     assert document["flat"] == [False, False]
     text = told(folder)
-    assert "With no curvature taken as flat" not in text
+    assert "If no curvature is set to zero" not in text
     assert f"x {values[0]:.2f} ± {errors[0]:.2f}" in text
 
 
@@ -114,6 +114,6 @@ def test_a_rising_ridge_is_told_with_its_flat_axis_and_without(ridge: tuple[Path
     assert list(exact["se"]["natural"].values()) == pytest.approx(errors, rel=1e-5)
     assert exact["inside_region"] is bool(np.all(np.abs(coded) <= 1.0))
     assert document["se"]["coded"]["frequency"] < 0.1 * exact["se"]["coded"]["frequency"]
-    assert "With no curvature taken as flat the stationary point lies outside the region, at" in " ".join(
+    assert "If no curvature is set to zero, the stationary point lies outside the region at" in " ".join(
         told(folder).split()
     )

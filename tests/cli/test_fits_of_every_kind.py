@@ -132,7 +132,7 @@ def test_the_terminal_tells_the_numbers_of_the_document(analysis: Analysis, docu
 
     agree("One future run", *interval("prediction"))
     agree("Mean of 5 future runs", *interval("prediction_mean"))
-    agree("Mean score at these settings", *interval("confidence"))
+    agree("Mean score", *interval("confidence"))
 
 
 @pytest.mark.parametrize("kind", [kind for kind, campaign in KINDS.items() if campaign[3] == MEASURED], indirect=True)

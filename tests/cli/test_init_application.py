@@ -93,7 +93,7 @@ def test_a_template_passes_its_own_check(tmp_path, name) -> None:
 def test_what_no_utility_measures_is_said_and_waits_for_measured_scores(tmp_path, words, why) -> None:
     folder = tmp_path / "mine"
     told = made(folder, words)
-    assert "no utility that ships measures" in told
+    assert "no built-in utility measures" in told
     assert why in told
     spec = load_spec(folder)
     assert spec.simulator is None

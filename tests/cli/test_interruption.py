@@ -58,7 +58,7 @@ def test_an_interrupt_that_a_compiler_swallows_ends_the_command_all_the_same(the
         stderr=subprocess.PIPE, text=True, timeout=50, preexec_fn=_heed_interrupts, check=False,
     )  # fmt: skip
     assert done.returncode == 130, done.stderr
-    assert "goes on from here" in done.stderr
+    assert "continues from here" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -103,7 +103,7 @@ def test_interrupt_says_how_to_go_on(tmp_path, tiny_scene) -> None:
         except subprocess.TimeoutExpired:
             continue
     assert process.returncode == 130, err
-    assert "goes on from here" in err
+    assert "continues from here" in err
     assert "Traceback" not in err
     # no run is left in the hands of the process that is gone
     assert "running" not in {run[4] for run in result(folder)}
@@ -147,7 +147,7 @@ def test_workers_end_with_their_parent(tmp_path, tiny_scene, how) -> None:
     process.send_signal(how)
     _, err = process.communicate(timeout=120)
     assert process.returncode == (143 if how == signal.SIGTERM else -9), err
-    assert how == signal.SIGKILL or ("goes on from here" in err and "Traceback" not in err)
+    assert how == signal.SIGKILL or ("continues from here" in err and "Traceback" not in err)
     assert until(lambda: not any(map(is_alive, mine)))
     if how == signal.SIGTERM:
         assert "running" not in {run[4] for run in result(folder)}

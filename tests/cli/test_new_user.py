@@ -90,7 +90,7 @@ def test_run_goes_on_after_failures_in_the_start_design(own) -> None:
 def test_run_with_unscored_flights_says_what_to_do(tiny) -> None:
     call("propose", tiny, "--source", "flight")
     text = call("run", tiny, code=2)
-    assert "11 flights wait" in text
+    assert "11 flights have no scores" in text
     assert "seqrsm ingest" in text
     assert json.loads(call("status", tiny, "--json"))["runs"] == {"issued": 11}
 

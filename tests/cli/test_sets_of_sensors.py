@@ -75,7 +75,7 @@ def test_a_campaign_of_dates_and_sets_runs_and_reports(folder) -> None:
     assert seqrsm("report", folder, "--html", page).exit_code == 0
     shown = page.read_text(encoding="utf-8")
     assert "Calendar of the crops" in shown
-    assert "What a step of one parameter brings" in shown
+    assert "Effect of changing one factor" in shown
 
 
 def test_any_image_of_a_run_is_written(folder) -> None:

@@ -158,7 +158,7 @@ def test_check_groups_its_statements_and_tells_all_when_asked(tmp_path, tiny_sce
     assert short.exit_code == long.exit_code == 0, short.output + long.output
     assert short.stdout.count("\n- ") < 15 < long.stdout.count("\n- ")
     assert "mean backscatter of 3 covers" in short.stdout
-    assert short.stdout.rstrip().endswith("All is in order.")
+    assert short.stdout.rstrip().endswith("No problems found.")
 
 
 @pytest.mark.parametrize("command", [["catalog", "soil", "moisture"], ["init", "--list"], ["catalog"]])

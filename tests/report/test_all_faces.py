@@ -212,7 +212,7 @@ def test_every_section_of_a_report_on_the_terminal(name, request, capsys) -> Non
 def test_tied_optima_are_in_all_faces(studied, capsys) -> None:
     sections = without_pictures([one for one in build_report(studied).sections if one.key == "a1"])
     in_all_faces(sections, capsys)
-    found = [text for text in of_sections(sections) if text.startswith("As good: ")]
+    found = [text for text in of_sections(sections) if text.startswith("Equally good: ")]
     assert len(found) == 1
     assert re.search(r"look angle 33.3?\d?.deg, polarization HH; look angle .*, polarization VV", found[0])
 
@@ -228,13 +228,16 @@ def with_departure(studied, departure):
 def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied, capsys) -> None:
     departure = studied.analyses[0].fitted.departure
     assert departure.process is not None
-    factor = "natural log of the Bayes factor 4.2"
+    factor = "log Bayes factor 4.2"
     alone = studied.analyses[0].region.decode(studied.analyses[0].of_quadratic.point)[0]
     for found, told in (
-        (Departure(departure.process, 4.2, 0.37), f"has a probability of 37 % ({factor})"),
+        (Departure(departure.process, 4.2, 0.37), f"surface is not quadratic is 37 % ({factor})"),
         (Departure(departure.process, 4.2, 0.37), f"polarization {alone['polarization']}."),
-        (Departure(departure.process, 4.2, 0.0), f"The scores speak for a quadratic ({factor})"),
-        (Departure(None, float("nan"), 0.0, "blocks are random"), "no other surface was weighed: blocks are random."),
+        (Departure(departure.process, 4.2, 0.0), f"The scores favour the quadratic ({factor})"),
+        (
+            Departure(None, float("nan"), 0.0, "blocks are random"),
+            "no alternative surface was considered: blocks are random.",
+        ),
     ):
         sections = with_departure(studied, found)
         assert squeezed(told) in squeezed(" ".join(of_sections(sections, terminal=True)))
@@ -243,7 +246,7 @@ def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied,
 
 def test_why_there_is_no_average_over_models_is_in_all_faces(studied) -> None:
     texts = list(of_sections(build_report(studied).sections, terminal=True))
-    assert "There is no average over models: too few runs." in texts
+    assert "No model averaging: too few runs." in texts
 
 
 def test_what_fit_prints_stands_in_the_report(two_uses: Path) -> None:
@@ -261,7 +264,7 @@ def test_what_is_measured_is_in_all_faces(simulated, capsys) -> None:
     section = speed_section(dataclasses.replace(with_fidelity(simulated, 2, 1), tradeoff=measured))
     in_all_faces(without_pictures((section,)), capsys)
     told = " ".join(of_blocks(section.blocks, terminal=True))
-    for text in ("2 x 2 cells as one", "no line of sight"):
+    for text in ("2 x 2 cells averaged", "no line of sight"):
         assert text in told
     blocks = tuple(tradeoff_blocks(measured, "percent"))
     in_all_faces(without_pictures((Section("s", "S", blocks),)), capsys)
@@ -340,7 +343,12 @@ def test_candidates_are_in_all_faces(capsys) -> None:
     in_all_faces(without_pictures((section,)), capsys)
     in_all_faces(without_pictures((both,)), capsys)
     told = " ".join(of_blocks(section.blocks, terminal=True))
-    for text in ("60.0", "looks is recalled, not checked", "could not be judged: its cell is too fine", "of 7 that it"):
+    for text in (
+        "60.0",
+        "looks recalled, not verified",
+        "could not be evaluated: its cell is too fine",
+        "of 7 that it",
+    ):
         assert text in told
     (panel,) = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels
     assert "<svg" in panel.svg

@@ -103,16 +103,17 @@ def test_key_figures_are_those_of_the_document(summary, document):
     (figures,) = (block for block in summary if isinstance(block, KeyFigures))
     by_label = {item.label: item for item in figures.items}
     best = document["optimum"]
-    agree(by_label["Mean score there"].value, best["mean"], best["confidence"]["low"], best["confidence"]["high"])
-    agree(by_label["One future run there"].value, best["prediction"]["low"], best["prediction"]["high"])
-    agree(by_label["Half-width that decides"].value, document["stop"]["half_width"])
+    agree(by_label["Mean score"].value, best["mean"])
+    agree(by_label["Mean score"].detail, 90, best["confidence"]["low"], best["confidence"]["high"])
+    agree(by_label["One future run"].value, best["prediction"]["low"], best["prediction"]["high"])
+    agree(by_label["Stop-rule half-width"].value, document["stop"]["half_width"])
     assert document["stop"]["half_width"] == pytest.approx(best["prediction_mean"]["half_width"])
-    agree(by_label["Half-width that decides"].detail, 0.7, 5)
-    agree(by_label["Scored runs in the fit"].value, document["n_runs"])
-    agree(by_label["Scored runs in the fit"].detail, document["n_terms"], 70)
+    agree(by_label["Stop-rule half-width"].detail, 0.7, 5)
+    agree(by_label["Runs in the fit"].value, document["n_runs"])
+    agree(by_label["Runs in the fit"].detail, document["n_terms"], 70)
     most = max(document["factors_importance"], key=lambda row: row["f"])
-    assert by_label["Most important"].value == most["factor"]
-    assert shown(by_label["Most important"].detail)[0] == pytest.approx(most["f"], rel=5e-3)
+    assert by_label["Most important factor"].value == most["factor"]
+    assert shown(by_label["Most important factor"].detail)[0] == pytest.approx(most["f"], rel=5e-3)
 
 
 def test_recommended_settings_are_those_of_the_document(summary, document):
@@ -185,7 +186,7 @@ def test_the_terminal_shows_the_numbers_of_the_summary(summary, terminal):
     (figures,) = (block for block in summary if isinstance(block, KeyFigures))
     (table,) = (block for block in summary if isinstance(block, Table))
     by_label = {item.label: plain(item.value) for item in figures.items}
-    for label in ("Mean score there", "One future run there"):
+    for label in ("Mean score", "One future run"):
         assert by_label[label] in terminal
     for row in table.rows:
         for cell in row[1:]:
@@ -194,12 +195,10 @@ def test_the_terminal_shows_the_numbers_of_the_summary(summary, terminal):
         if isinstance(block, Bullets):
             for item in block.items:
                 assert plain(item) in terminal, item
-    verdict = next(plain(text) for text in every_text(summary) if "expected to lose" in text)
-    loss = re.search(
-        r"lose (.*?) against the unknown true optimum, and more than (.*?) with a prob\w+ of (.*)\.", verdict
-    )
+    verdict = next(plain(text) for text in every_text(summary) if "Expected loss" in text)
+    loss = re.search(r"true optimum: (.*?); probability of losing more than (.*?): (.*)\.", verdict)
     assert loss is not None
     for text in loss.groups():
         assert text in terminal
-    importance = plain(next(i.detail for i in figures.items if i.label == "Most important"))
+    importance = plain(next(i.detail for i in figures.items if i.label == "Most important factor"))
     assert re.search(r"F = ([\d.]+)", importance)[1] in terminal

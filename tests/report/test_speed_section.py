@@ -51,8 +51,8 @@ def test_data_bases_and_tradeoff_are_told(tmp_path: Path) -> None:
     section = speed_section(replace(dossier, events=(*dossier.events, event)))
     tables = [block for block in section.blocks if isinstance(block, Table)]
     assert [[cell.text for cell in line] for line in tables[0].rows] == [
-        ["the data base as it is", "1"],
-        ["2 x 2 cells as one", "2"],
+        ["full scene", "1"],
+        ["2 x 2 cells averaged", "2"],
     ]
     assert "0.31" in text_of(section)
     assert [line[0].text for line in tables[1].rows] == ["all", "2 cells"]

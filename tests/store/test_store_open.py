@@ -46,7 +46,7 @@ def test_absent(tmp_path, create):
     with pytest.raises(StoreError, match=r"no such folder.*seqrsm init"):
         Store.open(tmp_path / "absent", create=create)
     if not create:
-        with pytest.raises(StoreError, match=r"no data base yet.*seqrsm run"):
+        with pytest.raises(StoreError, match=r"no database yet.*seqrsm run"):
             Store.open(tmp_path)
         assert not (tmp_path / STORE_NAME).exists()
 
@@ -67,7 +67,7 @@ def test_empty_file_is_an_unfinished_creation(tmp_path):
 
 def test_no_data_base(tmp_path):
     (tmp_path / STORE_NAME).write_text("name = 'x'\n" * 100)
-    with pytest.raises(StoreError, match=r"not a data base.*copy"):
+    with pytest.raises(StoreError, match=r"not a database.*copy"):
         Store.open(tmp_path, create=True)
     assert (tmp_path / STORE_NAME).read_text() == "name = 'x'\n" * 100
 

@@ -86,7 +86,7 @@ def test_lack_of_fit_reasons() -> None:
     assert "pure error is zero" in str(fit_least_squares(Z, repeated, terms, setting_ids=points).lack_of_fit())
     full = np.column_stack([Z, Z[:, 1] * Z[:, 5], Z[:, 2] * Z[:, 4], Z[:, 4] * Z[:, 5]])
     extra = [*terms, *(SimpleNamespace(name=f"e{i}", kind="interaction") for i in range(3))]
-    assert "every mean" in str(fit_least_squares(full, y, extra, setting_ids=points).lack_of_fit())
+    assert "all means" in str(fit_least_squares(full, y, extra, setting_ids=points).lack_of_fit())
 
 
 def test_sequential_sums_of_squares_equal_differences_of_fits() -> None:

@@ -338,10 +338,10 @@ def refused(analysis: Analysis, reason: str) -> None:
 @pytest.mark.parametrize(
     ("n", "more", "reason"),
     [
-        (7, {}, f"with 8 to {MOST_RUNS} runs, here are 7"),
-        (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, here are {MOST_RUNS + 1}"),
-        (6, {}, "nothing is left"),
-        (20, {"scores": np.full(20, 70.0)}, "nothing is left"),
+        (7, {}, f"with 8 to {MOST_RUNS} runs, and there are 7"),
+        (MOST_RUNS + 1, {}, f"with 8 to {MOST_RUNS} runs, and there are {MOST_RUNS + 1}"),
+        (6, {}, "no degrees of freedom remain"),
+        (20, {"scores": np.full(20, 70.0)}, "no degrees of freedom remain"),
         (20, {"rest": "[model]\norder = 1\n"}, "first order"),
         (20, {"source": ["simulation", "flight"] * 10}, ""),
         (

@@ -119,7 +119,7 @@ guard = "{guard}"
 @pytest.mark.parametrize(
     ("runs", "guard", "code", "says"),
     [
-        (60, "runs", 0, "All is in order."),
+        (60, "runs", 0, "No problems found."),
         (11, "runs", 2, "11 runs cannot determine 12 terms"),
         (11, "anytime", 2, "[model] order = 1"),
     ],
@@ -129,8 +129,8 @@ def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, cod
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert done.exit_code == code, done.output
     assert says in done.output
-    assert f"What {runs} runs can be expected to give" in done.stdout
-    assert "What other numbers of runs can be expected to give" in done.stdout
+    assert f"Expected results of {runs} runs" in done.stdout
+    assert "Expected results of other numbers of runs" in done.stdout
     assert "as [application.prior] says" in done.stdout
     told = CliRunner().invoke(app, ["check", str(tmp_path), "--json"])
     assert told.exit_code == code

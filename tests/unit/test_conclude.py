@@ -200,8 +200,8 @@ def test_no_stop_where_a_guess_may_do_as_well(tmp_path: Path) -> None:
         (check,) = [check for check in found.decision.checks if check.name == "guess"]
         assert check.holds is held
         assert (found.data.guess, found.data.perfect) == (pytest.approx(best + away), pytest.approx(100.0))
-        assert any("no setting is seen to add anything" in text for text in found.decision.reasons) is not held
-        assert recommendation(found).startswith("Recommended" if held else "No setting is seen to measure")
+        assert any("no setting is shown to beat guessing" in text for text in found.decision.reasons) is not held
+        assert recommendation(found).startswith("Recommended" if held else "No setting is shown to do better")
     # An error is better the smaller it is.
     low = with_ends(tmp_path / "low", scores, "minimize", guess=float(scores.min()) + 40.0, perfect=0.0)
     assert low.decision.held

@@ -392,7 +392,7 @@ def test_fresh_runs_that_contradict_enter_the_fit_and_the_campaign_goes_on(campa
     said: list[str] = []
     outcome = run_campaign(made, say=said.append)
     assert outcome.held
-    assert "the fresh runs contradict the model; going on" in said
+    assert "the confirmation runs contradict the model; continuing" in said
     runs = made.store.runs("scored")
     first, second = sorted({run.batch for run in runs if run.purpose == CONFIRMATION})
     (analysis,) = outcome.analyses
@@ -422,7 +422,7 @@ def test_as_many_scores_as_terms_wait_for_the_flights(campaign) -> None:
     ]
     made.store.ingest_files([IngestedFile("f.csv", "0", 3, tuple(runs))])
     made.store.add_batch([NewRun({"x0": 0.5}, source="flight")], issue=True)
-    with pytest.raises(StoreError, match="3 scores cannot determine 3 terms, and 1 flights wait"):
+    with pytest.raises(StoreError, match="3 scores cannot determine 3 terms, and 1 flights have no scores"):
         run_campaign(made)
 
 

@@ -72,7 +72,7 @@ def test_all_parts_hold_and_it_stops() -> None:
     assert list(holds(decision)) == ["interval", "runs", "pure_error", "lack_of_fit"]
     assert all(holds(decision).values())
     assert decision.half_width == pytest.approx(stats.t.ppf(0.975, 35) * 2.0 * np.sqrt(1.2))
-    assert decision.reasons[0] == "The stop rule holds after 50 runs."
+    assert decision.reasons[0] == "The stop rule is met after 50 runs."
     assert decision.futility == ()
 
 
@@ -80,7 +80,7 @@ def test_all_parts_hold_and_it_stops() -> None:
     ("part", "changes", "number"),
     [
         ("interval", {"s": 2.5}, "± 5.5"),
-        ("runs", {"n_runs": 44}, "45 are asked for"),
+        ("runs", {"n_runs": 44}, "45 are required"),
         ("pure_error", {"df_pure_error": 3}, "3 degrees"),
         ("lack_of_fit", {"lack_of_fit_p": 0.04}, "p = 0.04"),
     ],
@@ -164,14 +164,14 @@ def test_budget_that_cannot_reach_the_target() -> None:
 def test_spent_budget_is_told() -> None:
     decision = look(n_runs=80, df_residual=65, df_pure_error=1)
     assert decision.budget_spent
-    assert any("budget of 80 runs is spent" in reason for reason in decision.reasons)
+    assert any("budget of 80 runs was spent" in reason for reason in decision.reasons)
 
 
 def test_no_parameter_matters() -> None:
-    assert any("No parameter matters" in line for line in look(model_p=0.6, df_pure_error=0).futility)
-    assert not any("No parameter" in line for line in look(model_p=0.001, df_pure_error=0).futility)
+    assert any("No factor has a significant effect" in line for line in look(model_p=0.6, df_pure_error=0).futility)
+    assert not any("No factor" in line for line in look(model_p=0.001, df_pure_error=0).futility)
     early = look(model_p=0.6, df_residual=3, n_runs=18)
-    assert not any("No parameter" in line for line in early.futility)
+    assert not any("No factor" in line for line in early.futility)
 
 
 def test_confirmation_guard_waits_for_fresh_runs() -> None:
@@ -217,7 +217,7 @@ def test_unreachable_targets_are_explained() -> None:
     assert "3.92 percent" in floor
     assert "mean of 5 runs" in floor
     budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
-    assert "out of reach of 60 runs" in budget
+    assert "60 runs cannot reach" in budget
     assert "45 runs" in target_problem(StopRule(half_width=5.0, max_runs=40), 2.0, 15)
     assert "no degree of freedom" in target_problem(StopRule(half_width=5.0, max_runs=15, guard="anytime"), 2.0, 15)
 
@@ -256,7 +256,7 @@ def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
     assert inside.agrees
     assert not outside.agrees
     assert inside.p == pytest.approx(0.05, abs=2e-3)
-    assert "do not agree" in outside.text
+    assert "disagree" in outside.text
 
 
 def test_anytime_radius_is_where_the_e_value_reaches_one_over_alpha() -> None:

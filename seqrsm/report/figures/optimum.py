@@ -259,7 +259,7 @@ def intervals_panel(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
         near = stop.half_width < _FAR * widest
         for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
             axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
-        names = [name.replace(" at these", "\nat these").replace(", by", ",\nby") for name, _ in intervals]
+        names = [name.replace(", ", ",\n") for name, _ in intervals]
         axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
         axes.set_ylim(-0.6, len(intervals) - 0.3)
         axes.margins(x=0.2)

@@ -1,4 +1,4 @@
-"""Which sensor suffices: candidates beside the optimum, ordered by the probability that they do."""
+"""Candidate sensors against the optimum, ordered by the probability that they suffice."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def candidate_section(measured: Mapping[str, Any] | None) -> Section | None:
         Section(f"candidates-{slug(name)}", name if several else "Candidates", tuple(_blocks(name, found)))
         for name, found in measured["applications"].items()
     )
-    title = "Which sensor suffices"
+    title = "Candidate sensors"
     return Section("candidates", title, (), parts) if several else Section("candidates", title, parts[0].blocks)
 
 
@@ -63,19 +63,18 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
     runs = runs or f"the mean of {found['runs']:g} occasions"
     if found["relative"]:
         size = with_unit(format_significant(abs(found["sufficient"]), 3), unit)
-        rule = f"A sensor suffices that comes within {size} of the optimum"
+        rule = f"A sensor suffices if its score is within {size} of the optimum's"
     else:
         rule = (
-            f"A sensor suffices whose score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
+            f"A sensor suffices if its score is {with_unit(format_significant(found['sufficient'], 3), unit)} or better"
         )
     blocks: list[Block] = [
         Paragraph(
-            f"{rule}, in {runs} over one ground. The optimum's score is "
+            f"{rule}, for {runs} over one ground. The optimum's score is "
             f"{with_unit(format_number(found['optimum'], 1), unit)}.",
-            method=" Candidates are simulated with their own noise, angles, looks, cell and dates, at the near edge, "
-            "in the middle and at the far edge of the swath, any of which the ground may lie at, on the same occasions "
-            "in the same worlds as the optimum; "
-            "those that differ in factors alone, within the region, are judged by the fitted surface.",
+            method=" Candidates are simulated with their own noise, angles, looks, cell and dates at the near edge, "
+            "middle and far edge of their swath, on the same occasions and table draws as the optimum. Those that "
+            "differ only in factors, within the region, are evaluated on the fitted surface.",
         )
     ]
     if told:
@@ -83,7 +82,7 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
     if any(row.get("owed_to") for row in told):
         blocks.append(_owed(told, unit))
     notes = [_note(row) for row in told]
-    notes += [f"{row['name']} could not be judged: {row['why']}." for row in rows if row["how"] == "none"]
+    notes += [f"{row['name']} could not be evaluated: {row['why']}." for row in rows if row["how"] == "none"]
     notes = [note for note in notes if note]
     return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
@@ -91,14 +90,14 @@ def _blocks(name: str, found: Mapping[str, Any]) -> list[Block]:
 def _table(rows: Sequence[Mapping[str, Any]], unit: str, level: str) -> Block:
     columns: tuple[Head, ...] = (
         "Sensor",
-        right("Suffices", "%"),
+        right("Pr(suffices)", "%"),
         right("Score", unit),
-        right("Against the optimum", unit),
-        right(f"Mean, {level}", unit),
+        right("Difference from optimum", unit),
+        right(f"Mean over grounds, {level}", unit),
         right(f"One ground, {level}", unit),
-        "By",
+        "Method",
     )
-    return table("Candidates, the most probable to suffice first", columns, map(_row, rows), sortable=True)
+    return table("Candidates, by probability of sufficing", columns, map(_row, rows), sortable=True)
 
 
 def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
@@ -124,8 +123,8 @@ def _owed(rows: Sequence[Mapping[str, Any]], unit: str) -> Block:
         cells.append((Cell(row["name"]), *(_share(own.get(name)) for name in names)))
     heads: tuple[Head, ...] = ("Sensor", *(right(name.capitalize(), unit) for name in names))
     caption = (
-        "How the optimum's score changes where one property becomes the candidate's and all else stays, with "
-        "half-widths; where one lack hides another they do not add up"
+        "Change of the optimum's score when one property takes the candidate's value, with half-widths; the changes "
+        "need not add up"
     )
     return table(caption, heads, cells)
 
@@ -167,12 +166,12 @@ def _note(row: Mapping[str, Any]) -> str:
     dates = row.get("dates")
     if dates:
         days = listing([f"{day:g}" for day in dates["used"]])
-        offered = "" if dates["offered"] is None else f" of {dates['offered']} that it offers in the season"
+        offered = "" if dates["offered"] is None else f" of {dates['offered']} available in the season"
         parts.append(f"days {days}{offered}")
     for kind in ("recalled", "assumed"):
         if row.get(kind):
             what = listing([_NAMES.get(name, name) for name in row[kind]])
-            parts.append(f"{what} {'is' if len(row[kind]) == 1 else 'are'} {kind}, not checked at a source")
+            parts.append(f"{what} {kind}, not verified against a source")
     return f"{row['name']}: {'; '.join(parts)}." if parts else ""
 
 
@@ -183,8 +182,8 @@ def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, A
     title = f"Candidates against the optimum, {name}"
     panel = Panel(title, alt, draw, name=slug(f"candidates {name}"), data=partial(_data, rows))
     under = (
-        "Difference of each candidate's score to the optimum's, expected over all grounds (thick) and over one ground "
-        "(thin). Dashed: where a sensor suffices."
+        "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
+        "(thin). In brackets: probability of sufficing. Dashed: sufficient."
     )
     return FigureBlock((panel,), under, columns=1)
 
@@ -211,5 +210,5 @@ def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], figure: 
     axes.set_yticks(range(len(rows)), [f"{row['name']} ({format_share(row['probability'])})" for row in reversed(rows)])
     axes.set_ylim(-0.6, len(rows) - 0.4)
     unit = f" [{found['unit']}]" if found["unit"] else ""
-    axes.set_xlabel(f"score less the optimum's{unit}")
+    axes.set_xlabel(f"score minus the optimum's{unit}")
     axes.grid(visible=True, axis="x")

@@ -17,30 +17,30 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
     """Return what a campaign will take, and what its simulation rests on: in short, or every statement."""
     items = [
         ("factors", str(result.n_factors)),
-        ("terms of the model", str(result.n_terms)),
-        ("start design", f"{result.start_runs} runs"),
-        ("fewest runs to stop", str(result.min_runs)),
+        ("model terms", str(result.n_terms)),
+        ("initial design", f"{result.start_runs} runs"),
+        ("minimum runs to stop", str(result.min_runs)),
         ("budget", f"{result.max_runs} runs, cost {format_plain(result.cost)}"),
     ]
     if math.isfinite(result.seconds_per_run):
         each, total = format_significant(result.seconds_per_run, 2), result.seconds_per_run * result.max_runs
-        items.append(("one simulated run here", f"{each} s; the budget {_duration(total)}"))
+        items.append(("simulation time here", f"{each} s a run; {_duration(total)} for the budget"))
     known = math.isfinite(result.noise)
-    items.append(("standard deviation of a run", format_significant(result.noise) if known else result.noise_source))
+    items.append(("run-to-run standard deviation", format_significant(result.noise) if known else result.noise_source))
     if result.ground_share > 0.0:
-        items.append(("of its variance, the ground's", f"{format_significant(100.0 * result.ground_share, 2)} %"))
+        items.append(("variance from table uncertainty", f"{format_significant(100.0 * result.ground_share, 2)} %"))
     if known:
-        items.append(("found from", result.noise_source))
+        items.append(("estimated from", result.noise_source))
     sections = [Section("check", f"campaign {result.name}", (Definitions(tuple(items)),))]
     sections += _budget_sections(result)
     if result.combinations:
-        sections.append(Section("combinations", "What some settings do", (Bullets(result.combinations),)))
+        sections.append(Section("combinations", "Warnings for parts of the region", (Bullets(result.combinations),)))
     if result.hardware:
-        text = "The radar that is recommended so far, against what ties its parameters; below 1 it could not be built"
+        text = "Feasibility of the radar recommended so far (margins below 1 cannot be built)"
         sections.append(Section("hardware", text, (Bullets(result.hardware),)))
     if result.notes:
-        more = "" if every_note else "; all of them with -v or --json"
-        title = f"What the simulation rests on ({len(result.notes)} statements{more})"
+        more = "" if every_note else "; -v or --json shows all"
+        title = f"Assumptions of the simulation ({len(result.notes)}{more})"
         notes = result.notes if every_note else summarise_notes(result.notes, result.covers)
         sections.append(Section("notes", title, (Bullets(notes),)))
     return tuple(sections)
@@ -60,33 +60,33 @@ def _budget_sections(result: CheckResult) -> list[Section]:
         return (
             amount(plan.half_width),
             amount(plan.loss),
-            reach if plan.runs >= plan.asked else f"asks for {plan.asked}",
+            reach if plan.runs >= plan.asked else f"needs {plan.asked} runs",
         )
 
-    columns = (right("Half-width", result.unit), right("Loss", result.unit))
-    reach = f"\u00b1 {format_plain(result.target)}?" if known else "Enough?"
+    columns = (right("Half-width", result.unit), right("Expected loss", result.unit))
+    reach = f"\u00b1 {format_plain(result.target)}?" if known else "Reached?"
     ways = table(
-        f"What {result.max_runs} runs can be expected to give",
-        ("With", right("Terms"), *columns, reach),
-        [(plan.change or "campaign.toml as it is", str(plan.n_terms), *numbers(plan)) for plan in result.plans],
+        f"Expected results of {result.max_runs} runs",
+        ("Model", right("Terms"), *columns, reach),
+        [(plan.change or "as in campaign.toml", str(plan.n_terms), *numbers(plan)) for plan in result.plans],
     )
     first = {plan.runs: plan for plan in result.over if plan.change}
     heads = (right("First order", result.unit), right("Loss", result.unit)) if first else ()
     other = table(
-        "What other numbers of runs can be expected to give",
+        "Expected results of other numbers of runs",
         (right("Runs"), *columns, reach, *heads),
         [
             (str(n), *numbers(plan), *((amount(first[n].half_width), amount(first[n].loss)) if first else ()))
             for n, plan in ((plan.runs, plan) for plan in result.over if not plan.change)
         ],
     )
-    in_s = "" if known else " s is the standard deviation of a run, which nothing tells yet."
+    in_s = "" if known else " s is the run-to-run standard deviation, not known yet."
     how = (
-        f"Found from 200 simulated campaigns each, on {result.surfaces}: half-widths are medians of the interval that "
-        f"decides, losses means of what the settings found score less than the best of the whole region.{in_s} Rough: "
-        "`seqrsm rehearse` makes every step as `run` does, once there are scores."
+        f"Each row: 200 simulated campaigns on {result.surfaces}. Half-width: median of the stop-rule interval; "
+        f"expected loss: mean shortfall of the settings found from the best in the region.{in_s} These are rough "
+        "estimates; `seqrsm rehearse` simulates every step of `run`, once there are scores."
     )
-    return [Section("budget", "What the budget can give", (ways, other, Paragraph(how, "note")))]
+    return [Section("budget", "What the budget can achieve", (ways, other, Paragraph(how, "note")))]
 
 
 def _duration(seconds: float) -> str:

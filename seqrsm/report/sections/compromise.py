@@ -46,19 +46,18 @@ MAX_FRONT_PANELS = 3
 
 
 def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> Section:
-    """Return what stands behind the compromise of the summary: its settings, and those that no other beats."""
+    """Return the details of the compromise: its settings, and the Pareto front."""
     blocks: list[Block] = [
         Paragraph(
             f"Overall desirability {format_number(found.desirability, 3)}: the weighted geometric mean of the "
-            "desirabilities in the summary, each 0 where a score is no longer acceptable and 1 where it is as good as "
-            "can be. Acting on these settings is expected to lose "
-            f"{format_number(found.expected_shortfall, 3)} of it against the unknown best compromise."
+            "individual desirabilities in the summary, from 0 (unacceptable) to 1 (ideal). Its expected shortfall from "
+            f"the unknown best compromise is {format_number(found.expected_shortfall, 3)}."
         ),
         _setting_table(factors, found),
     ]
     if found.front_settings:
-        blocks.append(Details("Settings that no other beats in everything", (_front_table(factors, found),)))
-    return Section("compromise", "Behind the compromise", tuple(blocks))
+        blocks.append(Details("Pareto front", (_front_table(factors, found),)))
+    return Section("compromise", "Details of the compromise", tuple(blocks))
 
 
 def compromise_summary(factors: Sequence[Factor], found: CompromiseEstimate) -> tuple[Block, ...]:
@@ -68,20 +67,20 @@ def compromise_summary(factors: Sequence[Factor], found: CompromiseEstimate) -> 
 
 
 def _front_figure(found: CompromiseEstimate) -> FigureBlock:
-    """Each pair of what is weighed: the settings that no other beats, and the compromise among them."""
+    """Each pair of objectives: the Pareto front and the compromise on it."""
     panels = []
     for i, j in list(itertools.combinations(range(len(found.given_up)), 2))[:MAX_FRONT_PANELS]:
         x, y = found.given_up[i], found.given_up[j]
         title = f"{y.name} against {x.name}"
         alt = (
-            f"{len(found.front_settings)} settings that no other beats in everything, {title}; the compromise has "
+            f"Pareto front of {len(found.front_settings)} settings, {title}; the compromise has "
             f"{with_unit(format_number(x.value, _places(x)), x.unit)} and "
             f"{with_unit(format_number(y.value, _places(y)), y.unit)}."
         )
         rows = tuple(tuple(row) for row in found.front_values[:, [i, j]].tolist())
         data = partial(PanelData, (_axis(x), _axis(y)), rows)
         panels.append(Panel(title, alt, partial(_front_panel, found, i, j), name=slug(f"pareto {title}"), data=data))
-    caption = "Settings that no other beats in everything (Pareto front); star: the compromise."
+    caption = "Pareto front: settings that no other setting improves on in every objective. Star: the compromise."
     return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
 
 
@@ -113,7 +112,7 @@ def _settings_sentence(factors: Sequence[Factor], found: CompromiseEstimate) -> 
     settings = listing(
         [f"{readable(f.name)} {format_setting(f, found.settings[f.name], _spread(found, f.name))}" for f in factors]
     )
-    return Paragraph(f"The settings that serve all best: {settings}.", "lead")
+    return Paragraph(f"Recommended compromise: {settings}.", "lead")
 
 
 def _spread(found: CompromiseEstimate, name: str) -> float:
@@ -130,7 +129,7 @@ def _setting_table(factors: Sequence[Factor], found: CompromiseEstimate) -> Tabl
             parts = (format_setting(factor, end, spread, unit=False) for end in (interval.low, interval.high))
             ends = " to ".join(parts)
         rows.append((axis_label(factor), format_setting(factor, found.settings[factor.name], spread, unit=False), ends))
-    columns = ("Factor", right("Setting"), f"Credible interval {level_text(found.level)}")
+    columns = ("Factor", right("Setting"), f"{level_text(found.level)} credible interval")
     return table("Settings of the compromise", columns, rows)
 
 
@@ -148,9 +147,9 @@ def _loss_table(found: CompromiseEstimate) -> Table:
                 number_cell(format_number(item.desirability, 2), item.desirability),
             )
         )
-    titles = ("At the compromise", "At its own optimum", "Given up", f"Credible {level_text(found.level)}")
-    columns: tuple[Head, ...] = ("Application or consideration", *map(right, titles), right("Desirability"))
-    return table("What each gives up", columns, rows)
+    titles = ("At compromise", "At own optimum", "Given up", f"{level_text(found.level)} credible interval")
+    columns: tuple[Head, ...] = ("Objective", *map(right, titles), right("Desirability"))
+    return table("Cost of the compromise to each objective", columns, rows)
 
 
 def _places(item: GivenUp) -> int:
@@ -172,7 +171,7 @@ def _front_table(factors: Sequence[Factor], found: CompromiseEstimate) -> Table:
         for i in chosen
     ]
     columns: tuple[Head, ...] = (*map(axis_label, factors), *(right(item.name, item.unit) for item in found.given_up))
-    caption = "Settings that no other beats in everything (Pareto front)"
+    caption = "Settings on the Pareto front"
     if len(chosen) < count:
-        caption += f"; {len(chosen)} of {count}"
+        caption += f", {len(chosen)} of {count}"
     return table(caption, columns, rows, sortable=True)

@@ -43,7 +43,7 @@ from seqrsm.report.wording import (
 from seqrsm.store.records import RunRecord
 
 _SAME = ("Batch", "State", "Source", "Purpose", "In the fit", "Block")
-"""Columns of the table of runs that the caption tells where all rows are alike."""
+"""Columns of the table of runs that the caption states where all rows are alike."""
 
 MOST_RUNS = 2000
 """Rows of the table of runs; more would be hundreds of pages that nobody turns."""
@@ -57,7 +57,7 @@ def question_section(dossier: Dossier) -> Section:
         blocks.append(_applications(dossier))
     blocks.append(_factor_table(region.factors))
     if region.constraints:
-        blocks.append(Paragraph("Only settings that satisfy all of these, in natural units, are allowed:"))
+        blocks.append(Paragraph("Constraints on the settings, in natural units:"))
         blocks.append(Bullets(tuple(constraint.expr for constraint in region.constraints)))
     if spec.simulator is not None and spec.simulator.fixed:
         fixed = (
@@ -83,8 +83,8 @@ def _applications(dossier: Dossier) -> Table:
 
 def _factor_table(factors: Sequence[Factor]) -> Table:
     rows = ((axis_label(factor), *describe_factor(factor)) for factor in factors)
-    caption = "Factors; each is coded onto \u22121 to 1 on its scale before the model is formed"
-    return table(caption, ("Factor", "Kind and scale", "Allowed"), rows)
+    caption = "Factors; the model uses each coded from \u22121 to 1 on its scale"
+    return table(caption, ("Factor", "Kind and scale", "Range or levels"), rows)
 
 
 def _stop_text(dossier: Dossier) -> str:
@@ -92,15 +92,15 @@ def _stop_text(dossier: Dossier) -> str:
     units = {analysis.score_unit for analysis in dossier.analyses}
     unit = units.pop() if len(units) == 1 else ""
     guards = {
-        "runs": "enough runs for the number of terms",
-        "confirmation": f"a confirmation set of {stop.confirmation_runs} fresh runs that agrees with the model",
-        "anytime": "an interval that is valid at every look",
+        "runs": "a minimum number of runs per term",
+        "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",
+        "anytime": "an interval valid at every interim analysis",
     }
     return (
-        f"Stop rule: the {watched_interval(stop)} at the optimum ({level_text(stop.level)}) has a half-width of at "
-        f"most {with_unit(format_plain(stop.half_width), unit)}, guarded by {guards[stop.guard]}; where only the "
-        "quadratic is weighed, pure error must be known and lack of fit not significant (at "
-        f"{level_text(stop.lack_of_fit_alpha)}); no more than {stop.max_runs} runs."
+        f"Stop rule: the {level_text(stop.level)} {watched_interval(stop)} at the optimum has a half-width of at most "
+        f"{with_unit(format_plain(stop.half_width), unit)}; in addition, {guards[stop.guard]}. If only the quadratic "
+        "is considered, pure error must be estimable and lack of fit not significant (at "
+        f"{level_text(stop.lack_of_fit_alpha)}). Budget: {stop.max_runs} runs."
     )
 
 
@@ -108,23 +108,23 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
     """How the data came: runs by state, source and purpose."""
     runs = dossier.runs
     if not runs:
-        return [Paragraph("No run has been proposed yet.")]
+        return [Paragraph("No runs have been proposed yet.")]
     states = Counter(run.state for run in runs)
     scored = [run for run in runs if run.state == "scored"]
     counts = listing([f"{count} {state}" for state, count in states.items()])
     batches = counted(len({run.batch for run in runs}), "batch", "batches")
-    text = f"The campaign holds {counted(len(runs), 'run')} in {batches}: {counts}."
-    if scored:
-        text += f" The scores come from {source_counts(scored)}."
+    text = f"The campaign has {counted(len(runs), 'run')} in {batches}: {counts}."
+    if len({run.source for run in scored}) > 1:
+        text += f" Sources: {source_counts(scored)}."
     shared, occasions = sharing(runs)
     if shared:
         text += (
-            f" {shared} simulated runs share the random numbers of {counted(occasions, 'occasion')} "
-            "(common random numbers), which are blocks of the fit."
+            f" {shared} simulated runs share {counted(occasions, 'occasion')} (common random numbers), which enter the "
+            "fit as blocks."
         )
     purposes = Counter(run.purpose or "not stated" for run in runs)
     whys = listing([f"{readable(purpose)} ({count})" for purpose, count in purposes.items()])
-    blocks: list[Block] = [Paragraph(f"{text} They were made for: {whys}. All are listed at the end of the report.")]
+    blocks: list[Block] = [Paragraph(f"{text} Purposes: {whys}. The report's last table lists them all.")]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
         blocks.append(_left_out_table(left_out))
@@ -136,18 +136,18 @@ def run_section(dossier: Dossier) -> Section:
     total = len(dossier.runs)
     if total <= MOST_RUNS:
         block = Details(f"All {total} runs with settings and scores", (_run_table(dossier, dossier.runs),))
-        return Section("runs", "Every run", (block,))
+        return Section("runs", "All runs", (block,))
     block = Details(
         f"The last {MOST_RUNS} of {total} runs with settings and scores",
         (_run_table(dossier, dossier.runs[-MOST_RUNS:]),),
     )
-    note = Paragraph(f"The report shows the last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
+    note = Paragraph(f"The last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
     return Section("runs", "The last runs", (note, block))
 
 
 def _left_out_table(runs: Sequence[RunRecord]) -> Table:
     rows = ((whole_cell(run.run_id), run.state, run.reason or "no reason recorded") for run in runs)
-    return table("Runs that do not enter the fit", (right("Run"), "State", "Reason"), rows)
+    return table("Runs excluded from the fit", (right("Run"), "State", "Reason"), rows)
 
 
 def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
@@ -183,7 +183,7 @@ def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
         if blocked:
             cells.append(Cell(run.block))
         rows.append(tuple(cells))
-    caption = "Executed settings and scores"
+    caption = "Settings as run, and scores"
     told, kept = [], []
     for i, column in enumerate(columns):
         found = {row[i].text for row in rows}
@@ -192,10 +192,10 @@ def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:
         else:
             kept.append(i)
     if told:
-        caption += f"; of all runs: {', '.join(told)}"
+        caption += f"; all runs: {', '.join(told)}"
     columns, rows = [columns[i] for i in kept], [tuple(row[i] for i in kept) for row in rows]
     if any(run.purpose == "confirmation" for run in dossier.runs):
-        caption += "; confirmation runs test the fit and are no part of it"
+        caption += "; confirmation runs test the fit and are not part of it"
     return Table(tuple(columns), tuple(rows), caption, sortable=True)
 
 

@@ -50,12 +50,12 @@ def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis:
     blocks: list[Block] = []
     if looks:
         blocks.append(_history_figure(analysis, looks, spec.stop.half_width))
-        blocks.append(Details(f"All {len(looks)} looks", (_look_table(analysis, looks),), long=True))
+        blocks.append(Details(f"All {len(looks)} interim analyses", (_look_table(analysis, looks),), long=True))
     if analysis.confirmation is not None:
         blocks.append(_confirmation(analysis))
     if not blocks:
         return None
-    return Section(f"{key}-history", "Interval and optimum against the number of runs", tuple(blocks))
+    return Section(f"{key}-history", "Progress of interval and optimum", tuple(blocks))
 
 
 def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) -> FigureBlock:
@@ -70,14 +70,14 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
             f"{known[-1].n_runs}; the target is {target_text}."
         )
         draw = partial(half_width_panel, analysis, looks, target)
-        panels.append(Panel("Half-width that decides", alt, draw, name="history-of-half-width", data=data))
+        panels.append(Panel("Stop-rule half-width", alt, draw, name="history-of-half-width", data=data))
     if any(math.isfinite(look.mean) for look in looks):
-        alt = f"Estimated mean score at the optimum of each look, last {score_text(analysis, looks[-1].mean)}."
+        alt = f"Mean score at the optimum of each interim analysis, last {score_text(analysis, looks[-1].mean)}."
         draw = partial(mean_history_panel, analysis, looks)
         panels.append(Panel("Mean score at the optimum", alt, draw, name="history-of-mean-score", data=data))
     caption = (
-        "What each look at the data found. Dashed green: target of the stop rule; dotted grey: noise floor, below "
-        "which no number of runs can bring the half-width. Band: confidence interval of the mean."
+        "Results of each interim analysis. Dashed green: target of the stop rule; dotted grey: noise floor, which more "
+        "runs cannot lower. Band: confidence interval of the mean."
     )
     return FigureBlock(tuple(panels), caption, columns=3)
 
@@ -103,11 +103,11 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
             )
         )
     columns: tuple[Head, ...] = (
-        *(right("Runs"), right("Half-width", unit), right("Mean at the optimum", unit)),
+        *(right("Runs"), right("Half-width", unit), right("Mean at optimum", unit)),
         *map(factor_column, factors),
-        "Rule held",
+        "Rule met",
     )
-    return table("Interval and optimum at every look", columns, rows, sortable=True)
+    return table("Interval and optimum at each interim analysis", columns, rows, sortable=True)
 
 
 def _confirmation(analysis: Analysis) -> Paragraph:
@@ -117,8 +117,8 @@ def _confirmation(analysis: Analysis) -> Paragraph:
     runs = listing([str(run) for run in confirmation.run_ids])
     scores = ", ".join(format_number(score, places) for score in confirmation.scores)
     text = (
-        f"Confirmation: runs {runs} were made afresh at the recommended settings and scored {scores}. Their mean is "
-        f"{with_unit(format_number(confirmation.mean, places), analysis.score_unit)}, with an interval that does not "
-        f"rest on the model: {interval_text(analysis, confirmation.interval)} ({level_phrase(analysis)})."
+        f"Confirmation runs {runs} at the recommended settings scored {scores}. Their mean is "
+        f"{with_unit(format_number(confirmation.mean, places), analysis.score_unit)}, with a {level_phrase(analysis)} "
+        f"interval, independent of the model, of {interval_text(analysis, confirmation.interval)}."
     )
     return Paragraph(text)

@@ -14,8 +14,8 @@ from seqrsm.report.wording import counted, listing, readable
 MAX_NAMED = 2
 
 _LATER = (
-    "The tables hold what was asked for, and believed possible, up to 1979: a difference is a question to the reader, "
-    "not an error of either side."
+    "The tables list what was required, and believed possible, up to 1979: a difference calls for an explanation and "
+    "need not be an error."
 )
 
 
@@ -25,7 +25,7 @@ def printed_section(dossier: Dossier) -> Section | None:
     blocks: list[Block] = [_statement_table(one) for one in found if one is not None]
     if not blocks:
         return None
-    return Section("printed", "What the literature's tables print", (Paragraph(_LATER), *blocks))
+    return Section("printed", "Literature entries as printed", (Paragraph(_LATER), *blocks))
 
 
 def literature_section(dossier: Dossier) -> Section | None:
@@ -35,7 +35,7 @@ def literature_section(dossier: Dossier) -> Section | None:
     blocks: list[Block] = []
     for analysis in dossier.analyses:
         blocks += _application(dossier, analysis)
-    return Section("literature", "Check against the literature", tuple(blocks))
+    return Section("literature", "Comparison with the literature", tuple(blocks))
 
 
 def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
@@ -44,15 +44,15 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
     if found is None:
         return [
             Paragraph(
-                f"{analysis.application}: no {kind} entry of Tables A.1 to A.20 of RSL TR 380-1 is about this "
-                "application, by the words of its name and of the campaign's description. The key catalog of its "
-                "[[application]] names the words to look up."
+                f"{analysis.application}: no {kind} entry of Tables A.1 to A.20 of RSL TR 380-1 matches the words of "
+                "the application's name or the campaign's description. The key catalog of [[application]] sets the "
+                "words to look up."
             )
         ]
     count = len(found.start.entries)
     text = (
-        f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} of Tables A.1 to A.20 of "
-        f"RSL TR 380-1 found for \u201c{found.asked}\u201d ({found.reason}). "
+        f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} in Tables A.1 to A.20 of "
+        f"RSL TR 380-1 for \u201c{found.asked}\u201d ({found.reason}). "
     )
     return [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]
 
@@ -61,7 +61,7 @@ def _agreement(found: Literature) -> str:
     counts = Counter(row.verdict for row in found.comparisons)
     comparable = counts["agrees"] + counts["not excluded"] + counts["differs"]
     if not comparable:
-        return "No number of theirs can be compared with this campaign."
+        return "Their values cannot be compared with this campaign's."
     words = [
         f"{readable(row.parameter)} {row.verdict}"
         for row in found.comparisons
@@ -69,7 +69,7 @@ def _agreement(found: Literature) -> str:
     ]
     if comparable == 1:
         return f"One parameter can be compared: {words[0]}."
-    return f"Of {comparable} parameters that can be compared {counts['agrees']} agree: {listing(words)}."
+    return f"{counts['agrees']} of {comparable} comparable parameters agree: {listing(words)}."
 
 
 def _comparison_table(found: Literature, analysis: Analysis) -> Table:
@@ -77,8 +77,8 @@ def _comparison_table(found: Literature, analysis: Analysis) -> Table:
         (readable(row.parameter), row.printed, row.agreed, row.found, f"{row.verdict}: {row.why}", row.tables)
         for row in found.comparisons
     )
-    columns = ("Parameter", "Printed", "Most agree on", "This campaign", "Agreement", "Tables")
-    caption = f"{analysis.application}: recommended settings (with credible interval or all levels) and the literature"
+    columns = ("Parameter", "Literature", "Most sources", "This campaign", "Agreement", "Tables")
+    caption = f"{analysis.application}: recommended settings (with credible interval or levels) and the literature"
     return table(caption, columns, rows)
 
 
@@ -95,4 +95,4 @@ def _statement_table(found: Literature) -> Table:
         for one in summary(found.start.entries)
     )
     columns = ("Parameter", "As printed", "Read as", "Tables", "Application")
-    return table(f"Entries found for \u201c{found.asked}\u201d, as printed", columns, rows)
+    return table(f"Entries for \u201c{found.asked}\u201d, as printed", columns, rows)

@@ -51,19 +51,21 @@ def measure_section(analysis: Analysis, events: Sequence[EventRecord], key: str)
     )
     columns = (
         "Cover",
-        right("Mean known to"),
-        right("Score by + / \u2212"),
+        right("Mean, s.d."),
+        right("Score change, +1 / \u22121 s.d."),
         right("Share"),
-        right("If halved"),
+        right("Half-width if halved"),
     )
     of_ground, chance = best.ground.sd_ground**2, best.ground.sd_chance**2
     head = (
-        "How the score at the recommended settings moves when one cover's mean is off by its standard deviation, all "
-        "else being as tabulated, and that cover's share of the total. The half-width is "
-        f"{half_width_text(analysis, total)} now; measuring a cover's mean twice as well would bring it to the last "
-        "column, and one flight over the ground in question to "
+        "Sensitivity of the score at the recommended settings to each cover's tabulated mean: the change when that "
+        "mean is one standard deviation higher or lower, and the cover's share of the table uncertainty. The "
+        f"stop-rule half-width is {half_width_text(analysis, total)}. Halving the standard deviation of one mean "
+        "reduces it to the last column; one flight over the site reduces it to "
         f"{with_less(of_ground / (of_ground + chance))}."
     )
     return Section(
-        key, "What to measure", (Paragraph(head), table("Covers by their share of the uncertainty", columns, rows))
+        key,
+        "Which covers to measure",
+        (Paragraph(head), table("Covers by their share of the table uncertainty", columns, rows)),
     )

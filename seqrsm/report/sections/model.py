@@ -113,11 +113,11 @@ def _model_text(analysis: Analysis) -> str:
     text = f"The score y is a {order}-order polynomial in the coded factors x (RSL TR 380-1, eq. (2-1) to (2-6)"
     text += ", each pair counted once)." if analysis.model.order == 2 else ")."
     if any(kind == "category" for kind in analysis.fit.kinds):
-        text += " A categorical factor enters with sum-to-zero contrasts and their products, and has no square."
+        text += " Categorical factors enter as sum-to-zero contrasts and their products, without squares."
     if analysis.dropped:
         text += (
-            f" {len(analysis.dropped)} terms were left out because averaging over hierarchical models found them less "
-            "likely than not; intervals hold given the others, and do not hold the doubt about this choice."
+            f" {len(analysis.dropped)} terms were dropped because model averaging gave them a probability below 50 %; "
+            "the intervals are conditional on this selection."
         )
     if any(kind == "block" for kind in analysis.fit.kinds):
         text += " Blocks enter as sum-to-zero effects; results are for the average block."
@@ -138,7 +138,7 @@ def _statistics_table(analysis: Analysis) -> Table:
         ("R\u00b2", _known(format_number(fit.r2, 3), fit.r2, analysis)),
         ("R\u00b2 adjusted", _known(format_number(fit.r2_adjusted, 3), fit.r2_adjusted, analysis)),
         (
-            "R\u00b2 predicted (each run left out in turn)",
+            "R\u00b2 predicted (leave-one-out)",
             _known(format_number(fit.r2_predicted, 3), fit.r2_predicted, analysis),
         ),
         ("Condition number of the model matrix", number_cell(format_significant(condition, 3), condition)),
@@ -171,7 +171,7 @@ def _anova_table(analysis: Analysis) -> Table:
         for row in analysis.anova
     )
     columns: tuple[Head, ...] = ("Source", *map(right, ("df", "Sum of squares", "Mean square", "F", "p")))
-    caption = "Analysis of variance, sequential; lack of fit and pure error are the two parts of the residual"
+    caption = "Sequential analysis of variance; the residual divides into lack of fit and pure error"
     if analysis.response == "logit":
         caption += " (logit scale)"
     return table(caption, columns, rows)
@@ -194,12 +194,12 @@ def _lack_of_fit_text(analysis: Analysis) -> str:
 
 
 _COVERED = (
-    "The surface departs from the polynomial by more than repeated runs scatter; the intervals below count a surface "
-    "that is no quadratic."
+    "The surface departs from the polynomial by more than the scatter of repeated runs; the intervals allow for a "
+    "non-quadratic surface."
 )
 _NOT_COVERED = (
-    "The surface departs from the polynomial by more than repeated runs scatter; the intervals below then do not cover "
-    "what they claim."
+    "The surface departs from the polynomial by more than the scatter of repeated runs; the intervals may not reach "
+    "their nominal coverage."
 )
 
 
@@ -209,12 +209,12 @@ def _coefficient_figure(analysis: Analysis) -> FigureBlock:
     total = sum(kind not in ("intercept", "block") for kind in analysis.fit.kinds)
     level = level_phrase(analysis)
     caption = (
-        f"Coefficients in coded units. Blue dots and solid lines: least squares with confidence interval ({level}); "
-        f"orange squares and dashed lines: posterior mean with credible interval ({level})."
+        f"Coefficients in coded units. Blue dots and solid lines: least squares with {level} confidence intervals; "
+        f"orange squares and dashed lines: posterior means with {level} credible intervals."
     )
     if shown < total:
-        caption += f" Of {total} coefficients the {MAX_COEFFICIENTS} farthest from zero, in standard errors, are drawn."
-    alt = f"Dot plot of {shown} coefficients with their intervals; the numbers stand in the table of coefficients."
+        caption += f" {MAX_COEFFICIENTS} of {total} coefficients are drawn, those with the largest |t|."
+    alt = f"Dot plot of {shown} coefficients with their intervals; the table of coefficients gives the numbers."
     draw = partial(coefficient_panel, analysis, indices)
     panel = Panel("", alt, draw, name="coefficients", data=partial(coefficient_data, analysis))
     return FigureBlock((panel,), caption, columns=2)
@@ -245,7 +245,7 @@ def _coefficient_table(analysis: Analysis) -> Table:
         *map(right, ("Estimate", "s.e.", "t", "p", f"{level} low", f"{level} high")),
         *(Column(title, align="right", extra=True) for title in ("Posterior mean", "Posterior sd")),
     )
-    caption = f"Coded coefficients, confidence interval ({level}) and posterior"
+    caption = f"Coefficients in coded units, {level} confidence interval and posterior"
     if fit.aliased:
         caption += f"; not estimable from these runs: {listing([readable_term(name) for name in fit.aliased])}"
     return table(caption, columns, rows, sortable=True)
@@ -258,9 +258,8 @@ def importance_section(analysis: Analysis, key: str) -> Section:
     blocks: list[Block] = [
         Paragraph(
             "",
-            method="Importance of a factor: the partial F test of all terms that contain it, against the model without "
-            "it (RSL TR 380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of "
-            "terms left.",
+            method="The importance of a factor is tested by the partial F test of all terms that contain it (RSL TR "
+            "380-1, eq. (2-14)); SSE\u2081 is the residual sum of squares without them, q the number of terms left.",
         ),
         PARTIAL_F_EQUATION,
     ]
@@ -280,10 +279,10 @@ def importance_section(analysis: Analysis, key: str) -> Section:
         )
         for row in ranked
     )
-    columns: tuple[Head, ...] = ("Factor", *map(right, ("df", "F", "p", "Variance, alone", "with products")))
+    columns: tuple[Head, ...] = ("Factor", *map(right, ("df", "F", "p", "Main effect", "Total effect")))
     caption = (
-        "Factors, the most important first. Variance: share of the fitted surface's variance over the region that the "
-        "factor explains alone, and with its products"
+        "Factors in order of importance. Main and total effect: the factor's share of the fitted surface's variance "
+        "over the region, alone and with its interactions"
     )
     blocks.append(table(caption, columns, cells, sortable=True))
     return Section(f"{key}-importance", "Importance of the sensor parameters", tuple(blocks))
@@ -295,19 +294,19 @@ def diagnostics_section(analysis: Analysis, key: str) -> Section:
     panels = residual_panels(analysis)
     if panels:
         blocks.append(Bullets(_findings(analysis)))
-        alt = "Scatter plot of {}; what stands out is said in the list above it."
+        alt = "Scatter plot of {}; the list above it names what stands out."
         data = partial(residual_data, analysis)
         drawn = tuple(
             Panel(title, alt.format(title[:1].lower() + title[1:]), draw, name=slug(title), data=data)
             for title, draw in panels
         )
-        caption = "Externally studentised residuals; dotted lines at \u22122 and 2, within which about 95 % should lie."
+        caption = "Externally studentised residuals; about 95 % should lie between the dotted lines at \u22122 and 2."
         blocks.append(FigureBlock(drawn, caption, columns=3))
         details = Details("Residuals, leverage and influence of runs", (_influence_table(analysis),), long=True)
         blocks.append(details)
     else:
         reason = no_error_estimate(analysis) or "every run is fitted exactly"
-        blocks.append(Paragraph(f"There are no residuals to look at: {reason}."))
+        blocks.append(Paragraph(f"No residuals can be examined: {reason}."))
     return Section(f"{key}-diagnostics", "Diagnostics", tuple(blocks))
 
 
@@ -316,28 +315,28 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     flagged = ids[outliers(fit.studentised, fit.df_residual)]
     found = []
     if flagged.size:
-        found.append(f"Outliers at 5 % over all runs (Bonferroni): {_runs(flagged)}.")
+        found.append(f"Outliers (5 % level, Bonferroni): {_runs(flagged)}.")
     else:
-        found.append("No run is an outlier at 5 % over all runs (Bonferroni).")
+        found.append("No run is an outlier (5 % level, Bonferroni).")
     strong = ids[np.nan_to_num(fit.cooks_distance) > 1.0]
     if strong.size:
-        found.append(f"Runs with much influence on the fit (Cook's distance above 1): {_runs(strong)}.")
+        found.append(f"Highly influential runs (Cook's distance above 1): {_runs(strong)}.")
     if fit.leverage_one_runs:
         exact = ids[list(fit.leverage_one_runs)]
-        found.append(f"The model must pass through {_runs(exact)}: nothing can be said about their residuals.")
+        found.append(f"The model must pass through {_runs(exact)} (leverage 1), so their residuals are uninformative.")
     study = analysis.study
     if study is not None:
         if np.isfinite(study.normal.correlation):
             found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
         text = profile_text(study)
         found.append(capital(text))
-        far = "an extrapolation: further from the runs than any run" if study.extrapolated else "no extrapolation"
+        far = "an extrapolation: their leverage exceeds every run's" if study.extrapolated else "not an extrapolation"
         found.append(f"The recommended settings are {far}.")
         known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}
-        found += [f"Run {run} stands out: {'; '.join(reasons)}." for run, reasons in known.items()]
+        found += [f"Run {run}: {'; '.join(reasons)}." for run, reasons in known.items()]
         if len(study.influential) > MAX_NAMED:
-            more = counted(len(study.influential) - MAX_NAMED, "more run stands", "more runs stand")
-            found.append(f"{more} out.")
+            more = counted(len(study.influential) - MAX_NAMED, "more run is", "more runs are")
+            found.append(f"{more} influential or poorly fitted.")
     inside = np.abs(fit.studentised[np.isfinite(fit.studentised)]) <= 2.0
     found.append(f"{format_percent(float(np.mean(inside)))} of the studentised residuals lie within \u22122 and 2.")
     return tuple(found)

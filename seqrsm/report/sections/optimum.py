@@ -85,12 +85,12 @@ def intervals_at(analysis: Analysis, stop: StopSpec) -> list[tuple[str, Interval
     """Name and ends of each interval at the recommended settings, as the table and its picture show them."""
     optimum = analysis.optimum
     found = [
-        ("Mean score at these settings", optimum.confidence),
+        ("Mean score", optimum.confidence),
         ("One future run", optimum.prediction),
         (f"Mean of {optimum.replicates} future runs", optimum.prediction_mean),
     ]
     if optimum.ground is not None:
-        found.append((f"{_WATCHED[stop.interval]}, by chance alone", optimum.by_chance))
+        found.append((f"{_WATCHED[stop.interval]}, sampling error only", optimum.by_chance))
     return found
 
 
@@ -114,8 +114,7 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
         slices = _slices(analysis, [names.index(ranked_factors(analysis)[0])])
         first, caption = slices.panels[0], slices.caption
     level = level_phrase(analysis)
-    caption += f" Beside it the {level} intervals of the mean score and of future runs; "
-    caption += "dashed: the target, where it is not far wider."
+    caption += f" Right: {level} intervals of the mean score and of future runs; dashed: the target half-width."
     return FigureBlock((first, intervals), caption)
 
 
@@ -125,15 +124,13 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
         (name, interval_text(analysis, interval), half_width_text(analysis, interval.half_width))
         for name, interval in intervals_at(analysis, stop)
     )
-    columns = ("Interval", "From, to", right("Half-width"))
+    columns = ("Interval", right("Low to high"), right("Half-width"))
     blocks: list[Block] = []
     floor = analysis.decision.noise_floor
     if math.isfinite(floor) and floor > 0.0:
-        text = f"The scatter of single runs alone gives the {watched_interval(stop)} a half-width of"
-        blocks.append(
-            Paragraph(f"{text} {half_width_text(analysis, floor)}: no number of runs can bring it below that.")
-        )
-    blocks.append(table(f"Intervals at the optimum, {level_phrase(analysis)}", columns, rows))
+        text = f"Run-to-run scatter alone gives the {watched_interval(stop)} a half-width of"
+        blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
+    blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings", columns, rows))
     blocks += _steps(analysis)
     blocks += _surfaces(analysis, slice(1, None))  # the first opens the report
     if effects := effects_text(analysis):
@@ -144,27 +141,27 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
 
 def shape_section(analysis: Analysis, key: str) -> Section:
     """Return how the intervals were found: the surfaces that were weighed, the shape, the posterior's sampler."""
-    whose = "For a quadratic alone the" if analysis.fitted.departure.probability > 0.0 else "The"
+    whose = "With the quadratic alone, the" if analysis.fitted.departure.probability > 0.0 else "The"
     how = (
-        f"{whose} prediction interval of one future run (RSL TR 380-1, eq. (2-23) with the factor s that is missing in "
-        "print; z\u2080 is the full model row) is"
+        f"{whose} prediction interval of one future run is (RSL TR 380-1, eq. (2-23), with the factor s that its print "
+        "omits; z\u2080 is the full model row)"
     )
     blocks: list[Block] = [Paragraph("", method=how), PREDICTION_EQUATION, *_departure(analysis), *_choice(analysis)]
     blocks += _shape(analysis)
     sampled = "; ".join(f"{name} {value}" for name, value in _sampler(analysis))
-    blocks.append(Paragraph(f"How the posterior was computed: {sampled}.", "note"))
+    blocks.append(Paragraph(f"Posterior computation: {sampled}.", "note"))
     return Section(f"{key}-shape", "Intervals and shape of the surface", tuple(blocks))
 
 
 def _steps(analysis: Analysis) -> list[Block]:
-    """What each value or level of a factor brings, the others as recommended."""
+    """What each value or level of a factor gains, the others as recommended."""
     if not analysis.steps:
         return []
     factors = {factor.name: factor for factor in analysis.region.factors}
     rows = [
         (
             readable(step.factor),
-            f"{setting_with_unit(factors[step.factor], step.level)} over "
+            f"{setting_with_unit(factors[step.factor], step.level)} instead of "
             f"{setting_with_unit(factors[step.factor], step.over)}",
             decimal_cell(step.mean, score_decimals(analysis)),
             decimal_cell(step.gain, score_decimals(analysis)),
@@ -174,8 +171,11 @@ def _steps(analysis: Analysis) -> list[Block]:
         for step in analysis.steps
     ]
     unit = analysis.score_unit
-    columns = ("Parameter", "Step", right("Mean", unit), right("Gain", unit), "From, to", right("Is better"))
-    caption = f"What a step of one parameter brings, the others as recommended, {level_phrase(analysis)}"
+    columns = (
+        *("Factor", "Change", right("Mean", unit), right("Gain", unit)),
+        *(right(f"Gain, {level_phrase(analysis)} interval"), right("Probability better")),
+    )
+    caption = "Effect of changing one factor, the others as recommended"
     return [table(caption, columns, rows)]
 
 
@@ -183,39 +183,40 @@ def _departure(analysis: Analysis) -> list[Block]:
     """Whether the surface is a quadratic, and what the quadratic alone would recommend."""
     found = analysis.fitted.departure
     if found.process is None:
-        text = f"Settings and intervals are those of the quadratic; no other surface was weighed: {found.reason}."
+        text = f"Settings and intervals are the quadratic's; no alternative surface was considered: {found.reason}."
         return [Paragraph(text)]
     how = (
-        "The other surface is a Gaussian process about the quadratic, with a length and a bend of the axis for each "
-        "parameter, and noise that may grow where scores are poorer, averaged over what is not known of it; before the "
-        f"scores its probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
+        "The alternative is a Gaussian process about the quadratic, with a length scale and an axis warp for each "
+        "factor and noise that may increase where scores are poorer, averaged over its hyperparameters. Its prior "
+        f"probability is {format_share(1.0 / (1.0 + math.exp(-PRIOR_LOG_ODDS)))}."
     )
-    factor = f"natural log of the Bayes factor {found.log_bayes_factor:.1f}"
+    factor = f"log Bayes factor {found.log_bayes_factor:.1f}"
     if found.probability == 0.0:
-        return [Paragraph(f"The scores speak for a quadratic ({factor}). ", method=how)]
+        return [Paragraph(f"The scores favour the quadratic ({factor}). ", method=how)]
     alone = analysis.region.decode(analysis.of_quadratic.point)[0]
     text = (
-        f"A surface that is no quadratic has a probability of {format_share(found.probability)} ({factor}); settings "
-        "and intervals count both. The quadratic alone has its optimum at "
+        f"The probability that the surface is not quadratic is {format_share(found.probability)} ({factor}); settings "
+        "and intervals average over both surfaces. The optimum of the quadratic alone is at "
         f"{format_settings(analysis.region.factors, alone)}. "
     )
     return [Paragraph(text, method=how)]
 
 
 def _choice(analysis: Analysis) -> list[Block]:
-    """What choosing the settings by the same scores takes off their mean."""
+    """The correction of the mean for selection bias: the settings were chosen from the same scores."""
     off = analysis.optimum.optimism
     if not off:
         return []
-    side, reach = ("below", "down") if off > 0.0 else ("above", "up")
+    side, end = ("below", "lower") if off > 0.0 else ("above", "upper")
+    amount = with_unit(format_significant(abs(off), 2), analysis.score_unit)
     text = (
-        f"The mean told lies {format_significant(abs(off), 2)} {analysis.score_unit} {side} the surface, and the "
-        f"intervals reach as much further {reach}: the scores that tell it also chose the settings, and chose those "
-        "that chance favoured. "
+        f"The reported mean is {amount} {side} the fitted surface, and the {end} ends of the intervals extend by as "
+        "much: the same scores selected the settings and estimate their mean, so the fitted optimum is too good on "
+        "average (selection bias, the winner's curse). "
     )
     how = (
-        "What the choice adds is found by the bootstrap: about the surface, brought nearer to its mean over the runs "
-        "by what error adds to its variance there, new scores choose and tell anew, 200 times."
+        "The bias is estimated by a parametric bootstrap: 200 sets of scores are simulated about the fitted surface, "
+        "shrunk towards its mean over the runs by the variance that error adds, and each selects and estimates anew."
     )
     return [Paragraph(text, method=how)]
 
@@ -235,15 +236,15 @@ def _shape(analysis: Analysis) -> list[Block]:
         if analysis.region.categorical
         else "The fitted surface "
     )
-    text += f"has a {stationary.kind} {where} the region, at {_place(analysis, stationary.point, stationary.se)}."
-    method = " The values after \u00b1 are standard errors, by the delta method from those of the coefficients."
+    text += f"has a {stationary.kind} {where} the region at {_place(analysis, stationary.point, stationary.se)}."
+    method = " Values after \u00b1 are standard errors by the delta method."
     blocks: list[Block] = [Paragraph(text, method=method if np.any(np.isfinite(stationary.se)) else "")]
     if stationary.warning:
         blocks.append(Paragraph(readable_text(stationary.warning, analysis.region.names), "note"))
     if stationary.flat.any() and np.all(np.isfinite(stationary.exact_point[list(numeric)])):
         place = _place(analysis, stationary.exact_point, stationary.exact_se)
         where = "inside" if stationary.exact_inside_region else "outside"
-        text = f"With no curvature taken as flat the stationary point lies {where} the region, at {place}."
+        text = f"If no curvature is set to zero, the stationary point lies {where} the region at {place}."
         blocks.append(Paragraph(text))
     rows = (
         (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
@@ -251,7 +252,7 @@ def _shape(analysis: Analysis) -> list[Block]:
     )
     unit = analysis.score_unit if analysis.response == "identity" else ""
     columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
-    caption = "Principal curvatures of the fitted surface and their directions, in coded units"
+    caption = "Principal curvatures of the fitted surface and their directions, coded units"
     return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
 
 
@@ -296,14 +297,14 @@ def _contours(analysis: Analysis, which: slice) -> FigureBlock:
     all_pairs = math.comb(len(analysis.region.numeric), 2)
     unit = f" in {analysis.score_unit}" if analysis.score_unit else ""
     caption = (
-        f"Contours of the fitted mean score{unit} over pairs of factors, all others at the optimum; one colour scale "
-        "for all pairs. White circles: runs (at any setting of the other factors); orange dots: posterior draws of the "
-        "optimum; star: recommended settings."
+        f"Fitted mean score{unit} over pairs of factors, the others as recommended; the colour scale is common to all "
+        "pairs. White circles: runs, at any setting of the other factors; orange dots: posterior draws of the optimum; "
+        "star: recommended settings."
     )
     if not analysis.region.is_box:
-        caption += " Hatched: settings that the constraints do not allow."
+        caption += " Hatched: excluded by the constraints."
     if len(chosen_pairs(analysis)) < all_pairs:
-        caption += f" Of {all_pairs} pairs the {MAX_PAIRS} of the most important factors are drawn."
+        caption += f" {MAX_PAIRS} of {all_pairs} pairs are drawn, those of the most important factors."
     return FigureBlock(panels, caption, columns=3)
 
 
@@ -322,7 +323,7 @@ def _contour_alt(analysis: Analysis, s: Surface) -> str:
     names = f"{_name(analysis, s.x_index)} (across) and {_name(analysis, s.y_index)} (up)"
     allowed = np.where(s.slack >= 0.0, s.mean, np.nan)
     if not np.any(np.isfinite(allowed)):
-        return f"Contours over {names}: the runs do not determine the surface here."
+        return f"Contours over {names}: not determined by these runs."
     low, high = (score_text(analysis, float(f(allowed))) for f in (np.nanmin, np.nanmax))
     x, y = (optimum_setting_text(analysis, analysis.region.factors[i]) for i in (s.x_index, s.y_index))
     return f"Contours of the fitted mean score over {names}, from {low} to {high}; the optimum is at {x} and {y}."
@@ -347,15 +348,15 @@ def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
         panels.append(Panel(readable(factor.name), alt, draw, name=slug(f"slice {factor.name}"), data=data))
     level = level_phrase(analysis)
     caption = (
-        f"Slices through the optimum, marked by the dashed line. Line or diamonds: fitted mean; dark band: confidence "
-        f"({level}); light band: prediction of one run ({level}); grey dots: runs, moved along the fitted surface to "
-        "the optimal setting of the other factors."
+        f"Slices through the optimum (dashed line). Line or diamonds: fitted mean; dark band: {level} confidence "
+        "interval; light band: prediction interval of one run; grey dots: runs, moved along the fitted surface to the "
+        "recommended setting of the other factors."
     )
     missing = no_error_estimate(analysis)
     if missing:
-        caption += f" There are no bands: {missing}."
+        caption += f" No bands: {missing}."
     if not analysis.region.is_box:
-        caption += " Settings that the constraints do not allow are left out; hollow diamonds are levels not allowed."
+        caption += " Settings excluded by the constraints are left out; hollow diamonds are excluded levels."
     return FigureBlock(tuple(panels), caption, columns=3)
 
 
@@ -379,8 +380,8 @@ def _by_level(analysis: Analysis) -> list[Block]:
     if not panels:
         return []
     caption = (
-        f"Fitted mean score with its confidence intervals ({level_phrase(analysis)}), all other parameters as "
-        "recommended; points of one value stand side by side."
+        f"Fitted mean score with {level_phrase(analysis)} confidence intervals, the other factors as recommended; "
+        "points at one value are drawn side by side."
     )
     return [FigureBlock(tuple(panels), caption)]
 
@@ -394,12 +395,12 @@ def _sampler(analysis: Analysis) -> tuple[tuple[str, str], ...]:
 
 _SAMPLER_WORDS = {
     "draws": "draws kept",
-    "steps": "steps of every walker",
+    "steps": "steps per walker",
     "tau": "autocorrelation time",
-    "ess": "effective draws, at least",
-    "ess_ends": "effective draws at the ends of the intervals, at least",
-    "acceptance": "accepted proposals",
-    "r_hat": "R-hat over independent ensembles, at most",
+    "ess": "effective sample size at least",
+    "ess_ends": "effective sample size at the interval ends at least",
+    "acceptance": "acceptance rate",
+    "r_hat": "R-hat over independent ensembles at most",
 }
 
 
@@ -420,5 +421,5 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
         draw, data = partial(optimum_posterior_panel, analysis, index), partial(optimum_draws_data, analysis, index)
         name = slug(f"posterior of optimal {factor.name}")
         panels.append(Panel(readable(factor.name), alt, draw, name=name, data=data))
-    caption = "Posterior of the optimal setting of every factor. Dashed: the recommended setting."
+    caption = "Posterior of the optimal setting of each factor. Dashed: recommended setting."
     return FigureBlock(tuple(panels), caption, columns=3)

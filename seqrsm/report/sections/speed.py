@@ -1,4 +1,4 @@
-"""On which data base the runs were simulated, and the measured trade-off of speed and accuracy."""
+"""On which database the runs were simulated, and the measured trade-off of speed and accuracy."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
 
 
 def speed_section(dossier: Dossier) -> Section | None:
-    """Return on which data base each run was simulated, and the measured trade-off; None without a simulator."""
+    """Return on which database each run was simulated, and the measured trade-off; None without a simulator."""
     simulator, measured = dossier.spec.simulator, dossier.tradeoff
     if simulator is None:
         return None
     unit = dossier.spec.applications[0].unit
-    how = "in full, on the data base as it is"
+    how = "on the full scene"
     if simulator.tolerance > 0.0:
         accepted = with_unit(format_plain(simulator.tolerance), unit)
-        how = f"on the coarsest data base whose scores were measured to differ by no more than {accepted} (rms)"
-    blocks: list[Block] = [Paragraph(f"Runs are simulated {how}.")]
+        how = f"on the coarsest scene whose measured rms error of the score is at most {accepted}"
+    blocks: list[Block] = [Paragraph(f"Runs were simulated {how}.")]
     rows = [(ground_name(one["averaged"]), whole_cell(one["runs"])) for one in simulated_by(dossier.runs)]
     if rows:
-        blocks.append(table("What the runs were simulated on", ("Data base", right("Runs")), rows))
+        blocks.append(table("Resolution of the simulations", ("Scene", right("Runs")), rows))
     compared = [event.detail for event in dossier.events if event.kind == COARSENED]
     if compared:
         differences = listing(
@@ -53,16 +53,14 @@ def speed_section(dossier: Dossier) -> Section | None:
             ]
         )
         text = f"Rms difference of scores, by the cells left along a side of a pixel: {differences}. "
-        blocks.append(Paragraph(text + "The intervals do not count it."))
-    if measured is None:
-        blocks.append(Paragraph("seqrsm tradeoff measures speed against accuracy on this scene; it was not run."))
-    else:
+        blocks.append(Paragraph(text + "The intervals do not include it."))
+    if measured is not None:
         blocks += tradeoff_blocks(measured, unit)
     return Section("speed", "Speed and accuracy of the simulations", tuple(blocks))
 
 
 def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
-    """What ``seqrsm tradeoff`` measured: coarser data bases against the one as it is.
+    """What ``seqrsm tradeoff`` measured: coarser databases against the one as it is.
 
     Parameters
     ----------
@@ -82,29 +80,29 @@ def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
 
 def _tradeoff_blocks(name: str, rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str) -> list[Block]:
     columns: tuple[Head, ...] = (
-        right("Cells a pixel, at least"),
+        right("Minimum cells per pixel side"),
         right("Cells averaged"),
-        right("Time of a run", "ms"),
-        right("Time of the full simulation", "%"),
+        right("Time per run", "ms"),
+        right("Time relative to full scene", "%"),
         *(right(title, unit) for title in ("Bias \u00b1 s.e.", "Rms error", "Largest error")),
         right("Rank correlation"),
         right("Utility lost \u00b1 s.e.", unit),
     )
     accepted = f" (accepted: {with_unit(format_plain(tolerance), unit)})" if tolerance > 0.0 else ""
     caption = (
-        f"Coarser data bases against the one as it is for {name}{accepted}, over {rows[-1]['configurations']} "
-        f"configurations and {rows[-1]['occasions']} occasions. Cells are averaged as long as so many are left along a "
-        "side of a pixel. Time: CPU time. Utility lost: by taking the configuration that this data base finds best"
+        f"Coarsened scenes against the full scene for {name}{accepted}, {rows[-1]['configurations']} configurations "
+        f"and {rows[-1]['occasions']} occasions. Cells are averaged while the minimum number per pixel side remains. "
+        "Time: CPU time. Utility lost: by choosing the configuration that scores best on the coarsened scene"
     )
     alt = "; ".join(
         f"{_label(row)}: {100 * row['time_ratio']:.3g} % of the time, rms error {row['rms_error']:.2g}" for row in rows
     )
     draw = partial(drawing.draw, partial(_paint, rows, tolerance, unit))
-    title = f"Speed against accuracy, {name}"
+    title = f"Speed and accuracy, {name}"
     panel = Panel(title, alt, draw, name=slug(f"speed against accuracy {name}"), data=partial(_data, rows))
     under = (
-        "Time of a run against the error of its score, by the cells left along a side of a pixel. Dotted: the "
-        "tolerance, where there is one. The full simulation has no error and is drawn at the bottom."
+        "Error of the score against time per run, by minimum cells per pixel side. Dotted: tolerance, if any. The full "
+        "simulation has no error and is drawn at the bottom."
     )
     return [FigureBlock((panel,), under), table(caption, columns, map(_row, rows))]
 
@@ -150,7 +148,7 @@ def _paint(rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str, figur
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axis.set_minor_locator(NullLocator())
-    axes.set_xlabel("time of a run [% of the full simulation]")
+    axes.set_xlabel("time per run [% of full simulation]")
     axes.set_ylabel(f"rms error of the score [{unit}]" if unit else "rms error of the score")
     axes.grid(visible=True)
     axes.margins(x=0.18, y=0.18)

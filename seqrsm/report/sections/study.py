@@ -28,7 +28,7 @@ from seqrsm.report.wording import (
 def paths_section(analysis: Analysis, key: str) -> Section | None:
     """Ways over the fitted surface; None without a study, or where there is none."""
     found = () if analysis.study is None else tuple(_paths(analysis, analysis.study))
-    return Section(f"{key}-paths", "Ways over the fitted surface", found) if found else None
+    return Section(f"{key}-paths", "Ridge analysis and steepest ascent", found) if found else None
 
 
 def _paths(analysis: Analysis, study: Study) -> list[Block]:
@@ -61,22 +61,22 @@ def _path_table(analysis: Analysis, path: Sequence[PathPoint], title: str) -> Ta
 
 
 def term_blocks(analysis: Analysis) -> list[Block]:
-    """Averaging over models and blocks, folded away; empty without a study."""
+    """Model averaging and blocks, folded away; empty without a study."""
     study = analysis.study
     if study is None:
         return []
     found: list[Block] = []
     if isinstance(study.terms, TermChoice):
-        found.append(Details("Which terms: averages over models", _choice_blocks(study.terms)))
+        found.append(Details("Model averaging", _choice_blocks(study.terms)))
     else:
-        found.append(Paragraph(f"There is no average over models: {study.terms.rstrip('.')}.", "note"))
+        found.append(Paragraph(f"No model averaging: {study.terms.rstrip('.')}.", "note"))
     if study.blocks is not None:
         found.append(Details("The recommended settings by block", _block_blocks(analysis, study.blocks)))
     return found
 
 
 def _choice_blocks(found: TermChoice) -> tuple[Block, ...]:
-    how = "All" if found.exhaustive else "A search visited"
+    how = "all" if found.exhaustive else "a search over"
     units, share = found.models[0]
     best, median = (", ".join(map(readable_term, some)) or "none" for some in (units, found.median))
     rows = (
@@ -88,12 +88,12 @@ def _choice_blocks(found: TermChoice) -> tuple[Block, ...]:
         for i in np.argsort(-found.inclusion, kind="stable").tolist()
     )
     text = (
-        f"Probability that each term belongs to the model, over hierarchical models with Zellner's g prior. {how} "
-        f"{found.n_models} hierarchical models; the most probable ({format_percent(share)}) has: {best}. More likely "
-        f"than not: {median}."
+        f"Probability that each term belongs to the model, from {how} {found.n_models} hierarchical models with "
+        f"Zellner's g prior. Most probable model ({format_percent(share)}): {best}. Median model: "
+        f"{'the same' if median == best else median}."
     )
-    columns = ("Term", right("Probability"), right("Before the scores"))
-    return (Paragraph(text), table("Terms, the most probable first", columns, rows, sortable=True))
+    columns = ("Term", right("Probability"), right("Prior probability"))
+    return (Paragraph(text), table("Posterior probability of each term", columns, rows, sortable=True))
 
 
 def _block_blocks(analysis: Analysis, found: BlockStudy) -> tuple[Block, ...]:
@@ -112,13 +112,12 @@ def _block_blocks(analysis: Analysis, found: BlockStudy) -> tuple[Block, ...]:
 def _block_text(found: BlockStudy) -> str:
     """How much blocks differ."""
     if isinstance(found.new, str):
-        return f"How blocks differ cannot be told: {found.new}."
+        return f"Differences between blocks cannot be estimated: {found.new}."
     ratio = " to ".join(format_significant(end, 2) for end in found.ratio)
     text = (
-        f"Blocks are {found.effect} effects in the fit. Standard deviation of a run "
-        f"{format_significant(found.sigma, 3)}, of the blocks {format_significant(found.sigma_block, 3)} (restricted "
-        f"maximum likelihood, on the scale of the fit); credible interval of their ratio {ratio}. A run in a new block "
-        "brings that block's effect."
+        f"Blocks are {found.effect} effects. Standard deviation of a run {format_significant(found.sigma, 3)}, of the "
+        f"blocks {format_significant(found.sigma_block, 3)} (restricted maximum likelihood, on the scale of the fit); "
+        f"credible interval of their ratio {ratio}. A run in a new block includes that block's effect."
     )
     return f"{text} {capital(found.note)}." if found.note else text
 
@@ -127,15 +126,15 @@ def profile_text(study: Study) -> str:
     """What the profile of the transform's power says."""
     found = study.profile
     if isinstance(found, str):
-        return f"Scale of the scores not profiled: {found}."
+        return f"No transformation was profiled: {found}."
     name, zero = ("Box-Cox power", "logarithm") if found.family == "box-cox" else ("logit power", "logit")
     ends = " to ".join("open" if math.isinf(end) else f"{end:.2f}" for end in (found.low, found.high))
     if found.identity_inside:
-        verdict = "the scores may stay as they are (1)"
+        verdict = "no transformation (power 1) is needed"
     elif found.zero_inside:
-        verdict = f"the {zero} (0) fits the model better than the scores as they are (1)"
+        verdict = f"the {zero} (power 0) fits better than no transformation (power 1)"
     else:
-        verdict = f"neither the scores as they are (1) nor their {zero} (0) is the best scale"
+        verdict = f"neither no transformation (power 1) nor the {zero} (power 0) lies in the interval"
     return f"{name} {found.best:.2f} ({100 * found.level:g} % interval {ends}): {verdict}."
 
 

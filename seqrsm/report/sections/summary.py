@@ -1,4 +1,4 @@
-"""The first page: what to build, how good it will be, how sure that is, what to do next, and what it rests on."""
+"""The first page: what to build, how good it will be, how sure that is, what to do next, and on what basis."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _TIES = 3
 _CLEAR_P = 0.05
 """Probability of the F test above which a factor is not said to matter."""
 
-_FLAT = "No parameter is seen to matter"
+_FLAT = "No factor has a significant effect"
 
 
 def summary_section(
@@ -80,22 +80,22 @@ def summary_section(
         By application, shares of the area by what their means rest on.
     """
     if not analyses:
-        note = "No application of this campaign has enough scored runs for its model yet: there is no result to show."
+        note = "No application of this campaign has enough scored runs to fit its model yet."
         return Section("summary", "Summary", (Paragraph(note, "warning"),))
     if has_one_result(analyses, compromise):
         found = result_section(spec, analyses[0], runs, rests or {}, "summary", "Summary")
         return replace(found, blocks=(Paragraph(_question(spec, analyses)), *found.blocks))
     blocks: list[Block] = [Paragraph(_question(spec, analyses))]
     if compromise is None:
-        blocks.append(Paragraph("Some application has no model yet, so no settings that serve all are known.", "lead"))
+        blocks.append(Paragraph("At least one application has no model yet, so no compromise can be computed.", "lead"))
     else:
         blocks += compromise_summary(spec.factors, compromise)
     blocks.append(_own_table(analyses))
     todo = tuple(f"{one.application}: {': '.join(_decision_words(one))}." for one in analyses)
     scored = [run for run in runs if run.state == "scored"]
     parts = (
-        Section("summary-next", "What to do next", (Bullets(todo),)),
-        *((Section("summary-rests", "What this rests on", (_made(spec, scored),)),) if scored else ()),
+        Section("summary-next", "Next steps", (Bullets(todo),)),
+        *((Section("summary-rests", "Basis", (_made(spec, scored),)),) if scored else ()),
     )
     return Section("summary", "Summary", tuple(blocks), parts)
 
@@ -120,17 +120,17 @@ def result_section(
     blocks += [Paragraph(text, "lead") for text in flat]
     if best.ties and not best.ridge:
         others = "; ".join(format_settings(analysis.region.factors, tie) for tie in best.ties[:_TIES])
-        blocks.append(Paragraph(f"As good: {others}{' and more' if len(best.ties) > _TIES else ''}.", "lead"))
+        blocks.append(Paragraph(f"Equally good: {others}{' and more' if len(best.ties) > _TIES else ''}.", "lead"))
     blocks.append(Paragraph(recommendation(analysis), "lead"))
     blocks += [Paragraph(readable_text(text, names), "warning") for text in analysis.warnings if text not in flat]
     blocks.append(_key_figures(spec, analysis))
     blocks.append(first_panels(analysis, spec.stop))
     blocks.append(_settings_table(analysis))
-    why = () if analysis.decision.held else analysis.decision.reasons
+    why = () if analysis.decision.held or analysis.decision.wants_confirmation else analysis.decision.reasons
     steps = tuple(readable_text(text, names) for text in (*_next_steps(spec, analysis), *why))
     parts = (
-        Section(f"{key}-next", "What to do next", (Bullets(steps),)),
-        Section(f"{key}-rests", "What this rests on", tuple(_rests(spec, analysis, runs, rests))),
+        Section(f"{key}-next", "Next steps", (Bullets(steps),)),
+        Section(f"{key}-rests", "Basis", tuple(_rests(spec, analysis, runs, rests))),
     )
     return Section(key, title, tuple(blocks), parts)
 
@@ -149,45 +149,42 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
 
 
 def recommendation(analysis: Analysis) -> str:
-    """Return the recommendation in words and numbers."""
+    """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
-    text = f"Recommended for {analysis.application}: {settings_sentence(analysis)}. "
+    settings, what = settings_sentence(analysis), f"the settings with the {best} estimated mean score in the region"
     if any(check.name == "guess" and check.holds is False for check in analysis.decision.checks):
-        text = f"No setting is seen to measure {analysis.application}: a guess may do as well. The best of the fitted "
-        text += f"surface: {settings_sentence(analysis)}. "
-    text += f"The {best} mean score in the region is expected there: "
-    missing = no_error_estimate(analysis)
-    if missing:
-        return text + f"{score_text(analysis, analysis.optimum.mean)} ({missing})."
-    interval = interval_text(analysis, analysis.optimum.confidence)
-    mean = score_text(analysis, analysis.optimum.mean)
-    return text + f"{mean} ({level_phrase(analysis)} confidence interval {interval})."
+        return (
+            f"No setting is shown to do better than guessing for {analysis.application}. Best of the fitted surface: "
+            f"{settings}, {what}."
+        )
+    return f"Recommended for {analysis.application}: {settings}, {what}."
 
 
 def _key_figures(spec: CampaignSpec, analysis: Analysis) -> KeyFigures:
     level, stop = level_phrase(analysis), spec.stop
     missing = no_error_estimate(analysis)
     target = with_unit(format_plain(stop.half_width), analysis.score_unit)
-    ends = interval_text(analysis, analysis.optimum.prediction)
+    best = analysis.optimum
+    mean, ends = (interval_text(analysis, one) for one in (best.confidence, best.prediction))
     figures = (
-        ("Mean score there", mean_text(analysis), missing or f"{level} confidence interval"),
-        ("One future run there", "none" if missing else ends, missing or f"{level} prediction interval"),
+        ("Mean score", score_text(analysis, best.mean), missing or f"{level} confidence interval {mean}"),
+        ("One future run", "none" if missing else ends, missing or f"{level} prediction interval"),
         *_ends(analysis),
-        ("Half-width that decides", _deciding(analysis), f"target {target}: {watched_interval(stop)}"),
-        ("Most important", *_most_important(analysis)),
-        ("Scored runs in the fit", str(analysis.fit.n_runs), f"{analysis.fit.n_terms} terms; budget {stop.max_runs}"),
+        ("Stop-rule half-width", _deciding(analysis), f"target {target}; {watched_interval(stop)}"),
+        ("Most important factor", *_most_important(analysis)),
+        ("Runs in the fit", str(analysis.fit.n_runs), f"{analysis.fit.n_terms} terms; budget {stop.max_runs}"),
         ("Decision", *_decision_words(analysis)),
     )
     return KeyFigures(tuple(KeyFigure(*figure) for figure in figures))
 
 
 def _ends(analysis: Analysis) -> list[tuple[str, str, str]]:
-    """Return what a guess and perfect data would score on the same ground, where it is known."""
+    """Return what a guess and error-free data would score on the same ground, where it is known."""
     guess, perfect = analysis.data.guess, analysis.data.perfect
     if not (math.isfinite(guess) and math.isfinite(perfect)):
         return []
     ends = f"{score_text(analysis, guess, unit=False)} and {score_text(analysis, perfect)}"
-    return [("Guess and perfect data", ends, "what would be scored without an image, and by one without fault")]
+    return [("Reference scores", ends, "guessing without an image, and error-free data")]
 
 
 def _deciding(analysis: Analysis) -> str:
@@ -198,17 +195,17 @@ def _deciding(analysis: Analysis) -> str:
 
 def _decision_words(analysis: Analysis) -> tuple[str, str]:
     if analysis.decision.held and analysis.contradicted:
-        return "Doubt", "the stop rule holds, but fresh runs contradict the model"
+        return "Doubt", "stop rule met, but the confirmation runs contradict the model"
     if analysis.decision.held:
-        return "Stop", "the stop rule holds"
+        return "Stop", "stop rule met"
     if analysis.decision.wants_confirmation:
-        return "Confirm", "only fresh runs at the optimum are missing"
+        return "Confirm", "only the confirmation runs are missing"
     if analysis.decision.budget_spent:
-        return "Budget spent", "before the stop rule held"
+        return "Budget spent", "stop rule not met"
     needed = analysis.decision.runs_needed
     if needed is not None and needed > analysis.fit.n_runs:
-        return "Go on", f"about {needed} runs in all are needed"
-    return "Go on", "the stop rule does not hold yet"
+        return "Continue", f"about {needed} runs needed in total"
+    return "Continue", "stop rule not met yet"
 
 
 def _most_important(analysis: Analysis) -> tuple[str, str]:
@@ -220,7 +217,7 @@ def _most_important(analysis: Analysis) -> tuple[str, str]:
     p = format_p(first.p)
     detail = f"F = {format_significant(first.f, 3)}, p {p if p.startswith('<') else '= ' + p}"
     if min(row.p for row in tested.values()) > _CLEAR_P:
-        return "none for certain", f"{readable(ranked[0])} the most: {detail}"
+        return "none significant", f"{readable(ranked[0])} ranks first: {detail}"
     if len(ranked) > 1:
         detail += f"; then {listing([readable(name) for name in ranked[1:4]])}"
     return readable(ranked[0]), detail
@@ -236,7 +233,7 @@ def _settings_table(analysis: Analysis) -> Table:
         )
         for factor in analysis.region.factors
     )
-    credible = f"Credible interval {level_phrase(analysis)} of the optimal setting"
+    credible = f"Optimal setting, {level_phrase(analysis)} credible interval"
     columns = ("Factor", right("Setting"), credible, right("Probability at a bound"))
     return table(f"Recommended settings for {analysis.application}", columns, rows)
 
@@ -254,9 +251,9 @@ def _own_table(analyses: Sequence[Analysis]) -> Table:
         )
         for analysis in analyses
     )
-    numbers = (right("Best mean score alone"), right("One future run"))
-    columns = ("Application", *numbers, "Most important", "Test", right("Half-width that decides"), "Decision")
-    return table("Each application by itself", columns, rows)
+    numbers = (right("Best mean score"), right("One future run"))
+    columns = ("Application", *numbers, "Most important factor", "Test", right("Stop-rule half-width"), "Decision")
+    return table("Each application optimized separately", columns, rows)
 
 
 def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
@@ -265,22 +262,22 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     fresh = spec.stop.confirmation_runs
     if decision.held and analysis.contradicted:
         yield (
-            "Run more around the recommended settings: the stop rule holds, but the fresh runs there contradict the "
-            "model, and the score there is what they say."
+            "Run more around the recommended settings: the stop rule is met, but the confirmation runs contradict the "
+            "model. Rely on their scores, not on the model's."
         )
     elif decision.held:
         yield f"Stop. {_loss_sentence(analysis)}".strip()
     elif decision.wants_confirmation:
-        yield f"Make {counted(fresh, 'fresh run')} at the recommended settings. {_loss_sentence(analysis)}".strip()
+        yield f"Make {counted(fresh, 'confirmation run')} at these settings. {_loss_sentence(analysis)}".strip()
     elif decision.budget_spent:
-        yield f"Raise the budget or accept the interval as it is. {_loss_sentence(analysis)}".strip()
+        yield f"Raise the budget or accept the interval as it stands. {_loss_sentence(analysis)}".strip()
     else:
-        yield f"Go on: the stop rule does not hold yet. {_loss_sentence(analysis)}".strip()
+        yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}".strip()
     if best.at_bound:
         edges = listing([_edge(text) for text in best.at_bound])
         yield f"Consider widening the region: the optimum lies on its edge, {edges}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
-        yield "Fly, or measure the covers: most of the half-width comes from what is not known of the ground."
+        yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
 
 
 def _edge(text: str) -> str:
@@ -293,10 +290,10 @@ def _loss_sentence(analysis: Analysis) -> str:
     if not math.isfinite(posterior.expected_regret):
         return ""
     loss = loss_text(analysis, posterior.expected_regret)
-    text = f"Acting on these settings now is expected to lose {loss} against the unknown true optimum"
+    text = f"Expected loss from adopting these settings now, relative to the unknown true optimum: {loss}"
     if math.isfinite(posterior.p_regret_above) and posterior.regret_epsilon > 0.0:
         epsilon = with_unit(format_plain(posterior.regret_epsilon), analysis.score_unit)
-        text += f", and more than {epsilon} with a probability of {format_share(posterior.p_regret_above)}"
+        text += f"; probability of losing more than {epsilon}: {format_share(posterior.p_regret_above)}"
     return f"{text}."
 
 
@@ -310,7 +307,7 @@ def _rests(
         yield Paragraph(ground)
     if shares := rests.get(analysis.application):
         parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
-        yield Paragraph(f"By area, the means behind the score at these settings are {parts}.")
+        yield Paragraph(f"Table values used at these settings, by area of the scene: {parts}.")
     if analysis.confirmation is not None:
         yield Paragraph(analysis.confirmation.text)
 

@@ -230,9 +230,9 @@ def refuse_gaussian(radar: RadarConfiguration, looks: FloatArray) -> None:
 
 
 def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:
-    """What is to be said of pixels finer than a data base's cells [m]."""
+    """What is to be said of pixels finer than a database's cells [m]."""
     return (
-        f"pixels finer than the ground: the data base has nothing smaller than its cells of {cell_m:g} m, so pixels of "
+        f"pixels finer than the ground: the scene has nothing smaller than its cells of {cell_m:g} m, so pixels of "
         f"{radar.pixel_spacing_m:g} m show no more detail and have fewer looks"
     )
 
@@ -276,9 +276,7 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     """Assumptions of the engine that matter for this image."""
     notes = [
         "fading is independent between pixels and between channels",
-        "ground outside the data base returns nothing"
-        if frame.wrapped
-        else "ground outside the data base is its mirror image",
+        "ground outside the scene returns nothing" if frame.wrapped else "ground outside the scene is its mirror image",
     ]
     if radar.finer_pixels:
         notes[0] = "fading is correlated over the resolution cell and independent between channels"
@@ -306,7 +304,7 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
     if frame.wrapped:
         widths = frame.ground_range_m[[frame.pad_near, frame.pad_near + frame.n_rows - 1]] * radar.azimuth_beamwidth_rad
         notes.append(f"the beam is {widths[0]:.3g} to {widths[1]:.3g} m wide on the ground; a pixel is one beam wide")
-        notes.append("the data base was turned into polar coordinates, its categories by the nearest cell")
+        notes.append("the scene was resampled to polar coordinates, its categories by the nearest cell")
     elif frame.cell_of_scene is not None:
-        notes.append("the heading is not along the grid: the data base was turned, its categories by the nearest cell")
+        notes.append("the heading is not along the grid: the scene was rotated, its categories by the nearest cell")
     return tuple(notes)

@@ -427,5 +427,5 @@ def _lines(mean_k: FloatArray, nedt_k: FloatArray, scan: ScanGeometry) -> tuple[
 _ENGINE_NOTES = (
     "the craft moves during a sweep; within one footprint every row takes the time at which the axis crosses it",
     "H and V are those of flat ground; ground is smooth to the sky it reflects, at its own slope",
-    "what the beam sees outside the data base is taken to be like what it sees inside",
+    "ground outside the scene is taken to be like the ground inside it",
 )
