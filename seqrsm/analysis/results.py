@@ -30,7 +30,7 @@ from seqrsm.fit.transforms import PowerProfile
 
 @dataclass(frozen=True, slots=True)
 class TermChoice:
-    """Averaging over hierarchical sub-models.
+    """Which terms belong to the model, over hierarchical sub-models.
 
     Attributes
     ----------
@@ -46,13 +46,6 @@ class TermChoice:
         Models listed or visited.
     exhaustive : bool
         All hierarchical models were listed.
-    coefficient_mean, coefficient_sd : ndarray (p,)
-        Averaged over models, 0 where a model lacks the term; the order of ``terms``.
-    terms : tuple of str
-    mean : float
-        Averaged score at the recommended settings.
-    confidence, prediction : Interval
-        Credible interval of the mean and of one future run there, the doubt about the terms included.
     """
 
     units: tuple[str, ...]
@@ -62,12 +55,6 @@ class TermChoice:
     median: tuple[str, ...]
     n_models: int
     exhaustive: bool
-    coefficient_mean: FloatArray
-    coefficient_sd: FloatArray
-    terms: tuple[str, ...]
-    mean: float
-    confidence: Interval
-    prediction: Interval
 
 
 @dataclass(frozen=True, slots=True)

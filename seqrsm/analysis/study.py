@@ -51,7 +51,7 @@ def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
     fit = fitted.fit
     row = fitted.model.matrix(point[None, :])
     return Study(
-        terms=_terms(spec, fitted, point),
+        terms=_terms(spec, fitted),
         profile=_profile(spec, fitted),
         normal=normal_plot(fit),
         influential=influential_runs(fit),
@@ -66,11 +66,11 @@ def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
     return fitted.scale.in_scores(float(found.low[0]), float(found.high[0]))
 
 
-def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice | str:
+def _terms(spec: CampaignSpec, fitted: Fitted) -> TermChoice | str:
     reason = fitted.surface.limits("averaging over models")
     if reason:
         return reason
-    data, scale = fitted.data, fitted.scale
+    data = fitted.data
     whole = QuadraticModel(fitted.region.factors, spec.model.order)
     columns, names = block_columns(block_labels(spec, data))
     Z = np.hstack([whole.matrix(data.points), columns])
@@ -80,10 +80,6 @@ def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice 
         )
     except FitError as error:
         return error.problems[0].message
-    row = np.hstack([whole.matrix(point[None, :]), np.zeros((1, columns.shape[1]))])
-    mean, sd = found.coefficients()
-    weight = float(scale.weight_at(found.predict(row).mean)[0])
-    here = found.predict(row, spec.stop.level, weight)
     return TermChoice(
         units=tuple(unit.name for unit in found.units),
         inclusion=found.inclusion,
@@ -95,12 +91,6 @@ def _terms(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> TermChoice 
         median=found.names(found.median_model),
         n_models=found.n_models,
         exhaustive=found.exhaustive,
-        coefficient_mean=mean[: whole.p],
-        coefficient_sd=sd[: whole.p],
-        terms=whole.term_names,
-        mean=float(scale.to_score(here.mean)[0]),
-        confidence=_in_scores(fitted, here.confidence),
-        prediction=_in_scores(fitted, here.prediction),
     )
 
 

@@ -284,11 +284,6 @@ def _models(found: TermChoice | str) -> dict[str, Any]:
         ],
         "median": list(found.median),
         "best": [{"units": list(units), "probability": share} for units, share in found.models],
-        "terms": [
-            {"name": name, "mean": float(mean), "sd": float(sd)}
-            for name, mean, sd in zip(found.terms, found.coefficient_mean, found.coefficient_sd, strict=True)
-        ],
-        "optimum": _of(found, "mean", "confidence", "prediction"),
     }
 
 

@@ -27,7 +27,7 @@ from scipy.special import gammaln, stdtr
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
-from seqrsm.fit.intervals import Interval, Prediction, student_quantile
+from seqrsm.fit.intervals import Interval
 from seqrsm.fit.linear_system import check_runs
 
 _MOST = 60  # times the draws wanted, before rejection gives up
@@ -221,44 +221,9 @@ class ConjugatePosterior:
         """Scale sqrt(b / a) of a run of weight 1; the residual standard deviation s under the flat prior."""
         return float(np.sqrt(self.b / self.a))
 
-    @property
-    def marginal_scale(self) -> FloatArray:
-        """Student-t scale (p,) of every coefficient; the standard error under the flat prior."""
-        return np.asarray(self.scale * np.sqrt(np.sum(np.square(self.factor), axis=1)))
-
-    @property
-    def marginal_sd(self) -> FloatArray:
-        """Posterior standard deviation (p,); nan for 2 or fewer degrees of freedom, where it does not exist."""
-        if self.a <= 1.0:
-            return np.full(self.mean.shape, np.nan)
-        return np.asarray(self.marginal_scale * np.sqrt(self.a / (self.a - 1.0)))
-
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """Value of z' Lambda^-1 z for rows (m, p) -> (m,)."""
         return np.asarray(np.sum(np.square(np.atleast_2d(rows) @ self.factor), axis=1))
-
-    def predict(
-        self, rows: FloatArray, level: float = 0.95, weight: float | FloatArray = 1.0, replicates: float = 1
-    ) -> Prediction:
-        """Credible interval of the mean response and predictive interval of the mean of ``replicates`` new runs.
-
-        Both are exact Student-t intervals; arguments as in ``LeastSquaresFit.predict``. The standard errors in the
-        result are the Student-t scales.
-        """
-        rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
-        mean, h = rows @ self.mean, self.variance_unscaled(rows)
-        se_mean = self.scale * np.sqrt(h)
-        se_new = self.scale * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)
-        quantile = student_quantile(self.df, level)
-        return Prediction(
-            mean,
-            Interval(mean - quantile * se_mean, mean + quantile * se_mean),
-            Interval(mean - quantile * se_new, mean + quantile * se_new),
-            se_mean,
-            se_new,
-            level,
-            "",
-        )
 
     def draws(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Independent draws: beta (n, p) and sigma (n,)."""

@@ -1,4 +1,4 @@
-"""Which terms: averaging over hierarchical sub-models by their evidence.
+"""Which terms: the probability of each over hierarchical sub-models, by their evidence.
 
 A *unit* is what enters or leaves together: the linear term of a factor, all contrasts of a categorical factor, all
 products of a pair of factors, a square. A model is hierarchical when each product or square comes with the first-order
@@ -8,9 +8,7 @@ A unit is present with probability one half, one of second order when all that i
 g prior about zero, N(0, g sigma^2 (X'WX)^-1) with X centred on intercept and blocks, which are flat, as is log sigma.
 It is invariant to units, coding and contrasts, and the evidence against the model without units is closed form,
 ``(1 + g)^((m - r) / 2) / (1 + g (1 - R^2))^(m / 2)`` with m runs less the columns always present,
-r the columns of the units and R^2 their share of the variation left by the former (Liang et al. 2008). Given a model
-everything is Student-t, so predictions are mixtures of Student-t distributions: they carry the doubt about the terms
-that an interval from one selected model leaves out.
+r the columns of the units and R^2 their share of the variation left by the former (Liang et al. 2008).
 
 References
 ----------
@@ -26,11 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seqrsm.arrays import BoolArray, FloatArray, IntArray
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.quadratic import Term
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.conjugate import ConjugatePosterior, NormalInverseGamma, mixture_interval, posterior
-from seqrsm.fit.intervals import Prediction, sequential_ss
+from seqrsm.fit.intervals import sequential_ss
 from seqrsm.fit.linear_system import check_runs
 
 _CHUNK = 2048
@@ -99,7 +96,6 @@ class ModelSpace:
         length = np.linalg.norm(X, axis=0)
         self._X = X / np.where(length > 0.0, length, 1.0)
         self._gram, self._cross = self._X.T @ self._X, self._X.T @ t / np.sqrt(total)
-        self._centred = X
         self.g = float(max(len(y), self._free.size**2))  # the benchmark prior of Fernandez et al.
 
     def log_posterior(self, models: BoolArray) -> FloatArray:
@@ -132,16 +128,6 @@ class ModelSpace:
     def prior_inclusion(self) -> FloatArray:
         """Prior probability (u,) that each unit is present."""
         return np.array([0.5 ** (1 + len(unit.parents)) for unit in self.units])
-
-    def fit(self, model: BoolArray) -> tuple[ConjugatePosterior, IntArray]:
-        """Posterior of one model for its columns."""
-        inside = model[self._unit]
-        columns = np.concatenate([self.always, self._free[inside]])
-        X = self._centred[:, inside]
-        Lambda0 = np.zeros((columns.size, columns.size))
-        Lambda0[self.always.size :, self.always.size :] = X.T @ X / self.g
-        prior = NormalInverseGamma(np.zeros(columns.size), Lambda0, 0.0, 0.0)
-        return posterior(self._Z[:, columns], self._y, self._w, prior), columns
 
 
 def hierarchical_models(units: tuple[Unit, ...], limit: int) -> BoolArray | None:
@@ -234,10 +220,6 @@ class ModelAverage:
         Models listed, or visited by the search.
     exhaustive : bool
         All hierarchical models were listed; else a random search visited the probable ones.
-    posteriors : tuple of ConjugatePosterior
-        Of each model, for its columns.
-    columns : tuple of ndarray
-        Columns of Z in each model.
     """
 
     units: tuple[Unit, ...]
@@ -247,8 +229,6 @@ class ModelAverage:
     probability: FloatArray
     n_models: int
     exhaustive: bool
-    posteriors: tuple[ConjugatePosterior, ...]
-    columns: tuple[IntArray, ...]
 
     def names(self, model: BoolArray) -> tuple[str, ...]:
         """Names of the units in a model (u,)."""
@@ -261,39 +241,6 @@ class ModelAverage:
         for unit, present in zip(self.units, chosen.tolist(), strict=True):
             chosen[list(unit.parents)] |= present
         return chosen
-
-    def coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Posterior mean and standard deviation (p,) of every coefficient, 0 in the models that lack it.
-
-        The standard deviation is nan for 2 or fewer degrees of freedom, where it does not exist.
-        """
-        p = 1 + max(int(columns.max()) for columns in self.columns)
-        p = max(p, 1 + max((max(unit.columns) for unit in self.units), default=0))
-        mean, square = np.zeros(p), np.zeros(p)
-        for share, columns, post in zip(self.probability, self.columns, self.posteriors, strict=True):
-            mean[columns] += share * post.mean
-            square[columns] += share * (np.square(post.marginal_sd) + np.square(post.mean))
-        return mean, np.sqrt(np.maximum(square - np.square(mean), 0.0))
-
-    def predict(self, rows: FloatArray, level: float = 0.95, weight: float = 1.0) -> Prediction:
-        """Model-averaged response with credible and predictive intervals; arguments as in ``LeastSquaresFit.predict``.
-
-        Rows (m, p) have all columns of Z, zeros for blocks meaning their mean.
-        """
-        rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
-        centre, h = (np.empty((rows.shape[0], len(self.posteriors))) for _ in range(2))
-        for i, (columns, post) in enumerate(zip(self.columns, self.posteriors, strict=True)):
-            centre[:, i] = rows[:, columns] @ post.mean
-            h[:, i] = post.variance_unscaled(rows[:, columns])
-        s = np.array([post.scale for post in self.posteriors])
-        df = np.array([post.df for post in self.posteriors])
-        new = s * np.sqrt(1.0 / weight + h)
-        mean = centre @ self.probability
-        between = np.square(centre - mean[:, None])
-        se = [np.sqrt((np.square(scale) + between) @ self.probability) for scale in (s * np.sqrt(h), new)]
-        confidence = mixture_interval(level, self.probability, df, centre, s * np.sqrt(h))
-        prediction = mixture_interval(level, self.probability, df, centre, new)
-        return Prediction(mean, confidence, prediction, se[0], se[1], level, "")
 
 
 def average_models(
@@ -342,7 +289,6 @@ def average_models(
     order = np.argsort(-probability, kind="stable")
     kept = order[: min(int(np.searchsorted(np.cumsum(probability[order]), _KEPT_SHARE)) + 1, _MAX_KEPT)]
     share = probability[kept]
-    fits = [space.fit(models[i]) for i in kept]
     return ModelAverage(
         units,
         probability @ models,
@@ -351,6 +297,4 @@ def average_models(
         share / np.sum(share),
         len(models),
         listed is not None,
-        tuple(post for post, _ in fits),
-        tuple(columns for _, columns in fits),
     )

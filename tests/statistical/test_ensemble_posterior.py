@@ -25,7 +25,8 @@ def problem(n: int = 14, k: int = 2, seed: int = 0) -> tuple[np.ndarray, np.ndar
 
 def standard_scores(sample: EnsemblePosterior, exact: ConjugatePosterior) -> np.ndarray:
     """(draws - exact) / Monte Carlo error of means, standard deviations and 2.5 / 97.5 % points of all margins."""
-    sd, df = exact.marginal_sd, exact.df
+    df, scale = exact.df, exact.scale * np.sqrt(np.sum(np.square(exact.factor), axis=1))
+    sd = scale * np.sqrt(df / (df - 2))
     ess = float(sample.ess.min())
     kurtosis = 3 + 6 / (df - 4)
     scores = [
@@ -34,9 +35,9 @@ def standard_scores(sample: EnsemblePosterior, exact: ConjugatePosterior) -> np.
     ]
     for level in (0.025, 0.975):
         t = stats.t.ppf(level, df)
-        error = np.sqrt(0.025 * 0.975 / ess) / stats.t.pdf(t, df) * exact.marginal_scale
+        error = np.sqrt(0.025 * 0.975 / ess) / stats.t.pdf(t, df) * scale
         found = np.quantile(sample.beta, level, axis=0)
-        scores.append((found - exact.mean - t * exact.marginal_scale) / error)
+        scores.append((found - exact.mean - t * scale) / error)
     margin = stats.invgamma(exact.a, scale=exact.b)
     for level in (0.025, 0.5, 0.975):
         q = margin.ppf(level)

@@ -72,7 +72,8 @@ def test_evidence_is_the_density_of_the_scores_freed_of_intercept_and_blocks() -
     free = linalg.null_space((Z[:, [0, 6]] * root[:, None]).T).T
     t = free @ (root * y)
     for value, row in zip(found, models, strict=True):
-        X = free @ (Z[:, space.fit(row)[1][2:]] * root[:, None])
+        columns = [c for unit, inside in zip(units, row, strict=True) if inside for c in unit.columns]
+        X = free @ (Z[:, columns] * root[:, None])
         shape = np.eye(13) + space.g * X @ np.linalg.pinv(X)
         expected = -0.5 * np.linalg.slogdet(shape)[1] - 6.5 * np.log(t @ np.linalg.solve(shape, t) / (t @ t))
         assert value == pytest.approx(expected, abs=1e-9)
@@ -112,9 +113,6 @@ def test_probabilities_add_up_and_favour_the_truth() -> None:
     assert set(found.names(found.median_model)) == {"x0", "x1", "x0^2"}
     assert set(found.names(found.models[0])) == {"x0", "x1", "x0^2"}
     np.testing.assert_allclose(found.prior_inclusion, [0.5] * 3 + [0.125] * 3 + [0.25] * 3)
-    mean, sd = found.coefficients()
-    np.testing.assert_allclose(mean[[1, 2]], [3.0, 2.0], atol=0.5)
-    assert (sd >= 0).all()
 
 
 def test_invariant_to_units_order_and_contrasts() -> None:
@@ -159,27 +157,8 @@ def test_mixture_quantiles() -> None:
     assert one[0] == pytest.approx(2.0 + 3.0 * stats.t.ppf(0.9, 4), rel=1e-12)
 
 
-def test_predictions_are_those_of_the_draws() -> None:
-    model, region, points, y = problem(2, 12, sigma=2.0)
-    found = average_models(model.matrix(points), y, model.terms)
-    rng = np.random.default_rng(0)
-    rows = model.matrix(region.sample(3, rng))
-    asked = found.predict(rows, 0.9, weight=2.0)
-    # From the mixture: a model by its probability, then its own posterior.
-    which, each = rng.choice(len(found.posteriors), size=40_000, p=found.probability), []
-    for i, (columns, post) in enumerate(zip(found.columns, found.posteriors, strict=True)):
-        b, s = post.draws(int(np.sum(which == i)), rng)
-        each.append(np.column_stack([b @ rows[:, columns].T, s]))
-    mean, sigma = np.split(np.vstack(each), [3], axis=1)
-    sigma = sigma[:, 0]
-    future = mean + sigma[:, None] / np.sqrt(2.0) * rng.normal(size=mean.shape)
-    for draws, interval in ((mean, asked.confidence), (future, asked.prediction)):
-        inside = np.mean((draws > interval.low) & (draws < interval.high), axis=0)
-        np.testing.assert_allclose(inside, 0.9, atol=0.007)
-
-
-def test_calibrated_over_its_own_prior_and_honest_where_one_model_is_not() -> None:
-    """Truths from the prior over models: averaged intervals cover; those of the best model alone cover less."""
+def test_inclusion_is_calibrated_over_its_own_prior() -> None:
+    """Truths from the prior over models: of units that are told with a probability, that share belongs to the truth."""
     rng = np.random.default_rng(6)
     model, region = QuadraticModel(numeric(2)), Region(numeric(2))
     points = region.sample(12, rng)
@@ -189,9 +168,8 @@ def test_calibrated_over_its_own_prior_and_honest_where_one_model_is_not() -> No
     space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units)
     prior = np.exp(space.log_prior(models))
     assert prior.sum() == pytest.approx(1.0, rel=1e-12)
-    row = model.matrix(np.array([[0.9, -0.8]]))
-    sets, inside, best = 400, 0, 0
-    for _ in range(sets):
+    told, true = [], []
+    for _ in range(400):
         truth = models[rng.choice(len(models), p=prior)]
         columns = [c for unit, present in zip(units, truth, strict=True) if present for c in unit.columns]
         beta, sigma = np.zeros(model.p), float(np.exp(rng.normal()))
@@ -199,21 +177,22 @@ def test_calibrated_over_its_own_prior_and_honest_where_one_model_is_not() -> No
         L = np.linalg.cholesky(np.linalg.inv(centred.T @ centred / space.g)) if columns else np.zeros((0, 0))
         beta[columns] = sigma * (L @ rng.normal(size=len(columns)))
         beta[0] = 100.0 * rng.normal()
-        found = average_models(Z, Z @ beta + sigma * rng.normal(size=12), model.terms)
-        value = float(row[0] @ beta)
-        interval = found.predict(row, 0.8).confidence
-        inside += bool(interval.low[0] <= value <= interval.high[0])
-        one = found.posteriors[0].predict(row[:, found.columns[0]], 0.8).confidence
-        best += bool(one.low[0] <= value <= one.high[0])
-    assert inside / sets == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / sets))
-    assert best < inside
+        told.append(average_models(Z, Z @ beta + sigma * rng.normal(size=12), model.terms).inclusion)
+        true.append(truth)
+    share, there = np.concatenate(told), np.concatenate(true)
+    for low, high in ((0.0, 0.2), (0.2, 0.5), (0.5, 0.8), (0.8, 1.0)):
+        some = (share >= low) & (share <= high)
+        error = np.sqrt(np.mean(share[some] * (1 - share[some])) / np.count_nonzero(some))
+        assert abs(np.mean(share[some]) - np.mean(there[some])) < 4 * error
+    assert abs(np.mean(share) - np.mean(~there)) > 0.05  # control: the probability that a unit is not there
 
 
 def test_more_terms_than_runs_and_the_limits() -> None:
     model, _, points, y = problem(5, 14)
     found = average_models(model.matrix(points), y, model.terms)  # 21 terms, 14 runs, 38 619 models
     assert found.n_models <= 38_619
-    assert max(len(c) for c in found.columns) < 14
-    assert np.isfinite(found.predict(model.matrix(points)).prediction.low).all()
+    assert (
+        max(sum(len(u.columns) for u, inside in zip(found.units, m, strict=True) if inside) for m in found.models) < 13
+    )
     with pytest.raises(FitError, match="vary"):
         average_models(model.matrix(points), np.full(14, 3.0), model.terms)

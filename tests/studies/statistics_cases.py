@@ -19,7 +19,6 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.natural import natural_coefficients, natural_transform
-from seqrsm.fit.selection import ModelSpace, average_models, hierarchical_models, units_of
 from seqrsm.fit.transforms import box_cox_profile, logit_profile
 
 LEVEL = 0.95
@@ -228,39 +227,6 @@ def random_day(sets: int) -> Iterator[Row]:
             "blocks forgotten" if j == 2 else "",
             hits[:, 5].mean() if j == 2 else float("nan"),
         )
-
-
-def averages(sets: int) -> Iterator[Row]:
-    """Averaging over models, with truths from its prior."""
-    rng = np.random.default_rng(6)
-    model, region, _, _ = surface(2, 12)
-    Z, units = model.matrix(region.sample(12, rng)), units_of(model.terms)
-    models = hierarchical_models(units, 100)
-    assert models is not None
-    space = ModelSpace(Z, rng.normal(size=12), np.ones(12), model.terms, units)
-    prior = np.exp(space.log_prior(models))
-    row = model.matrix(np.array([[0.9, -0.8]]))
-    hits = np.zeros((sets, 3), dtype=bool)
-    for i in range(sets):
-        truth = models[rng.choice(len(models), p=prior)]
-        columns = [c for unit, present in zip(units, truth, strict=True) if present for c in unit.columns]
-        beta, sigma = np.zeros(model.p), float(np.exp(rng.normal()))
-        centred = Z[:, columns] - Z[:, columns].mean(axis=0)
-        L = np.linalg.cholesky(np.linalg.inv(centred.T @ centred / space.g)) if columns else np.zeros((0, 0))
-        beta[columns] = sigma * (L @ rng.normal(size=len(columns)))
-        beta[0] = 100.0 * rng.normal()
-        found = average_models(Z, Z @ beta + sigma * rng.normal(size=12), model.terms)
-        value, both = float(row[0] @ beta), found.predict(row, LEVEL)
-        one = found.posteriors[0].predict(row[:, found.columns[0]], LEVEL).confidence
-        hits[i] = (
-            both.confidence.low[0] <= value <= both.confidence.high[0],
-            both.prediction.low[0] <= value + sigma * rng.normal() <= both.prediction.high[0],
-            one.low[0] <= value <= one.high[0],
-        )
-    yield Row(
-        "mean, averaged over models", hits[:, 0].mean(), LEVEL, False, sets, "best model alone", hits[:, 2].mean()
-    )
-    yield Row("one run, averaged over models", hits[:, 1].mean(), LEVEL, False, sets)
 
 
 def scales(sets: int) -> Iterator[Row]:
