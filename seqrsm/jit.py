@@ -16,19 +16,23 @@ from typing import Any, TypeVar, cast
 
 from seqrsm import __version__
 
-_PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parent
 _KERNEL_FILES = "**/kernels*.py"
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+def cache_root() -> Path:
+    """Folder of the user's own for what can be made again."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seqrsm"
+
+
 def cache_directory() -> Path:
     """Folder of the compiled kernels, unique to this version and content, writable or in the temporary folder."""
     digest = hashlib.sha256()
-    for path in sorted(_PACKAGE.glob(_KERNEL_FILES)):
+    for path in sorted(PACKAGE.glob(_KERNEL_FILES)):
         digest.update(path.read_bytes())
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seqrsm"
-    folder = root / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
+    folder = cache_root() / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

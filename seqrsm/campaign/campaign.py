@@ -26,7 +26,8 @@ from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
-from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.remember import remembered
+from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
 from seqrsm.store.records import WAITING, NewRun, RunRecord
 from seqrsm.store.store import Store, heartbeat
 
@@ -100,7 +101,7 @@ class Campaign:
         n_draws: int = 4000,
         thorough: bool = False,
     ) -> tuple[Analysis, ...]:
-        """Analysis of every application, or of the one named; ``thorough`` adds the study of each.
+        """Analysis of every application, or of the one named; ``thorough`` adds the study of each, and is remembered.
 
         Raises
         ------
@@ -108,18 +109,16 @@ class Campaign:
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
         runs, bundles = self.store.runs(), self.store.events(kind=MEASURED)
-        return tuple(
-            analyse(
-                self.spec,
-                app,
-                runs,
-                ground=measured_ground(bundles, app.name),
-                sampler=sampler,
-                n_draws=n_draws,
-                thorough=thorough,
-            )
-            for app in wanted
-        )
+
+        def found(app: ApplicationSpec) -> Analysis:
+            ground = measured_ground(bundles, app.name)
+            made = partial(analyse, self.spec, app, runs, ground=ground, sampler=sampler, n_draws=n_draws)
+            if not thorough:
+                return made()
+            of = (self.spec.spec_hash, app.name, runs, ground, sampler, n_draws)
+            return remembered(partial(made, thorough=True), of)
+
+        return tuple(found(app) for app in wanted)
 
     def compromise(self, analyses: Sequence[Analysis] | None = None) -> CompromiseEstimate | None:
         """The compromise over all applications and considerations; None where there is nothing to weigh."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -287,7 +287,8 @@ class _ClosedLoop:
         campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
         self.say("sampling the posterior")
         with self._timed("sample"):
-            analyses = campaign.analyse_all(sampler="emcee")
+            thorough = campaign.analyse_all(sampler="emcee", thorough=True)  # as `fit` and `report` will ask for it
+            analyses = tuple(replace(analysis, steps=(), study=None) for analysis in thorough)
         n_scored = len(store.runs("scored"))
         store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
         rests = {}

@@ -90,15 +90,20 @@ class Hyper:
 
 @dataclass(frozen=True, slots=True)
 class _Places:
-    """Points under each draw: bent coordinates in lengths (d, m, q), rows of the trend times its scale (d, m, t)."""
+    """Points under each draw: bent coordinates in lengths (d, m, q), columns of the trend times its scale (t, d, m)."""
 
     scaled: FloatArray
-    rows: FloatArray
+    columns: FloatArray
     levels: FloatArray
+
+    @property
+    def rows(self) -> FloatArray:
+        """The trend by points, (d, m, t)."""
+        return np.moveaxis(self.columns, 0, -1)
 
     def some(self, which: slice) -> _Places:
         """The same under the draws in these places."""
-        return _Places(self.scaled[which], self.rows[which], self.levels)
+        return _Places(self.scaled[which], self.columns[:, which], self.levels)
 
 
 def bent(x: FloatArray, bends: FloatArray) -> FloatArray:
@@ -305,11 +310,11 @@ class Process:
         columns = np.repeat(base.T[:, None], len(h.trend), axis=1)  # (b, d, m): whole columns are taken faster
         columns[numeric] = bent(columns[numeric], h.bends.T[..., None])
         first, second, third = self._columns.T
-        rows = h.trend[:, None] * columns[first]
-        rows *= columns[second]
-        rows *= columns[third]
+        products = h.trend[:, None] * columns[first]
+        products *= columns[second]
+        products *= columns[third]
         scaled = columns[numeric] / h.lengths.T[..., None]
-        return _Places(np.moveaxis(scaled, 0, -1).copy(), np.moveaxis(rows, 0, -1), levels)
+        return _Places(np.moveaxis(scaled, 0, -1).copy(), products, levels)
 
     def _covariance(self, h: Hyper, a: _Places, b: _Places) -> FloatArray:
         """Of the surface (d, m, n)."""

@@ -1,0 +1,56 @@
+"""What took long to compute, kept on this machine under all that it was made of.
+
+Kept objects are pickles, which can run code when they are read: they lie beside the compiled kernels in the user's own
+cache, never in a campaign's folder, which may come from others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from importlib.metadata import version
+from typing import TypeVar, cast
+
+from seqrsm.errors import UserError
+from seqrsm.files import put
+from seqrsm.jit import PACKAGE, cache_root
+
+T = TypeVar("T")
+
+MOST_KEPT = 20
+"""The oldest go."""
+
+
+def remembered(make: Callable[[], T], made_of: object) -> T:
+    """What ``make`` gives, or gave before; the same bits either way.
+
+    Parameters
+    ----------
+    make : callable
+        Its result can be pickled.
+    made_of : object
+        All that the result depends on but code, by its ``repr``.
+    """
+    folder = cache_root() / "kept"
+    place = folder / f"{hashlib.sha256(f'{_code()} {made_of!r}'.encode()).hexdigest()}.pickle"
+    with suppress(Exception):  # none, or a torn one
+        return cast(T, pickle.loads(place.read_bytes()))
+    data = pickle.dumps(make())
+    with suppress(UserError, OSError):  # a place that cannot be written: it is made again next time
+        put(place, data, make_folder=True)
+        for old in sorted(folder.glob("*.pickle"), key=lambda file: file.stat().st_mtime)[:-MOST_KEPT]:
+            old.unlink()
+    return cast(T, pickle.loads(data))  # arrays that were views are none now, nor when it is read again
+
+
+@lru_cache(maxsize=1)
+def _code() -> str:
+    """Digest of this package, with the versions of what it computes by."""
+    digest = hashlib.sha256()
+    for path in sorted(PACKAGE.glob("**/*.py")):
+        digest.update(path.read_bytes())
+    return " ".join((digest.hexdigest(), sys.version, *(version(name) for name in ("numpy", "scipy", "emcee"))))

@@ -1,0 +1,55 @@
+"""What is kept is what was made, of the same, by the same code, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scored_campaigns import campaign, numeric, specification
+
+from seqrsm import remember
+from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.plain import plain
+
+
+@pytest.fixture(autouse=True)
+def kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "seqrsm" / "kept"
+
+
+def test_a_thing_is_made_once_of_the_same_and_anew_of_another_or_by_other_code(monkeypatch, kept) -> None:
+    made = iter(range(100))
+    asked = ("a", "a", ("a", 1), "b", ("a", 1))
+    assert [remember.remembered(lambda: next(made), of) for of in asked] == [0, 0, 1, 2, 1]
+    monkeypatch.setattr(remember, "_code", lambda: "other")
+    assert remember.remembered(lambda: next(made), "a") == 3
+    monkeypatch.undo()
+    for file in kept.glob("*"):
+        file.write_bytes(file.read_bytes()[:-3])
+    monkeypatch.setenv("XDG_CACHE_HOME", str(kept.parents[1]))
+    assert [remember.remembered(lambda: next(made), "a") for _ in range(2)] == [4, 4]
+    for of in range(2 * remember.MOST_KEPT):
+        remember.remembered(lambda: next(made), of)
+    assert len(list(kept.glob("*"))) == remember.MOST_KEPT
+
+
+def test_a_cache_that_cannot_be_written_costs_time_alone(monkeypatch, tmp_path) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert [remember.remembered(lambda: 7, "a") for _ in range(2)] == [7, 7]
+
+
+def test_a_fit_is_made_once_until_there_is_another_score(tmp_path, monkeypatch) -> None:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1.0, 1.0, (20, 2))
+    scores = 50.0 - 5.0 * points[:, 0] ** 2 + rng.normal(size=20)
+    made = campaign(tmp_path / "c", specification(numeric(2)), points, scores)
+    (first,) = made.analyse_all(thorough=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("seqrsm.campaign.campaign.analyse", lambda *_: None)  # takes no options: raises where called
+        (again,) = made.analyse_all(thorough=True)
+        assert plain(analysis_to_json(again)) == plain(analysis_to_json(first))
+        with pytest.raises(TypeError):
+            made.analyse_all(thorough=True, n_draws=500)
+    made.store.void(made.store.runs()[0].run_id, "tried")
+    assert made.analyse_all(thorough=True)[0].fit.n_runs == 19
