@@ -145,19 +145,19 @@ def _remedy(
     region: Region, model: QuadraticModel, data: ScoredRuns, start: str, n_short: int = 0, n_aliased: int = 0
 ) -> str:
     """Runs that would make every term estimable, in words; or why none would."""
-    missing = missing_runs(model, region, data.points)
-    if missing.unresolved:
+    missing, unresolved = missing_runs(model, region, data.points)
+    if unresolved:
         return (
-            f"No run in the region separates {', '.join(missing.unresolved)}: change the factors or constraints, "
+            f"No run in the region separates {', '.join(unresolved)}: change the factors or constraints, "
             "or set [model] order = 1."
         )
-    if not missing.settings:
+    if not len(missing):
         least = max(n_short, n_aliased)
         if n_aliased:
             return "Blocks and settings are confounded: repeat settings of one block in another, or omit blocks."
         return f"{start}: at least {least} more (`seqrsm propose` names good ones), or set [model] order = 1."
-    shown = "; ".join(settings_text(region.factors, settings) for settings in missing.settings[:LISTED_RUNS])
-    count = len(missing.settings)
+    shown = "; ".join(settings_text(region.factors, settings) for settings in region.decode(missing[:LISTED_RUNS]))
+    count = len(missing)
     more = f" and {count - LISTED_RUNS} more (`seqrsm propose` names them)" if count > LISTED_RUNS else ""
     return f"{start}; {count} at these settings would suffice: {shown}{more}. Or set [model] order = 1."
 

@@ -107,15 +107,13 @@ class SimulationTask:
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Scores of a run, or the reason why there are none; ``seconds`` is what it took.
+    """Scores of a run, or the reason why there are none.
 
     ``fault``: where a failure lies, `seqrsm.store.schema.FAULTS`.
     """
 
-    run_id: int
     scores: tuple[NewScore, ...]
     failure: str
-    seconds: float
     fault: str = ""
 
 
@@ -240,7 +238,7 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         found = [(name, score_images(task, utility, images, scene)) for name, utility in task.utilities]
     except (UserError, MemoryError, OSError) as error:
         reason = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-        return SimulationResult(task.run_id, (), reason, time.perf_counter() - start, _fault(error, task))
+        return SimulationResult((), reason, _fault(error, task))
     seconds = time.perf_counter() - start
     record = {
         **images[0].record(scene.categories),
@@ -248,7 +246,7 @@ def carry_out(task: SimulationTask) -> SimulationResult:
         **({} if task.occasion is None else {"common_random_numbers": task.occasion}),
         "fidelity": {"averaged": averaged, "seconds": round(seconds, 4)},
     }
-    return SimulationResult(task.run_id, tuple(_new_score(*one, record) for one in found), "", seconds)
+    return SimulationResult(tuple(_new_score(*one, record) for one in found), "")
 
 
 def _fault(error: Exception, task: SimulationTask) -> str:

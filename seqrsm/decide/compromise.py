@@ -44,8 +44,6 @@ class Objective:
         Values (m, n) under m posterior draws at coded points (n, k); None where nothing is uncertain, as with a cost.
     unacceptable, ideal : float or None
         Values of desirability 0 and 1; by default the worst and the best of ``mean`` over the region.
-    shape : float
-        Exponent of the desirability, > 0: above 1 only values near the ideal count for much.
     """
 
     name: str
@@ -55,7 +53,6 @@ class Objective:
     draws: Surface | None = None
     unacceptable: float | None = None
     ideal: float | None = None
-    shape: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +117,7 @@ class Compromise:
     front_values: FloatArray
 
 
-def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: float, shape: float = 1.0) -> FloatArray:
+def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: float) -> FloatArray:
     """Desirability in [0, 1]: 0 at ``unacceptable`` and beyond, 1 at ``ideal`` and beyond.
 
     Parameters
@@ -129,8 +126,6 @@ def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: flo
     goal : "maximize" or "minimize"
     unacceptable, ideal : float
         In the order of the goal; equal ones make every value ideal.
-    shape : float
-        Exponent, > 0.
 
     Returns
     -------
@@ -139,7 +134,7 @@ def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: flo
     span = ideal - unacceptable
     if (span > 0.0) != (goal == "maximize") or span == 0.0:
         return np.ones(np.shape(values))
-    scaled: FloatArray = np.clip((np.asarray(values) - unacceptable) / span, 0.0, 1.0) ** shape
+    scaled: FloatArray = np.clip((np.asarray(values) - unacceptable) / span, 0.0, 1.0)
     return scaled
 
 
@@ -203,7 +198,7 @@ def compromise(region: Region, objectives: Sequence[Objective], *, level: float 
         """Weighted log desirability of values (..., objectives)."""
         found: FloatArray = np.zeros(values.shape[:-1])
         for i, (objective, (worst, best)) in enumerate(zip(objectives, limits, strict=True)):
-            d = desirability(values[..., i], objective.goal, worst, best, objective.shape)
+            d = desirability(values[..., i], objective.goal, worst, best)
             found = found + weights[i] * np.log(np.maximum(d, _LEAST))
         return found
 
@@ -223,7 +218,7 @@ def compromise(region: Region, objectives: Sequence[Objective], *, level: float 
             tail = 0.5 * (1.0 - level)
             low, high = (float(x) for x in np.quantile(losses_of_draws[i], [tail, 1.0 - tail]))
         worst, best = limits[i]
-        d = float(desirability(here[i : i + 1], objective.goal, worst, best, objective.shape)[0])
+        d = float(desirability(here[i : i + 1], objective.goal, worst, best)[0])
         losses.append(
             Loss(objective.name, float(here[i]), own_best, own, sign * (own_best - float(here[i])), low, high, d)
         )

@@ -27,6 +27,7 @@ Guard = Literal["runs", "confirmation", "anytime"]
 
 _RUNS_PER_TERM = 3.0  # of the guard "runs"
 _MIN_DF_PURE_ERROR = 4
+_MOST_FLIGHTS = 1000
 
 _INTERVAL_NAMES = {
     "prediction": "prediction interval of one future run",
@@ -285,7 +286,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     return f"{head}{tail}."
 
 
-def flights_needed(rule: StopRule, sigma: float, most: int = 1000) -> int | None:
+def flights_needed(rule: StopRule, sigma: float) -> int | None:
     """Flights at the recommended settings from which on their own interval is as narrow as the target.
 
     Flights meet the real ground, of which they leave nothing unknown: only chance is left, in their mean and in what it
@@ -296,16 +297,15 @@ def flights_needed(rule: StopRule, sigma: float, most: int = 1000) -> int | None
     rule : StopRule
     sigma : float
         Standard deviation of one simulated run, score units.
-    most : int
 
     Returns
     -------
     int or None
-        At least 2; None where ``most`` do not suffice.
+        At least 2; None where `_MOST_FLIGHTS` do not suffice.
     """
     chance = sigma * np.sqrt(1.0 - rule.ground_share)
     own = replace(rule, ground_share=0.0).replicates_of()
-    n = np.arange(2, most + 1)
+    n = np.arange(2, _MOST_FLIGHTS + 1)
     enough = n[half_width(chance, n - 1, 1.0 / n, rule.level, own) <= rule.half_width]
     return int(enough[0]) if len(enough) else None
 

@@ -87,8 +87,8 @@ class Sampled:
         Effective sample size of the ends of the 95 % interval, the smaller of the two, of every parameter.
     acceptance : dict
         Accepted share by move.
-    steps, walkers, ensembles : int
-        Steps made by every walker; walkers of one ensemble; number of ensembles.
+    steps : int
+        Made by every walker.
     """
 
     tau: FloatArray
@@ -97,8 +97,6 @@ class Sampled:
     ess_ends: FloatArray
     acceptance: dict[str, float]
     steps: int
-    walkers: int
-    ensembles: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,8 +304,6 @@ def _evidence(chain: _Chain, reached: _Reached, draws: FloatArray) -> dict[str, 
         "ess_ends": np.array(ends),
         "acceptance": {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()},
         "steps": chain.steps,
-        "walkers": chain.walkers,
-        "ensembles": chain.ensembles,
     }
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from seqrsm.arrays import FloatArray
@@ -14,30 +12,8 @@ _TOLERANCE = 1e-9
 _CANDIDATES = 5000  # settings to choose from
 
 
-@dataclass(frozen=True, slots=True)
-class MissingRuns:
-    """The smallest set of further runs after which the model is estimable.
-
-    Attributes
-    ----------
-    aliased : tuple of str
-        Terms that take part in a dependence now.
-    points : ndarray (r, k)
-        Coded settings, r the number of independent dependences that runs in the region can remove.
-    settings : tuple of dict
-        The same in natural units.
-    unresolved : tuple of str
-        Terms that no run of the region can tell apart: the factors or constraints are at fault, not the runs.
-    """
-
-    aliased: tuple[str, ...]
-    points: FloatArray
-    settings: tuple[dict[str, float | str], ...]
-    unresolved: tuple[str, ...]
-
-
-def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> MissingRuns:
-    """Name the runs that would make every term estimable.
+def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """The smallest set of further runs after which the model is estimable, and the terms that no run would mend.
 
     Each run removes one dependence at most, so a greedy choice that removes one with every run is a smallest set. Of
     the candidates that do, the one is taken that is most informative on what is still undetermined.
@@ -47,12 +23,18 @@ def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> M
     model, region : QuadraticModel, Region
     points : ndarray (n, k)
         Settings of the runs made so far, coded; n may be 0.
+
+    Returns
+    -------
+    ndarray (r, k)
+        Coded settings, r the number of independent dependences that runs in the region can remove.
+    tuple of str
+        Terms that no run of the region can tell apart: the factors or constraints are at fault, not the runs.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, region.k)
     candidates = region.candidates(3, limit=_CANDIDATES)
     Z = model.matrix(candidates)
     null = _null_space(model.matrix(points)) if len(points) else np.eye(model.p)
-    aliased = _named(model, null)
     chosen = []
     while null.shape[1]:
         shadow = Z @ null
@@ -64,8 +46,7 @@ def missing_runs(model: QuadraticModel, region: Region, points: FloatArray) -> M
         # Rotate the basis so that its first vector carries all of this run, and drop that one.
         Q, _ = np.linalg.qr(np.column_stack([shadow[best], np.eye(null.shape[1])]))
         null = null @ Q[:, 1 : null.shape[1]]
-    found = np.array(chosen).reshape(-1, region.k)
-    return MissingRuns(aliased, found, tuple(region.decode(found)) if chosen else (), _named(model, null))
+    return np.array(chosen).reshape(-1, region.k), _named(model, null)
 
 
 def _null_space(Z: FloatArray) -> FloatArray:

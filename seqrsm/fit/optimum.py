@@ -56,7 +56,6 @@ class Optimum:
     exact : bool
         Found by enumeration, hence certain; False where constraints cut the enumerated optimum off, and the point is
         the best of many feasible climbs.
-    goal : "maximize" or "minimize"
     """
 
     point: FloatArray
@@ -66,7 +65,6 @@ class Optimum:
     ties: FloatArray
     flat: bool
     exact: bool
-    goal: Goal
 
 
 def sign_of(goal: Goal) -> float:
@@ -119,7 +117,6 @@ def optimum(model: QuadraticModel, region: Region, beta: FloatArray, goal: Goal 
         ties=ties,
         flat=flat,
         exact=exact,
-        goal=goal,
     )
 
 

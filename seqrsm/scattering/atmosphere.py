@@ -65,13 +65,8 @@ class Atmosphere:
     space_k: float
     notes: tuple[str, ...]
 
-    @property
-    def zenith_loss_db(self) -> float:
-        """Loss of the whole atmosphere at the vertical [dB]."""
-        return float(self.depth_np.sum()) / LN10_OVER_10
-
-    def loss(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
-        """Loss factor L >= 1 between the ground and an antenna.
+    def transmission(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
+        """1 / L of the loss factor L >= 1 between the ground and an antenna.
 
         Parameters
         ----------
@@ -80,15 +75,10 @@ class Atmosphere:
         height_m : float
             Of the antenna above the ground [m].
         """
-        with np.errstate(over="ignore"):
-            return np.asarray(np.exp(float(self._below(height_m).sum()) * _secant(theta)))
-
-    def transmission(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
-        """1 / L, which stays a number where L does not; arguments as in `loss`."""
         return np.asarray(np.exp(-float(self._below(height_m).sum()) * _secant(theta)))
 
     def upwelling_k(self, theta: ArrayLike, height_m: float = math.inf) -> FloatArray:
-        """Radiation of the air below the antenna, (1 - 1/L) T_sky of eq. (3-35) [K]; arguments as in `loss`."""
+        """Radiation of the air below the antenna, (1 - 1/L) T_sky of eq. (3-35) [K]; arguments as in `transmission`."""
         depth = self._below(height_m)[:, None] * _secant(theta).ravel()
         above = np.cumsum(depth[::-1], axis=0)[::-1] - depth
         out = (-np.expm1(-depth) * np.exp(-above) * self.temperature_k[:, None]).sum(axis=0)

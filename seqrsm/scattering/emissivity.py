@@ -176,11 +176,6 @@ class EmissivityTable:
         """The table with its means and field spreads as a world has them; None: as they stand."""
         return replace(self, world=world)
 
-    @property
-    def categories(self) -> tuple[str, ...]:
-        """Names of all categories."""
-        return tuple(self.curves)
-
     def lookup(
         self,
         categories: Sequence[str],

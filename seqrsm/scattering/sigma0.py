@@ -117,11 +117,6 @@ class Sigma0Lookup:
     citations: tuple[str, ...]
     course: Course | None = None
 
-    @property
-    def sd_db(self) -> FloatArray:
-        """Standard deviation of one field on one date about the table's mean [dB], (n_categories,)."""
-        return np.hypot(self.field_sd_db, self.date_sd_db)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sigma0Table:

@@ -49,8 +49,6 @@ class Pixels:
     ----------
     pixel : int32 array (rows, columns)
         Of each cell of the scene; -1 for none.
-    shape : tuple of int
-        Rows and columns of the image.
     counts : int32 array (n_pixels, n_classes)
         Scored cells of each class.
     field : int32 array (n_pixels,)
@@ -61,7 +59,6 @@ class Pixels:
     """
 
     pixel: AnyArray
-    shape: tuple[int, int]
     counts: AnyArray
     field: AnyArray
     tile: IntArray
@@ -229,7 +226,7 @@ def pixels_of(image: Image, scene: Scene, *, seed: int, run_id: int, tile_m: flo
     counts, field = cells_in_pixels(pixel, scene, n_rows * n_columns)
     tile, keys = tiles(across, along, extent, side, seed=seed, run_id=run_id)
     _keep_fields_whole(field, _is_small(scene, side), tile)
-    return Pixels(pixel, (n_rows, n_columns), counts, field, tile, keys)
+    return Pixels(pixel, counts, field, tile, keys)
 
 
 def _keep_fields_whole(field: IntArray, small: BoolArray, tile: IntArray) -> None:

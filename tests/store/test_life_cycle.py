@@ -110,7 +110,7 @@ def campaign(tmp_path, monkeypatch):
 
 
 def result(failure="", fault=""):
-    return SimulationResult(1, () if failure else (NewScore("crops", 1.0),), failure, 0.1, fault)
+    return SimulationResult(() if failure else (NewScore("crops", 1.0),), failure, fault)
 
 
 FULL = result("OSError: no space", "machine")

@@ -24,7 +24,6 @@ def test_desirability_by_hand() -> None:
     values = np.array([0.0, 20.0, 50.0, 80.0, 100.0])
     np.testing.assert_allclose(desirability(values, "maximize", 20, 80), [0, 0, 0.5, 1, 1])
     np.testing.assert_allclose(desirability(values, "minimize", 80, 20), [1, 1, 0.5, 0, 0])
-    np.testing.assert_allclose(desirability(values, "maximize", 20, 80, 2.0), [0, 0, 0.25, 1, 1])
     np.testing.assert_allclose(desirability(values, "maximize", 50, 50), 1.0)
 
 

@@ -57,7 +57,7 @@ def test_interpolation_never_leaves_the_values_of_its_two_nodes(name):
 
 @pytest.mark.parametrize("frequency", [1.4, 5.4, 10.7, 20.0, 36.0])
 def test_h_and_v_meet_at_nadir_and_v_is_above_below_brewster(frequency):
-    h, v = (TABLE.lookup(TABLE.categories, frequency, p).emissivity for p in "HV")
+    h, v = (TABLE.lookup(TABLE.curves, frequency, p).emissivity for p in "HV")
     np.testing.assert_allclose(h[..., 0], v[..., 0], rtol=1e-12)
     # Brewster's angle of the driest ground here is 60 deg and more.
     assert (v[..., :61] >= h[..., :61] - 1e-12).all()
@@ -67,7 +67,7 @@ def test_h_and_v_meet_at_nadir_and_v_is_above_below_brewster(frequency):
 
 
 def test_soil_moisture_darkens_soil_and_what_lets_it_through():
-    look = TABLE.lookup(TABLE.categories, 1.4, "H")
+    look = TABLE.lookup(TABLE.curves, 1.4, "H")
     change = look.emissivity[:, -1, 30] - look.emissivity[:, 0, 30]
     for name, moist, step in zip(look.categories, look.moist, change, strict=True):
         assert (step < -0.02) == moist, name
@@ -109,7 +109,7 @@ def test_water_is_that_of_another_fit_up_to_100_ghz(f):
 
 def test_above_40_ghz_means_are_known_less_and_land_goes_on_without_a_step():
     """Measured land without snow is linear in frequency up to 100 GHz (Prigent et al. 2000, IEEE TGRS 38(5))."""
-    names = [name for name in TABLE.categories if name not in ("Water", "Swamp")]
+    names = [name for name in TABLE.curves if name not in ("Water", "Swamp")]
     at = {f: TABLE.lookup(names, f, "V") for f in (36.5, 60.0, 89.0)}
     assert (at[89.0].mean_sd == 0.05).all()
     assert (at[36.5].mean_sd == 0.03).all()

@@ -91,7 +91,7 @@ def test_all_runs_at_one_setting() -> None:
     here, there = fit.predict(model.matrix(np.array([[0.25, -0.5], [1.0, 1.0]]))).mean
     assert here == pytest.approx(y.mean(), rel=1e-12)
     assert np.isnan(there)
-    assert len(missing_runs(model, region, points).points) == 5
+    assert len(missing_runs(model, region, points)[0]) == 5
 
 
 def test_two_identical_factors() -> None:
@@ -101,7 +101,7 @@ def test_two_identical_factors() -> None:
     fit = fit_least_squares(model.matrix(points), 3 * x + x**2, model.terms)
     assert set(fit.aliased) == {"x0", "x1", "x0:x1", "x0^2", "x1^2"}
     assert fit.predict(model.matrix(np.array([[0.5, 0.5]]))).mean[0] == pytest.approx(1.75, rel=1e-12)
-    mended = np.vstack([points, missing_runs(model, region, points).points])
+    mended = np.vstack([points, missing_runs(model, region, points)[0]])
     assert fit_least_squares(model.matrix(mended), np.zeros(len(mended)), model.terms).aliased == ()
 
 
@@ -136,9 +136,9 @@ def test_a_level_that_was_never_run() -> None:
     np.testing.assert_array_equal(np.isfinite(asked.mean), [True, True, False])
     only = fit_least_squares(model.matrix(points)[:, :2], fit.y, model.terms[:2])
     assert fit.sse < only.sse
-    further = missing_runs(model, region, points)
-    assert {setting["c"] for setting in further.settings} == {"w"}
-    assert len(further.settings) == 2
+    further = region.decode(missing_runs(model, region, points)[0])
+    assert {setting["c"] for setting in further} == {"w"}
+    assert len(further) == 2
 
 
 def test_eight_factors_with_forty_five_terms() -> None:

@@ -56,7 +56,6 @@ def test_all_categories_are_there() -> None:
         assert np.all(found.sigma0 > 0)
         assert np.all(found.field_sd_db > 0)
         assert np.all(found.date_sd_db > 0)
-        assert found.sd_db == pytest.approx(np.sqrt(found.field_sd_db**2 + found.date_sd_db**2))
 
 
 def test_categories_in_one_class_differ() -> None:
