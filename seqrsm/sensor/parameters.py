@@ -1,4 +1,4 @@
-"""Every parameter of the two sensors, a row each, and all that is read from the rows.
+"""Every parameter of the two sensors, a row of ``data/parameters.csv`` each, and all that is read from the rows.
 
 A row says by which name ``campaign.toml`` knows the parameter, which field of the configuration it sets, its unit, its
 limits or levels, what it is, and why a campaign cannot vary it where it cannot. From the rows come the names taken as
@@ -10,11 +10,13 @@ field there and a row here; one that a campaign is to vary, and could not, loses
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.sensor.antenna import pattern_file_text, pattern_points
@@ -153,192 +155,48 @@ class Parameter:
         return problems if found is None else [found]
 
 
-_FILE: Final = "what a file holds may change behind its name, and runs of one level would be no repeats"
 _CODE: Final = "what a function does may change behind its name, and runs of one level would be no repeats"
+_ROWS: Final = Path(__file__).parent / "data" / "parameters.csv"
 
 
-def _number(
-    field: str,
-    unit: str,
-    low: float,
-    high: float,
-    what: str,
-    *,
-    name: str = "",
-    values: tuple[float, ...] = (),
-    said: str = "",
-) -> Parameter:
-    return Parameter(name or field, field, "number", what, unit, low, high, values=values, said=said)
+def _table(sensor: str) -> Mapping[str, Parameter]:
+    """Parameters of a sensor by their names in ``campaign.toml``; levels and values are separated by blanks."""
+    with _ROWS.open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["sensor"] == sensor]
+    found = {
+        row["name"]: Parameter(
+            name=row["name"],
+            field=row["field"],
+            kind=cast(Kind, row["kind"]),
+            what=row["what"],
+            unit=row["unit"],
+            low=_limit(row, "low", -math.inf),
+            high=_limit(row, "high", math.inf),
+            levels=tuple(row["levels"].split()),
+            values=tuple(float(value) for value in row["values"].split()),
+            why_fixed=row["why_fixed"],
+            said=row["said"],
+        )
+        for row in rows
+    }
+    return MappingProxyType(found)
 
 
-def _whole(field: str, low: float, high: float, what: str) -> Parameter:
-    return Parameter(field, field, "whole", what, "", low, high)
+def _limit(row: Mapping[str, str], end: str, none: float) -> float:
+    """A limit of a row, a whole number where the parameter is one."""
+    text = row[end]
+    if not text:
+        return none
+    return int(text) if row["kind"] == "whole" else float(text)
 
 
-def _word(field: str, levels: tuple[str, ...], what: str) -> Parameter:
-    return Parameter(field, field, "word", what, levels=levels)
-
-
-def _file(name: str, what: str, *, field: str = "", why_fixed: str = _FILE) -> Parameter:
-    return Parameter(name, field or name, "file", what, why_fixed=why_fixed)
-
-
-def _table(*rows: Parameter) -> Mapping[str, Parameter]:
-    return MappingProxyType({row.name: row for row in rows})
-
-
-_PATTERN_FILE: Final = f"{_FILE}; give the patterns themselves, as levels of pattern_table"
-_RECEIVERS: Final = ("linear", "square_law", "saturation", "compression", "agc")
-
-RADAR: Final = _table(
-    _number("frequency_ghz", "GHz", 0.1, 100.0, "carrier frequency", name="frequency"),
-    Parameter(
-        "polarization", "channels", "channels", "channels imaged together, transmitted and received; R is circular",
-        levels=("HH", "HV", "VV", "VH", "RH", "RV"),
-    ),
-    _number("resolution_m", "m", 0.05, 1e5, "side of the final resolution cell on the ground", name="resolution"),
-    _number("bandwidth_mhz", "MHz", 1e-3, 1e4, "bandwidth of the pulse", name="bandwidth"),
-    _number("peak_power_w", "W", 1e-6, 1e9, "peak transmitted power", name="peak_power"),
-    _number(
-        "depression_angle_deg", "deg", 0.05, 89.95, "angle below the horizontal to the centre of the scene",
-        name="depression_angle",
-    ),
-    _number("altitude_m", "m", 1.0, 2e6, "height of the flight line above the zero of the scene's elevations"),
-    _number("looks", "", 1.0, 1e6, "samples averaged in a final cell, all there are by default"),
-    _number("heading_deg", "deg", -360.0, 360.0, "direction of flight from north; the radar looks to the right"),
-    _word("scan", ("slar", "ppi"), "side-looking along a flight line, or an antenna that rotates over one point"),
-    _number("antenna_east_m", "m", -1e6, 1e6, "place of a rotating antenna, east of the middle of the scene"),
-    _number("antenna_north_m", "m", -1e6, 1e6, "place of a rotating antenna, north of the middle of the scene"),
-    _number("antenna_length_m", "m", 1e-2, 1e3, "length of the antenna along the track"),
-    _number("antenna_gain_db", "dB", -10.0, 80.0, "peak one-way gain of the antenna over isotropic"),
-    _word("aperture", ("synthetic", "real"), "azimuth cell of one look: half the antenna's length, or the beam"),
-    _number("azimuth_beamwidth_deg", "deg", 1e-3, 90.0, "half-power beamwidth along the track, wavelength/length by "
-            "default"),
-    _word(
-        "elevation_pattern", ("isotropic", "cosecant_squared", "sinc_squared", "table"),
-        "how the gain falls off its peak with the look angle",
-    ),
-    _number(
-        "boresight_depression_deg", "deg", 0.0, 90.0, "depression angle of the antenna's peak, that of the scene by "
-        "default",
-    ),
-    _number("elevation_beamwidth_deg", "deg", 0.1, 180.0, "half-power width of the beam in elevation"),
-    Parameter("pattern_table", "pattern_table", "pattern", 'points of the elevation pattern "table"'),
-    _file("pattern_file", "CSV file of the same points", field="pattern_table", why_fixed=_PATTERN_FILE),
-    _number("pulse_length_us", "us", 1e-3, 1e5, "length of the transmitted pulse"),
-    _number("prf_hz", "Hz", 1.0, 1e6, "pulses a second, all transmit polarizations together"),
-    _number("speed_m_s", "m/s", 1.0, 1e4, "ground speed"),
-    _number("noise_figure_db", "dB", 0.0, 40.0, "noise figure of the receiver"),
-    _number("loss_db", "dB", 0.0, 60.0, "two-way loss of antenna feed and processing"),
-    _number("zenith_loss_db", "dB", 0.0, 30.0, "one-way loss of the atmosphere straight down"),
-    _number("pixel_m", "m", 0.05, 1e5, "side of a pixel on the ground, the resolution by default"),
-    _word("range_format", ("ground", "slant"), "spacing of the image rows: in ground range, or in slant range"),
-    _number("near_incidence_deg", "deg", 0.0, 89.9, "incidence angle on flat ground at the near edge of the swath"),
-    _number("far_incidence_deg", "deg", 0.1, 90.0, "incidence angle on flat ground at the far edge of the swath"),
-    _word("earth", ("curved", "flat"), "sphere or plane under the elevations"),
-    _word("fading", ("gamma", "gaussian", "none"), "law of the fading of a pixel"),
-    Parameter("receiver", "receiver", "function", "transfer function M of the receiver", levels=_RECEIVERS),
-    _number("receiver_level_db", "dB", -100.0, 100.0, "level of the receiver over flat ground of sigma0 = 1"),
-    _number("agc_length_m", "m", 1.0, 1e6, "flight path over which the automatic gain follows the echo"),
-    _whole("adc_bits", 0, 32, "bits of the converter Q, 0 for none"),
-    _number("adc_range_db", "dB", -100.0, 100.0, "full scale of the converter over the receiver's level"),
-    Parameter("processing", "processing", "function", "processing S after M and Q, none by default", why_fixed=_CODE),
-    _whole("n_bits", 1, 32, "bits of a grey tone"),
-    _number("dynamic_range_db", "dB", 0.1, 200.0, "decibels coded into the grey tones"),
-    _number("film_gamma", "", 1e-3, 1e3, "slope of the film"),
-    _number("film_k", "", 1e-12, 1e12, "constant of the film"),
-    _number("i_min_w", "W", 1e-40, 1e12, "calibration of the picture: intensity that becomes 0"),
-    _number("i_c_w", "W", 1e-40, 1e12, "calibration of the picture: intensity that becomes level i_qc"),
-    _number("i_qc", "", 0.0, 2.0**32, "calibration of the picture: level of the intensity i_c_w"),
-    _number("p_rc_w", "W", 1e-40, 1e12, "calibration of the picture: power that becomes grey tone g_rc"),
-    _number("g_rc", "", -(2.0**32), 2.0**32, "calibration of the picture: grey tone of the power p_rc_w"),
-    _word("season", ("spring_summer", "fall", "winter"), "season of the scattering table"),
-    _word("snow", ("none", "dry", "wet"), "snow of a winter"),
-    _number("snow_depth_cm", "cm", 0.0, 500.0, "depth of the snow"),
-    _number("soil_moisture_low", "m3/m3", 0.01, 0.6, "least volumetric soil moisture that a run may meet"),
-    _number("soil_moisture_high", "m3/m3", 0.01, 0.6, "largest volumetric soil moisture that a run may meet"),
-    _number("soil_moisture_field_sd", "m3/m3", 0.0, 0.3, "departure of a field's moisture, standard deviation"),
-    _number("soil_moisture_region_sd", "m3/m3", 0.0, 0.3, "what neighbouring fields share of it, standard deviation"),
-    _number("soil_moisture_region_m", "m", 100.0, 1e5, "distance at which 1/e of that is left in common"),
-    _number("wind_low_m_s", "m/s", 0.0, 40.0, "least wind speed over water that a run may meet"),
-    _number("wind_high_m_s", "m/s", 0.0, 40.0, "largest wind speed over water that a run may meet"),
-    _number("texture_db", "dB", 0.0, 20.0, "departure of parts of a field from its mean, standard deviation"),
-    _number("texture_m", "m", 0.1, 1e5, "side of these parts", said="texture size"),
-    _number(
-        "calibration_sd_db", "dB", 0.0, 10.0, "error of the calibration of a channel on a date, standard deviation",
-        said="calibration error",
-    ),
-    _file("targets_file", "CSV file of cultural targets"),
-)  # fmt: skip
+RADAR: Final = _table("radar")
 """Parameters of `RadarConfiguration` by their names in ``campaign.toml``."""
 
-RADIOMETER: Final = _table(
-    _number(
-        "frequency_ghz", "GHz", 0.4, 100.0, "centre frequency; the table of the atmosphere reaches no further",
-        name="frequency",
-    ),
-    Parameter("polarization", "channels", "channels", "polarizations received together", levels=("H", "V")),
-    _number("resolution_m", "m", 0.05, 1e6, "side of the footprint at nadir", name="resolution"),
-    _number(
-        "integration_time_ms", "ms", 1e-4, 1e6, "time over which one footprint's power is averaged",
-        name="integration_time",
-    ),
-    _number("bandwidth_mhz", "MHz", 1e-3, 1e4, "bandwidth before detection", name="bandwidth"),
-    _number(
-        "noise_temperature_k", "K", 0.0, 1e5, "noise temperature of the receiver with its feed",
-        name="noise_temperature",
-    ),
-    _number("scan_period_s", "s", 1e-3, 1e5, "time of one sweep from left to right and back, or of a turn",
-            name="scan_period"),
-    _number("altitude_m", "m", 1.0, 2e6, "height of the flight line above the zero of the scene's elevations"),
-    _number("speed_m_s", "m/s", 1.0, 1e4, "ground speed"),
-    _number("scan_half_angle_deg", "deg", 0.0, 75.0, "reach of the sweep to either side; 0: the scene's edges"),
-    _number("conical_incidence_deg", "deg", 0.0, 75.0, "incidence angle of a conical scan; 0 sweeps across the track"),
-    _number(
-        "heading_deg", "deg", 0.0, 270.0, "direction of flight from north, along the grid of the scene",
-        values=(0.0, 90.0, 180.0, 270.0),
-    ),
-    _word("mode", ("full", "report"), "the whole model, or the first-order simulation of the report of 1979"),
-    _word("receiver", ("total_power", "dicke", "correlation"), "kind of the receiver"),
-    _number("reference_temperature_k", "K", 0.0, 1000.0, "load of a Dicke or correlation receiver"),
-    _number("gain_fluctuation", "", 0.0, 0.1, "relative rms fluctuation of the gain between calibrations"),
-    _word("beam", ("gaussian", "box", "sidelobes", "measured"), "antenna pattern along both axes"),
-    _file("beam_file", 'CSV file of the "measured" pattern'),
-    _number("antenna_limit_m", "m", 0.01, 1e3, "largest antenna that the craft carries"),
-    _word("gaps", ("record", "refuse"), "what to do where sweeps leave ground unseen at nadir"),
-    _word("overlap", ("average", "nearest"), "what to do where a footprint at nadir holds several sweeps"),
-    _word("radiation", ("auto", "rayleigh_jeans", "planck"), "law of thermal radiation"),
-    _word(
-        "atmosphere", ("us_standard", "midlatitude_summer", "midlatitude_winter", "none"), "profile of the atmosphere"
-    ),
-    _word("weather", ("clear", "cloud", "rain"), "weather between ground and craft"),
-    _number("cloud_kg_m2", "kg/m2", 0.0, 5.0, "liquid water of the cloud"),
-    _number("rain_mm_h", "mm/h", 0.0, 150.0, "rate of the rain"),
-    _word("temperature", ("exposure", "constant", "layer"), "where the physical temperature of the ground comes from"),
-    _number("temperature_low_k", "K", 200.0, 400.0, "temperature of ground without sun"),
-    _number("temperature_high_k", "K", 200.0, 400.0, "temperature of bare ground square to the sun"),
-    _number("temperature_date_sd_k", "K", 0.0, 50.0, "departure of a date's temperature, standard deviation"),
-    _number("temperature_field_sd_k", "K", 0.0, 50.0, "departure of a field's temperature, standard deviation"),
-    _number("latitude_deg", "deg", -90.0, 90.0, "latitude of the scene, for the sun"),
-    _number("day_of_year", "", 1.0, 366.0, "day of the year, for the sun"),
-    _number("hour", "h", 0.0, 24.0, "solar time"),
-    _number("exposure_hours", "h", 0.0, 24.0, "how far back exposure to the sun is averaged; 0: that moment"),
-    _number("soil_moisture_low", "m3/m3", 0.02, 0.5, "least mean soil moisture that a run may meet"),
-    _number("soil_moisture_high", "m3/m3", 0.02, 0.5, "largest mean soil moisture that a run may meet"),
-    _number("soil_moisture_field_sd", "m3/m3", 0.0, 0.3, "departure of a field's moisture, standard deviation"),
-    _number("soil_moisture_region_sd", "m3/m3", 0.0, 0.3, "what neighbouring fields share of it, standard deviation"),
-    _number("soil_moisture_region_m", "m", 100.0, 1e5, "distance at which 1/e of that is left in common"),
-)  # fmt: skip
+RADIOMETER: Final = _table("radiometer")
 """Parameters of `RadiometerConfiguration` by their names in ``campaign.toml``."""
 
-
-CALENDAR: Final = _table(
-    _whole("dates", 1, 60, "how many times the ground is looked at"),
-    _number("first_day", "d", 1.0, 365.0, "day of the year of the first time; without it the season stands for the day",
-            said="first day"),
-    _number("interval_days", "d", 0.25, 180.0, "from one time to the next", said="interval"),
-    Parameter("days", "days", "days", "days of the year themselves, in place of the three above"),
-)  # fmt: skip
+CALENDAR: Final = _table("calendar")
 """Parameters of `seqrsm.sensor.sets.Dates`, which every sensor has, by their names in ``campaign.toml``."""
 
 
