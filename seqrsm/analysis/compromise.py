@@ -17,7 +17,8 @@ from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
 from seqrsm.plain import known, shallow
 from seqrsm.rng import generator
-from seqrsm.spec.read import CampaignSpec, ConsiderationSpec
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.tables import ConsiderationSpec
 
 DRAWS = 200
 """Posterior draws of each surface that the compromise is found for."""

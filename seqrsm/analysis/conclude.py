@@ -31,7 +31,8 @@ from seqrsm.fit.least_squares import LeastSquaresFit, extrapolated, influential_
 from seqrsm.fit.optimum import Goal, Optimum, optimum
 from seqrsm.plain import known
 from seqrsm.rng import generator
-from seqrsm.spec.read import ApplicationSpec, CampaignSpec
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import CONFIRMATION, RunRecord
 
 _MIN_DF = 4

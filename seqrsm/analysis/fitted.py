@@ -27,7 +27,8 @@ from seqrsm.errors import FitError, Problem
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.selection import average_models
-from seqrsm.spec.read import ApplicationSpec, CampaignSpec
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import RunRecord
 
 

@@ -21,8 +21,8 @@ from seqrsm.fit.error_models import Draws, Sampler, enough
 from seqrsm.fit.optimum import optimum_draws, sign_of
 from seqrsm.fit.transforms import logit_scores
 from seqrsm.rng import generator
-from seqrsm.spec.read import ApplicationSpec, CampaignSpec
-from seqrsm.spec.tables import ExpectedOptimum, KnowledgeSpec
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.spec.tables import ApplicationSpec, ExpectedOptimum, KnowledgeSpec
 
 
 def stated_prior(spec: CampaignSpec, application: ApplicationSpec, model: QuadraticModel) -> NormalInverseGamma | None:

@@ -44,7 +44,8 @@ from seqrsm.fit.optimum import sign_of
 from seqrsm.plain import plain
 from seqrsm.rng import generator
 from seqrsm.sensor.named import NamedSensor, sensors_called
-from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, CandidateSpec
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec
+from seqrsm.spec.tables import ApplicationSpec, CandidateSpec
 
 FILE: Final = "candidates.json"
 

@@ -17,7 +17,8 @@ from seqrsm.analysis.runs import sharing
 from seqrsm.errors import FitError, SeqrsmError, UserError
 from seqrsm.files import put_json
 from seqrsm.plain import plain
-from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RunRecord
 from seqrsm.store.store import Store
 

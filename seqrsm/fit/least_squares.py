@@ -65,17 +65,6 @@ def _run_diagnostics(
     return studentised, cooks, press, tuple(int(i) for i in np.flatnonzero(fixed))
 
 
-__all__ = [
-    "AnovaRow",
-    "FTest",
-    "Interval",
-    "LackOfFit",
-    "LeastSquaresFit",
-    "Prediction",
-    "block_columns",
-    "fit_least_squares",
-]
-
 _ESTIMABLE = 1e-9  # relative size of the null-space component below which a function counts as estimable
 
 

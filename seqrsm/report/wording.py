@@ -27,7 +27,7 @@ from seqrsm.report.rounding import (
     format_significant,
 )
 from seqrsm.sensor.parameters import RADAR, RADIOMETER, find
-from seqrsm.spec.read import StopSpec
+from seqrsm.spec.tables import StopSpec
 
 if TYPE_CHECKING:
     from seqrsm.store.records import RunRecord

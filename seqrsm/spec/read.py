@@ -111,29 +111,12 @@ from seqrsm.spec.tables import (
     Criterion,
     FactorTable,
     ModelSpec,
-    PriorSpec,
     SimulatorSpec,
     StopSpec,
     StoreTable,
     Table,
 )
 from seqrsm.spec.toml_lines import key_lines
-
-__all__ = [
-    "MAX_BYTES",
-    "SPEC_NAME",
-    "ApplicationSpec",
-    "CampaignSpec",
-    "CandidateSpec",
-    "ConsiderationSpec",
-    "CostSpec",
-    "Criterion",
-    "ModelSpec",
-    "PriorSpec",
-    "SimulatorSpec",
-    "StopSpec",
-    "load_spec",
-]
 
 SPEC_NAME = "campaign.toml"
 MAX_BYTES = 1_000_000

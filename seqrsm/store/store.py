@@ -35,33 +35,15 @@ from seqrsm.store.records import (
     EventRecord,
     FileRecord,
     IngestedFile,
-    IngestedRun,
     IngestOutcome,
     LookRecord,
     NewRun,
     NewScore,
     RankingRecord,
     RunRecord,
-    ScoreRecord,
 )
 from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
 from seqrsm.store.take_in import DERIVED, ingest_files, rescore_without, stored_rankings, void_ranking
-
-__all__ = [
-    "STORE_NAME",
-    "EventRecord",
-    "FileRecord",
-    "IngestOutcome",
-    "IngestedFile",
-    "IngestedRun",
-    "LookRecord",
-    "NewRun",
-    "NewScore",
-    "RankingRecord",
-    "RunRecord",
-    "ScoreRecord",
-    "Store",
-]
 
 STORE_NAME = "campaign.db"
 LEASE_S = 900.0

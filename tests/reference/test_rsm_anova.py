@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from seqrsm.fit.least_squares import LackOfFit, LeastSquaresFit, block_columns, fit_least_squares
+from seqrsm.fit.intervals import LackOfFit
+from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 
 DATA = Path(__file__).parent / "data" / "rsm"
 REL = 1e-10  # the expected files hold 15 significant digits; R's own rounding is near 1e-13 of the largest term

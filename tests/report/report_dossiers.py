@@ -32,7 +32,8 @@ from seqrsm.fit.intervals import LackOfFit
 from seqrsm.fit.least_squares import block_columns, fit_least_squares
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.scene.scene import Scene
-from seqrsm.spec.read import CampaignSpec, SimulatorSpec, load_spec
+from seqrsm.spec.read import CampaignSpec, load_spec
+from seqrsm.spec.tables import SimulatorSpec
 from seqrsm.store.records import EventRecord, LookRecord, RunRecord, ScoreRecord
 
 START = datetime(2024, 5, 1, 8, 0, tzinfo=UTC)

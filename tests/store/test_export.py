@@ -12,7 +12,7 @@ import pytest
 from seqrsm.campaign.export import export
 from seqrsm.errors import StoreError, UserError
 from seqrsm.spec.read import load_spec
-from seqrsm.store.store import NewRun, NewScore
+from seqrsm.store.records import NewRun, NewScore
 
 SPEC = """\
 [campaign]

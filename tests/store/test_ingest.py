@@ -12,8 +12,7 @@ from seqrsm.campaign.form import write_form
 from seqrsm.campaign.ingest import ingest_files
 from seqrsm.errors import ScoresFileError, StoreError
 from seqrsm.spec.read import load_spec
-from seqrsm.store.records import NewScore
-from seqrsm.store.store import NewRun
+from seqrsm.store.records import NewRun, NewScore
 
 SPEC = """\
 [campaign]

@@ -8,7 +8,8 @@ from collections import Counter
 
 from postgres_server import wipe
 
-from seqrsm.store.store import NewRun, Store
+from seqrsm.store.records import NewRun
+from seqrsm.store.store import Store
 
 PROCESSES, RUNS_EACH, FILES_EACH, ROWS = 8, 4, 2, 3
 

@@ -12,7 +12,8 @@ from collections import Counter
 
 import pytest
 
-from seqrsm.store.store import STORE_NAME, NewRun, Store
+from seqrsm.store.records import NewRun
+from seqrsm.store.store import STORE_NAME, Store
 
 WORKER = """
 import sys, time

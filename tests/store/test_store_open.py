@@ -17,9 +17,9 @@ from postgres_server import restarted, wipe
 from seqrsm.errors import StoreError
 from seqrsm.store import database as store_connection
 from seqrsm.store.database import MIGRATIONS, Database, network_file_system
-from seqrsm.store.records import NewScore
+from seqrsm.store.records import NewRun, NewScore
 from seqrsm.store.schema import HEAD, METADATA, REVISIONS
-from seqrsm.store.store import STORE_NAME, NewRun, Store
+from seqrsm.store.store import STORE_NAME, Store
 
 RUN = NewRun({"x": 1.0})
 

@@ -11,8 +11,9 @@ import pytest
 
 from seqrsm import __version__
 from seqrsm.errors import StoreError
+from seqrsm.store.records import NewRun, NewScore
 from seqrsm.store.schema import STATES, TRANSITIONS
-from seqrsm.store.store import NewRun, NewScore, Store
+from seqrsm.store.store import Store
 
 HERE = {"frequency": 1.25, "polarization": "HH"}
 RUN = NewRun(HERE, "start", "first design")

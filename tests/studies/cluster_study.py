@@ -19,8 +19,8 @@ import cluster_jobs  # noqa: E402
 from reliability_report import machine, write_section  # noqa: E402
 
 from seqrsm.simulate.runner import run_many  # noqa: E402
-from seqrsm.store.records import NewScore  # noqa: E402
-from seqrsm.store.store import NewRun, Store  # noqa: E402
+from seqrsm.store.records import NewRun, NewScore  # noqa: E402
+from seqrsm.store.store import Store  # noqa: E402
 
 BUSY_S, RUNS = 0.5, 40
 SMALL = 1000

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from seqrsm.fit.intervals import group_index, pure_error, sequential_ss
-from seqrsm.fit.least_squares import LackOfFit, block_columns, fit_least_squares
+from seqrsm.fit.intervals import LackOfFit, group_index, pure_error, sequential_ss
+from seqrsm.fit.least_squares import block_columns, fit_least_squares
 
 
 def two_factor(seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[Any], list[tuple[float, float]]]:

@@ -17,7 +17,8 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
 from seqrsm.errors import RegionError, SpecError, StoreError, UserError
 from seqrsm.simulate import runner
-from seqrsm.spec.read import SimulatorSpec, load_spec
+from seqrsm.spec.read import load_spec
+from seqrsm.spec.tables import SimulatorSpec
 from seqrsm.store.records import CONFIRMATION, IngestedFile, IngestedRun, NewRun, NewScore
 
 pytestmark = pytest.mark.usefixtures("few_draws")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from seqrsm.analysis.scale import Interval
-    from seqrsm.spec.read import StopSpec
+    from seqrsm.spec.tables import StopSpec
 
 _CLOUD_POINTS = 220
 _FAR = 3.0

@@ -70,7 +70,7 @@ from seqrsm.report.wording import (
     watched_interval,
     with_unit,
 )
-from seqrsm.spec.read import StopSpec
+from seqrsm.spec.tables import StopSpec
 
 _WATCHED = {"confidence": "Mean score", "prediction": "One future run", "prediction_mean": "Mean of future runs"}
 
