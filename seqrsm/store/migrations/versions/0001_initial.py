@@ -92,8 +92,3 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_files"),
         sa.UniqueConstraint("sha256", name="uq_files_sha256"),
     )
-
-
-def downgrade() -> None:
-    for table in ("files", "events", "looks", "scores", "runs", "meta"):
-        op.drop_table(table)

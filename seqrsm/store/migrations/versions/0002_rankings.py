@@ -31,9 +31,3 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_rankings"),
         sa.UniqueConstraint("ranking", "run_id", name="uq_rankings_ranking"),
     )
-
-
-def downgrade() -> None:
-    op.drop_table("rankings")
-    with op.batch_alter_table("runs") as batch:
-        batch.drop_column("seen_at")

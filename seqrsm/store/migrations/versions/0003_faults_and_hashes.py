@@ -14,9 +14,3 @@ depends_on = None
 def upgrade() -> None:
     op.add_column("runs", sa.Column("fault", sa.String(16), nullable=False, server_default=""))
     op.add_column("events", sa.Column("hash", sa.String(64), nullable=False, server_default=""))
-
-
-def downgrade() -> None:
-    for table, column in (("runs", "fault"), ("events", "hash")):
-        with op.batch_alter_table(table) as batch:
-            batch.drop_column(column)
