@@ -30,7 +30,7 @@ class Proposal:
         Coded settings, feasible.
     purpose : str
         "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
-        "thompson", "steepest", or "tie" (settings of earlier blocks in the new one).
+        "steepest", or "tie" (settings of earlier blocks in the new one).
     gain : float
         Drop of the criterion per unit of cost; only comparable within a purpose.
     why : str
@@ -195,20 +195,6 @@ class Testing:
         return (self._repeat if repeat else self._spread).propose(search)
 
 
-class Thompson:
-    """Optima of posterior draws, taken at random."""
-
-    def __init__(self, known: Known, n: int) -> None:
-        self._known, self._gain = known, Optimum(known, n).gain
-
-    def propose(self, search: Search) -> Proposal:
-        """The next run."""
-        choice = search.at(self._known.targets[int(search.rng.integers(len(self._known.targets)))], self._gain)
-        se = self._known.standard_error(choice.row)
-        why = f"a posterior draw has its optimum here (standard error of the mean {se:.2g} s)"
-        return Proposal.of(choice, "thompson", f"{why}{choice.again}")
-
-
 class Steepest:
     """Along the path of steepest ascent from the centre; by `Optimum` where it is shorter than the batch.
 
@@ -238,7 +224,6 @@ class Steepest:
 
 CRITERIA: dict[str, MakeCriterion] = {
     "optimum": Optimum,
-    "thompson": Thompson,
     "steepest": Steepest,
 }
 """Criteria by their names in ``campaign.toml``."""

@@ -5,8 +5,8 @@ The tables and keys of the file; keys without a default must be given, and keys 
 ``[campaign]``
     ``name``; ``description`` (""), which opens the report, with ``author`` and ``date`` ("") under it; ``seed`` (0): an
     integer >= 0 from which all randomness follows; ``batch`` (4): runs proposed at a time; ``criterion`` ("optimum":
-    half value at the optimum, half expected regret; "thompson": optima of posterior draws; "steepest": along the path
-    of steepest ascent); ``attempts`` (3): batches in a row without a single score after which the campaign gives up.
+    half value at the optimum, half expected regret; "steepest": along the path of
+    steepest ascent); ``attempts`` (3): batches in a row without a single score after which the campaign gives up.
 ``[[factor]]``, one or more
     ``name``: with a simulator, that of a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; of a sensor
     parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more

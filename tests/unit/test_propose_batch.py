@@ -218,13 +218,12 @@ def mixed_campaign() -> dict:
 
 
 @pytest.mark.parametrize("make", [campaign, mixed_campaign])
-@pytest.mark.parametrize("criterion", ["optimum", "thompson"])
-def test_repeats_are_exact_copies_of_executed_settings(make: Callable[[], dict], criterion: str) -> None:
+def test_repeats_are_exact_copies_of_executed_settings(make: Callable[[], dict]) -> None:
     """To the bit, of a run made or of one chosen before it: else they tell nothing of pure error."""
     data = make() | {"df_pure_error": 0}
     executed = [tuple(point) for point in data["points_done"]]
     purposes = []
-    for proposal in propose(**data, n=12, criterion=criterion, min_df_pure_error=40, n_candidates=500):
+    for proposal in propose(**data, n=12, min_df_pure_error=40, n_candidates=500):
         point = tuple(proposal.point)
         purposes.append(proposal.purpose)
         if proposal.purpose == "repeat":
@@ -279,11 +278,10 @@ def test_cost_divides_the_gain() -> None:
     assert half.gain == pytest.approx(0.5 * same.gain)
 
 
-@pytest.mark.parametrize(("criterion", "purpose"), [("thompson", "thompson"), ("optimum", "optimum")])
-def test_criteria_by_name(criterion: str, purpose: str) -> None:
+def test_every_run_is_for_the_optimum_or_against_regret_and_says_why() -> None:
     data = campaign(3)
-    found = propose(**data, n=3, criterion=criterion, spread_share=0.0)
-    assert {p.purpose for p in found} <= {purpose, "regret"} if criterion == "optimum" else {purpose}
+    found = propose(**data, n=3, criterion="optimum", spread_share=0.0)
+    assert {p.purpose for p in found} <= {"optimum", "regret"}
     assert all(p.why for p in found)
 
 
