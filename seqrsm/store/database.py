@@ -9,6 +9,7 @@ rollback journal. A file that may not be written is read as it is.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import sqlite3
 import time
@@ -170,6 +171,7 @@ class Database:
                 url = sa.make_url(str(location))
                 limits = {"connect_timeout": 10, "tcp_user_timeout": 60_000} | dict(url.query)
                 limits["options"] = f"{_SERVER_LIMITS} {url.query.get('options', '')}".strip()
+                logging.getLogger("psycopg").addHandler(logging.NullHandler())  # what it says is in the errors
                 engine = sa.create_engine(url, json_serializer=_to_json, pool_pre_ping=True, connect_args=limits)
             except (exc.ArgumentError, exc.NoSuchModuleError, ValueError):
                 raise StoreError(
@@ -273,7 +275,10 @@ class Database:
         try:
             yield
         except (exc.DBAPIError, sqlite3.Error) as error:
-            text = str(error.orig if isinstance(error, exc.DBAPIError) else error)
+            text = str(error.orig if isinstance(error, exc.DBAPIError) else error).partition("\n")[0]
+            if isinstance(error, exc.DBAPIError) and error.connection_invalidated:  # a commit's answer may be missing
+                message = f"the connection to the database was lost ({text})"
+                raise StoreError(Problem(message, _LOST, file=self.label)) from error
             if self.path is not None and (missing := _cut_off(self.path)):
                 message = f"the database is damaged: {missing} bytes are missing at its end ({text})"
                 raise StoreError(Problem(message, _RESTORE, file=self.label)) from error
@@ -289,6 +294,7 @@ class Database:
             ) from error
 
 
+_LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Give yourself the right to write the file and its folder, or copy the folder to where you may."
 _ABSENT_REMEDY = "Make a campaign with `seqrsm init`, or start this one with `seqrsm run`."
 _RESTORE = "Restore the file from a copy; what can be read comes out with: sqlite3 campaign.db .recover"
@@ -297,6 +303,7 @@ _EXPLANATIONS = (
     ("malformed", "the database is damaged", _RESTORE),
     ("disk i/o error", "the disk could not be read or written", "Check the disk and its free space, then try again."),
     ("disk is full", "the disk is full", "Free some space; nothing acknowledged was lost."),
+    ("no space left", "the server's disk is full", "Free some space; nothing acknowledged was lost."),
     ("readonly", "the database may not be written", _RIGHTS),
     ("unable to open", "the database cannot be opened", "Check that file and folder exist and may be written."),
     ("locked", f"another process held the database for {BUSY_TIMEOUT_S:.0f} s", "Let it end, then try again."),

@@ -2,7 +2,9 @@
 
 Operations are what opens a file to write, renames, removes or makes one (told by Python's audit hooks), each SQL
 statement, and each commit. What SQLite does inside a commit is its own: random kills (tests/cli/kill_episodes.py) and
-limits of the file system (tests/cli/test_bad_disks.py) meet it there.
+limits of the file system (tests/cli/test_bad_disks.py) meet it there. On PostgreSQL the operations are statements and
+commits: the command is killed, its connection is lost (the server ends it) before the operation or after it, so that
+only the answer is missing, or the server refuses it.
 """
 
 from __future__ import annotations
@@ -15,21 +17,35 @@ import signal
 import sqlite3
 import sys
 import threading
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psycopg
 import sqlalchemy as sa
 from interleaving import SPEC, command, found, made
 from sqlalchemy import event
+from sqlalchemy.engine.default import DefaultDialect
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.export import export
 from seqrsm.cli.app import app
+from seqrsm.errors import StoreError
 
-KILL = "kill"
+KILL, LOST, UNANSWERED, REFUSED = "kill", "lost", "lost after", "refused"
+SERVER_HOWS = (KILL, LOST, UNANSWERED, REFUSED)
+SECRET = "hunter2"
+_REFUSALS = {
+    "DiskFull": 'could not extend file "base/5/1": No space left on device',
+    "LockNotAvailable": "canceling statement due to lock timeout",
+    "QueryCanceled": "canceling statement due to statement timeout",
+    "SerializationFailure": "could not serialize access due to concurrent update",
+    "ReadOnlySqlTransaction": "cannot execute INSERT in a read-only transaction",
+}
 ERRORS = {"no space": errno.ENOSPC, "i/o": errno.EIO, "read-only": errno.EROFS}
 _SQL = {
     "no space": "database or disk is full",
@@ -66,11 +82,51 @@ class _Injection:
         raise kind(_SQL[self.how])
 
 
+class _ServerInjection:
+    """Counts the statements and commits of connections to a server, and lets one of them fail."""
+
+    def __init__(self, moment: int, how: str) -> None:
+        self.moment, self.how, self.count = moment, how, 0
+        for name, at in (("do_execute", 0), ("do_execute_no_params", 0), ("do_executemany", 0), ("do_commit", None)):
+            setattr(DefaultDialect, name, self._failing(getattr(DefaultDialect, name), at))
+
+    def _failing(self, real: Callable[..., None], at: int | None) -> Callable[..., None]:
+        def operate(dialect: Any, first: Any, *rest: Any) -> None:
+            if dialect.name != "postgresql":
+                real(dialect, first, *rest)
+                return
+            self.count += 1
+            if self.count != self.moment:
+                real(dialect, first, *rest)
+                return
+            connection = first.driver_connection if at is None else first.connection
+            if self.how == KILL:
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.how == REFUSED:
+                name = list(_REFUSALS)[self.moment % len(_REFUSALS)]
+                raise getattr(psycopg.errors, name)(_REFUSALS[name])
+            if self.how == UNANSWERED:
+                real(dialect, first, *rest)
+            _end(connection.info)
+            if self.how == UNANSWERED:
+                connection.close()
+                raise psycopg.OperationalError("consuming input failed: server closed the connection unexpectedly")
+            real(dialect, first, *rest)
+
+        return operate
+
+
+def _end(info: Any) -> None:
+    """Let the server end a connection, and wait until it has."""
+    with psycopg.connect(host=info.host, dbname="postgres", user=info.user, autocommit=True) as other:
+        other.execute("SELECT pg_terminate_backend(%s, 5000)", (info.backend_pid,))
+
+
 @dataclass(frozen=True)
 class Case:
     """A command: how its folder is made, its arguments, whether it is done, and what is compared at the end."""
 
-    prepare: Callable[[Path], None]
+    prepare: Callable[[Path, str | None], None]
     arguments: Callable[[Path], list[object]]
     done: Callable[[Path], bool]
     result: Callable[[Path], Any]
@@ -87,23 +143,23 @@ def _content(name: str) -> Callable[[Path], Any]:
     return read
 
 
-def _campaign(folder: Path) -> None:
-    made(folder / "c", SPEC.replace("max_runs = 16", "max_runs = 11"))
+def _campaign(folder: Path, url: str | None) -> None:
+    made(folder / "c", SPEC.replace("max_runs = 16", "max_runs = 11"), url)
 
 
-def _proposed(folder: Path) -> None:
-    _campaign(folder)
+def _proposed(folder: Path, url: str | None) -> None:
+    _campaign(folder, url)
     command("propose", folder / "c")
 
 
-def _scored(folder: Path) -> None:
-    _proposed(folder)
+def _scored(folder: Path, url: str | None) -> None:
+    _proposed(folder, url)
     command("simulate", folder / "c")
     (folder / "s.csv").write_text("x,score\n" + "".join(f"{k / 10},{k}\n" for k in range(2)), encoding="utf-8")
 
 
-def _exported(folder: Path) -> None:
-    _scored(folder)
+def _exported(folder: Path, url: str | None) -> None:
+    _scored(folder, url)
     campaign = Campaign.open(folder / "c")
     export(campaign.store, campaign.spec, folder / "all.json")
     campaign.store.close()
@@ -149,45 +205,91 @@ CASES = {
 }  # fmt: skip
 
 
-def prepared(name: str, folder: Path) -> None:
-    """The state before a command, and that after it undisturbed, each in a folder of its own."""
+SERVER_CASES = tuple(name for name in CASES if name != "init")  # a copy's data base lies in its folder
+
+
+def prepared(name: str, folder: Path, url: str | None = None) -> None:
+    """The state before a command, and that after it undisturbed, each in a folder (and data base) of its own."""
     for place in ("before", "calm"):
         (folder / place).mkdir(parents=True)
-    CASES[name].prepare(folder / "before")
-    shutil.copytree(folder / "before", folder / "calm", dirs_exist_ok=True)
+    if url is not None:
+        _data_base(url, "before")
+    CASES[name].prepare(folder / "before", _named(url, "before"))
+    _copied(folder, "calm", url)
     done = CliRunner().invoke(app, [str(one) for one in CASES[name].arguments(folder / "calm")])
     assert done.exit_code in (0, 3), done.output
 
 
-def injected(name: str, folder: Path, moment: int, how: str) -> bool:
+def _named(url: str | None, place: str) -> str | None:
+    """Address of the data base of a place, with a password that no output may hold."""
+    return url and url.replace("seqrsm@/postgres", f"seqrsm:{SECRET}@/{place}")
+
+
+def _data_base(url: str, place: str, template: str = "template1") -> None:
+    engine = sa.create_engine(url, isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        connection.execute(sa.text(f'DROP DATABASE IF EXISTS "{place}" WITH (FORCE)'))
+        connection.execute(sa.text(f'CREATE DATABASE "{place}" TEMPLATE "{template}"'))
+    engine.dispose()
+
+
+def _copied(folder: Path, place: str, url: str | None) -> Path:
+    """The state before the command, once more."""
+    shutil.rmtree(folder / place, ignore_errors=True)
+    shutil.copytree(folder / "before", folder / place)
+    if url is not None:
+        _data_base(url, place, "before")
+        spec = folder / place / "c" / "campaign.toml"
+        spec.write_text(spec.read_text(encoding="utf-8").replace("@/before", f"@/{place}"), encoding="utf-8")
+    return folder / place
+
+
+def injected(name: str, folder: Path, moment: int, how: str, url: str | None = None) -> bool:
     """Let the ``moment``-th operation of a command fail, see what must hold, and carry the command to its end.
 
     False when the command has no so many operations.
     """
-    case, place = CASES[name], folder / "now"
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(folder / "before", place)
-    code, count, said = _forked(case.arguments(place), moment, how, place)
+    case, place = CASES[name], _copied(folder, "now", url)
+    code, count, said = _forked(case.arguments(place), moment, how, place, url)
     met = count >= moment or code == -signal.SIGKILL
     where = f"{name}, {how} before operation {moment}: {said}"
     assert code in ((0, 3, -signal.SIGKILL) if how == KILL or not met else (0, 2, 3)), where
     assert "Traceback" not in said, where
-    if (place / "c" / "campaign.db").exists() and (place / "c" / "campaign.db").stat().st_size:
-        Campaign.open(place / "c").store.close()  # sound, and every hash and digest is right
+    assert "Pipeline" not in said, where
+    if url is not None:
+        _left_nothing(url, place, where)
+        assert how not in (LOST, UNANSWERED) or code != 2 or "not known: see what `seqrsm status`" in said, where
+    if url or ((place / "c" / "campaign.db").exists() and (place / "c" / "campaign.db").stat().st_size):
+        with suppress(StoreError):  # not made yet
+            Campaign.open(place / "c").store.close()  # sound, and every hash and digest is right
     if not case.done(place):
-        code, _, said = _forked(case.arguments(place), 0, KILL, place)
+        code, _, said = _forked(case.arguments(place), 0, KILL, place, url)
         assert code in (0, 3), f"{where}; again: {said}"
     assert case.result(place) == case.result(folder / "calm"), where
     return met
 
 
-def _forked(arguments: list[object], moment: int, how: str, place: Path) -> tuple[int, int, str]:
+def _left_nothing(url: str, place: Path, where: str) -> None:
+    """No connection is left on the server a moment after a command, and its output and files hold no password."""
+    assert SECRET not in where
+    for path in (one for one in place.rglob("*") if one.is_file() and one.name != "campaign.toml"):
+        assert SECRET.encode() not in path.read_bytes(), path
+    engine = sa.create_engine(url, isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        count, end = sa.text("SELECT count(*) FROM pg_stat_activity WHERE datname = 'now'"), time.monotonic() + 10.0
+        while (left := connection.execute(count).scalar()) and time.monotonic() < end:
+            time.sleep(0.01)
+    engine.dispose()
+    assert not left, where
+
+
+def _forked(arguments: list[object], moment: int, how: str, place: Path, url: str | None) -> tuple[int, int, str]:
     """Exit code of a command in a fork, the operations that it counted, and what it said."""
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(read)
-        injection = _Injection(moment, how, place)
+        injection = _Injection(moment, how, place) if url is None else _ServerInjection(moment, how)
         result = CliRunner().invoke(app, [str(one) for one in arguments])
         said = result.output + (f"Traceback {result.exc_info!r}" if result.exit_code == 1 else "")
         with os.fdopen(write, "w", encoding="utf-8") as stream:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import pytest
 from interleaving import command, found, interleaved, made, without_engine
+from postgres_server import wipe
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -35,3 +36,13 @@ def test_the_same_end_whoever_works_beside(tmp_path, others, step):
         assert others == ["propose"] or (runs, looks) == expected, moment
         moment += step
     assert moment > 20
+
+
+@pytest.mark.parametrize("others", [["run"], ["simulate"]])
+def test_the_same_end_on_a_server(tmp_path, postgres, others):
+    command("run", made(tmp_path / "calm"))
+    expected = found(tmp_path / "calm")
+    for moment in (3, 14):
+        wipe(postgres)
+        assert interleaved(tmp_path / str(moment), "run", others, moment, postgres)
+        assert found(tmp_path / str(moment)) == expected

@@ -2,9 +2,11 @@
 
     python tests/studies/hands_study.py                # goes on where it was stopped
     python tests/studies/hands_study.py --every 5      # each fifth moment only
+    python tests/studies/hands_study.py --only server  # one kind only
 
 A command is killed, or met by an error (no space, input/output, read-only), before each of its file and SQL
-operations (tests/store/faults.py); and other commands, one or three, come before each of its transactions
+operations; on PostgreSQL, at each SQL operation, also by the loss of its connection before it or after it
+(tests/store/faults.py). Other commands, one or three, come before each of its transactions
 (tests/store/interleaving.py), on SQLite and on PostgreSQL. Each bit of a data base may be another. The first that does
 not hold ends the study. Writes reports/reliability/hands.csv, a row for each moment, and a section of
 reports/reliability.md.
@@ -28,7 +30,7 @@ import pytest
 TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(Path(__file__).parent), *(str(TESTS / name) for name in ("store", "cli"))]
 
-from faults import CASES, ERRORS, KILL, injected, prepared  # noqa: E402
+from faults import CASES, ERRORS, KILL, SERVER_CASES, SERVER_HOWS, injected, prepared  # noqa: E402
 from interleaving import command, found, interleaved, made, without_engine  # noqa: E402
 from postgres_server import find_server, running, wipe  # noqa: E402
 from reliability_report import FOLDER, machine, write_section  # noqa: E402
@@ -41,6 +43,10 @@ TABLE = FOLDER / "hands.csv"
 COLUMNS = ("kind", "command", "with", "moment")
 BESIDE = {"run": ["run"], "run x 3": ["run"] * 3, "simulate": ["simulate"], "propose": ["propose"]}
 HOWS = tuple(ERRORS)
+SAMPLE = (
+    " Moments of files and of SQLite are a sample: every 9th of each command, more of `run`, `simulate` and `propose`; "
+    "most were taken before the last change to the check of stored values. The engine was a stand-in."
+)
 MOST = 10_000
 FLIPS = 2000
 
@@ -53,9 +59,14 @@ def rows() -> list[tuple[str, ...]]:
         return [tuple(row.values()) for row in csv.DictReader(stream)]
 
 
-def courses(folder: Path, postgres: str | None) -> Iterator[tuple[str, str, str, Callable[[int], bool]]]:
+def courses(folder: Path, postgres: str | None, only: str) -> Iterator[tuple[str, str, str, Callable[[int], bool]]]:
     """Kind, command, what meets it, and what is done at a moment: False beyond the last."""
-    for name in CASES:
+    for name in sorted(SERVER_CASES, key="run".__eq__) if postgres and only in ("", "server") else ():
+        place = folder / f"server-{name.replace(' ', '-')}"
+        prepared(name, place, postgres)
+        for how in SERVER_HOWS:
+            yield "server", name, how, lambda n, name=name, how=how, p=place: injected(name, p, n, how, postgres)
+    for name in CASES if only in ("", "fault") else ():
         place = folder / name.replace(" ", "-")
         prepared(name, place)
         yield "fault", name, KILL, lambda n, name=name, place=place: injected(name, place, n, KILL)
@@ -63,9 +74,10 @@ def courses(folder: Path, postgres: str | None) -> Iterator[tuple[str, str, str,
     command("run", made(folder / "calm"))
     expected = found(folder / "calm")
     for kind, url in (("SQLite", None), ("PostgreSQL", postgres)):
-        for name in BESIDE if kind == "SQLite" or url else ():
+        for name in BESIDE if (kind == "SQLite" or url) and only in ("", kind) else ():
             yield kind, "run", name, lambda n, name=name, url=url: _beside(folder / "beside", name, n, url, expected)
-    yield "flip", "status", "bit", lambda n: n <= FLIPS and _flip(folder / "flipped", n)
+    if only in ("", "flip"):
+        yield "flip", "status", "bit", lambda n: n <= FLIPS and _flip(folder / "flipped", n)
 
 
 def _beside(folder: Path, name: str, moment: int, url: str | None, expected: object) -> bool:
@@ -91,8 +103,8 @@ def _flip(folder: Path, seed: int) -> bool:
     return True
 
 
-def carry_on(every: int, seconds: float) -> None:
-    """Moments that no earlier call has done, ``every`` so many."""
+def carry_on(every: int, seconds: float, only: str) -> None:
+    """Moments that no earlier call has done, ``every`` so many, of one kind where it is not ""."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     done, end = set(rows()), time.monotonic() + seconds
     with ExitStack() as stack:
@@ -105,7 +117,7 @@ def carry_on(every: int, seconds: float) -> None:
         writer = csv.writer(stack.enter_context(TABLE.open("a", newline="", encoding="utf-8", buffering=1)))
         if not done:
             writer.writerow(COLUMNS)
-        for kind, name, other, act in courses(folder, postgres):
+        for kind, name, other, act in courses(folder, postgres, only):
             for moment in range(1, MOST, every):
                 row = (kind, name, other, str(moment))
                 if row in done:
@@ -128,9 +140,18 @@ def report() -> None:
         "was lost or doubled, the budget was kept, and with `run` and `simulate` beside it the end was the same to the "
         f"last digit. {count.get(('flip',), 0)} times one bit of a data base was another: `status` said the same as "
         "before, or refused in words. No command ended in a traceback. One exception would have ended the study."
+        + SAMPLE
+    )
+    server = (
+        f"On PostgreSQL {count.get(('server',), 0)} times a command met the like at one of its SQL statements and "
+        "commits: it was killed, the server ended its connection before the operation or after it (so that only the "
+        "answer was missing), or refused it. Given again it ended as undisturbed: no run or score was lost or doubled, "
+        "the budget was kept, no connection was left on the server, and no password stood in any output or file."
     )
     lines = [
         text,
+        "",
+        server,
         "",
         "| command | killed before | error before |",
         "|---|---|---|",
@@ -138,6 +159,9 @@ def report() -> None:
     for name in CASES:
         killed, failed = (count.get(("fault", name, how), 0) for how in (KILL, "error"))
         lines.append(f"| `{name}` | {killed} | {failed} |")
+    lines += ["", f"| command, PostgreSQL | {' | '.join(SERVER_HOWS)} |", f"|---{'|---' * len(SERVER_HOWS)}|"]
+    for name in SERVER_CASES:
+        lines.append(f"| `{name}` | {' | '.join(str(count.get(('server', name, how), 0)) for how in SERVER_HOWS)} |")
     lines += ["", "| beside `run` | moments, SQLite | moments, PostgreSQL |", "|---|---|---|"]
     for name in BESIDE:
         moments = (count.get((kind, "run", name), 0) for kind in ("SQLite", "PostgreSQL"))
@@ -150,7 +174,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=1e9)
+    parser.add_argument("--only", default="", choices=["server", "fault", "SQLite", "PostgreSQL", "flip"])
     asked = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    carry_on(asked.every, asked.seconds)
+    carry_on(asked.every, asked.seconds, asked.only)
     report()
