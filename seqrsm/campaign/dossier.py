@@ -104,7 +104,7 @@ def assemble(campaign: Campaign, step: Callable[[str], None] = lambda text: None
     turns, notes = 0, _measured_assumptions(campaign)
     scene = None if spec.scene_path is None else scene_at(str(spec.scene_path))
     if scene is not None:
-        step("simulating pictures")
+        step("simulating images")
         images, turns, more = report_pictures(campaign, analyses)
         notes += more
     compared = read_candidates(spec, analyses)
@@ -132,23 +132,23 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
     spec = campaign.spec
     variance = {
         "equal": "equal variance",
-        "se": "variance in proportion to the square of their standard errors",
-        "counts": "variance in proportion to that of independent decisions, as many as were counted",
+        "se": "variance proportional to the square of their standard errors",
+        "counts": "variance proportional to that of the counted number of independent decisions",
     }[spec.model.weights]
     found = [
-        f"errors of different runs about the polynomial are independent, {spec.errors.words}, with {variance}"
+        f"errors of different runs are independent, {spec.errors.words}, with {variance}"
         + (" in percent, on the logit scale" if spec.model.response == "logit" else ""),
         f"the utility is a polynomial of order {spec.model.order} in the coded factors over the whole region, or the "
-        "other surface that was weighed, where the report tells of one",
+        "alternative surface if the report describes one",
     ]
     if spec.simulator is not None:
         size = spec.runs_an_occasion
-        own = "each simulated run is one occasion in a world of its own"
+        own = "each simulated run is one occasion with its own draw of the tables"
         if size is not None:
             own = f"up to {size} simulated runs share one occasion and are a block of the fit (common random numbers)"
         found.append(
-            f"{own}: the means of the tables, backscatter of fields and dates, soil moisture, wind, fading, receiver "
-            "noise and the training sample are drawn anew from the campaign's seed and the "
+            f"{own}: table means, backscatter of fields and dates, soil moisture, wind, fading, receiver noise and the "
+            "training sample are drawn from the campaign's seed and the "
             f"{'run' if size is None else 'occasion'}'s {'id' if size is None else 'number'}"
         )
     return tuple(found)

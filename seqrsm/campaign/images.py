@@ -305,7 +305,7 @@ def report_pictures(
     cell_m = 0.0
     chosen = chosen_settings(analyses)
     for title, settings in chosen.items():
-        tell("simulating pictures", len(made), len(chosen))
+        tell("simulating images", len(made), len(chosen))
         task = task_of(spec, NO_RUN, settings)
         scene = scene_at(task.scene)
         image, *others = images = simulate_images(task, scene)
@@ -314,7 +314,6 @@ def report_pictures(
         made.append((f"{title}{which}", settings, picture_of(image), image.notes, score))
         cell_m = scene.cell_m
     scales = grey_scales(picture for _, _, picture, _, _ in made)
-    application = spec.applications[0]
     # Footprints of a sweep are longer to the sides, and lines lie apart by the flight: no pixel of theirs is square.
     on_ground = spec.simulator is not None and spec.simulator.engine == "prm"
     panels = tuple(
@@ -326,7 +325,7 @@ def report_pictures(
             pixel_m=cell_m if on_ground else picture.pixel_m,
             score=score.value,
             score_se=score.se,
-            caption=_caption(picture, application.name, score.value, score.se, application.unit, scales),
+            caption=_caption(picture, scales),
         )
         for title, settings, picture, _, score in made
     )
@@ -342,15 +341,9 @@ def _on_ground(grey: AnyArray, picture: Picture) -> AnyArray:
     return np.where(place >= 0, flat[:, np.maximum(place, 0)], np.uint8(255))
 
 
-def _caption(
-    picture: Picture, application: str, score: float, se: float, unit: str, scales: Mapping[str, GreyScale]
-) -> str:
+def _caption(picture: Picture, scales: Mapping[str, GreyScale]) -> str:
     tones = ", ".join(f"{channel} {scales[channel]}" for channel in picture.channels if channel in scales)
-    return (
-        f"{application}: {score:.1f} ± {se:.1f} {unit} on this one occasion (standard error within the image); "
-        f"{picture.remark}; black to white, {picture.quantity}, the same for every picture of a channel: {tones}; "
-        "noise, fields and date drawn at random."
-    )
+    return f"{picture.remark}; {picture.quantity}, black to white, {tones}."
 
 
 def chosen_settings(analyses: Sequence[Analysis]) -> dict[str, dict[str, float | str]]:

@@ -54,7 +54,12 @@ def build_report(dossier: Dossier) -> Report:
             sections += parts
             methods += how
         else:
-            parts.insert(0, result_section(spec, analysis, runs, dossier.rests, f"{key}-result", "By itself"))
+            parts.insert(
+                0,
+                result_section(
+                    spec, analysis, runs, dossier.rests, f"{key}-result", "Optimum for this application alone"
+                ),
+            )
             sections.append(Section(key, f"Application {analysis.application}", (), _there(parts)))
             methods.append(Section(f"{key}-methods", f"Methods of {analysis.application}", (), how))
     sections += (
@@ -72,7 +77,7 @@ def build_report(dossier: Dossier) -> Report:
         provenance_section(dossier),
         run_section(dossier) if runs else None,
     )
-    appendix = Section("appendix", "Appendix: how it was found, and every run", (), _there(methods))
+    appendix = Section("appendix", "Appendix: methods and all runs", (), _there(methods))
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",

@@ -12,7 +12,8 @@ from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
-from seqrsm.report.wording import axis_label, level_labels, shortened, with_unit
+from seqrsm.report.rounding import format_number
+from seqrsm.report.wording import axis_label, level_labels, score_decimals, shortened, with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -246,17 +247,19 @@ def intervals_panel(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         mean = analysis.optimum.mean
+        widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
+        near = stop.half_width < _FAR * widest
         for place, (_, one) in enumerate(intervals):
             y = len(intervals) - 1 - place
             axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
             axes.scatter([mean], [y], s=22, color=drawing.INK, zorder=3)
-            for end, side in ((one.low, "right"), (one.high, "left")):
+            # Over a long bar the numbers have room, and do not run into the target's lines.
+            long = one.half_width > 0.6 * max(widest, stop.half_width if near else 0.0)
+            sides = ("left", "right") if long else ("right", "left")
+            for end, side in zip((one.low, one.high), sides, strict=True):
                 if np.isfinite(end):
-                    axes.annotate(
-                        f"{end:.3g}", (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points"
-                    )
-        widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
-        near = stop.half_width < _FAR * widest
+                    text = format_number(end, score_decimals(analysis))
+                    axes.annotate(text, (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points")
         for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
             axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
         names = [name.replace(", ", ",\n") for name, _ in intervals]

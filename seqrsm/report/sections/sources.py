@@ -52,10 +52,10 @@ from seqrsm.report.wording import (
 from seqrsm.scene.scene import Scene
 
 LIMITS = (
-    "The fitted surface describes the score inside the region only; nothing is claimed outside it.",
-    "The optimum is that of the fitted surface; its posterior says how far the true one may lie from it.",
-    "Stopping on the width of an interval makes it a little too narrow on average; the guards of the stop rule limit "
-    "this, and only fresh runs at the recommended settings give an interval of exact coverage.",
+    "The fitted surface is valid inside the region only.",
+    "The optimum is that of the fitted surface; its posterior shows how far the true optimum may be from it.",
+    "Stopping on the width of an interval makes it slightly too narrow on average. The other conditions of the stop "
+    "rule limit this; only confirmation runs at the recommended settings give an interval of exact coverage.",
 )
 
 
@@ -76,10 +76,10 @@ def calendar_section(dossier: Dossier) -> Section | None:
         for k, channel in enumerate(calendar.channels)
     )
     caption = (
-        f"Mean backscatter of the crops at 40 degrees by day of the year, as simulated; dashed: the recommended days "
-        f"{days}. Fields depart from it, and are early or late."
+        f"Simulated mean backscatter of the crops at 40 degrees incidence by day of the year. Dashed: recommended days "
+        f"{days}. Individual fields deviate in level and timing."
     )
-    return Section("calendar", "Calendar of the crops", (FigureBlock(panels, caption),))
+    return Section("calendar", "Crop calendar", (FigureBlock(panels, caption),))
 
 
 def image_section(dossier: Dossier) -> Section | None:
@@ -89,14 +89,17 @@ def image_section(dossier: Dossier) -> Section | None:
     unit = dossier.analyses[0].score_unit if dossier.analyses else ""
     count = sum(len(image.channels) for image in dossier.images) + (dossier.scene is not None)
     where = (
-        "Range runs down the pictures, near range on top; azimuth runs across."
+        "Range increases downwards, azimuth across."
         if system_of(dossier.spec) == "active"
-        else "The sweep runs down the pictures, the flight across; every cell of the ground has the brightness of the "
-        "footprint nearest to it, and is white where there is none."
+        else "The scan runs down the images and the flight across; every ground cell shows the brightness of the "
+        "nearest footprint, white where there is none."
     )
-    scale = "The black bar under each picture is its scale, given in the table. All pictures are of one occasion."
+    scale = (
+        "The black bar under each image is its scale, given in the table. All images show one random occasion; the "
+        "grey scale is common to all images of a channel."
+    )
     if "heading_deg" in dossier.spec.region.names:
-        scale += " The ground truth is turned as the first of them."
+        scale += " The ground truth is rotated like the first image."
     blocks: list[Block] = [Paragraph(f"{where} {scale}")]
     panels: list[Panel] = []
     captions: list[str] = []
@@ -104,13 +107,10 @@ def image_section(dossier: Dossier) -> Section | None:
     if dossier.scene is not None:
         panels.append(_truth_panel(dossier.scene, dossier.quarter_turns, count))
         legend = _legend(dossier.scene)
-        source = f"{_ended(dossier.scene.provenance)} Licence: {_ended(dossier.scene.licence)}"
-        captions.append(f"Ground truth: {dossier.scene.name}. {source}")
+        captions.append(f"Ground truth: {dossier.scene.name} (source and licence under Provenance).")
     for image in dossier.images:
         panels += _image_panels(dossier, image, unit, count)
-        captions.append(
-            f"{image.title}: {format_settings(dossier.spec.factors, image.settings)}. {_ended(image.caption)}"
-        )
+        captions.append(f"{image.title}: {_ended(image.caption)}")
     blocks.append(FigureBlock(tuple(panels), " ".join(captions), columns=4 if len(panels) > 3 else 3, legend=legend))
     blocks.append(_picture_table(dossier, unit, count))
     return Section("images", "Simulated images and ground truth", tuple(blocks))
@@ -181,10 +181,10 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
         size = _size_cells(image.greytone.shape[1:], image.pixel_m, count)
         rows.append((image.title, settings, _score(image, unit), *size))
     columns: tuple[Head, ...] = (
-        *("Picture", "Settings", right("Score \u00b1 s.e."), "Along by across track"),
-        *map(right, ("Cell or pixel", "Reduced", "Bar")),
+        *("Image", "Settings", right("Score \u00b1 s.e."), "Along by across track"),
+        *map(right, ("Cell or pixel", "Reduced", "Scale bar")),
     )
-    caption = "What the pictures show; the score is that of this one occasion, with the standard error within it"
+    caption = "Images shown; score of this one occasion, with its standard error within the image"
     return table(caption, columns, rows)
 
 
@@ -223,7 +223,7 @@ def assumption_section(dossier: Dossier) -> Section:
     blocks: list[Block] = []
     others = _grouped(dossier).others
     if others:
-        blocks += [Paragraph("Assumed:"), Bullets(tuple(_sentence(text) for text in others))]
+        blocks += [Paragraph("Assumptions:"), Bullets(tuple(_sentence(text) for text in others))]
     blocks += [Paragraph("Limits of the method:"), Bullets(LIMITS)]
     return Section("assumptions", "Assumptions and limits", tuple(blocks))
 
@@ -236,7 +236,7 @@ def cover_section(dossier: Dossier) -> Section | None:
         blocks.append(_cover_table(grouped))
     if grouped.about_channels:
         blocks.append(_channel_table(grouped))
-    return Section("covers", "What is assumed of each cover", tuple(blocks)) if blocks else None
+    return Section("covers", "Assumptions for each cover", tuple(blocks)) if blocks else None
 
 
 def _grouped(dossier: Dossier) -> GroupedNotes:
@@ -251,8 +251,8 @@ def _cover_table(grouped: GroupedNotes) -> Table:
         rows.append((subject, _sentence(text)))
     rows.sort(key=lambda row: row[0] == "every cover")
     caption = (
-        "How the mean backscatter of each cover was found, in all pictures of this report. In brackets what it rests "
-        "on: public measurements, computed from public data, or assumed"
+        "Source of the mean backscatter of each cover, for all images of this report. In brackets its status: public "
+        "measurements, computed from public data, or assumed"
     )
     return table(caption, ("Cover", "Statement"), rows)
 
@@ -266,7 +266,7 @@ def _channel_table(grouped: GroupedNotes) -> Table:
     rows = (
         (readable(cover), *("; ".join(texts.get((cover, channel), [])) for channel in channels)) for cover in covers
     )
-    caption = "Standard deviation of backscatter among fields of a cover and among dates, by channel"
+    caption = "Standard deviation of backscatter between fields of a cover and between dates, by channel"
     return table(caption, ("Cover", *channels), rows)
 
 
@@ -280,8 +280,8 @@ def provenance_section(dossier: Dossier) -> Section:
         told = listing([f"{readable(kind)} ({count})" for kind, count in counts.items()])
         blocks.append(
             Paragraph(
-                f"History of the campaign, by kind of event: {told}. The times of day are left out, so that the same "
-                "campaign gives the same report; seqrsm status --history and seqrsm export tell them."
+                f"Events of the campaign, by kind: {told}. Times are omitted so that the same campaign gives the same "
+                "report; seqrsm status --history and seqrsm export list them."
             )
         )
     if dossier.analyses:
@@ -295,7 +295,7 @@ def _exact_settings(dossier: Dossier) -> Table:
         for analysis in dossier.analyses
         for factor in analysis.region.factors
     )
-    caption = "Recommended settings to six digits, for making the same run again"
+    caption = "Recommended settings to six digits, for repeating the run exactly"
     return table(caption, ("Application", "Factor", right("Setting")), rows)
 
 
