@@ -141,7 +141,7 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     page = (other / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     lines = ok("fit", other).splitlines()
     rows = {cells[0]: cells[1:] for line in lines if len(cells := re.split(r" {2,}", line)) > 1}
-    mean = rows["Mean score there"][0]
+    mean = rows["Mean score"][0]
     of_five = rows["Mean of 5 future runs"][0]
     assert mean in page
     assert of_five in page

@@ -72,7 +72,7 @@ def test_ten_lines_give_the_commands_numbers(tmp_path: Path) -> None:
     assert "Recommended settings" in fit._repr_html_()
     assert '<br><span class="detail">95' in fit._repr_html_()  # a cell has no style to part them
     assert "data:image/svg+xml" in fit.plot()._repr_html_()
-    assert "Contours" in repr(fit.plot())
+    assert "posterior draws" in repr(fit.plot())
     assert len(mine.runs()) == len(plan) + 15
 
 

@@ -84,7 +84,7 @@ def test_page_works_offline_and_shows_the_numbers(scored: Path, document: dict, 
     width, lost = re.search(r"half-width ± ([\d.]+); expected loss ([\d.e-]+)", said).groups()  # type: ignore[union-attr]
     assert float(width) == pytest.approx(scale * amount_of(model, "half_widths", n), rel=6e-3)
     assert float(lost) == pytest.approx(scale * amount_of(model, "losses", n), rel=6e-3)
-    (reached,) = map(int, re.findall(r"reached from (\d+) runs", said))
+    (reached,) = map(int, re.findall(r"reached with (\d+) runs", said))
     assert scale * amount_of(model, "half_widths", reached) <= 3.0
     assert reached == model["asked"] or scale * amount_of(model, "half_widths", reached - 1) > 3.0
     assert len(re.findall(r'<label for="plan-', shown)) == len(re.findall(r'<input id="plan-', shown)) == 7

@@ -114,7 +114,7 @@ def test_messages_and_bars_do_not_meet(tiny: Path, columns: int) -> None:
     assert not any("\u2501" in line for line in lines)  # and nothing is left of it
     assert max(map(len, lines)) <= columns
     said = " ".join(line.strip() for line in lines)
-    assert "checking the simulator with one image at the centre of the region searching the start design" in said
+    assert "checking the simulator with one image at the centre of the region searching for an initial design" in said
     starts = [line for line in lines if re.match(r" +\d+ runs  ", line)]
     assert len(starts) >= 1
     assert all("target 16" in line for line in starts)

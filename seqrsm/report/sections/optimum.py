@@ -173,9 +173,9 @@ def _steps(analysis: Analysis) -> list[Block]:
     unit = analysis.score_unit
     columns = (
         *("Factor", "Change", right("Mean", unit), right("Gain", unit)),
-        *(right(f"Gain, {level_phrase(analysis)} interval"), right("Probability better")),
+        *(right(f"{level_phrase(analysis)} interval"), right("Pr(better)")),
     )
-    caption = "Effect of changing one factor, the others as recommended"
+    caption = "Effect of changing one factor, the others as recommended; interval of the gain"
     return [table(caption, columns, rows)]
 
 

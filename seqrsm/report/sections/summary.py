@@ -91,7 +91,7 @@ def summary_section(
     else:
         blocks += compromise_summary(spec.factors, compromise)
     blocks.append(_own_table(analyses))
-    todo = tuple(f"{one.application}: {': '.join(_decision_words(one))}." for one in analyses)
+    todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
     scored = [run for run in runs if run.state == "scored"]
     parts = (
         Section("summary-next", "Next steps", (Bullets(todo),)),

@@ -28,7 +28,7 @@
     control("order", "second order (else first)", data.order === 2, { type: "checkbox" });
     control("runs", "runs", data.max_runs, { type: "range", min: 4, max: most, step: 1 });
     control("target", "target half-width" + head, data.half_width, { type: "number", min: 0, step: "any" });
-    control("s", "standard deviation of a run" + head, short(data.s || guess), { type: "number", min: 0, step: "any" });
+    control("s", "run-to-run standard deviation" + head, short(data.s || guess), { type: "number", min: 0, step: "any" });
     control("cost", "cost of a run" + (data.cost_unit ? " [" + data.cost_unit + "]" : ""), data.cost,
       { type: "number", min: 0, step: "any" });
     // Straight over the logarithm of the degrees of freedom between the numbers that were simulated.
@@ -52,7 +52,7 @@
       var target = Number(fields.target.value), curve = box.querySelector(".curve");
       curve.textContent = "";
       if (!model) {
-        box.querySelector(".said").textContent = "This set of factors was not planned: vary all, or leave one out.";
+        box.querySelector(".said").textContent = "This set of factors was not computed: vary all, or all but one.";
         return;
       }
       var width = halfWidth(model, n, s), lost = loss(model, n, s), first = 0, i;
@@ -62,8 +62,8 @@
         (isFinite(width) ? "half-width \u00b1 " + short(width) + unit : "too few runs for a half-width") +
         (isNaN(lost) ? "" : "; expected loss " + short(lost) + unit) +
         "; cost " + short(n * Number(fields.cost.value)) + (data.cost_unit ? " " + data.cost_unit : "") +
-        (first ? ". The target is reached from " + first + " runs on."
-          : ". The target is not reached by " + most + " runs: fewer factors, first order, or a wider target.");
+        (first ? ". The target is reached with " + first + " runs or more."
+          : ". " + most + " runs do not reach the target: use fewer factors, first order, or a wider target.");
       var top = 1.1 * Math.max(target, Math.min(halfWidth(model, model.runs[0], s) || 0, 6 * target));
       var x = function (at) { return LEFT + (W - LEFT - RIGHT) * at / most; };
       var y = function (at) { return H - BOTTOM - (H - BOTTOM - TOP) * Math.min(at / top, 1); };

@@ -56,7 +56,7 @@
           show(here[3]) + " to " + show(here[4]) + ")";
       }
       text += unit + " at " + factors.map(function (factor, j) { return factor.values[at[j]]; }).join(", ");
-      output.textContent = text + (here[5] ? "." : ": settings that the constraints do not allow.");
+      output.textContent = text + (here[5] ? "." : ": excluded by the constraints.");
       panels.forEach(function (panel, j) {
         var factor = factors[j], line = factor.values.map(function (_, i) {
           return row(at.map(function (old, k) { return k === j ? i : old; }));
