@@ -27,7 +27,8 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
 from seqrsm.remember import remembered
-from seqrsm.spec.read import SPEC_NAME, ApplicationSpec, CampaignSpec, load_spec
+from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
+from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import WAITING, NewRun, RunRecord
 from seqrsm.store.store import Store, heartbeat
 

@@ -1,82 +1,80 @@
-"""``campaign.toml``: what a campaign is to find out, over which settings, at what cost, and when it ends.
+"""``campaign.toml``: the question of a campaign, its region, cost and stop rule.
 
-The tables and keys of the file; keys without a default must be given, and keys that are not listed are errors.
+The tables and keys of the file. Keys without a default are required; unknown keys are errors.
 
 ``[campaign]``
-    ``name``; ``description`` (""), which opens the report, with ``author`` and ``date`` ("") under it; ``seed`` (0): an
-    integer >= 0 from which all randomness follows; ``batch`` (4): runs proposed at a time; ``criterion`` ("optimum":
-    half value at the optimum, half expected regret; "steepest": along the path of
-    steepest ascent); ``attempts`` (3): batches in a row without a single score after which the campaign gives up.
+    ``name``; ``description`` (""), the subtitle of the report, with ``author`` and ``date`` (""); ``seed`` (0): an
+    integer >= 0 that fixes all random numbers; ``batch`` (4): runs proposed at a time; ``criterion`` ("optimum":
+    precision at the optimum and expected loss, half each; "steepest": along the path of steepest ascent);
+    ``attempts`` (3): batches in a row without any score after which the campaign ends.
 ``[[factor]]``, one or more
-    ``name``: with a simulator, that of a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; of a sensor
-    parameter: its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
+    ``name``: with a simulator, a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; for a sensor
+    parameter its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
     numbers), or ``levels`` (two or more names).
 ``[[constraint]]``
     ``expr``: a condition in natural units, see :mod:`seqrsm.design.constraints`.
 ``[[application]]``, one or more
-    ``name``; ``utility``: "percent_correct", "f1 of Potatoes by field", "soil_moisture_skill", "measured" and what else
-    :mod:`seqrsm.score.utilities` names, or "package.module:function"; ``goal`` ("maximize" or "minimize", the default
-    of errors); ``weight`` (1); ``unacceptable`` and ``ideal``:
-    scores of desirability 0 and 1 in a compromise, by default the worst and best of the fitted surface; ``sufficient``:
-    the score from which on a candidate suffices, by default that of the optimum less ``[stop] half_width``; ``catalog``
-    (words of the name or description): what the report looks up in the catalogue of the literature, see
-    ``seqrsm catalog``.
+    ``name``; ``utility``: "percent_correct", "f1 of Potatoes by field", "soil_moisture_skill", "measured" and others of
+    :mod:`seqrsm.score.utilities`, or "package.module:function"; ``goal`` ("maximize", or "minimize", the default for
+    errors); ``weight`` (1); ``unacceptable`` and ``ideal``: scores with desirability 0 and 1 in a compromise, by
+    default the worst and best of the fitted surface; ``sufficient``: score from which a candidate suffices, by default
+    that of the optimum minus ``[stop] half_width``; ``catalog`` (words of the name or description): words the report
+    looks up in the literature catalogue, see ``seqrsm catalog``.
 ``[application.prior]``, below its ``[[application]]``
-    What is known before the first run: ``utility = [low, high]``: the mean score at a setting taken at random lies
-    between these with ``probability`` (0.95); ``repeat_sd``: scatter of repeated runs (a tenth of that range), worth
-    ``repeat_runs`` (3) runs; ``optimum``: a table of numeric factors and where the best value is expected, as a number
-    or ``{ value, doubt }``, the doubt a standard deviation as a share of half the (coded) range (0.5); ``effect``: a
-    table of numeric factors and ``[least, most]``: from the low to the high end of its range, the other factors in the
-    middle of theirs, a factor changes the mean score by no less and no more (``-inf``, ``inf``: no bound; with
-    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` must be given.
+    Prior knowledge: ``utility = [low, high]``: the mean score at a random setting lies in this interval with
+    ``probability`` (0.95); ``repeat_sd``: standard deviation of repeated runs (a tenth of that range), with the weight
+    of ``repeat_runs`` (3) runs; ``optimum``: a table of numeric factors and their expected best value, as a number or
+    ``{ value, doubt }``, the doubt being a standard deviation as a fraction of half the (coded) range (0.5);
+    ``effect``: a table of numeric factors and ``[least, most]``: bounds on the change of the mean score from the low to
+    the high end of the factor's range, with the other factors at their centre (``-inf``, ``inf``: no bound; with
+    response = "logit" a bound is 0 or none). At least ``utility`` or ``effect`` is required.
 ``[[consideration]]``
-    What else counts in the compromise, such as cost, build time or risk: ``name``; ``expr``: its value from the factors
-    in natural units, with the arithmetic of constraints; ``unit`` (""); ``goal`` ("minimize"); ``weight`` (1);
-    ``unacceptable`` and ``ideal`` as above.
+    Another objective of the compromise, such as cost, build time or risk: ``name``; ``expr``: its value as a function
+    of the factors in natural units, with the arithmetic of constraints; ``unit`` (""); ``goal`` ("minimize");
+    ``weight`` (1); ``unacceptable`` and ``ideal`` as above.
 ``[[candidate]]``
     A sensor that `seqrsm candidates` compares with the optimum: ``sensor``: its name as in `seqrsm catalog` (all that
-    it fits, such as "Sentinel-1 IW"; ``*`` stands for anything, "*" alone for all that fly or are planned and whose
-    frequency and cell lie within the factors); ``polarization``: which of its sets of channels, the first by default;
+    match, such as "Sentinel-1 IW"; ``*`` matches anything, "*" alone all current and planned sensors whose frequency
+    and cell lie within the factors); ``polarization``: one of its sets of channels, by default the first;
     ``parameters``: a table of sensor parameters that differ. Without ``sensor``: ``name`` and ``parameters``, all
     others being those of the optimum.
 ``[model]``
     ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal"; "student_t"; "beta_binomial":
-    counts ``n`` and ``correct`` of every score, with more scatter than the binomial); ``terms`` ("full", or
-    "hierarchical": those that are more likely than not, with all that they need); ``weights`` ("equal"; "se": runs
-    count by the inverse square of their ``se``; "counts": scores are shares of correct decisions, ``correct`` of ``n``,
-    and count by the variance p (1 - p) / n of what is expected of them, times a factor that the residuals tell);
-    ``block``: the column of measured scores that tells the block, no blocks by default; one run in four of a batch of
-    flights then ties the new block to the earlier ones; ``block_effect`` ("fixed": a constant for each block; "random":
-    blocks are a sample, and predictions are for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``,
-    flat by default, see `PriorSpec`; ``discrepancy_sd``: prior standard deviation of the difference between flight and
-    simulation in every coded coefficient of first order, in score units (half of it for products and squares), by
-    default as worlds differ, where simulations measured that, else the standard deviation of the scores over 5.
-``[simulator]``, absent in a campaign fed by measured scores only
-    ``engine`` ("psm" or "prm"); ``scene``: a file, its path from the campaign's folder; ``table`` (none): a CSV file of
-    sigma0 or emissivity of your own, whose categories take the place of the shipped ones; ``known_map`` (none): a CSV
-    file, the confusion table of a map of the covers that is there already; ``tolerance`` (0: none):
-    accepted error of a simulated score, in score units; cells of the data base are then averaged as far as measured
-    differences stay within it, see :mod:`seqrsm.campaign.tradeoff`; ``common_random_numbers`` (none:
-    each run meets an occasion of its own): so many runs, at least 2, share an occasion and all its random numbers, and
-    are a random block of the fit, whose effect changes smoothly with the settings (beside flights, a constant);
-    settings are then compared more sharply, see ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is
-    no factor; ``members``: where ``frequency`` names a set such as "L+C", what a member of it has of its own, as in
-    ``[simulator.members.C]``, its ``engine`` among it. ``C.resolution`` as a factor belongs to that member; see
-    :mod:`seqrsm.sensor.sets`.
+    counts ``n`` and ``correct`` of every score, overdispersed); ``terms`` ("full", or "hierarchical": terms with
+    probability above 50 %, with the terms they require); ``weights`` ("equal"; "se": by the inverse square of ``se``;
+    "counts": scores are proportions of correct decisions, ``correct`` of ``n``, weighted by their variance
+    p (1 - p) / n at the fitted value, times a factor estimated from the residuals); ``block``: column of measured
+    scores that names the block, by default none; one run in four of a batch of flights then links the new block to
+    earlier ones; ``block_effect`` ("fixed": a constant for each block; "random": blocks are a sample, predictions are
+    for a new one); ``prior``: ``{ coefficient_sd, noise_sd, noise_runs }``, flat by default, see `PriorSpec`;
+    ``discrepancy_sd``: prior standard deviation of the model discrepancy (flight minus simulation) in every coded
+    first-order coefficient, in score units (half of it for products and squares), by default the standard deviation
+    between worlds if simulations measured it, else the standard deviation of the scores over 5.
+``[simulator]``, omitted for a campaign with measured scores only
+    ``engine`` ("psm" or "prm"); ``scene``: a file, relative to the campaign folder; ``table`` (none): a CSV file of
+    your own sigma0 or emissivity, whose categories replace the built-in ones; ``known_map`` (none): a CSV file with the
+    confusion table of an existing cover map; ``tolerance`` (0: none): acceptable rms error of a simulated score, in
+    score units; cells of the scene are then averaged as far as measured differences allow, see
+    :mod:`seqrsm.campaign.tradeoff`; ``common_random_numbers`` (none: each run has its own occasion): number of runs, at
+    least 2, that share an occasion and all its random numbers, and form a random block of the fit whose effect varies
+    smoothly with the settings (if there are flights, a constant); settings are then compared more precisely, see
+    ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is not a factor; ``members``: if ``frequency``
+    names a set such as "L+C", parameters of one member, including its ``engine``, as in ``[simulator.members.C]``. A
+    factor ``C.resolution`` applies to that member; see :mod:`seqrsm.sensor.sets`.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in ``unit`` ("").
 ``[stop]``
-    ``half_width``: the target, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
-    ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95); ``max_runs`` (80);
-    ``guard`` ("runs": n >= 3 p; "confirmation": fresh runs decide; "anytime": an interval that holds at
-    every look);
-    ``confirmation_runs`` (5): fresh runs at the optimum, at least 2; ``lack_of_fit_alpha`` (0.05);
-    ``futility`` ("tell", the default, or "stop": `run` ends when two looks in a row say that no parameter matters or
-    that the budget cannot reach the target); ``worlds`` ("count", the default: the target is for the whole interval; or
-    "ignore": for its part by chance, what is not known of the ground left out).
+    ``half_width``: target half-width, in score units; ``interval`` ("prediction", "prediction_mean" or "confidence");
+    ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95): probability content of the
+    intervals; ``max_runs`` (80): budget of runs; ``guard`` ("runs": n >= 3 p; "confirmation": confirmation runs decide;
+    "anytime": an interval valid at every interim analysis); ``confirmation_runs`` (5): runs made at the optimum to
+    confirm it, at least 2; ``lack_of_fit_alpha`` (0.05): significance level of lack of fit; ``futility`` ("tell", the
+    default, or "stop": `run` ends when two analyses in a row find no significant factor or that the budget cannot
+    reach the target); ``worlds`` ("count", the default: the target applies to the whole interval; or "ignore": to
+    sampling error only, without table uncertainty).
 ``[store]``
-    ``url``: an SQLAlchemy address; the file ``campaign.db`` of the campaign's folder by default. A relative
-    ``sqlite:///`` path counts from that folder; passwords of a server stand best in ``PGPASSWORD`` or ``~/.pgpass``.
+    ``url``: an SQLAlchemy address; by default the file ``campaign.db`` in the campaign folder. A relative
+    ``sqlite:///`` path starts from that folder; put passwords of a server into ``PGPASSWORD`` or ``~/.pgpass``.
 """
 
 from __future__ import annotations

@@ -128,14 +128,14 @@ class ConstraintTable(Table):
 
 
 class ExpectedOptimum(Table):
-    """Where the best value of a factor is expected: ``value`` in its unit, ``doubt`` as a share of half its range."""
+    """Expected best value of a factor: ``value`` in its unit, ``doubt`` as a fraction of half its range."""
 
     value: Number
     doubt: PositiveNumber = 0.5
 
 
 class KnowledgeSpec(Table):
-    """``[application.prior]``: what is known of an application before its first run, in natural terms.
+    """``[application.prior]``: prior knowledge of an application, in natural terms.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class KnowledgeSpec(Table):
 
 
 class ApplicationSpec(Table):
-    """An application: what the scores measure, and whether large or small ones are good.
+    """An application: what the scores measure, and whether they are maximized or minimized.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class ApplicationSpec(Table):
 
 
 class ConsiderationSpec(Table):
-    """Something besides the applications that counts in a compromise: a function of the settings, known exactly.
+    """Another objective of a compromise: an exactly known function of the settings.
 
     Attributes
     ----------
@@ -257,7 +257,7 @@ class ConsiderationSpec(Table):
 
 
 class CandidateSpec(Table):
-    """``[[candidate]]``: a sensor that is compared with the optimum.
+    """``[[candidate]]``: a sensor to compare with the optimum.
 
     Attributes
     ----------
@@ -338,7 +338,7 @@ class CostSpec(Table):
 
 
 class StopSpec(Table):
-    """When the campaign ends; see the module for the meaning of each key."""
+    """When the campaign stops; see the module for the meaning of each key."""
 
     half_width: PositiveNumber
     interval: Literal["prediction", "prediction_mean", "confidence"] = "prediction"
