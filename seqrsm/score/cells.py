@@ -80,13 +80,16 @@ def _letters(text: str) -> str:
     return re.sub(r"[\W_]+", "", text.casefold())
 
 
+_ADD = "Add it."
+
+
 def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
     """Which column may be the factor's; one whose name ends in a unit must keep it, or values change their meaning."""
     begins = (name for name in free if name.casefold().startswith(factor.name.casefold()))
     near = next(begins, "") or nearest(factor.name, free)
     if not near:
-        return "Add it."
-    rest = near[len(factor.name) :].strip(" _-./[]()")
+        return _ADD
+    rest = near[len(factor.name) :].strip(" _-./[](),:")
     unit = next((unit for unit in units_like(factor.unit) if unit.casefold() == rest.casefold()), "")
     return f"Rename the column '{near}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
 
@@ -179,9 +182,15 @@ class CellReader:
     def missing(self, line: int) -> None:
         """Columns that must be there and are not."""
         free = self.free_columns()
-        for factor in self.factors:
-            if factor.name not in self.columns:
-                self.add("there is no column for this factor", _rename_hint(factor, free), line, factor.name)
+        hints = {one.name: _rename_hint(one, free) for one in self.factors if one.name not in self.columns}
+        if free and len(hints) == len(self.factors) and set(hints.values()) == {_ADD}:
+            names = ", ".join(hints)
+            self.add(
+                "this line is no header: it names no factor", f"Begin the file with a line of names: {names}.", line
+            )
+            return
+        for name, hint in hints.items():
+            self.add("there is no column for this factor", hint, line, name)
         self.missing_application(line)
 
     def missing_application(self, line: int) -> None:
@@ -196,7 +205,9 @@ class CellReader:
         """Rows with a cell for each column; the others are noted as problems."""
         width = len(self.table.header)
         for line, cells in self.table.rows:
-            if len(cells) != width and any(cell.strip() for cell in cells[width:]) | (len(cells) < width):
+            if cells == self.table.header:
+                self.add("this is the header again", "Remove the line.", line)
+            elif len(cells) != width and any(cell.strip() for cell in cells[width:]) | (len(cells) < width):
                 remedy = (
                     "Every row needs a cell for each column; a number with a decimal comma needs semicolons between"
                 )
@@ -235,7 +246,8 @@ class CellReader:
                 self.add("a wavelength or frequency is above 0", "Correct it.", line, factor.name, text)
             return reciprocal / number if number > 0.0 else math.nan
         if text not in factor.levels:
-            near = nearest(text, factor.levels)
+            same = (level for level in factor.levels if sorted(level.split("+")) == sorted(text.split("+")))
+            near = next(same, "") or nearest(text, factor.levels)
             hint = f"Did you mean '{near}'?" if near else f"Levels: {', '.join(factor.levels)}."
             self.add("no such level" if text else "the cell is empty", hint, line, factor.name, text or None)
         return text
@@ -257,6 +269,8 @@ class CellReader:
             remedy = "A spreadsheet has made a date of a number: give the column the format 'Text' and type it again."
         elif text.casefold() in _WORDS_FOR_NOTHING:
             remedy = "Leave the cell empty where there is no value."
+        elif text.isalpha() or text.endswith("%"):
+            remedy = "A unit stands in the header, as frequency [GHz]; remove a line that is no run."
         elif "," in text and self.table.delimiter == ",":
             remedy = "Use a decimal point, or separate the cells by semicolons."
         self.add("this is no number", remedy, line, column, text)

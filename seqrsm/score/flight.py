@@ -1,11 +1,10 @@
 """Files of measured scores: what a flight crew or an interpreter hands in.
 
-A table as text, UTF-8 with or without a byte order mark, cells separated by comma, semicolon or tab. One column for
-each factor by its name, in natural units, and ``score``; optional ``run_id``, ``application``, ``se``, ``n`` and
+A table as text, UTF-8 with or without a byte order mark, cells separated by comma, semicolon, tab or ``|``. One column
+for each factor by its name, in natural units, and ``score``; optional ``run_id``, ``application``, ``se``, ``n`` and
 ``correct``, ``block``, ``source``, ``date``, ``note``; every other column is kept as metadata. A factor's column may
 name its unit, ``frequency [MHz]`` or ``frequency (MHz)``, and is converted. Lines before the header that begin with
-``#``, and a spreadsheet's ``sep=;``, are passed over. Where cells are separated by semicolon or tab, numbers may have a
-decimal comma.
+``#``, and a spreadsheet's ``sep=;``, are passed over. Where no comma separates cells, numbers may have a decimal comma.
 
 Nothing is guessed: what cannot be read for certain is an error with its line and column, and all errors come at once.
 """

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from seqrsm.errors import Problem, ScoresFileError
 
-DELIMITERS = (",", ";", "\t")
+DELIMITERS = (",", ";", "\t", "|")
 
 _BEGINNINGS = (
     (b"\xff\xfe", "the file is UTF-16 text"),
@@ -31,7 +31,7 @@ class Table:
     name : str
         Of the file, for messages.
     delimiter : str
-        "," or ";" or tab.
+        "," or ";" or tab or "|".
     header_line : int
         1-based line of the header.
     header : tuple of str
@@ -83,7 +83,7 @@ def _without_preamble(text: str, is_known: Callable[[str], bool]) -> str:
     lines = text.splitlines(keepends=True)
     for number, line in enumerate(lines):
         bare = line.strip()
-        comment = bare.startswith("#") and not any(is_known(cell) for cell in re.split("[,;\t]", bare))
+        comment = bare.startswith("#") and not any(is_known(cell) for cell in re.split("[,;\t|]", bare))
         if bare and not comment and not re.fullmatch(r'"?sep=[,;\t]?"?', bare, re.IGNORECASE):
             break
         lines[number] = "\n"

@@ -118,6 +118,27 @@ REFUSED = [
     (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", "frequency [ghz]")), "Did you mean GHz?"),
     (NUMBERS, text(*GOOD, header=HEADER.replace("resolution", "resolution [GHz]")), "Give it in m or km or cm or mm."),
     (NUMBERS, text(*GOOD, header=HEADER.replace("score", "Score")), "Rename the column 'Score' to 'score'."),
+    # what instruments, spreadsheets and hands add to a table
+    (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", '"frequency, MHz"')), "to 'frequency [MHz]'."),
+    (NUMBERS, text(*GOOD[:3], HEADER, *GOOD[3:]), "scores.csv:5: this is the header again. Remove the line."),
+    (NUMBERS, text("GHz,m,,percent", *GOOD), "A unit stands in the header, as frequency [GHz]; remove a line"),
+    (NUMBERS, text(*GOOD, "mean,,,65.2"), "remove a line that is no run."),
+    (NUMBERS, text(*GOOD, "3,12,HH,71 %"), "(got '71 %'). A unit stands in the header"),
+    (NUMBERS, text(*GOOD, "3,12,HV+HH,70"), "Did you mean 'HH+HV'?"),
+    (NUMBERS, text(*GOOD, "3,12,HH\u200b,70"), "Did you mean 'HH'?"),
+    (
+        NUMBERS,
+        text(*GOOD[1:], header=GOOD[0]),
+        "this line is no header: it names no factor. Begin the file with a line",
+    ),
+    (NUMBERS, "<html><table><tr><td>1</td></tr></table></html>\n", "this line is no header"),
+    (NUMBERS, text(*GOOD, '3,12,HH,"71,3"'), "Use a decimal point, or separate the cells by semicolons."),
+    (NUMBERS, text(*GOOD, "3,12,HH,#DIV/0!"), "this is no number (got '#DIV/0!')"),
+    (NUMBERS, text(*GOOD, "3,12,HH,=B2*2"), "this is no number (got '=B2*2')"),
+    (NUMBERS, text(*GOOD, "3,12,HH,71 \u00b1 2"), "this is no number"),
+    (NUMBERS, text(*GOOD[:3], "# rain from here", *GOOD[3:]), "the row has 1 cells, the header 4"),
+    (NUMBERS, wide("score", "3"), "score: two columns have this name"),
+    (NUMBERS, text(*GOOD, '3,12,"HH,70'), "Close every quote"),
 ]
 
 
@@ -172,6 +193,12 @@ def test_refused_with_what_may_have_been_meant(folder: Path, utility: str, conte
         (NUMBERS, wide("date", "1979-05-12", "1.5,12,HH,70,1979-05-13")),
         (NUMBERS, wide("operator", "Ann")),
         (NUMBERS, text(*GOOD, "3,12,HH,95", "4,33,VV,20")),
+        (NUMBERS, text(*GOOD).replace(",", "|")),
+        (NUMBERS, text(*(f"{row},,," for row in GOOD), header=f"{HEADER},,,")),
+        (NUMBERS, text(*(f"{row}," for row in GOOD))),
+        (NUMBERS, text(*GOOD).replace("\n", "\r")),
+        (NUMBERS, "sep=,\r\n" + text(*GOOD)),
+        (NUMBERS, text(*GOOD, "3,12,HH\u00a0,70")),
     ],
 )
 def test_what_is_only_unusual_is_taken(folder: Path, utility: str, content: str) -> None:
