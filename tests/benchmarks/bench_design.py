@@ -73,11 +73,11 @@ def limit(row: dict[str, str]) -> float:
 HEAD = """# Optimal designs against the best known
 
 `OPENBLAS_NUM_THREADS=1 python tests/benchmarks/bench_design.py` makes this page: every row of
-`tests/reference/data/optimal_designs.csv` for each criterion it has a value for, by the defaults of `optimal_design`.
-A row counts as reached where the *worst* of its seeds is within the limit. Shortfall: D and I as a share of the best
+`tests/reference/data/optimal_designs.csv`, for each criterion with a value, with the defaults of `optimal_design`.
+A row counts as reached if the *worst* of its seeds is within the limit. Shortfall: D and I as a share of the best
 known value, G in points of efficiency; negative is better than the best known. For G with k >= 4 the table has for most
-N only a lower bound (the G-efficiency of a design that was sought by another criterion). Times are CPU seconds of one
-search on one core; the machine had other load, which makes them rather too long.
+N only a lower bound (the G-efficiency of a design that was sought by another criterion). Times are CPU seconds of
+one search on one core; other load made them somewhat too long.
 
 | designs | k | rows | limit | reached | worst shortfall | median CPU s | longest | asked |
 |---|---|---|---|---|---|---|---|---|

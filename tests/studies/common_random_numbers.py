@@ -116,13 +116,13 @@ def coverage(site: Site, errors: np.ndarray) -> Table:
     return {key: (float(np.mean([h for h, _ in x])), float(np.mean([w for _, w in x]))) for key, x in hits.items()}
 
 
-HEAD = """# Common random numbers: intervals with occasions as blocks, and without
+HEAD = """# Common random numbers: coverage with and without occasions as blocks
 
 Written by `python tests/studies/common_random_numbers.py`. A design of {runs} runs over frequency and resolution was
 simulated on {occasions} occasions, every setting on each, by the full simulation of a small drawn site (200 x 200
-cells). {campaigns} campaigns were drawn from these errors: runs dealt out to occasions of at most {size} by the
-program's own rule (settings that are alike are kept apart), or each on an occasion of its own. New runs meet occasions
-of their own. The intervals should cover {level:.0f} %; as the campaigns are drawn from the same {occasions} occasions,
+cells). {campaigns} campaigns were drawn from these errors: runs assigned to occasions of at most {size} by the
+program's rule (similar settings are separated), or each on its own occasion. New runs have their own occasions. The
+intervals should cover {level:.0f} %; as the campaigns are drawn from the same {occasions} occasions,
 Monte Carlo errors are some {error:.1f} points.
 
 Errors of different settings of one occasion are correlated, by {low:.2f} to {high:.2f} (mean {mean:.2f}) for the radar

@@ -110,7 +110,7 @@ def report() -> None:
     lines = [
         text,
         "",
-        "| command | kills | campaigns brought to their end | median moment, share of that time |",
+        "| command | kills | campaigns completed | median moment, share of that time |",
         "|---|---|---|---|",
     ]
     for command in COMMANDS:

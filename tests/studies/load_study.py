@@ -123,7 +123,7 @@ def main() -> None:
         "commands, start of Python and imports included: the least wall clock and processor time, the largest memory.",
         "The machine was shared with other work, so that the processor time tells more than the clock.",
         "",
-        "| command | wall clock [s] | processor [s] | memory [MB] | asked for |",
+        "| command | wall clock [s] | processor [s] | memory [MB] | target |",
         "|---|---|---|---|---|",
         *(f"| {what} | {wall:.2f} | {cpu:.2f} | {memory:.0f} | {limit} |" for what, wall, cpu, memory, limit in rows),
         "",

@@ -111,41 +111,40 @@ def share(interval: Interval, values: Array) -> float:
 
 # -- page -------------------------------------------------------------------------------------------------------------
 
-HEAD = """# seqrsm beside Bayesian-optimisation packages
+HEAD = """# Comparison with Bayesian-optimization packages
 
 `python tests/studies/peers_study.py` writes this page from `campaigns.csv` beside it; the file says how to install
 the packages, which `seqrsm` does not need. Every campaign draws a new surface of a kind (`tests/studies/kinds.py`).
-With the same seed all search the same surface, scored in percent; noise is {sd:g} points unless the kind says
-otherwise. Packages begin with 12 Sobol points, `seqrsm` with its own start design; all then make batches of 4.
+With the same seed all search the same surface, scored in percent; noise is {sd:g} points unless stated otherwise.
+Packages start with 12 Sobol points, `seqrsm` with its own initial design; all then use batches of 4.
 Versions: {versions}.
 """
 BUDGET = """
-## What is lost when the budget is spent
+## Regret when the budget is spent
 
-40 runs ("sparse": 60). The answer is the settings of the best mean score by the driver's own model (`ax`: its best
+40 runs ("sparse": 60). The answer is the setting with the best mean score under the driver's own model (`ax`: its best
 parameterization, one of the runs made; `optuna_gp`: by BoTorch's model of the runs that Optuna chose). *Regret*: the
-largest true mean less the true mean at the answer, in points; median ± its standard error (bootstrap over campaigns).
+largest true mean minus the true mean at the answer, in points; median ± its standard error (bootstrap over campaigns).
 """
 PAIRED = """
-The same, a package less `seqrsm`, paired by seed: median of the differences ± its standard error. Above zero `seqrsm`
-is nearer to the top. **Bold**: more than two standard errors from zero.
+Regret of a package minus that of `seqrsm`, paired by seed: median of the differences ± its standard error. Above
+zero, `seqrsm` is closer to the optimum. **Bold**: more than two standard errors from zero.
 """
 WIDTHS = """
 ## Intervals of the mean score at the answer
 
-Median half-width of the 95 % interval [points], and in how many campaigns it covers the true mean (packages: 1.96
-posterior standard deviations about the mean of their model; `ax` gives an interval in some campaigns only, which alone
-count).
+Median half-width of the 95 % interval [points] and its coverage of the true mean (packages: 1.96 posterior standard
+deviations about the mean of their model; for `ax`, only campaigns in which it gives an interval).
 """
 STOP = """
-## What seqrsm tells, when its stop rule holds
+## Results of seqrsm at its stop rule
 
-Campaigns that run until the stop rule holds (`half_width = 2.5` points, `interval = "{interval}"`) or to {longest}
-runs. *Stopped*: share in which it held; *runs*: median of all; all else is of those that stopped. Coverage of 95 %
-intervals, all at the recommended settings ({new} new runs, and means of new runs, for each campaign): of *one new run*,
-of the *mean of 5* new runs, of the *true mean*; and of the *place* of the true optimum, factor by factor. *Loss*: mean
-of the expected loss that is told, and of the true one [points]; *loss above {limit:g}*: mean chance that is told, and
-how often it is so; both of those campaigns that tell it (*tell*). ± is one standard error over campaigns.
+Campaigns that run until the stop rule is met (`half_width = 2.5` points, `interval = "{interval}"`) or to {longest}
+runs. *Stopped*: share in which it was met; *runs*: median over all; other columns are for those that stopped. Coverage
+of 95 % intervals, all at the recommended settings ({new} new runs, and means of new runs, for each campaign), for *one
+new run*, the *mean of 5* new runs, the *true mean*, and the *place* of the true optimum, factor by factor. *Loss*: mean
+of the reported expected loss and of the true loss [points]; *loss above {limit:g}*: mean reported probability and
+actual frequency; both over campaigns that report it (*tell*). ± is one standard error over campaigns.
 """
 PLACES = {"new_run": "one new run", "mean_of_several": "mean of 5", "covered": "true mean", "places": "place"}
 

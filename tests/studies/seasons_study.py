@@ -164,17 +164,18 @@ def contrasts(found: list[dict[str, tuple[float, float]]]) -> list[str]:
         )
         compared.append(f"| {what} | {published} | {cell} | {field} | {source} |")
     return [
-        "## What dates and bands gain",
+        "## Gain from dates and bands",
         "",
         f"Crops and grass of the Langegracht valley, cells of 20 m, 45 degrees, {len(found)} worlds, a season in each:",
-        "percent classified rightly, cell by cell and by field, by one Gaussian law over all channels of all dates.",
+        "percent classified correctly, by cell and by field, with one Gaussian distribution over all channels of all",
+        "dates.",
         "",
         "| configuration | by cell: mean [%] | s.d. over worlds | by field: mean [%] | s.d. over worlds |",
         "|---|---|---|---|---|",
         *rows,
         "",
-        "Differences in points, the median over worlds and where 95 % of them lie, beside published ones, which are of",
-        "other crops, sites, classifiers and sizes of fields (those of one date are fully polarimetric: phases count):",
+        "Differences in points, median over worlds and 95 % range, compared with published ones for other crops,",
+        "sites, classifiers and field sizes (those of one date are fully polarimetric and use phases):",
         "",
         "| contrast | published | by cell | by field | source |",
         "|---|---|---|---|---|",
@@ -190,15 +191,15 @@ def page(rows: list[tuple[str, str, str, int, float, float, float, float]], cont
     ]
     return "\n".join(
         [
-            "# Seasons: the calendar of the ground beside measured days, and what dates and bands gain",
+            "# Seasons: crop calendar against measured days, and the gain from dates and bands",
             "",
             "Written by `python tests/studies/seasons_study.py`.",
             "",
             "![Backscatter of crops over the year](seasons.png)",
             "",
-            "Lines: table and calendar, with one standard deviation of what is not known of a given ground. Dots:",
-            "measured days (`crop_days.csv`): 10-day composites of single crops in C band, of whose monthly means the",
-            "calendar was made together with other sites; days of SMAPVEX12 in L band, whose mean over June and July",
+            "Lines: table and calendar, with one standard deviation of table uncertainty. Dots: measured",
+            "days (`crop_days.csv`): 10-day composites of single crops in C band, whose monthly means, with other",
+            "sites, define the calendar; days of SMAPVEX12 in L band, whose mean over June and July",
             "is part of the level. C band at 38, L band at 40 degrees.",
             "",
             "| cover | band | channel | days | rms [dB] | less each series' mean | inside 2 s.d. [%] | stated [dB] |",

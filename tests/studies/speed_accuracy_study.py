@@ -167,15 +167,14 @@ def measure(before: Path | None) -> dict[str, Any]:
     return kept
 
 
-HEAD = """# What campaigns cost in full, and on a coarser data base
+HEAD = """# Cost of campaigns on full and coarser scenes
 
 Written by `python tests/studies/speed_accuracy_study.py --before CHECKOUT`: CPU seconds of whole campaigns by
-`seqrsm run` (start, searches, simulations, fits, posterior), one thread, the least of two rounds in which the ways took
-turns, and in brackets the median milliseconds of one simulated run. *Before* is commit 0a1c417, with the fidelity
-planner, which looked at samples of the ground and bounded the error of leaving out what a scene does not need, in some
-2,900 lines. *Tolerance* is `[simulator] tolerance = 0.5`: cells are averaged as far as measured differences of the
-scores allow. The drawn sites run 60 simulations each, over frequency and resolution; the examples end by their own stop
-rules.
+`seqrsm run` (startup, searches, simulations, fits, posterior) on one thread, the lower of two alternating rounds, and
+in brackets the median time of one simulated run in milliseconds. *Before* is commit 0a1c417, with the fidelity planner
+of some 2,900 lines, which sampled the ground and bounded the error of omitting unneeded detail. *Tolerance* is
+`[simulator] tolerance = 0.5`: cells are averaged as far as measured differences of the scores allow. The synthetic
+sites run 60 simulations each, over frequency and resolution; the examples end by their own stop rules.
 
 | site | cells | """
 

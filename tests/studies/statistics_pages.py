@@ -66,14 +66,15 @@ def rank_picture(path: Path, found: list[dict]) -> None:
 
 NOTES = {
     "at the fitted optimum, other errors, days and sources": (
-        "From draws of the posterior. With flights beside simulations draws and intervals carry the doubt about the "
-        "ratio of the two variances, which eight flights do not tell well; the settings are those that the likeliest "
-        "ratio recommends. On nearly flat surfaces intervals that allow for the search lie up to 2.3 % above nominal."
+        "From posterior draws. With flights and simulations together, draws and intervals include the uncertainty of "
+        "the ratio of the two variances, which eight flights determine poorly; the settings are those recommended at "
+        "the most likely ratio. On nearly flat surfaces, intervals corrected for selection cover up to 2.3 % more than "
+        "nominal."
     ),
     "at the fitted optimum": (
-        "The t intervals of RSL TR 380-1 hold at settings fixed beforehand; at the fitted optimum of a nearly flat "
-        "surface they miss far more often, since the same scores chose the place (last column). The program shows "
-        "both; those that allow for the search lie between nominal and 2 % above it."
+        "The t intervals of RSL TR 380-1 have nominal coverage at settings fixed beforehand. At the fitted optimum of "
+        "a nearly flat surface they cover far less, because the same scores selected the location (last column). "
+        "Intervals corrected for this selection cover between nominal and 2 % more."
     ),
 }
 
@@ -85,15 +86,15 @@ def page(results: dict, rows: dict[str, list[Row]], sbc: str) -> str:
     controls = [row for row in every if row.control not in ("", COMPARED)]
     blind = [row for row in controls if abs(row.control_share - row.nominal) <= 0.01]
     text = [
-        "# Do the intervals, tests and posteriors hold what they say?",
+        "# Coverage of intervals, levels of tests, calibration of posteriors",
         "",
-        "Written by `OPENBLAS_NUM_THREADS=1 python tests/studies/statistics_study.py`. Every share is that of",
-        "simulated data sets whose truth is known, on a fixed design of fixed size. An interval or test holds when its",
-        "share is within 1 % of nominal (or four Monte Carlo standard errors, where these are more); those marked *at",
-        "least* are conservative by construction and may lie above. A control has one thing wrong on purpose.",
+        "Written by `OPENBLAS_NUM_THREADS=1 python tests/studies/statistics_study.py`. Every share is over",
+        "simulated data sets with known truth, on a fixed design of fixed size. An interval or test passes if its",
+        "share is within 1 % of nominal (or four Monte Carlo standard errors, if larger); those marked *at least* are",
+        "conservative by construction and may lie above. A control is wrong in one respect on purpose.",
         "",
-        f"{len(every) - len(missed)} of {len(every)} rows hold. Of {len(controls)} controls",
-        f"{len(controls) - len(blind)} are seen to fail by more than 1 %."
+        f"{len(every) - len(missed)} of {len(every)} rows pass. Of {len(controls)} controls",
+        f"{len(controls) - len(blind)} fail by more than 1 %, as they should."
         + (f" Not seen: {'; '.join(f'{row.name} ({row.control})' for row in blind)}." if blind else ""),
         "",
         "![coverage](coverage.png)",
@@ -132,10 +133,10 @@ def _calibration(result: dict) -> list[str]:
     text = [
         "## Calibration of posteriors",
         "",
-        "Truths are drawn from the prior, scores from the truths; the ranks of the truths among the draws must be",
-        "uniform (Talts et al. 2018). p of Kolmogorov and Smirnov for every parameter; the control is the posterior",
-        "made half as wide. Band of the picture: 99 % of the bars. Refused: the sampler said that it had not",
-        "converged, within the small limits of this study, and gave no draws.",
+        "Simulation-based calibration (Talts et al. 2018): truths are drawn from the prior and scores from the truths;",
+        "the ranks of the truths among the posterior draws must be uniform. Kolmogorov-Smirnov p for every parameter;",
+        "the control is the posterior at half its width. Band of the figure: 99 % of the bars. Refused: the sampler",
+        "reported that it had not converged, within the small limits of this study, and gave no draws.",
         "",
         "![ranks](ranks.png)",
         "",
@@ -149,7 +150,7 @@ def _calibration(result: dict) -> list[str]:
     chance = 1.0 - (1.0 - min(every)) ** len(every)
     text += [
         "",
-        f"The smallest of {len(every)} p values is {min(every):.3f}; were all posteriors right, one as small would be",
-        f"seen in {100.0 * chance:.0f} % of such studies.",
+        f"The smallest of {len(every)} p values is {min(every):.3f}; if all posteriors are correct, a value this",
+        f"small occurs in {100.0 * chance:.0f} % of such studies.",
     ]
     return [*text, "", _cost(result), ""]

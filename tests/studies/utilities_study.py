@@ -147,25 +147,25 @@ occasion of its own, with 95 % intervals.
 
 ## Windows
 
-Percent of the Langegracht valley's ground named rightly by one Gaussian classifier, over multilook windows of a radar
+Percent of the Langegracht valley classified correctly by one Gaussian classifier, over multilook windows of a radar
 with pixels of {PIXEL_M:g} m. By pixel the score rises with the looks until windows straddle borders; by field
-it is best at the finest pixels, since the mean over a field has looks enough. On real C-band data windows of 1, 3, 7
-and 15 gave 59, 80, 87 and 87 % by pixel and 93, 93, 94 and 87 % by field: the curves differ in the same way, at higher
-levels.
+it is best at the finest pixels, since the mean over a field has enough looks. On real C-band data windows of 1, 3, 7
+and 15 gave 59, 80, 87 and 87 % by pixel and 93, 93, 94 and 87 % by field: the curves differ in the same way, at a
+higher level.
 """,
         *windows(worlds),
         """
 ## Soil moisture under one cover
 
 Skill of a radiometer with footprints of 100 m: share of the variance of the moisture of squares of 250 m that is
-retrieved (0 a guess, 1 perfect), with the valley's parcels all under one cover. Optical depths are the table's, which
-are assumed; the trees of Table 3 let far more through than forests do, so that their row is too good.
+retrieved (0 guessing, 1 perfect), with the valley's parcels all under one cover. Optical depths are the table's,
+which are assumed; the trees of Table 3 are far more transparent than forests, so their row is too good.
 """,
         *skills(worlds),
         """
 ## Soil moisture of the valley
 
-Unbiased root mean square error over the covers as they are: a radiometer's by squares of 250 m, a radar's of
+Unbiased root mean square error over the actual covers: a radiometer's by squares of 250 m, a radar's of
 bare fields.
 """,
         *errors(worlds),

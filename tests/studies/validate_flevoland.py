@@ -249,8 +249,8 @@ def write_report(settings: list, measured: np.ndarray, results: dict[str, np.nda
         "",
         "Written by `python tests/studies/validate_flevoland.py`. One L-band flight, 15 classes of labelled fields,",
         f"{len(settings)} configurations (7 sets of channels x 28 pairs of resolution and looks; the eighth set of the",
-        f"flight uses phases, which this model does not have). Simulated scores are means of {runs} runs. Percent",
-        "correct in the flight's own sense; its observation noise is 0.7 to 2.2 points.",
+        f"flight uses phases, which are not modelled). Simulated scores are means of {runs} runs. Percent",
+        "correct as defined for the flight; its observation noise is 0.7 to 2.2 points.",
         "",
         "| simulated with | rms difference | bias | sd about the bias | rank correlation |",
         "|---|---|---|---|---|",
@@ -289,39 +289,41 @@ def explanation(settings: list, measured: np.ndarray, results: dict[str, np.ndar
         return f"{agreement(measured, results[variant])['rms']:.1f}"
 
     fine, coarse, every = resolution < 13.0, resolution > 200.0, np.ones_like(full)
-    return f"""## What differs, and why
+    return f"""## Differences and their causes
 
-What the simulation is given: the labelled fields, the class means and the spread between fields, both from the flight
-itself, and the 2.45 independent samples that a 12.1 m cell holds by its own statistics. Nothing is fitted to a score.
-The variants take the drawn things away one by one.
+The simulation uses the labelled fields, the class means and the spread between fields, both from the flight itself,
+and the 2.45 independent samples per 12.1 m cell estimated from its statistics. Nothing is fitted to a score. The
+variants replace the random components one by one.
 
-1. **Where speckle decides, the two agree**: at the finest cells the bias is {bias("measured", fine)}, about the
+1. **Where speckle dominates, the two agree**: at the finest cells the bias is {bias("measured", fine)}, about the
    observation noise. With the nominal four looks it is {bias("nominal looks", fine)}: neighbouring cells of the
-   recording are not independent, and that is what they are worth.
-2. **The coarsest cells are low because the ground between the labelled fields is not known.** At 290 m the bias is
+   recording are correlated, which reduces their effective number.
+2. **The coarsest cells score too low because the ground between the labelled fields is unknown.** At 290 m the bias is
    {bias("measured", coarse)} with that ground drawn as fields of the same classes; {bias("own fields", coarse)} when
    each labelled field has its own measured mean; {bias("own ground", coarse)} when the ground between has its own
    measured backscatter as well (over pieces of 300 m, which smooths it, so this is the other end of what may be).
-   So this part of the difference belongs to what is known of the scene, not to the radar model.
-3. **The spread between fields counts less**: own means in place of drawn ones change the bias over all configurations
+   This part of the difference is ground-truth uncertainty, not an error of the radar model.
+3. **The spread between fields matters less**: own means in place of drawn ones change the bias over all configurations
    from {bias("measured", every)} to {bias("own fields", every)}; without any spread it is
    {bias("even fields", every)}.
-4. **Texture within fields explains most of what is left with everything measured**: {bias("own ground", every)} over
-   all configurations, {bias("own ground", middle)} where all looks of cells of 24 to 97 m are averaged. There the
-   simulated fields are even inside, and real ones are not: pure blocks of 72.6 m scatter about the mean of their field
-   by 1.0 dB in HH and VV and by 1.15 dB in HV, where the speckle of their 88 looks makes 0.46 dB; what is left, 0.9 to
-   1.05 dB (1.0 to 1.1 dB at 48 m, 0.8 to 1.0 dB at 97 m), is texture. With parts of 75 m that differ by 1.0 dB the
+4. **Texture within fields explains most of the remaining difference when everything is measured**:
+   {bias("own ground", every)} over all configurations, {bias("own ground", middle)} where all looks of cells of 24 to
+   97 m are averaged. There the
+   simulated fields are uniform, and real ones are not: pure blocks of 72.6 m scatter about the mean of their field
+   by 1.0 dB in HH and VV and by 1.15 dB in HV, where the speckle of their 88 looks makes 0.46 dB; the remainder,
+   0.9 to 1.05 dB (1.0 to 1.1 dB at 48 m, 0.8 to 1.0 dB at 97 m), is texture. With parts of 75 m that differ by 1.0 dB the
    biases become {bias("own ground, texture", every)} and {bias("own ground, texture", middle)}, and the rms difference
-   {rms("own ground, texture")}, near the flight's own observation noise. `texture_db` gives a campaign this texture.
-5. **Looks below those of the cell** are in the flight the mean of a random subset of its cells, so a point sample of a
-   mixed cell; here they are independent samples of the whole cell's mean. This adds scatter at 16 and 64 looks.
-6. Class means are taken as the same at every range; the flight's incidence angles (some 20 to 60 deg) are not in its
-   file. Sets with phases are outside the model.
+   {rms("own ground, texture")}, near the flight's own observation noise. `texture_db` sets this texture in a campaign.
+5. **Looks below those of the cell** are, in the flight, the mean of a random subset of its cells, a point sample of
+  a mixed cell; in the simulation they are independent samples of the mean of the whole cell. This adds scatter at 16
+  and 64 looks.
+6. Class means are assumed equal at all ranges, because the file does not give the incidence angles (about 20 to 60
+  deg). Sets with phases are not modelled.
 
-**For the use of the engine in a campaign**: configurations are ranked as the flight ranks them, and the simulated
-optimum is as good a choice in the flight as its own best within the noise of two scores. Absolute percentages carry an
-error of about 5 points, most of it from what is not known of the ground: with the ground known and texture it is
-{rms("own ground, texture")}. Only L band and one date could be tested.
+**Conclusion**: configurations are ranked as in the flight, and the simulated optimum is as good in the flight as
+its own best, within the noise of two scores. Absolute percentages carry an
+error of about 5 points, most of it from ground-truth uncertainty: with known ground and texture it is
+{rms("own ground, texture")}. Only L band and one date were available.
 """
 
 

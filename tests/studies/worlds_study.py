@@ -122,15 +122,15 @@ def page(rows: list[dict[str, Any]], contrasts: dict[str, list[float]]) -> str:
     """The page."""
     names = list(dict.fromkeys(row["name"] for row in rows))
     lines = [
-        "# Worlds: do intervals hold over grounds that the tables do not know?",
+        "# Table uncertainty: coverage over grounds that depart from the tables",
         "",
         "Written by `python tests/studies/worlds_study.py`. Each campaign was run to its end, and five flights at",
-        "what it recommends were simulated in each of some fresh worlds: the tables' means, and how much fields",
-        "differ, drawn anew by what is not known of them (`seqrsm/scattering/data/mean_sd.csv`). Nominal 95 %;",
-        "standard errors over worlds.",
+        "the recommended settings were simulated in each of several new worlds, with table means and field-to-field",
+        "scatter drawn from their uncertainty (`seqrsm/scattering/data/mean_sd.csv`). Nominal 95 %; standard errors",
+        "over worlds.",
         "",
-        "| campaign | seeds | runs | worlds | one flight [%] | mean of five [%] | mean of five, by chance alone [%] | "
-        "± whole | ± chance | ± ground |",
+        "| campaign | seeds | runs | worlds | one flight [%] | mean of five [%] | "
+        "mean of five, sampling error only [%] | ± whole | ± sampling | ± tables |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name in names:
@@ -152,15 +152,15 @@ def page(rows: list[dict[str, Any]], contrasts: dict[str, list[float]]) -> str:
             row["frequency_range"][0] <= middle * 1.001 and middle <= row["frequency_range"][1] * 1.001 for row in own
         )
         lines.append(
-            f"- {name}: {f.min():.2f} to {f.max():.2f} GHz, median {middle:.2f}; inside the told 95 % range of "
+            f"- {name}: {f.min():.2f} to {f.max():.2f} GHz, median {middle:.2f}; inside the reported 95 % range of "
             f"{held} of {len(own)} campaigns."
         )
     lines += [
         "",
         "## Published contrasts",
         "",
-        f"Crops of the Langegracht scene, one date, 12 m, 45 degrees, {CONTRAST_WORLDS} worlds: what worlds say of it,",
-        "and what was measured elsewhere, with other crops, dates and classifiers.",
+        f"Crops of the Langegracht scene, one date, 12 m, 45 degrees, {CONTRAST_WORLDS} worlds, compared with",
+        "measurements elsewhere with other crops, dates and classifiers.",
         "",
         "| contrast | published | 2.5 % of worlds | median | 97.5 % | inside | source |",
         "|---|---|---|---|---|---|---|",
