@@ -34,8 +34,6 @@ from seqrsm.fit.target import (
 )
 from seqrsm.progress import tell
 
-__all__ = ["EnsemblePosterior", "GeneralPosterior", "sample_model", "sample_posterior", "short_chain"]
-
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
 _TAUS = 50.0  # steps kept must exceed this many autocorrelation times
@@ -71,19 +69,22 @@ class Effort:
     max_seconds: float = 120.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Sampled:
-    """The evidence that draws are from the posterior.
+    """Draws of a model's parameters, and the evidence that they are from the posterior.
 
     Attributes
     ----------
+    draws : ndarray (m, d)
+        In the parameters' own units; of a linear model coefficients, then the standard deviation (scale, for Student-t
+        errors) of a run of weight 1, where whitened coefficients and log sigma were sampled.
     tau : ndarray (d,)
         Integrated autocorrelation time of every coordinate that was sampled [steps].
     ess : ndarray (d,)
         Effective sample size of every coordinate among the draws handed out.
     r_hat : ndarray (d,)
         Rank-normalised split R-hat across the independent ensembles.
-    ess_ends : ndarray (parameters,)
+    ess_ends : ndarray (d,)
         Effective sample size of the ends of the 95 % interval, the smaller of the two, of every parameter.
     acceptance : dict
         Accepted share by move.
@@ -91,41 +92,13 @@ class Sampled:
         Made by every walker.
     """
 
+    draws: FloatArray
     tau: FloatArray
     ess: FloatArray
     r_hat: FloatArray
     ess_ends: FloatArray
     acceptance: dict[str, float]
     steps: int
-
-
-@dataclass(frozen=True, slots=True)
-class EnsemblePosterior(Sampled):
-    """Draws of a linear model's parameters; sampled are whitened coefficients and log sigma.
-
-    Attributes
-    ----------
-    beta : ndarray (draws, p)
-        Coefficients.
-    sigma : ndarray (draws,)
-        Standard deviation (scale, for Student-t errors) of a run of weight 1.
-    """
-
-    beta: FloatArray
-    sigma: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class GeneralPosterior(Sampled):
-    """Draws of the parameters of a :class:`~seqrsm.fit.target.GeneralModel`.
-
-    Attributes
-    ----------
-    draws : ndarray (m, d)
-        In the parameters' own units.
-    """
-
-    draws: FloatArray
 
 
 @dataclass(slots=True)
@@ -150,7 +123,7 @@ def sample_posterior(
     bounds: LinearBounds | None = None,
     seed: int,
     effort: Effort | None = None,
-) -> EnsemblePosterior:
+) -> Sampled:
     """Sample the posterior of ``y = Z beta + e`` until the convergence rule holds.
 
     The rule: after the first 5 tau steps are discarded, more than 50 tau remain, every coordinate has ``min_ess``
@@ -187,9 +160,7 @@ def sample_posterior(
     Z, y = np.asarray(Z, dtype=np.float64), np.asarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.asarray(weights, dtype=np.float64)
     target = build_target(Z, y, w, errors, Flat() if prior is None else prior, nu, bounds)
-    chain, reached = _run(target, Effort() if effort is None else effort, seed)
-    beta, sigma = target.unpack(reached.kept.reshape(-1, target.d))
-    return EnsemblePosterior(beta, sigma, **_evidence(chain, reached, np.column_stack([beta, sigma])))
+    return _run(target, Effort() if effort is None else effort, seed)
 
 
 def sample_model(
@@ -197,7 +168,7 @@ def sample_model(
     *,
     seed: int,
     effort: Effort | None = None,
-) -> GeneralPosterior:
+) -> Sampled:
     """Sample any model with a log density, such as that of counts.
 
     Parameters as in :func:`sample_posterior`, and the same convergence rule. The independence proposal starts as a
@@ -210,10 +181,7 @@ def sample_model(
     FitError
         The model's density is not finite where it was expected to lie.
     """
-    target = general_target(model)
-    chain, reached = _run(target, Effort() if effort is None else effort, seed)
-    draws = model.natural(reached.kept.reshape(-1, target.d))[0]
-    return GeneralPosterior(draws, **_evidence(chain, reached, draws))
+    return _run(general_target(model), Effort() if effort is None else effort, seed)
 
 
 class _Chain:
@@ -293,21 +261,23 @@ def _thinned(chains: FloatArray, every: int) -> FloatArray:
     return flat[:, ::every]
 
 
-def _evidence(chain: _Chain, reached: _Reached, draws: FloatArray) -> dict[str, Any]:
-    """For `Sampled`, with the draws (steps * walkers, d) handed out, walkers as chains."""
-    chains = draws.reshape(len(reached.kept), -1, draws.shape[1])
-    ends = [convergence.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(draws.shape[1])]
-    return {
-        "tau": reached.tau,
-        "ess": reached.ess,
-        "r_hat": reached.r_hat,
-        "ess_ends": np.array(ends),
-        "acceptance": {name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()},
-        "steps": chain.steps,
-    }
+def _sampled(chain: _Chain, reached: _Reached, target: Target) -> Sampled:
+    """What a run gives, walkers as chains."""
+    draws = target.unpack(reached.kept.reshape(-1, target.d))
+    chains = draws.reshape(len(reached.kept), -1, target.d)
+    ends = [convergence.ess_tail(chains[:, :, j].T, (0.025, 0.975)) for j in range(target.d)]
+    return Sampled(
+        draws=draws,
+        tau=reached.tau,
+        ess=reached.ess,
+        r_hat=reached.r_hat,
+        ess_ends=np.array(ends),
+        acceptance={name: move.accepted / max(move.proposed, 1) for name, move in chain.moves.items()},
+        steps=chain.steps,
+    )
 
 
-def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:
+def _run(target: Target, effort: Effort, seed: int) -> Sampled:
     """Sample until the rule holds.
 
     Raises
@@ -326,7 +296,7 @@ def _run(target: Target, effort: Effort, seed: int) -> tuple[_Chain, _Reached]:
         reached = chain.judge(effort.max_draws)
         tau, r_hat, ess = float(np.max(reached.tau)), float(np.max(reached.r_hat)), float(np.min(reached.ess))
         if reached.long_enough and ess >= effort.min_ess and r_hat <= _R_HAT:
-            return chain, reached
+            return _sampled(chain, reached, target)
         if chain.steps >= effort.max_steps or time.monotonic() > deadline:
             raise ConvergenceError(
                 f"the sampler made {chain.steps} steps: autocorrelation time {tau:.3g} steps (the rule asks for more "

@@ -256,11 +256,11 @@ class _Additive(ErrorModel):
                 raise
             # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
             return _of_terms(runs, *self.independent(runs, inner, n, rng))
-        keep = _spread(len(chain.sigma), n)
+        keep = chain.draws[_spread(len(chain.draws), n)]
         if inner is not None and share is None:
             share = float(np.mean(inner.hold(self.independent(runs, None, n, rng)[0][0])))
         made = _sampled(chain, self.name, len(keep))
-        return _of_terms(runs, (chain.beta[keep], chain.sigma[keep]), made, share)
+        return _of_terms(runs, (keep[:, :-1], keep[:, -1]), made, share)
 
     def independent(
         self, runs: LinearRuns, bounds: LinearBounds | None, n: int, rng: np.random.Generator

@@ -100,7 +100,7 @@ class Target:
     d : int
         Dimensions.
     unpack : callable
-        (n, d) -> beta (n, p), sigma (n,).
+        (n, d) -> parameters (n, d) in their own units; coefficients, then sigma.
     bounds : LinearBounds or None
         Of the first coordinates.
     """
@@ -109,7 +109,7 @@ class Target:
     proposal: TunedProposal
     exact: bool
     d: int
-    unpack: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    unpack: Callable[[FloatArray], FloatArray]
     bounds: LinearBounds | None = None
 
     def start(self, random: Any, n: int) -> FloatArray:
@@ -165,8 +165,8 @@ def build_target(
 
     proposal = Proposal(np.zeros(p), np.eye(p) / scale, np.eye(p) * scale, tail * base.a, tail * base.b)
 
-    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return base.mean + scale * (x[:, :p] @ base.factor.T), np.exp(x[:, p])
+    def unpack(x: FloatArray) -> FloatArray:
+        return np.column_stack([base.mean + scale * (x[:, :p] @ base.factor.T), np.exp(x[:, p])])
 
     return Target(log_prob, proposal, tail == 1.0 and inner is None, p + 1, unpack, inner)
 
@@ -307,9 +307,8 @@ def general_target(model: GeneralModel) -> Target:
     mode = _mode(log_prob, start)
     covariance = _covariance(log_prob, mode)
 
-    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        values, _ = model.natural(x)
-        return values, np.ones(len(values))
+    def unpack(x: FloatArray) -> FloatArray:
+        return model.natural(x)[0]
 
     return Target(log_prob, StudentProposal.of(mode, covariance), False, d, unpack)
 

@@ -27,7 +27,7 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.canonical import variance_shares
 from seqrsm.fit.conjugate import LinearBounds, posterior
 from seqrsm.fit.convergence import autocorrelation_time
-from seqrsm.fit.ensemble import Effort, EnsemblePosterior, GeneralPosterior, sample_model, sample_posterior
+from seqrsm.fit.ensemble import Effort, Sampled, sample_model, sample_posterior
 from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal_plot
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
@@ -72,9 +72,7 @@ def stretch_ess_per_second(Z: np.ndarray, y: np.ndarray, steps: int = 6000) -> f
     return chain.shape[0] * walkers / tau / seconds
 
 
-def samplers(
-    Z: np.ndarray, y: np.ndarray, rng: np.random.Generator
-) -> dict[str, Callable[[], EnsemblePosterior | GeneralPosterior]]:
+def samplers(Z: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> dict[str, Callable[[], Sampled]]:
     """Every posterior that emcee samples, on the same 40 runs."""
     p = Z.shape[1]
     share = 1.0 / (1.0 + np.exp(-(y - 60.0) / 10.0))

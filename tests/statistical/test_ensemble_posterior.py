@@ -9,7 +9,7 @@ from scipy.integrate import simpson
 
 from seqrsm.errors import ConvergenceError, FitError
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior
-from seqrsm.fit.ensemble import Effort, EnsemblePosterior, sample_posterior
+from seqrsm.fit.ensemble import Effort, Sampled, sample_posterior
 from seqrsm.fit.moves import DifferentialMove, IndependenceMove, SnookerMove
 from seqrsm.fit.robust import student_draws
 
@@ -23,26 +23,26 @@ def problem(n: int = 14, k: int = 2, seed: int = 0) -> tuple[np.ndarray, np.ndar
     return Z, 60 + Z @ rng.normal(0, 3, Z.shape[1]) + 1.5 * rng.normal(size=n) / np.sqrt(w), w
 
 
-def standard_scores(sample: EnsemblePosterior, exact: ConjugatePosterior) -> np.ndarray:
+def standard_scores(sample: Sampled, exact: ConjugatePosterior) -> np.ndarray:
     """(draws - exact) / Monte Carlo error of means, standard deviations and 2.5 / 97.5 % points of all margins."""
     df, scale = exact.df, exact.scale * np.sqrt(np.sum(np.square(exact.factor), axis=1))
     sd = scale * np.sqrt(df / (df - 2))
     ess = float(sample.ess.min())
     kurtosis = 3 + 6 / (df - 4)
     scores = [
-        (sample.beta.mean(axis=0) - exact.mean) / (sd / np.sqrt(ess)),
-        (sample.beta.std(axis=0) - sd) / (sd * np.sqrt((kurtosis - 1) / (4 * ess))),
+        (sample.draws[:, :-1].mean(axis=0) - exact.mean) / (sd / np.sqrt(ess)),
+        (sample.draws[:, :-1].std(axis=0) - sd) / (sd * np.sqrt((kurtosis - 1) / (4 * ess))),
     ]
     for level in (0.025, 0.975):
         t = stats.t.ppf(level, df)
         error = np.sqrt(0.025 * 0.975 / ess) / stats.t.pdf(t, df) * scale
-        found = np.quantile(sample.beta, level, axis=0)
+        found = np.quantile(sample.draws[:, :-1], level, axis=0)
         scores.append((found - exact.mean - t * scale) / error)
     margin = stats.invgamma(exact.a, scale=exact.b)
     for level in (0.025, 0.5, 0.975):
         q = margin.ppf(level)
         error = np.sqrt(level * (1 - level) / ess) / margin.pdf(q)
-        scores.append(np.array([(np.quantile(sample.sigma**2, level) - q) / error]))
+        scores.append(np.array([(np.quantile(sample.draws[:, -1] ** 2, level) - q) / error]))
     return np.concatenate(scores)
 
 
@@ -132,13 +132,17 @@ def test_student_t_errors_against_quadrature() -> None:
     cumulative = np.cumsum(margin) / np.sum(margin)
     for level in (0.025, 0.25, 0.5, 0.75, 0.975):
         exact = np.interp(level, cumulative, beta[:, 0])
-        share = np.mean(sample.beta[:, 0] <= exact)
+        share = np.mean(sample.draws[:, 0] <= exact)
         assert share == pytest.approx(level, abs=4.5 * np.sqrt(level * (1 - level) / sample.ess.min()) + 1e-3)
     mean = float(np.sum(margin * beta[:, 0]) / np.sum(margin))
-    assert sample.beta.mean() == pytest.approx(mean, abs=4.5 * sample.beta.std() / np.sqrt(sample.ess.min()) + 1e-3)
+    assert sample.draws[:, :-1].mean() == pytest.approx(
+        mean, abs=4.5 * sample.draws[:, :-1].std() / np.sqrt(sample.ess.min()) + 1e-3
+    )
     spread = simpson(density, x=beta[:, 0], axis=0)
     median = np.exp(np.interp(0.5, np.cumsum(spread) / np.sum(spread), log_sigma[0]))
-    assert np.mean(sample.sigma <= median) == pytest.approx(0.5, abs=4.5 * 0.5 / np.sqrt(sample.ess.min()) + 2e-3)
+    assert np.mean(sample.draws[:, -1] <= median) == pytest.approx(
+        0.5, abs=4.5 * 0.5 / np.sqrt(sample.ess.min()) + 2e-3
+    )
 
 
 def test_many_degrees_of_freedom_are_normal_errors() -> None:
@@ -153,7 +157,7 @@ def test_an_outlier_moves_student_t_errors_less() -> None:
     bad[3] += 25.0
     clean, flat = posterior(Z, y, w), posterior(Z, bad, w)
     robust = sample_posterior(Z, bad, w, errors="student_t", seed=3, effort=Effort(min_ess=2000))
-    assert np.linalg.norm(robust.beta.mean(axis=0) - clean.mean) < 0.5 * np.linalg.norm(flat.mean - clean.mean)
+    assert np.linalg.norm(robust.draws[:, :-1].mean(axis=0) - clean.mean) < 0.5 * np.linalg.norm(flat.mean - clean.mean)
 
 
 def test_reproducible_and_alone_with_its_random_numbers() -> None:
@@ -166,8 +170,8 @@ def test_reproducible_and_alone_with_its_random_numbers() -> None:
     np.random.seed(12)  # noqa: NPY002
     second = sample_posterior(Z, y, w, errors="student_t", seed=9, effort=Effort(min_ess=1000))
     other = sample_posterior(Z, y, w, errors="student_t", seed=10, effort=Effort(min_ess=1000))
-    np.testing.assert_array_equal(first.beta, second.beta)
-    assert not np.array_equal(first.beta[:100], other.beta[:100])
+    np.testing.assert_array_equal(first.draws, second.draws)
+    assert not np.array_equal(first.draws[:100], other.draws[:100])
 
 
 def test_not_converged_says_how_far_it_came() -> None:
@@ -197,7 +201,8 @@ def test_gibbs_draws_of_student_errors_meet_the_ensemble() -> None:
         found = student_draws(Z, y, weights, prior, 20_000, np.random.default_rng(1))
         chain = sample_posterior(Z, y, weights, errors="student_t", prior=prior, nu=4.0, seed=3)
         assert found.r_hat < 1.02
-        for own, other in zip([*found.beta.T, np.log(found.sigma)], [*chain.beta.T, np.log(chain.sigma)], strict=True):
+        theirs = [*chain.draws[:, :-1].T, np.log(chain.draws[:, -1])]
+        for own, other in zip([*found.beta.T, np.log(found.sigma)], theirs, strict=True):
             assert own.mean() == pytest.approx(other.mean(), abs=0.08 * other.std())
             assert own.std() == pytest.approx(other.std(), rel=0.08)
 

@@ -40,7 +40,7 @@ def student(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
     beta, sigma = ancestral(CONJUGATE, rng)
     y = Z @ beta + sigma * rng.standard_t(4, size=12)
     found = sample_posterior(Z, y, errors="student_t", prior=CONJUGATE, seed=seed, effort=LIGHT)
-    return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
+    return np.append(beta, sigma), found.draws
 
 
 def counts(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +59,7 @@ def bounded(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray
     y = Z @ beta + sigma * rng.normal(size=12)
     bounds = LinearBounds(np.eye(2)[1:], np.zeros(1), np.full(1, np.inf))
     found = sample_posterior(Z, y, prior=CONJUGATE, bounds=bounds, seed=seed, effort=LIGHT)
-    return np.append(beta, sigma), np.column_stack([found.beta, found.sigma])
+    return np.append(beta, sigma), found.draws
 
 
 def exact(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -78,13 +78,13 @@ def elicited(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarra
     beta, sigma = ancestral(prior, rng)
     X = model.matrix(np.linspace(-1.0, 1.0, 9)[:, None])
     found = sample_posterior(X, X @ beta + sigma * rng.normal(size=9), prior=prior, seed=seed, effort=LIGHT)
-    keep = np.linspace(0, len(found.sigma) - 1, 1000).astype(int)
-    places, values = optimum_draws(model, region, found.beta[keep])
+    keep = np.linspace(0, len(found.draws) - 1, 1000).astype(int)
+    places, values = optimum_draws(model, region, found.draws[keep, :-1])
     (place,), (value,) = optimum_draws(model, region, beta[None, :])
     # Ties at a bound are broken at random: a rank among equals is any of theirs.
     jitter = 1e-9 * rng.normal(size=len(keep) + 1)
     truth = np.array([*beta, sigma, float(place[0]) + jitter[-1], value])
-    return truth, np.column_stack([found.beta[keep], found.sigma[keep], places[:, 0] + jitter[:-1], values])
+    return truth, np.column_stack([found.draws[keep], places[:, 0] + jitter[:-1], values])
 
 
 def blocks(rng: np.random.Generator, seed: int) -> tuple[np.ndarray, np.ndarray]:
