@@ -167,8 +167,6 @@ class SourceFit:
             Interval(mean - prediction, mean + prediction),
             np.sqrt(of_mean),
             np.sqrt(own + of_mean),
-            level,
-            "",
         )
 
     def _half_width(self, off: FloatArray, se: FloatArray, level: float) -> FloatArray:

@@ -181,7 +181,7 @@ class RandomBlockPosterior:
         df = np.array(self.df)
         confidence = mixture_interval(level, self.shares, df, centre, mean_scale)
         prediction = mixture_interval(level, self.shares, df, centre, new_scale)
-        return Prediction(mean, confidence, prediction, se[0], se[1], level, self.reason if where is None else "")
+        return Prediction(mean, confidence, prediction, se[0], se[1])
 
 
 def fit_random_blocks(

@@ -43,10 +43,6 @@ class Prediction:
         Of the mean of ``replicates`` future runs (eq. 2-23 with the factor S that is missing in print).
     se_mean, se_prediction : ndarray (m,)
         Standard errors behind the two intervals.
-    level : float
-        Coverage of each interval.
-    reason : str
-        Why intervals are nan; empty when none is.
     """
 
     mean: FloatArray
@@ -54,8 +50,6 @@ class Prediction:
     prediction: Interval
     se_mean: FloatArray
     se_prediction: FloatArray
-    level: float
-    reason: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -210,17 +210,12 @@ class LeastSquaresFit:
         se_mean = self.s * np.sqrt(h)
         se_prediction = self.s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
         quantile = student_quantile(self.df_residual, level)
-        reason = self.reason if self.df_residual == 0 else ""
-        if not np.all(estimable):
-            reason = f"{reason} not estimable at {np.count_nonzero(~estimable)} points: {_alias_text(self.aliased)}"
         return Prediction(
             mean,
             Interval(mean - quantile * se_mean, mean + quantile * se_mean),
             Interval(mean - quantile * se_prediction, mean + quantile * se_prediction),
             se_mean,
             se_prediction,
-            level,
-            reason.strip(),
         )
 
     def partial_f(self, indices: Sequence[int] | IntArray) -> FTest:

@@ -124,7 +124,6 @@ def test_aliased_terms_are_named_and_estimable_functions_kept() -> None:
     assert found.mean[0] == pytest.approx(wanted.mean[0], rel=1e-12)
     assert found.prediction.high[0] == pytest.approx(wanted.prediction.high[0], rel=1e-12)
     assert np.isnan([found.mean[1], found.confidence.low[1], found.prediction.high[1]]).all()
-    assert "not estimable at 1 point" in found.reason
     both, one = fit.partial_f([1, 2]), fit.partial_f([1])
     assert (both.df, one.df) == (1, 0)
     assert both.f == pytest.approx(reference.partial_f([1]).f, rel=1e-10)
@@ -149,7 +148,6 @@ def test_saturated_fit_interpolates_and_has_no_intervals() -> None:
     found = fit.predict(Z[:2])
     np.testing.assert_allclose(found.mean, y[:2], rtol=1e-11)
     assert np.isnan(found.prediction.half_width).all()
-    assert "no residual degrees of freedom" in found.reason
     assert "degrees of freedom" in fit.partial_f([1]).reason
     assert isinstance(fit.lack_of_fit(), str)
     assert fit.leverage_one_runs == (0, 1, 2, 3, 4, 5)
