@@ -35,7 +35,7 @@ LEVELS: Final = (0, 8, 4, 2)
 COARSENED: Final = "coarser data base measured"
 """Kind of the event that keeps which of them a campaign takes."""
 
-_CONSIDERED: Final = 60
+_CONSIDERED, _COMPARED, _OCCASIONS = 60, 3, 2
 
 
 def measure_tradeoff(
@@ -94,7 +94,7 @@ def _kept(folder: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int = 2) -> dict[str, Any]:
+def coarsest_within(spec: CampaignSpec) -> dict[str, Any]:
     """The coarsest database whose scores differ by no more than the campaign's tolerance, root mean square.
 
     Measured at settings from the finest to the coarsest sensor, for which most cells are averaged.
@@ -107,8 +107,8 @@ def coarsest_within(spec: CampaignSpec, configurations: int = 3, occasions: int 
     assert spec.simulator is not None
     tolerance = spec.simulator.tolerance
     by_detail = sorted(_some_configurations(spec, _CONSIDERED), key=lambda own: detail_of(task_of(spec, NO_RUN, own)))
-    places = np.linspace(0, len(by_detail) - 1, configurations).astype(int)
-    rows = [_measured(spec, by_detail[k], occasions, timed=False) for k in places]
+    places = np.linspace(0, len(by_detail) - 1, _COMPARED).astype(int)
+    rows = [_measured(spec, by_detail[k], _OCCASIONS, timed=False) for k in places]
     good = [row for row in rows if not row["failure"]]
     found = {
         cells: max(_against_full(good, cells, one.name, one.goal)["rms_error"] for one in spec.applications)

@@ -34,7 +34,6 @@ def import_scene(
     layers: Mapping[str, str | Path] | None = None,
     parts: Mapping[str, int | str] | None = None,
     name: str = "",
-    licence: str = "",
 ) -> Scene:
     """Scene of elevations, ground cover and a legend, with further layers where there are any.
 
@@ -62,7 +61,7 @@ def import_scene(
     parts : Mapping[str, int or str], optional
         Of each layer, the band, from 1, of a raster that has several, or the attribute of a vector layer that holds
         the number: ``code`` if not given, the polygon's place in the file for parcels.
-    name, licence : str
+    name : str
         Kept in the scene.
 
     Returns
@@ -139,7 +138,6 @@ def import_scene(
         epsg=epsg,
         bounds=(left, top - rows * cell, left + cols * cell, top),
         name=name or Path(cover).stem,
-        licence=licence,
         provenance=f"imported from {', '.join(Path(file).name for file in given.values())} and {Path(legend).name}"
         + (f", fields cut to {field_m:g} m" if field_m is not None else ""),
         category_notes=notes,

@@ -61,7 +61,6 @@ def synthetic_scene(
     cell_m: float,
     *,
     categories: Sequence[str],
-    shares: Sequence[float] | None = None,
     field_m: float = 150.0,
     terrain: Terrain | None = None,
     features: Features | None = None,
@@ -79,9 +78,7 @@ def synthetic_scene(
     cell_m : float
         Side of a cell [m].
     categories : sequence of str
-        Cover categories.
-    shares : sequence of float, optional
-        Relative number of fields of each category; equal if not given.
+        Cover categories, each of as many fields on average.
     field_m : float
         Mean side of a field [m], at least one cell.
     terrain : Terrain, optional
@@ -94,14 +91,12 @@ def synthetic_scene(
     Raises
     ------
     SceneError
-        Impossible size, relief, slope, shares, field, feature or seed.
+        Impossible size, relief, slope, field, feature or seed.
     """
     terrain, features = terrain or Terrain(), features or Features()
     relief_m = terrain.relief_m
-    shares = [1.0] * len(categories) if shares is None else list(shares)
-    if len(shares) != len(categories) or not categories or min(shares) < 0.0 or sum(shares) <= 0.0:
-        message = f"{len(categories)} categories need as many shares >= 0, not all zero"
-        raise SceneError(Problem(message, field="shares", value=shares))
+    if not categories:
+        raise SceneError(Problem("a scene needs a category", "Name one or more", field="categories"))
     if rows * cols > MAX_CELLS:
         text = f"{rows} x {cols} cells are more than {MAX_CELLS}"
         raise SceneError(Problem(text, "Give fewer rows or columns", field="rows", value=rows))
@@ -129,7 +124,7 @@ def synthetic_scene(
     if wrong or features.town_m <= 0.0:
         raise SceneError(*(wrong or [Problem("must be above zero", field="town_m", value=features.town_m)]))
     # A draw for each piece, not for each of its cells.
-    cover = draw_index(np.arange(int(piece.max()) + 1), shares, seed=seed + 1).astype(np.uint8)[piece]
+    cover = draw_index(np.arange(int(piece.max()) + 1), [1.0] * len(categories), seed=seed + 1).astype(np.uint8)[piece]
     names, part = list(categories), np.zeros((rows, cols), dtype=np.int32)
     river = river_mask(relief, features.rivers, features.river_m / cell_m, seed=seed + 2)
     centres = town_centres(rows, cols, features.towns, seed=seed + 3)

@@ -110,7 +110,7 @@ def test_impossible_terrain() -> None:
 
 def test_synthetic_scene() -> None:
     scene = synthetic_scene(
-        200, 300, 5.0, categories=["Wheat", "Corn", "Water"], shares=[2, 1, 1], field_m=100.0,
+        200, 300, 5.0, categories=["Wheat", "Corn"], field_m=100.0,
         terrain=Terrain(30.0, rms_slope=0.05, base_m=100.0), seed=4,
     )  # fmt: skip
     found = scene_statistics(scene)
@@ -133,7 +133,7 @@ def test_boundary_density_of_a_checkerboard() -> None:
 
 
 def test_bad_synthetic_scenes() -> None:
-    with pytest.raises(SceneError, match="shares"):
-        synthetic_scene(10, 10, 5.0, categories=["A"], shares=[1.0, 2.0])
+    with pytest.raises(SceneError, match="needs a category"):
+        synthetic_scene(10, 10, 5.0, categories=[])
     with pytest.raises(SceneError, match="field_m"):
         synthetic_scene(10, 10, 5.0, categories=["A"], field_m=1.0)

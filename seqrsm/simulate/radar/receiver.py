@@ -15,7 +15,6 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.own_code import own_function
-from seqrsm.simulate.threads import block, in_threads
 
 if TYPE_CHECKING:
     from seqrsm.sensor.radar import RadarConfiguration
@@ -143,7 +142,7 @@ def _automatic_gain(power: FloatArray, level_w: float, length: float) -> FloatAr
     return np.asarray(power * gain[..., None, :])
 
 
-def picture(image: RadarImage, threads: int = 1) -> AnyArray:
+def picture(image: RadarImage) -> AnyArray:
     """Whole levels of the image as the radar's calibration asks for it: the final product of the report.
 
     Intensity by I_min (eq. 3-16) or by the pair I_C, I_QC (eq. 3-17); else grey tones of film density by the pair P_RC,
@@ -152,8 +151,6 @@ def picture(image: RadarImage, threads: int = 1) -> AnyArray:
     Parameters
     ----------
     image : RadarImage
-    threads : int
-        Threads that share the rows; the levels do not depend on it.
 
     Returns
     -------
@@ -162,12 +159,8 @@ def picture(image: RadarImage, threads: int = 1) -> AnyArray:
     intensity_in, bits = image.intensity, image.radar.n_bits
     tone = _tone_of(image)
     out = np.empty(intensity_in.shape, dtype=_level_type(bits))
-
-    def do(k: int) -> None:
-        c, rows = block(k, out.shape[1], threads)
-        out[c, rows] = to_levels(tone(intensity_in[c, rows], c.start), bits)
-
-    in_threads(do, threads * len(out), threads)
+    for channel, plane in enumerate(intensity_in):
+        out[channel] = to_levels(tone(plane, channel), bits)
     return out
 
 
