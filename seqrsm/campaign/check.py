@@ -26,7 +26,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
 from seqrsm.campaign.next_runs import start_size
 from seqrsm.campaign.simulation import carry_out, check_simulator, scene_at, simulate_images, task_of
-from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
+from seqrsm.decide.stopping import StopRule, amount, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, SpecError
 from seqrsm.rng import generator
@@ -217,8 +217,8 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
         return ""
     expected = result.plans[0].half_width
     reason = (
-        f"{result.target:g} {result.unit} is out of reach: {result.max_runs} runs can be expected to give "
-        f"{expected:.3g}; {100.0 * result.ground_share:.0f} % of a run's variance is what is not known of the ground, "
+        f"{amount(result.target, result.unit)} is out of reach: {result.max_runs} runs can be expected to give "
+        f"{expected:.4g}; {100.0 * result.ground_share:.0f} % of a run's variance is what is not known of the ground, "
         'which flights narrow and simulations do not ([stop] worlds = "ignore" leaves it out)'
     )
     unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)

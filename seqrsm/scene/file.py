@@ -62,7 +62,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         with open(path, "wb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **members)
     except OSError as error:
-        raise SceneError(Problem(f"cannot write the scene: {error.strerror}", file=str(path))) from error
+        remedy = "Make its folder first, or name another file"
+        raise SceneError(Problem(f"cannot write the scene: {error.strerror}", remedy, file=str(path))) from error
 
 
 def _packed_elevation(elevation_m: Float32Array) -> dict[str, AnyArray]:

@@ -230,7 +230,8 @@ def _placement(tags: Mapping[int, Any], keys: Mapping[int, int], file: str) -> t
             raise SceneError(Problem("the raster is rotated", "Straighten it with gdalwarp", file))
         step_x, step_y, left, top = a[0], -a[5], a[3], a[7]
     else:
-        raise SceneError(Problem("the file does not say where it lies", "Give a GeoTIFF with its georeference", file))
+        remedy = "Give it a georeference, for instance: gdal_translate -a_srs EPSG:32631 -a_ullr LEFT TOP RIGHT BOTTOM"
+        raise SceneError(Problem("the file does not say where it lies", f"{remedy} {file} placed.tif", file))
     if step_x <= 0.0 or step_y <= 0.0:
         raise SceneError(Problem("the raster is not north up", "Straighten it with gdalwarp", file))
     if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT:
