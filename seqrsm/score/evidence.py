@@ -38,7 +38,7 @@ TILES_ACROSS = 8
 WINDOW = 7
 """Side of the neighbourhood [pixels]."""
 
-_FEW_FIELDS = 20  # of a class, in both halves
+_FEW = 20  # fields or pixels of a class, in both halves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +147,7 @@ def evidence_of(
     is_power = np.repeat([radar for radar, _ in powers], n)
     layers = np.vstack([*(layers for _, layers in powers), *angles], dtype=np.float64)
     is_power = np.append(is_power, np.zeros(len(angles), dtype=bool))
-    counts, tile, teaching, unit = pixels.counts, pixels.tile, pixels.counts, None
+    counts, tile, teaching, unit = pixels.counts, pixels.tile, _shown(base, pixels.counts), None
     if by == "field":
         layers, counts, tile, teaching, unit = _of_fields(layers, pixels, scene, tile_m or default_tile_m(base, scene))
     layers = _in_db(layers, is_power, counts)
@@ -292,8 +292,30 @@ def _of_fields(
     whole = kernels_classify.mean_of_pixels(unit, pixels.pixel, layers, len(codes))
     inside = np.asarray(np.isfinite(found).any(axis=0))
     teaching = np.where(inside[:, None], counts, 0)
-    few = np.asarray(np.count_nonzero(teaching, axis=0) < _FEW_FIELDS)
-    return np.where(np.isnan(found), whole, found), counts, at[first], np.where(few, counts, teaching), unit
+    return np.where(np.isnan(found), whole, found), counts, at[first], _or_all(teaching, counts), unit
+
+
+def _shown(image: Image, counts: AnyArray) -> AnyArray:
+    """Cells with which each pixel teaches, (n_pixels, n_classes): none where a radar's noise hides all channels.
+
+    So shadow does not teach, as nobody takes it for an example of what stands there.
+    """
+    if not isinstance(image, RadarImage):
+        return counts
+    hidden = np.all(image.mean_power < image.noise_power_w[:, None], axis=0).ravel()
+    if not hidden.any():
+        return counts
+    teaching = counts.copy()
+    teaching[hidden] = 0
+    return _or_all(teaching, counts)
+
+
+def _or_all(teaching: AnyArray, counts: AnyArray) -> AnyArray:
+    """``teaching``, in place, with all units of a class where few of them would teach it."""
+    for own, every in zip(teaching.T, counts.T, strict=True):
+        if np.count_nonzero(own) < _FEW:
+            own[:] = every
+    return teaching
 
 
 def _in_db(layers: FloatArray, is_power: AnyArray, counts: AnyArray) -> FloatArray:

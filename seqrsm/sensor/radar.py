@@ -146,6 +146,10 @@ class RadarConfiguration:
     texture_db, texture_m : float
         How much parts of a field differ from its mean in a run, standard deviation [dB], 0 for even fields; side of
         these parts [m] (`seqrsm.simulate.radar.texture`).
+    tree_height_m, building_height_m : float
+        Height of Trees and of Buildings above the scene's elevations [m] (assumed); they are opaque, and what lies
+        behind them is in shadow. 0 where the elevations are those of the tops (a surface model). Crops are taken as
+        too short to matter: 2 m hide one cell of 3 m at 30 deg.
     calibration_sd_db : float
         Error of the calibration of each channel in each image, standard deviation [dB]. A classifier that is taught in
         the image which it names does not feel it.
@@ -217,6 +221,8 @@ class RadarConfiguration:
     wind_high_m_s: float = 8.0
     texture_db: float = 1.0
     texture_m: float = 50.0
+    tree_height_m: float = 15.0
+    building_height_m: float = 8.0
     calibration_sd_db: float = 0.0
     targets_file: str = ""
 

@@ -49,6 +49,7 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
     state = np.empty(shape, dtype=np.uint8)
     kernels.power_cells(
         frame.elevation_m,
+        frame.top_m,
         frame.source,
         frame.cover,
         frame.field,
@@ -132,6 +133,7 @@ def frame(z, y0, height, cell, dtype=np.float64, curved=False) -> RadarFrame:
     y = y0 + np.arange(z.shape[0]) * cell
     return RadarFrame(
         elevation_m=z,
+        top_m=z,
         cover=np.zeros(z.shape, dtype=np.uint8),
         field=np.zeros(z.shape, dtype=np.int32),
         source=np.arange(z.shape[0]),

@@ -162,7 +162,7 @@ def test_no_two_parameters_have_one_label(engine):
 
 
 def test_readme_names_parameters_that_there_are():
-    part = README[README.index("### More of the radar") : README.index("Files are named from")]
+    part = README[README.index("### More of the radar") : README.index("File paths are relative")]
     names = {name for row in re.findall(r"^\| (`.*?) \|", part, flags=re.M) for name in re.findall(r"`(\w+)", row)}
     assert len(names) > 25
     assert all(find(RADAR, name) for name in names), names - RADAR.keys()

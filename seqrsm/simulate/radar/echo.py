@@ -211,6 +211,7 @@ def echo_sums(
     def do(k: int) -> None:
         kernels.sum_echoes(
             frame.elevation_m,
+            frame.top_m,
             frame.source,
             frame.cover,
             frame.field,

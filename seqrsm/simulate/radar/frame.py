@@ -15,7 +15,7 @@ from seqrsm.scene.scene import NO_COVER, Scene
 from seqrsm.scene.terrain import strips
 from seqrsm.sensor.radar import RadarConfiguration
 from seqrsm.sensor.swath import ground_ranges_m, ring_ranges_m
-from seqrsm.simulate.radar.ppi import bilinear, polar_layers
+from seqrsm.simulate.radar.ppi import PolarLayers, bilinear, polar_layers
 from seqrsm.simulate.radar.texture import ground_of
 
 
@@ -27,6 +27,8 @@ class RadarFrame:
     ----------
     elevation_m : float array (rows, m)
         Height above the datum, the scene's mean elevation [m]; gaps filled.
+    top_m : float array (rows, m)
+        Height of the top of what stands on it [m]: trees and buildings; the same array where nothing does.
     cover : uint8 array (rows, m)
         Category; 255 where category or elevation is not known.
     field : int32 array (rows, m)
@@ -57,6 +59,7 @@ class RadarFrame:
     """
 
     elevation_m: AnyArray
+    top_m: AnyArray
     cover: AnyArray
     field: AnyArray
     source: IntArray
@@ -131,6 +134,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     np.minimum(mirrored, 2 * n_rows - 1 - mirrored, out=mirrored)
     return RadarFrame(
         elevation_m=layers.elevation_m,
+        top_m=_tops(layers, scene.categories, radar.tree_height_m, radar.building_height_m),
         cover=layers.cover,
         field=layers.field,
         source=mirrored,
@@ -161,6 +165,7 @@ def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Rad
         raise SceneError(Problem(text, "Move it nearer", field="antenna_east_m", value=east))
     return RadarFrame(
         elevation_m=polar.elevation_m,
+        top_m=_tops(polar, scene.categories, radar.tree_height_m, radar.building_height_m),
         cover=polar.cover,
         field=polar.field,
         source=np.arange(n_rings),
@@ -194,6 +199,16 @@ def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], m
 
 
 # The layers do not depend on the run, so the runs of a campaign share them.
+@lru_cache(maxsize=2)
+def _tops(layers: _Turned | PolarLayers, categories: tuple[str, ...], trees_m: float, buildings_m: float) -> AnyArray:
+    """Height of the top of what stands on each cell."""
+    height = np.zeros(NO_COVER + 1, dtype=layers.elevation_m.dtype)
+    for name, own in (("Trees", trees_m), ("Buildings", buildings_m)):
+        if name in categories:
+            height[categories.index(name)] = own
+    return layers.elevation_m + height[layers.cover] if height.any() else layers.elevation_m
+
+
 @lru_cache(maxsize=2)
 def _turned(scene: Scene, heading_deg: float, precision: str) -> _Turned:
     _, mean, highest = known_heights(scene)

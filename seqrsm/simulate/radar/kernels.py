@@ -75,6 +75,7 @@ _call_for: Any = intrinsic(_type_call_for)
 @kernel
 def power_cells(
     z: AnyArray,
+    top: AnyArray,
     source: AnyArray,
     cover: AnyArray,
     field: AnyArray,
@@ -98,6 +99,8 @@ def power_cells(
     ----------
     z : float array (rows, m)
         Elevation above the datum [m], no gaps.
+    top : float array (rows, m)
+        Elevation of the top of what stands there [m], at least `z`: what it hides lies in shadow.
     source : int64 array (n,)
         Row of `z` that stands in each row of the frame (mirrored rows beyond the edges).
     cover : uint8 array (rows, m)
@@ -138,11 +141,11 @@ def power_cells(
     index = np.empty(STRIP, dtype=np.uint32)
     for begin in range(0, z.shape[1], STRIP):
         left, m = np.uint64(begin), np.uint64(min(STRIP, z.shape[1] - begin))
-        _first_row(z, source[0], left, m, geometry, ground_format, w)
+        _first_row(z, top, source[0], left, m, geometry, ground_format, w)
         for i in range(n):
             row = source[i]
             _slope_row(z, row, left, m, geometry[i, 9], w)
-            _facing_row(z, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
+            _facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
             for j in range(m):
                 offset[i, left + j] = w[_OFFSET + j]
             _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, 0.0, 1.0, w)
@@ -159,6 +162,7 @@ def power_cells(
 @kernel
 def sum_echoes(
     z: AnyArray,
+    top: AnyArray,
     source: AnyArray,
     cover: AnyArray,
     field: AnyArray,
@@ -183,7 +187,7 @@ def sum_echoes(
 
     Parameters
     ----------
-    z, source, cover, field, geometry, cell, ground_format, table, n_categories, field_factor, pattern
+    z, top, source, cover, field, geometry, cell, ground_format, table, n_categories, field_factor, pattern
         As in `power_cells`.
     base : float64 array (n + 2,)
         Range position of the datum in each row [bins], with one row more at both ends.
@@ -202,17 +206,17 @@ def sum_echoes(
     index = np.empty(STRIP, dtype=np.uint32)
     for begin in range(low, high, STRIP):
         left, m = np.uint64(begin), np.uint64(min(STRIP, high - begin))
-        _first_row(z, source[0], left, m, geometry, ground_format, w)
+        _first_row(z, top, source[0], left, m, geometry, ground_format, w)
         for i in range(n):
             if i + _AHEAD < n:
-                _fetch_row(z, cover, field, field_factor.shape[1] > 0, source[i + _AHEAD], left, m)
+                _fetch_row(z, top, cover, field, field_factor.shape[1] > 0, source[i + _AHEAD], left, m)
             row = source[i]
             # Bins are counted from one near the row, so that single precision holds their fractions.
             origin = math.floor(base[i + 1])
             near = 0.5 * (base[i] + base[i + 1]) - origin
             beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
             _slope_row(z, row, left, m, geometry[i, 9], w)
-            _facing_row(z, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
+            _facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
             least, most = _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
             if pattern.shape[0] > 0:
                 _pattern_row(z, row, geometry, i, pattern, left, m, w)
@@ -231,11 +235,19 @@ def _work_lines(z: AnyArray) -> AnyArray:
 
 @kernel
 def _fetch_row(
-    z: AnyArray, cover: AnyArray, field: AnyArray, with_field: bool, row: int, left: np.uint64, m: np.uint64
+    z: AnyArray,
+    top: AnyArray,
+    cover: AnyArray,
+    field: AnyArray,
+    with_field: bool,
+    row: int,
+    left: np.uint64,
+    m: np.uint64,
 ) -> None:
     """Call for the cells of a row that comes later."""
     for j in range(_ZERO, m, np.uint64(_CACHE_LINE // z.itemsize)):
         _call_for(z, row, left + j)
+        _call_for(top, row, left + j)
     for j in range(_ZERO, m, np.uint64(_CACHE_LINE)):
         _call_for(cover, row, left + j)
     if with_field:
@@ -275,11 +287,18 @@ def _row_numbers(geometry: AnyArray, cell: float, ground_format: bool) -> AnyArr
 
 @kernel
 def _first_row(
-    z: AnyArray, row: int, left: np.uint64, m: np.uint64, geometry: AnyArray, ground_format: bool, w: AnyArray
+    z: AnyArray,
+    top: AnyArray,
+    row: int,
+    left: np.uint64,
+    m: np.uint64,
+    geometry: AnyArray,
+    ground_format: bool,
+    w: AnyArray,
 ) -> None:
     """Fill the lines that hand on from row to row, so that row 0 can begin: before it lies the same ground."""
     for j in range(m):
-        w[_RAY + j] = z[row, left + j]
+        w[_RAY + j] = top[row, left + j]
         w[_OFFSET + j] = z[row, left + j]
     _offset_row(geometry, 0, ground_format, _OFFSET, m, w)
     for j in range(m):
@@ -303,7 +322,16 @@ def _slope_row(z: AnyArray, row: int, left: np.uint64, m: np.uint64, cell: float
 
 @kernel
 def _facing_row(
-    z: AnyArray, before: int, row: int, after: int, left: np.uint64, m: np.uint64, rows: AnyArray, i: int, w: AnyArray
+    z: AnyArray,
+    top: AnyArray,
+    before: int,
+    row: int,
+    after: int,
+    left: np.uint64,
+    m: np.uint64,
+    rows: AnyArray,
+    i: int,
+    w: AnyArray,
 ) -> None:
     """Shadow, local incidence and area of row `i`, and its power by range.
 
@@ -316,10 +344,10 @@ def _facing_row(
     per_slope, y, h, per_range, twice_h = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4]
     per_range2, descent, height, row_gain = rows[i, 5], rows[i, 6], rows[i, 7], rows[i, 8]
     for j in range(m):
-        here = z[row, left + j]
+        here, up_to = z[row, left + j], top[row, left + j]
         # The ray of shadow one step down the line from the antenna through the highest point so far.
         ray = w[_RAY + j] - (height - w[_RAY + j]) * descent
-        w[_RAY + j] = max(ray, here)
+        w[_RAY + j] = max(ray, up_to)
         slope_y = (z[after, left + j] - z[before, left + j]) * per_slope
         slope_x = w[_SLOPE + j]
         # (R / R_datum)**2 from the height alone: no difference of two large numbers.
@@ -333,7 +361,7 @@ def _facing_row(
         # From the vector product of normal and ray: exact near theta = 0, where 1 - cos would lose its digits.
         sine2 = across * across + slope_x * slope_x * range2
         w[_WHERE + j] = half * sine2 / (distance * (tilt2 * distance + tilt * max(facing, zero)))
-        dark = (cast if here < ray else zero) + (zero if facing > zero else turned)
+        dark = (cast if up_to < ray else zero) + (zero if facing > zero else turned)
         w[_DARK + j] = dark
         gain = row_gain * tilt / (range2 * range2)
         w[_GAIN + j] = gain if dark == zero else zero

@@ -288,6 +288,11 @@ def _engine_notes(radar: RadarConfiguration, looks: FloatArray, smeared: int, fr
         )
     else:
         notes.append("fields are even inside: texture_db = 0")
+    if frame.top_m is not frame.elevation_m:
+        notes.append(
+            f"trees of {radar.tree_height_m:g} m and buildings of {radar.building_height_m:g} m hide what lies behind "
+            "them, at every frequency"
+        )
     if radar.elevation_pattern == "isotropic":
         notes.append("antenna gain is the same over the swath")
     if smeared and not radar.finer_pixels:

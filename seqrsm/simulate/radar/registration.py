@@ -83,6 +83,7 @@ def state_of_cells(
     offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
     kernels.power_cells(
         frame.elevation_m,
+        frame.top_m,
         frame.source,
         frame.cover,
         frame.field,

@@ -187,9 +187,9 @@ def add_targets(
         i = row - first_row + frame.pad_near
         if not own.start <= i < own.stop:
             continue
-        profile = frame.elevation_m[frame.source, column].astype(np.float64)
-        look = np.arctan2(flat.along_m, flat.up_m - profile) - vertical
-        z = float(profile[i]) + target.height_m
+        tops = frame.top_m[frame.source, column].astype(np.float64)
+        look = np.arctan2(flat.along_m, flat.up_m - tops) - vertical
+        z = float(frame.elevation_m[frame.source[i], column]) + target.height_m
         own_look = math.atan2(flat.along_m[i], flat.up_m[i] - z) - vertical[i]
         if i > 0 and float(look[:i].max()) > own_look:
             continue

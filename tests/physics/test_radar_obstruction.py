@@ -1,0 +1,140 @@
+"""Trees and buildings hide what lies behind them: shadows by closed forms, what stands where, who teaches in shadow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from psm_cases import Table, radar, scene
+
+from seqrsm.score.evidence import evidence_of
+from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.targets import CulturalTarget
+
+LOW = {"tree_height_m": 0.0, "building_height_m": 0.0}
+TABLE = Table((-10.0, -8.0))
+
+
+def still(s, r, table, **options):
+    return simulate_radar(s, r, table, seed=1, run_id=1, random_occasion=False, **options)
+
+
+def row_of(name: str, cell_m: float = 2.0, at: int = 40):
+    """Level grass with one row of trees or buildings across the line of sight of a flight to the east."""
+    cover = np.zeros((120, 40), dtype=np.uint8)
+    cover[at] = 1
+    return scene(np.zeros(cover.shape), cell_m, cover, categories=("Grass", name))
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize(("name", "tall"), [("Trees", 15.0), ("Buildings", 8.0), ("Trees", 30.0)])
+@pytest.mark.parametrize("depression", [30.0, 45.0])
+def test_the_shadow_of_a_row_is_as_long_as_its_height_over_the_slope_of_the_ray(name, tall, depression, precision):
+    r = radar(earth="flat", depression_angle_deg=depression, resolution_m=5.0, **{_height(name): tall})
+    image = still(row_of(name), r, TABLE, precision=precision)
+    hidden = image.shadow.sum(axis=0)
+    assert np.ptp(hidden) == 0
+    # The radar flies north of the scene and looks south, or the other way: behind is one side of the row alone.
+    beside = [image.shadow[:40].any(), image.shadow[41:].any()]
+    assert sorted(beside) == [False, True]
+    assert hidden[0] == pytest.approx(tall / np.tan(np.radians(depression)) / 2.0, abs=1.1)
+
+
+def _height(name: str) -> str:
+    return {"Trees": "tree_height_m", "Buildings": "building_height_m"}[name]
+
+
+@pytest.mark.parametrize("name", ["Trees", "Buildings"])
+def test_nothing_but_the_hidden_ground_changes(name):
+    r = radar(earth="flat", depression_angle_deg=30.0, resolution_m=5.0)
+    s = row_of(name)
+    bare, stands = (
+        still(s, radar(earth="flat", depression_angle_deg=30.0, resolution_m=5.0, **LOW), TABLE),
+        still(s, r, TABLE),
+    )
+    assert not bare.shadow.any()
+    np.testing.assert_array_equal(bare.pixel_of_cell, stands.pixel_of_cell)
+    np.testing.assert_array_equal(bare.layover, stands.layover)
+    touched = np.unique(stands.pixel_of_cell[stands.shadow])
+    same = np.ones(bare.mean_power[0].size, dtype=bool)
+    same[touched] = False
+    np.testing.assert_array_equal(bare.mean_power[0].ravel()[same], stands.mean_power[0].ravel()[same])
+    assert (stands.mean_power[0].ravel()[touched] < bare.mean_power[0].ravel()[touched]).all()
+    assert any("hide what lies behind" in note for note in stands.notes)
+    assert not any("hide what lies behind" in note for note in bare.notes)
+
+
+def test_other_covers_hide_nothing():
+    r = radar(earth="flat", depression_angle_deg=30.0, resolution_m=5.0)
+    assert not still(row_of("Corn"), r, TABLE).shadow.any()
+
+
+def test_trees_on_the_far_side_are_hidden_by_taller_ground_only():
+    s = row_of("Trees")
+    wood = s.cover.copy()
+    wood[40:70] = 1  # a wood: all of its tops are as high
+    image = still(
+        scene(np.zeros(wood.shape), 2.0, wood, categories=s.categories), radar(earth="flat", resolution_m=5.0), TABLE
+    )
+    assert not image.shadow[40:70].any()
+    assert image.shadow.any()
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0, 30.0])
+def test_shadow_lies_behind_whatever_the_heading(heading):
+    cover = np.zeros((120, 120), dtype=np.uint8)
+    cover[58:62, 58:62] = 1
+    s = scene(np.zeros(cover.shape), 2.0, cover, categories=("Grass", "Trees"))
+    rows, cols = np.nonzero(still(s, radar(earth="flat", heading_deg=heading, resolution_m=5.0), TABLE).shadow)
+    toward = np.radians(heading + 90.0)
+    behind = (cols.mean() - 59.5) * np.sin(toward) - (rows.mean() - 59.5) * np.cos(toward)
+    aside = (cols.mean() - 59.5) * np.cos(toward) + (rows.mean() - 59.5) * np.sin(toward)
+    assert behind > 2.0
+    assert abs(aside) < 0.7
+
+
+def test_trees_around_a_rotating_antenna_hide_what_is_farther_out():
+    cover = np.zeros((161, 161), dtype=np.uint8)
+    cover[78:83, 118:123] = 1
+    s = scene(np.zeros(cover.shape), 5.0, cover, categories=("Grass", "Trees"))
+    r = radar(
+        scan="ppi",
+        aperture="real",
+        depression_angle_deg=40.0,
+        altitude_m=300.0,
+        azimuth_beamwidth_deg=3.0,
+        pulse_length_us=0.1,
+        tree_height_m=30.0,
+    )
+    rows, cols = np.nonzero(still(s, r, TABLE).shadow)
+    assert len(rows) > 10
+    assert cols.min() >= 120
+    assert np.abs(rows - 80).max() <= 6
+
+
+def test_a_target_behind_trees_is_silent_and_one_above_their_shadow_is_not():
+    s, at = row_of("Trees"), {True: 37, False: 43}
+    base = still(s, radar(earth="flat", depression_angle_deg=30.0, fading="none"), TABLE)
+    behind = at[bool(base.shadow[37, 20])]
+    for height, seen in ((0.0, False), (14.0, True)):
+        target = CulturalTarget(behind, 20, 60.0, height_m=height)
+        r = radar(earth="flat", depression_angle_deg=30.0, fading="none")
+        more = still(s, r, TABLE, targets=(target,)).mean_power - base.mean_power
+        assert bool((more > 0).any()) == seen
+
+
+def test_what_noise_hides_does_not_teach():
+    rng = np.random.default_rng(2)
+    cover = np.kron(rng.integers(0, 2, (12, 12)), np.ones((10, 10), dtype=int)).astype(np.uint8)
+    s = scene(np.zeros(cover.shape), 5.0, cover, np.arange(cover.size).reshape(cover.shape) // 1, ("Grass", "Trees"))
+    r = radar(earth="flat", depression_angle_deg=20.0, resolution_m=10.0, tree_height_m=25.0)
+    image = still(s, r, Table((-10.0, -8.0)))
+    found = evidence_of([image], s, seed=1, run_id=1)
+    dark = np.all(image.mean_power < image.noise_power_w[:, None], axis=0).ravel()
+    held = found.counts.any(axis=1)
+    assert 0.02 < np.mean(dark[held]) < 0.9
+    np.testing.assert_array_equal(found.teaching.any(axis=1), held & ~dark)
+    np.testing.assert_array_equal(found.teaching[~dark], found.counts[~dark])
+    # Of a class that shadow hides but for a few pixels all teach: without any it could never be named.
+    weak = radar(earth="flat", depression_angle_deg=20.0, resolution_m=10.0, peak_power_w=1e-6)
+    blind = evidence_of([still(s, weak, Table((-10.0, -8.0)))], s, seed=1, run_id=1)
+    np.testing.assert_array_equal(blind.teaching, blind.counts)
