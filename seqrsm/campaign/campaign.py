@@ -198,7 +198,7 @@ class Campaign:
 
         wanted = self.store.runs("issued", source="flight") if runs is None else runs
         if not wanted:
-            raise UserError(Problem("no flight is issued", "Issue some: seqrsm propose DIR --source flight"))
+            raise UserError(Problem("no flight is issued", "Issue flights first: seqrsm propose DIR --source flight"))
         write_form(file, self.spec, wanted)
         return len(wanted)
 
@@ -225,8 +225,8 @@ class Campaign:
             Another process decided meanwhile; nothing was issued.
         """
         if load_spec(self.folder).spec_hash != self.spec.spec_hash:
-            message = "the specification was changed while this command worked with the one before"
-            raise SpecError(Problem(message, "Give the command again.", file=str(self.folder / SPEC_NAME)))
+            message = "campaign.toml was changed while this command was running"
+            raise SpecError(Problem(message, "Repeat the command.", file=str(self.folder / SPEC_NAME)))
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
         left = budget - self.store.n_used()
         if left <= 0:
@@ -257,7 +257,7 @@ class Campaign:
             raise StoreError(
                 Problem(
                     f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting",
-                    "Carry them out first (`seqrsm simulate` or `seqrsm ingest`).",
+                    "Complete them first (`seqrsm simulate` or `seqrsm ingest`).",
                 )
             )
         if not analyses:

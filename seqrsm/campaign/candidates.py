@@ -262,7 +262,7 @@ class _Comparer:
             if at is not None:
                 return {**told, "how": "surface", **asdict(self._by_surface(at, candidate)), "settings": at}
             if self.optimum is None:
-                raise ConfigurationError(Problem("its settings lie outside the region, and nothing can be simulated"))
+                raise ConfigurationError(Problem("its settings lie outside the region, and there is no simulator"))
             return {**told, "how": "simulation", **self._by_simulation(candidate, told)}
         except UserError as error:
             return {**told, "why": "; ".join(problem.message for problem in error.problems)}

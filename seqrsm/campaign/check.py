@@ -336,7 +336,7 @@ class _Known:
 
 def _what_is_known(spec: CampaignSpec, analysis: Analysis | None, progress: Callable[[int, int], None]) -> _Known:
     """The scatter of a run by simulations, else by the scores; the surface by scores, simulations, or as stated."""
-    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "not known before the first repeats"
+    noise, share, df, seconds, source = float("nan"), 0.0, 0, float("nan"), "unknown before the first repeats"
     notes: tuple[str, ...] = ()
     spread = float("nan")
     if spec.simulator is not None:

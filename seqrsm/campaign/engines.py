@@ -122,7 +122,7 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table,
         lookups = look_up(scene, sensor, table, state, day)
     notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
     short = [one for one in frame_limits(sensor, frame) if one.margin < 1.0]
-    notes += [f"no such radar can be built, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
+    notes += [f"this radar cannot be built, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
     return (*notes, *blind_channels(sensor, frame, lookups))
 
 
@@ -196,8 +196,10 @@ def check_utility(text: str, engines: Collection[str], *, several: bool) -> None
     row = asked_for(text).row
     if several and row.function and not row.several:
         able = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if other.several)
-        remedy = f'Use {able} or "module:function" of a sequence of images, or let one sensor look once.'
-        raise SpecError(Problem("this utility scores one image, here are several", remedy, field=_FIELD, value=text))
+        remedy = f'Use {able}, or "module:function" of a sequence of images, or a single sensor on a single date.'
+        raise SpecError(
+            Problem("this utility scores one image, but there are several", remedy, field=_FIELD, value=text)
+        )
     if not set(engines) <= set(row.engines):
         known = ", ".join(f'"{name}"' for name, other in UTILITIES.items() if set(engines) <= set(other.engines))
         remedy = f'Use {known} or "module:function", or ingest measured scores.'

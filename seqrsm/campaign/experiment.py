@@ -82,15 +82,15 @@ def _names(experiment: dict[str, str]) -> set[str]:
 
 
 def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:
-    remedy = "Put it back, or make a campaign of its own for it; if it can move no score, add --accept."
+    remedy = "Restore it, or start a new campaign; if it cannot change any score, add --accept."
     if key.startswith("file "):
-        message = "the file is not the one that the runs so far were simulated from"
+        message = "the file differs from the one earlier runs were simulated from"
         if not before:
-            message = "the runs so far were simulated without this file"
+            message = "earlier runs were simulated without this file"
         elif not now:
-            message = "the runs so far were simulated from this file, which is read no more"
+            message = "earlier runs were simulated from this file, which is no longer used"
         return Problem(message, remedy, file=key.removeprefix("file "))
-    message = f"{key} was {before or 'not given'} for the runs so far, and is {now or 'not given'} now"
+    message = f"{key} was {before or 'not given'} for earlier runs and is now {now or 'not given'}"
     return Problem(message, remedy, file=str(spec.folder / SPEC_NAME))
 
 

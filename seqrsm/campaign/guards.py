@@ -35,7 +35,7 @@ def suspects(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[
     """What looks wrong in a file of scores, alike rows together; ``known``: earlier scores of each application."""
     problems = [
         Problem(
-            f"the column is kept as one of your own, and is nearly '{meant}'",
+            f"the column is kept as your own, but its name resembles '{meant}'",
             f"Name it '{meant}'.",
             file.name,
             None,
@@ -99,15 +99,15 @@ def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[f
                     row,
                     "score",
                     row.score,
-                    "usually stands for no value",
-                    "Leave the cell empty where there is none.",
+                    "usually marks a missing value",
+                    "Leave the cell empty if there is none.",
                 )
             elif application.is_percent and 0.0 < row.score <= 1.0 and float(np.median(values)) > 5.0:
                 yield (
                     row,
                     "score",
                     row.score,
-                    "a fraction among percentages?",
+                    "a fraction among percentages",
                     f"Did you mean {100 * row.score:g} percent?",
                 )
             elif is_far:
@@ -116,7 +116,7 @@ def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[f
                 yield row, "score", row.score, f"far from all other scores, {ends}", _slip(row.score, others)
         for row in rows:
             if row.se is not None and is_sentinel(row.se):
-                yield row, "se", row.se, "usually stands for no value", "Leave the cell empty where it is unknown."
+                yield row, "se", row.se, "usually marks a missing value", "Leave the cell empty if it is unknown."
 
 
 def _far(values: FloatArray) -> np.ndarray:
@@ -142,5 +142,5 @@ def _twice(file: ScoresFile) -> _Found:
     for row in file.scores:
         line = first.setdefault(repr(replace(row, line=0)), row.line)
         if line != row.line:
-            hint = "Remove it; a real repeat differs in a column such as date or note."
+            hint = "Remove it; a true repeat must differ in a column such as date or note."
             yield row, "row", None, f"the same as line {line} in every column", hint

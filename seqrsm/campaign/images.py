@@ -165,7 +165,7 @@ def simulated(
         made = task.acquisitions
         if not 1 <= number <= len(made):
             labels = ", ".join(f"{i} {one.label}".rstrip() for i, one in enumerate(made, start=1))
-            raise UserError(Problem("no such image", f"These settings make {labels}.", field="--number", value=number))
+            raise UserError(Problem("no such image", f"These settings give {labels}.", field="--number", value=number))
         engine = ENGINES[made[number - 1].engine]
         if mask and mask not in engine.masks:
             remedy = f"This engine has {', '.join(engine.masks)}."
@@ -209,7 +209,7 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
         if not sign or name not in region.names:
             raise UserError(
                 Problem(
-                    "not a setting",
+                    "not a valid setting",
                     f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml.",
                     field="--set",
                     value=assignment,
@@ -244,7 +244,7 @@ def _outside(region: Region, point: FloatArray, settings: Mapping[str, float | s
     for constraint in region.constraints if not problems else ():
         if constraint.slack(region.decode(point)[0])[0] < 0.0:
             text = f"{shown} breaks the constraint {constraint.expr}"
-            problems.append(Problem(text, "Set the other factors, too", field="--set"))
+            problems.append(Problem(text, "Set the other factors as well", field="--set"))
     return problems or [Problem(f"{shown} lies outside the campaign's region", "See campaign.toml", field="--set")]
 
 

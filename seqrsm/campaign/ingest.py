@@ -128,8 +128,8 @@ def _hold_back(store: Store, spec: CampaignSpec, read: Sequence[_Read]) -> None:
             new = (row for row in file.scores if row.line not in equal and row.run_id not in outcome.unchanged)
             problems += suspects(spec, replace(file, scores=tuple(new)), known)
     if problems:
-        message = "nothing was taken in: what is listed above looks wrong"
-        raise ScoresFileError(*problems, Problem(message, "Mend it, or take all of it as it is with --accept."))
+        message = "nothing was ingested: the rows listed above look wrong"
+        raise ScoresFileError(*problems, Problem(message, "Correct it, or ingest everything as it is with --accept."))
 
 
 def _report(read: _Read, outcome: IngestOutcome, dry_run: bool) -> IngestReport:
@@ -160,8 +160,8 @@ def _read_rankings(spec: CampaignSpec, text: TableText) -> _Read:
     ranked = [application for application in spec.applications if application.utility == "rank"]
     name = text.name
     if not ranked:
-        message = "these are rankings, and no application of the campaign takes them"
-        raise ScoresFileError(Problem(message, 'Set utility = "rank" for one, or give scores.', name))
+        message = "these are rankings, but no application of the campaign uses rankings"
+        raise ScoresFileError(Problem(message, 'Set utility = "rank" for one, or provide scores.', name))
     for application in ranked:
         if application.goal != "maximize":
             message = f"scores from rankings grow with worth, and the goal of '{application.name}' is \"minimize\""
@@ -251,13 +251,13 @@ def file_messages(
     messages = outside_messages(outside)
     if file.unscored:
         count = "1 row has" if len(file.unscored) == 1 else f"{len(file.unscored)} rows have"
-        messages.append(f"{count} no score yet and may come again (lines {_few(file.unscored)}).")
+        messages.append(f"{count} no score yet and may be ingested later (lines {_few(file.unscored)}).")
     if spec.model.block is not None and any(not run.block for run in runs):
-        messages.append(f"Some rows say nothing in the block column '{spec.model.block}'.")
+        messages.append(f"Some rows are empty in the block column '{spec.model.block}'.")
     for application in spec.applications:
         scores = [score.score for score in file.scores if score.application == application.name]
         if application.is_percent and len(scores) > 1 and 0.0 < max(scores) <= 1.0:
-            messages.append(f"All scores of '{application.name}' are at most 1 percent: were fractions meant?")
+            messages.append(f"All scores of '{application.name}' are at most 1 percent: are they fractions?")
     return messages
 
 
@@ -272,16 +272,16 @@ def outcome_messages(outcome: IngestOutcome) -> list[str]:
     """Remarks on what became of a file in the store."""
     if outcome.already is not None:
         name, at = outcome.already.name, outcome.already.ingested_at
-        return [f"The same content was taken in already, as '{name}' at {at}: nothing done."]
+        return [f"The same content was ingested before, as '{name}' at {at}: nothing done."]
     messages = []
     if outcome.moved:
-        text = f"{len(outcome.moved)} proposed runs were carried out at other settings ({_few(outcome.moved)})"
+        text = f"{len(outcome.moved)} proposed runs were made at other settings ({_few(outcome.moved)})"
         messages.append(f"{text}; both are kept.")
     if outcome.equal:
         lines = _few([row.line for row in outcome.equal])
         messages.append(
             f"{len(outcome.equal)} scores without a run id equal earlier ones in all that is told of them (lines "
-            f"{lines}): they are taken for the same, and not doubled. A real repeat differs in a column such as date."
+            f"{lines}): they are the same and not counted twice. A true repeat must differ in a column such as date."
         )
     for row in outcome.equal:
         if row.state == "void":

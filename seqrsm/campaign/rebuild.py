@@ -57,10 +57,10 @@ def _read(source: Path) -> Mapping[str, Any]:
     try:
         document = json.loads(source.read_bytes().decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise StoreError(Problem(f"this is no JSON document: {error}", _AGAIN, file=str(source))) from None
+        raise StoreError(Problem(f"this is not a JSON document: {error}", _AGAIN, file=str(source))) from None
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:
-        message = "this is no export that this program can rebuild"
+        message = "this is not an export that this program can rebuild"
         raise StoreError(Problem(message, _AGAIN, file=str(source), field="format", value=found))
     return dict(document)
 
@@ -83,16 +83,16 @@ def _write(document: Mapping[str, Any], source: Path, folder: Path, trust_code: 
         raise StoreError(Problem(message, _AGAIN, file=where)) from None
     spec = load_spec(folder)
     if spec.spec_hash != document.get("spec_hash"):
-        message = "the specification in the export is not the one that its runs were made for"
+        message = "the specification in the export does not match its runs"
         raise StoreError(Problem(message, _AGAIN, file=where, field="spec_hash"))
     if spec.store_url is not None:
         message = "the specification in the export names a database of its own"
-        raise StoreError(Problem(message, "Take [store] out of it.", file=where, field="campaign_toml"))
+        raise StoreError(Problem(message, "Remove [store] from it.", file=where, field="campaign_toml"))
     code = {str(one["path"]): str(one["sha256"]) for one in attachments if str(one["path"]).endswith(".py")}
     code |= {name: code.get(f"{name.partition(':')[0].replace('.', '/')}.py", "") for name in own_functions(spec)}
     if code and not trust_code:
         told = ", ".join(f"{name} (SHA-256 {digest})" if digest else name for name, digest in code.items())
-        message = f"the campaign brings code, which check, run and image would run: {told}"
+        message = f"the campaign includes code that check, run and image would execute: {told}"
         raise UserError(Problem(message, "Read it; if you trust it, add --trust-code.", file=where))
     with Store.open(spec.folder, create=True, campaign=spec.name, seed=spec.seed) as store:
         store.restore(meta, runs, looks, events, files, rankings)
@@ -109,13 +109,13 @@ def _attach(one: Mapping[str, Any], source: Path, folder: Path) -> None:
     inside = not place.is_absolute() and ".." not in place.parts and "\\" not in name and ":" not in name
     if not inside:
         if not Path(name).is_file() or _sha256(Path(name).read_bytes()) != digest:
-            message = f"the campaign needs the file of SHA-256 {digest}, which is not there"
-            raise UserError(Problem(message, "Put it back.", file=name))
+            message = f"the campaign needs the file of SHA-256 {digest}, which is missing"
+            raise UserError(Problem(message, "Restore it.", file=name))
         return
     if content is None:
         beside = source.parent / place
         if not beside.is_file():
-            message = f"the export does not hold this file (SHA-256 {digest})"
+            message = f"the export does not contain this file (SHA-256 {digest})"
             raise UserError(Problem(message, "Put it beside the export.", file=str(beside)))
         data = beside.read_bytes()
     else:
@@ -124,7 +124,7 @@ def _attach(one: Mapping[str, Any], source: Path, folder: Path) -> None:
         except binascii.Error as error:
             raise ValueError(f"{name}: {error}") from None
     if _sha256(data) != digest:
-        raise ValueError(f"{name} has another SHA-256 than {digest}")
+        raise ValueError(f"{name} has a SHA-256 other than {digest}")
     target = folder / place
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(data)

@@ -314,11 +314,9 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         )
     scene = scene_at(str(spec.scene_path))
     if not bool(np.any(scene.scored)):
-        raise SpecError(
-            Problem("no cell of the scene is to be scored", "Set the layer `scored`.", file=str(spec.scene_path))
-        )
+        raise SpecError(Problem("no cell of the scene is scored", "Set the layer `scored`.", file=str(spec.scene_path)))
     if spec.simulator.known_map and not any(utility_of(one.utility).classifies for one in spec.applications):
-        text = "no utility of this campaign names covers, so that a map adds nothing"
+        text = "no utility of this campaign classifies covers, so a map has no effect"
         remedy = "Remove known_map, or add an [[application]] that classifies."
         raise SpecError(Problem(text, remedy, str(spec.folder / SPEC_NAME), field="[simulator] known_map"))
     centre = task_of(spec, NO_RUN, spec.region.decode(spec.region.centre())[0])  # the utilities, before any sensor
@@ -387,7 +385,7 @@ def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], 
     if len(where) == n_points and problem.field not in spec.region.names:
         return fixed_problem(spec, problem)
     text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
-    return Problem(text, "Narrow the factor, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
+    return Problem(text, "Narrow the factor's range, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
 
 
 def _corners(spec: CampaignSpec) -> FloatArray:

@@ -57,9 +57,9 @@ class _Parser:
                 body = ast.parse(self.text.strip(), mode="eval").body
         except SyntaxError as error:
             column = "" if error.offset is None else f" at column {error.offset}"
-            raise self.fail(f"this is no expression ({error.msg}{column})") from None
+            raise self.fail(f"this is not an expression ({error.msg}{column})") from None
         except (ValueError, MemoryError, RecursionError, OverflowError):
-            raise self.fail("this is no expression, or one nested too deeply") from None
+            raise self.fail("this is not an expression, or it is nested too deeply") from None
         if sum(1 for _ in ast.walk(body)) > MAX_NODES:
             raise self.fail(f"the expression has more than {MAX_NODES} parts")
         return self.condition(body)
@@ -144,7 +144,7 @@ class _Parser:
     def constant(self, node: ast.Constant) -> float:
         value = node.value
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise self.fail(f"{value!r:.40} is no number", node)
+            raise self.fail(f"{value!r:.40} is not a number", node)
         try:
             number = float(value)
         except OverflowError:

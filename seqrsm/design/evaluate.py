@@ -153,7 +153,7 @@ def prediction_variance(model: QuadraticModel, points: FloatArray, at: FloatArra
     _, rank = condition(Z)
     if rank < model.p:
         names = ", ".join(inestimable_terms(model, points))
-        raise DesignError(Problem(f"the design cannot estimate {names}", "Add runs, or leave the terms out."))
+        raise DesignError(Problem(f"the design cannot estimate {names}", "Add runs, or omit the terms."))
     R = qr(Z, mode="r")[0][: model.p]
     half = solve_triangular(R, model.matrix(at).T, trans="T")
     variance: FloatArray = Z.shape[0] * np.sum(half**2, axis=0)

@@ -36,13 +36,13 @@ def _name_problems(name: object) -> list[Problem]:
         return [
             Problem(
                 "a factor's name is not usable in constraints and term names",
-                "Use up to 64 letters, digits and underscores, no digit first, and one dot after a sensor's name.",
+                "Use 1 to 64 letters, digits and underscores, no digit first, and one dot after a sensor's name.",
                 field="name",
                 value=name,
             )
         ]
     if keyword.iskeyword(name) or name in FUNCTION_NAMES:
-        return [Problem("a factor bears a reserved name", "Choose another name.", field="name", value=name)]
+        return [Problem("a factor has a reserved name", "Choose another name.", field="name", value=name)]
     return []
 
 

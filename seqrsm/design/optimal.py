@@ -219,16 +219,16 @@ def _singular(model: QuadraticModel, region: Region) -> DesignError:
         return _coinciding(lost)
     near = nearly_inestimable_terms(model, region.candidates(limit=5000))
     if near:
-        message = f"the region is so thin that these terms can hardly be told from the others: {', '.join(near)}"
-        return DesignError(Problem(message, "Loosen the constraints, or replace the factors that go together by one."))
+        message = f"the region is so thin that these terms can hardly be separated from the others: {', '.join(near)}"
+        return DesignError(Problem(message, "Relax the constraints, or replace factors that vary together by one."))
     return DesignError(Problem("every design tried was singular", "Ask for more runs or more starts."))
 
 
 def _coinciding(terms: tuple[str, ...]) -> DesignError:
     return DesignError(
         Problem(
-            f"no runs in the region can tell these terms apart from the others: {', '.join(terms)}",
-            "Loosen the constraints or the levels, or leave the terms out.",
+            f"no runs in the region can separate these terms from the others: {', '.join(terms)}",
+            "Relax the constraints or the levels, or omit the terms.",
         )
     )
 

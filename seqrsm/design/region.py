@@ -29,14 +29,14 @@ def _declaration_problems(factors: tuple[Factor, ...], constraints: tuple[Constr
         problems.append(Problem("a region needs at least one factor", "Declare a factor."))
     names = [factor.name for factor in factors]
     problems += [
-        Problem("two factors bear the same name", "Rename one.", field="factor", value=name)
+        Problem("two factors have the same name", "Rename one.", field="factor", value=name)
         for name in sorted({name for name in names if names.count(name) > 1})
     ]
     by_name = {factor.name: factor for factor in factors}
     for constraint in constraints:
         place = f"constraint '{constraint.expr}'"
         problems += [
-            Problem("a name is no factor", f"The factors are {', '.join(names)}.", field=place, value=name)
+            Problem("a name is not a factor", f"The factors are {', '.join(names)}.", field=place, value=name)
             for name in sorted(constraint.names - by_name.keys())
         ]
         problems += [
@@ -101,7 +101,7 @@ class Region:
                         "no setting of the factors satisfies this constraint"
                         if len(conflict) == 1
                         else "no setting of the factors satisfies these constraints together",
-                        "Widen a factor's range or loosen the constraint.",
+                        "Widen a factor's range or relax the constraint.",
                         field="constraint",
                         value=self.constraints[index].expr,
                     )
@@ -369,7 +369,7 @@ def _number(factor: Factor, setting: Mapping[str, float | str]) -> float | Probl
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        return Problem("a value is no finite number", "Give a number.", field=factor.name, value=value)
+        return Problem("a value is not finite", "Give a number.", field=factor.name, value=value)
     if factor.scale == "log" and number <= 0.0:
         return Problem(LOG_NEEDS_POSITIVE, "Give a value > 0.", field=factor.name, value=number)
     return number

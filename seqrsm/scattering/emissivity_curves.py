@@ -149,12 +149,12 @@ def _node(row: Row, problems: list[Problem]) -> tuple[float, str, float, float, 
     row.choice("status", problems, STATUSES)
     polarization = row.choice("polarization", problems, POLARIZATIONS)
     problems += [
-        row.problem(column, "empty", "Every row names its category and where it comes from")
+        row.problem(column, "empty", "Every row needs a category and a source")
         for column in ("category", "source")
         if not row.text(column)
     ]
     problems += [
-        row.problem(column, "an emissivity table by this state is not read", "Leave it empty")
+        row.problem(column, "an emissivity table by this state is not supported", "Leave it empty")
         for column in ("moisture", "snow_cm", "wind_m_s", "season")
         if row.text(column)
     ]

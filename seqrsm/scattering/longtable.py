@@ -81,12 +81,12 @@ def _node(row: Row, problems: list[Problem]) -> _Node | None:
     unit = row.choice("unit", problems, ("dB", "1"))
     row.choice("status", problems, STATUSES)
     problems += [
-        row.problem(column, "empty", "Every row names its category and where it comes from")
+        row.problem(column, "empty", "Every row needs a category and a source")
         for column in ("category", "source")
         if not row.text(column)
     ]
     problems += [
-        row.problem(column, "a table by this state is not read", "Leave it empty")
+        row.problem(column, "a table by this state is not supported", "Leave it empty")
         for column in ("moisture", "snow_cm")
         if row.text(column)
     ]

@@ -117,10 +117,10 @@ def read_geotiff(path: str | Path, layer: str, band: int | None = None) -> Raste
         keys = _geo_keys(tags.get(_GEO_KEYS))
         left, top, step_x, step_y = _placement(tags, keys, file)
     except (TypeError, ValueError, IndexError, OverflowError) as error:
-        remedy = "Write it anew, for instance with gdal_translate"
+        remedy = "Rewrite it, for instance with gdal_translate"
         raise SceneError(Problem(f"the file's georeference is damaged: {error}", remedy, file)) from error
     if not all(math.isfinite(value) for value in (left, top, step_x, step_y)):
-        raise SceneError(Problem("the file's georeference is damaged", "Write it anew with gdal_translate", file))
+        raise SceneError(Problem("the file's georeference is damaged", "Rewrite it with gdal_translate", file))
     if keys.get(_MODEL_TYPE) == _GEOGRAPHIC or (_MODEL_TYPE not in keys and step_x < 0.02 and abs(left) <= 360.0):
         zone = int((left + 0.5 * values.shape[1] * step_x + 180.0) // 6.0) + 1
         utm = (32600 if top > 0.0 else 32700) + min(max(zone, 1), 60)
@@ -189,12 +189,12 @@ def _values(page: Any, place: int, file: str) -> AnyArray:
         Image.MAX_IMAGE_PIXELS = None  # the size was looked at before
         try:
             if page.photometric == _WHITE_IS_ZERO:
-                raise ValueError("it would come out inverted")
+                raise ValueError("the result would be inverted")
             with Image.open(file) as picture:
                 picture.seek(page.index)
                 values = np.asarray(picture)
         except (OSError, EOFError, ValueError) as other:
-            remedy = f"Write it anew, for instance: gdal_translate -co COMPRESS=DEFLATE {file} plain.tif"
+            remedy = f"Rewrite it, for instance: gdal_translate -co COMPRESS=DEFLATE {file} plain.tif"
             name = getattr(page.compression, "name", page.compression)
             raise SceneError(Problem(f"compression {name} cannot be undone: {other}", remedy, file)) from error
         axes = "YX" if values.ndim == 2 else "YXS"
@@ -231,7 +231,7 @@ def _placement(tags: Mapping[int, Any], keys: Mapping[int, int], file: str) -> t
         step_x, step_y, left, top = a[0], -a[5], a[3], a[7]
     else:
         remedy = "Give it a georeference, for instance: gdal_translate -a_srs EPSG:32631 -a_ullr LEFT TOP RIGHT BOTTOM"
-        raise SceneError(Problem("the file does not say where it lies", f"{remedy} {file} placed.tif", file))
+        raise SceneError(Problem("the file has no georeference", f"{remedy} {file} placed.tif", file))
     if step_x <= 0.0 or step_y <= 0.0:
         raise SceneError(Problem("the raster is not north up", "Straighten it with gdalwarp", file))
     if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT:

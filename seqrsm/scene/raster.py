@@ -163,9 +163,7 @@ def _scene(given: Mapping[str, str | Path], height: Raster, **layers: Any) -> Sc
             file = str(given.get(layer)) if layer else None
             if layer == "elevation":
                 wild = _wildest(height)
-                remedy = (
-                    f"Say in the file what stands for no data, for instance: gdal_edit.py -a_nodata {wild:g} {file}"
-                )
+                remedy = f"Set the no-data value in the file, for instance: gdal_edit.py -a_nodata {wild:g} {file}"
                 problem = replace(problem, remedy=remedy, value=wild)
             problems.append(replace(problem, file=file) if file else problem)
         raise SceneError(*problems) from None
@@ -262,7 +260,7 @@ def _common(a: Raster, b: Raster, cell: float, file: str) -> tuple[float, float,
         text = f"the ground that the rasters share, {shared}, holds no cell of {cell:g} m"
         raise SceneError(Problem(text, "Give smaller cells, or larger rasters", file, field="cell_m"))
     if rows < 1 or cols < 1:
-        text = f"the rasters share no ground: one spans {one}, the other {two}"
+        text = f"the rasters do not overlap: one spans {one}, the other {two}"
         raise SceneError(Problem(text, "Check their coordinate systems", file))
     if rows * cols > MAX_CELLS:
         text = f"{rows} x {cols} cells of {cell:g} m, more than {MAX_CELLS}"

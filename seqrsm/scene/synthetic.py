@@ -104,7 +104,7 @@ def synthetic_scene(
         raise SceneError(Problem("no such seed", f"Give 0 to {LARGEST_SEED}", field="seed", value=seed))
     highest = terrain.base_m + relief_m
     if not highest <= HIGHEST_M:
-        text = f"the land would reach {highest:g} m, which no ground does"
+        text = f"the land would reach {highest:g} m, which is impossible"
         remedy = f"Give at most {HIGHEST_M - terrain.base_m:g} m of relief"
         raise SceneError(Problem(text, remedy, field="relief_m", value=relief_m))
     side = round(field_m / cell_m)

@@ -84,7 +84,7 @@ def burn_layer(
         rest = [Problem(f"{more} more features are wrong", file=file)] if more > 0 else []
         raise SceneError(*problems[:_MOST_TOLD], *rest)
     if not known.any():
-        raise SceneError(Problem("no polygon lies on the ground of the elevations", "Is it of the same site?", file))
+        raise SceneError(Problem("no polygon overlaps the elevations", "Is it of the same site?", file))
     return number, known
 
 
@@ -117,7 +117,7 @@ def _by_pyogrio(file: str) -> tuple[list[tuple[Any, Any]], str]:
             attributes = [dict(zip(meta["fields"], row, strict=True)) for row in zip(*columns, strict=True)]
             return list(zip(attributes or [{}] * len(geometries), geometries, strict=True)), str(meta["crs"] or "")
     except Exception as error:  # a damaged file makes GDAL and GEOS raise whatever comes to hand
-        raise SceneError(Problem(f"not a readable vector layer: {error}", "Write it anew", file)) from error
+        raise SceneError(Problem(f"not a readable vector layer: {error}", "Rewrite it", file)) from error
     remedy = f"Cut one out: ogr2ogr one.gpkg {file} LAYER"
     raise SceneError(Problem(f"the file has {len(names)} layers: {', '.join(names)}", remedy, file))
 
@@ -147,7 +147,7 @@ def _edges(geometry: Any) -> FloatArray:
     except (ValueError, TypeError, KeyError):
         whole = False
     if not whole:
-        raise SceneError(Problem("its coordinates are no rings of numbers", "Draw it anew"))
+        raise SceneError(Problem("its coordinates are not rings of numbers", "Redraw it"))
     return edges
 
 

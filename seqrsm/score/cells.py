@@ -174,7 +174,7 @@ class CellReader:
                 near = nearest(unit, like)
                 wanted = f"Did you mean {near}?" if near else f"Give it in {' or '.join(like) or factor.unit}."
                 if not factor.unit:
-                    wanted = "It is a pure number: drop the unit."
+                    wanted = "It is dimensionless: omit the unit."
                 self.add("the unit cannot be converted", wanted, line, name, unit)
         elif unit and name in self.optional and not (name in ("score", "se") and unit == "%"):
             self.add("this column has no unit", f"Write the header as: {name}", line, name, unit)
@@ -190,7 +190,7 @@ class CellReader:
             )
             return
         for name, hint in hints.items():
-            self.add("there is no column for this factor", hint, line, name)
+            self.add("no column for this factor", hint, line, name)
         self.missing_application(line)
 
     def missing_application(self, line: int) -> None:
@@ -208,9 +208,7 @@ class CellReader:
             if cells == self.table.header:
                 self.add("this is the header again", "Remove the line.", line)
             elif len(cells) != width and any(cell.strip() for cell in cells[width:]) | (len(cells) < width):
-                remedy = (
-                    "Every row needs a cell for each column; a number with a decimal comma needs semicolons between"
-                )
+                remedy = "Every row needs a cell for each column; decimal commas require semicolons as separators"
                 self.add(f"the row has {len(cells)} cells, the header {width}", remedy + " cells.", line)
             else:
                 yield line, cells
@@ -243,7 +241,7 @@ class CellReader:
             if number is None or reciprocal is None:
                 return math.nan if number is None else number * self.scales.get(factor.name, 1.0)
             if number <= 0.0:
-                self.add("a wavelength or frequency is above 0", "Correct it.", line, factor.name, text)
+                self.add("a wavelength or frequency must be above 0", "Correct it.", line, factor.name, text)
             return reciprocal / number if number > 0.0 else math.nan
         if text not in factor.levels:
             same = (level for level in factor.levels if sorted(level.split("+")) == sorted(text.split("+")))
@@ -253,7 +251,7 @@ class CellReader:
         return text
 
     def number(self, text: str, line: int, column: str, *, required: bool = False) -> float | None:
-        """A finite number; None when the cell is empty, and, with a problem, when it is no number."""
+        """A finite number; None when the cell is empty, and, with a problem, when it is not a number."""
         if not text:
             if required:
                 self.add("the cell is empty", "Give a number.", line, column)
@@ -264,16 +262,16 @@ class CellReader:
             digits = digits.replace(",", ".", 1)
         if _NUMBER.fullmatch(digits) and math.isfinite(value := float(digits)):
             return value
-        remedy = "Give a plain finite number, without unit and without a sign between thousands."
+        remedy = "Give a finite number without unit or thousands separator."
         if _DATE.fullmatch(text):
-            remedy = "A spreadsheet has made a date of a number: give the column the format 'Text' and type it again."
+            remedy = "A spreadsheet turned a number into a date: set the column format to 'Text' and enter it again."
         elif text.casefold() in _WORDS_FOR_NOTHING:
-            remedy = "Leave the cell empty where there is no value."
+            remedy = "Leave the cell empty if there is no value."
         elif text.isalpha() or text.endswith("%"):
-            remedy = "A unit stands in the header, as frequency [GHz]; remove a line that is no run."
+            remedy = "Units go into the header, as frequency [GHz]; remove lines that are not runs."
         elif "," in text and self.table.delimiter == ",":
             remedy = "Use a decimal point, or separate the cells by semicolons."
-        self.add("this is no number", remedy, line, column, text)
+        self.add("this is not a number", remedy, line, column, text)
         return None
 
     def check_decimal_sign(self, text: str, line: int, column: str) -> None:
@@ -285,8 +283,8 @@ class CellReader:
             self.decimal_signs[sign] = line
             if len(self.decimal_signs) == 2:
                 other = ({",", "."} - signs).pop()
-                message = f"a number with '{sign}' here, one with '{other}' in line {self.decimal_signs[other]}"
-                self.add(message, "Use one decimal sign throughout, and none between thousands.", line, column, text)
+                message = f"decimal sign '{sign}' here, '{other}' in line {self.decimal_signs[other]}"
+                self.add(message, "Use one decimal sign throughout and no thousands separator.", line, column, text)
 
     def whole(self, text: str, line: int, column: str, least: int) -> int | None:
         """A whole number from ``least`` up; None as of `number`."""
@@ -296,7 +294,7 @@ class CellReader:
         if value is None:
             return None
         if value != int(value) or not least <= value <= 2**31 - 1:
-            self.add(f"a whole number from {least} up is expected", "Correct it.", line, column, text)
+            self.add(f"a whole number of at least {least} is expected", "Correct it.", line, column, text)
             return None
         return int(value)
 

@@ -143,7 +143,7 @@ class _Reader(CellReader):
             if near:
                 hint = f"Rename the column '{near[0]}' to 'score'."
             elif counts:
-                percent = f"Rename the column '{counts[0]}' to 'score' if it holds percent"
+                percent = f"Rename the column '{counts[0]}' to 'score' if it contains percentages"
                 hint = f"{percent}; counts are two columns, n and correct."
             self.add("there is no column of scores", hint, line, "score")
 
@@ -185,9 +185,7 @@ class _Reader(CellReader):
                 self.add(f"line {first} has a score of this run already", "Keep one of them.", line, "run_id", run_id)
         if text["source"] not in ("", *SOURCES):
             near = nearest(text["source"], SOURCES)
-            hint = (
-                f"Did you mean {near}?" if near else "What is measured by other means than a flight is a flight, too."
-            )
+            hint = f"Did you mean {near}?" if near else "Any other measurement counts as a flight."
             self.add("no such source", f"Write {' or '.join(SOURCES)}. {hint}", line, "source", text["source"])
         if not (text["score"] or text["n"] or text["correct"]):
             return None
@@ -208,7 +206,7 @@ class _Reader(CellReader):
         correct = self.whole(text["correct"], line, "correct", 0)
         se = self.number(text["se"], line, "se")
         if se is not None and se <= 0.0:
-            self.add("a standard error must be above 0", "Leave it empty where it is unknown.", line, "se", se)
+            self.add("a standard error must be above 0", "Leave it empty if it is unknown.", line, "se", se)
         if correct is not None and (correct > n if n is not None else not text["n"]):
             self.add(
                 "'correct' needs a larger 'n'", "Give n, the number of cases; correct <= n.", line, "correct", correct
@@ -224,6 +222,6 @@ class _Reader(CellReader):
                 self.add("the score contradicts n and correct", remedy, line, "score", score)
             score = percent if score is None else score
         if measure.is_percent and score is not None and not 0.0 <= score <= 100.0:
-            remedy = "Leave the cell empty where there is no score." if is_sentinel(score) else "Correct it."
+            remedy = "Leave the cell empty if there is no score." if is_sentinel(score) else "Correct it."
             self.add("a percentage lies from 0 to 100", remedy, line, "score", score)
         return math.nan if score is None else score, se, n, correct

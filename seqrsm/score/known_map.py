@@ -82,7 +82,7 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
         problems.append(Problem(message, remedy, str(path), line, field or None, value))
 
     if place is None or len(labels) < 2 or "" in labels or len(set(labels)) < len(labels):
-        wrong("this is no confusion table", "Head it: cover, and two labels or more.", table.header_line)
+        wrong("this is not a confusion table", "Give it the header: cover, and two or more labels.", table.header_line)
         raise SceneError(*problems)
     rows: dict[str, FloatArray] = {}
     for line, cells in table.rows:
@@ -97,16 +97,14 @@ def load_known_map(path: str | Path, categories: Sequence[str]) -> KnownMap:
         if len(cells) != len(header):
             wrong(f"the row has {len(cells)} cells, the header {len(header)}", "Give one to each label.", line)
         elif cover in rows:
-            wrong("a cover is given twice", "Leave one.", line, "cover", cover)
+            wrong("a cover is given twice", "Keep one.", line, "cover", cover)
         elif sum(row) == 0.0:
-            wrong("a cover has no ground", _NUMBERS, line, "cover", cover)
+            wrong("a cover has no cells", _NUMBERS, line, "cover", cover)
         rows[cover] = np.array(row)
     missing = [name for name in categories if name not in rows]
     if missing and not problems:
         remedy = f"Add a row for each; the table has {', '.join(rows)}."
-        wrong(
-            "the map knows nothing of these covers of the scene", remedy, table.header_line, "cover", ", ".join(missing)
-        )
+        wrong("the map lacks these covers of the scene", remedy, table.header_line, "cover", ", ".join(missing))
     if problems:
         raise SceneError(*problems)
     share = np.array([rows[name] / rows[name].sum() for name in categories])

@@ -59,7 +59,7 @@ def score_moisture(images: Sequence[Image], scene: Scene, asked: Asked, *, seed:
     variance = float(np.mean([date.spread**2 for date in dates]))
     if variance == 0.0:
         remedy = "Choose another utility, or let fields differ (soil_moisture_field_sd, soil_moisture_region_sd)."
-        raise SceneError(Problem("no scored cells show how moist the soil is", remedy, field="utility"))
+        raise SceneError(Problem("no scored cells have retrievable soil moisture", remedy, field="utility"))
     square, se = cluster_ratio(weight * error**2, weight, np.arange(len(weight)))
     skill = 1.0 - square / variance
     details: dict[str, object] = {
@@ -92,8 +92,8 @@ def _compared(images: Sequence[Image], scene: Scene, seed: int, run_id: int) -> 
         sensor: Sensor = radars[0].radar
         retrieved, unit = retrieved_fields(radars, scene, seed, run_id)
     elif isinstance(images[0], RadarImage) or len(images) > 1:
-        text = "moisture of a date is retrieved by radars or by one radiometer, not by more together"
-        raise SceneError(Problem(text, "Ask for a campaign of each.", field="utility"))
+        text = "moisture on a date is retrieved by radars or by one radiometer, not by a combination"
+        raise SceneError(Problem(text, "Use one campaign for each.", field="utility"))
     else:
         sensor = images[0].radiometer
         retrieved, unit = retrieved_squares(images[0], scene)

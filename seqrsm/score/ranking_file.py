@@ -98,7 +98,7 @@ class _Reader(CellReader):
         given = [factor.name for factor in self.factors if factor.name in self.columns]
         for factor in self.factors:
             if given and factor.name not in given:
-                self.add("there is no column for this factor", "Give the settings of all factors or none.", line)
+                self.add("no column for this factor", "Give the settings of all factors or none.", line)
         self.missing_application(line)
 
     def rankings(self) -> tuple[MeasuredRanking, ...]:
@@ -123,7 +123,7 @@ class _Reader(CellReader):
             self.add("the cell is empty", "Give the id of the run whose image was ranked.", line, "run_id")
         interpreter, session = self.cell(cells, "interpreter"), self.cell(cells, "session")
         if not interpreter:
-            self.add("the cell is empty", "Say who ranked the image; a letter will do.", line, "interpreter")
+            self.add("the cell is empty", "Name the interpreter; a letter suffices.", line, "interpreter")
         application = self.application(self.cell(cells, "application"), line)
         rank = self.number(self.cell(cells, "rank"), line, "rank")
         if rank is not None and rank <= 0.0:
@@ -136,7 +136,7 @@ class _Reader(CellReader):
         twice = next((image for image in images if image.run_id == run_id), None)
         if twice is not None:
             message = f"line {twice.line} has a rank of this run by this interpreter already"
-            remedy = "Keep one of them, or tell rankings apart in a column 'session'."
+            remedy = "Keep one of them, or separate rankings in a column 'session'."
             self.add(message, remedy, line, "run_id", run_id)
             return
         taken = {*COLUMNS, *(settings or ())}

@@ -82,7 +82,7 @@ def _foreign_rows(path: Path, kind: str) -> Iterable[Iterable[Any]]:
             return list(_rows_of(pd.read_parquet(path)))
         sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, keep_default_na=False)
     except ImportError:
-        remedy = f"Install it with pip install 'seqrsm[{extra}]', or save the table as CSV in UTF-8."
+        remedy = f"Install it: pip install 'seqrsm[{extra}]', or save the table as CSV in UTF-8."
         raise ScoresFileError(Problem(f"a {kind} file needs {library}", remedy, file=str(path))) from None
     except Exception as error:  # the libraries raise whatever they like over a broken file
         remedy = "Save it anew, or as CSV in UTF-8."
@@ -102,7 +102,7 @@ def _csv_of(rows: Iterable[Iterable[Any]]) -> bytes:
 
 def _cell(value: Any) -> str:
     """Text of a cell, numbers to their last digit; what is missing, None, nan or NaT, is empty."""
-    if value is None or (value != value) is not False:  # nan is no number, NA not even comparable
+    if value is None or (value != value) is not False:  # nan is not a number, NA not even comparable
         return ""
     if isinstance(value, datetime) and value.time() == datetime.min.time():
         return value.date().isoformat()

@@ -66,17 +66,15 @@ def _classified(words: str, unit: str = "percent", **more: bool) -> Utility:
 
 
 UTILITIES: Final[Mapping[str, Utility]] = {
-    "percent_correct": _classified("ground named rightly"),
-    "class_mean_correct": _classified("ground named rightly, the mean of its covers"),
-    "worst_class_correct": _classified("ground named rightly of the cover that is told worst"),
-    "kappa": _classified("Cohen's kappa of names and truth", ""),
-    "f1": _classified("F1 of the covers named, the mean of several", of_covers=True),
+    "percent_correct": _classified("ground classified correctly"),
+    "class_mean_correct": _classified("ground classified correctly, mean over covers"),
+    "worst_class_correct": _classified("ground classified correctly in the worst cover"),
+    "kappa": _classified("Cohen's kappa of classification and truth", ""),
+    "f1": _classified("F1 of the named covers, mean over several", of_covers=True),
     "area_error": _classified(
         "error of the area mapped as these covers", of_covers=True, is_percent=False, is_error=True
     ),
-    "detection": _classified(
-        "ground of these covers detected where 5 % of other ground raises a false alarm", of_covers=True
-    ),
+    "detection": _classified("detection rate of these covers at a false-alarm rate of 5 %", of_covers=True),
     "soil_moisture_error": Utility(
         "unbiased root mean square error of retrieved soil moisture",
         "m3/m3",
@@ -86,13 +84,13 @@ UTILITIES: Final[Mapping[str, Utility]] = {
         several=True,
     ),
     "soil_moisture_skill": Utility(
-        "share of the variance of soil moisture that is retrieved",
+        "share of soil-moisture variance retrieved",
         function=_MOISTURE,
         engines=(*_RADAR, *_RADIOMETER),
         several=True,
     ),
     "water_fraction_error": Utility(
-        "root mean square error of the share of open water",
+        "root mean square error of the open-water fraction",
         "percent",
         is_error=True,
         function="seqrsm.score.retrieval:water_fraction_error",
@@ -154,7 +152,7 @@ def asked_for(text: str) -> Asked:
         raise ValueError(f"no utility is called {name!r}; {_suggestion(name, tuple(UTILITIES), FORMER)}")
     row = UTILITIES[name]
     if (by or classifier) and not row.classifies:
-        raise ValueError(f'"{name}" classifies nothing: leave "{text[len(rest) :]}" out')
+        raise ValueError(f'"{name}" does not classify: leave "{text[len(rest) :]}" out')
     if classifier and classifier not in CLASSIFIERS:
         raise ValueError(f"classifiers are {' and '.join(CLASSIFIERS)}, not {classifier!r}")
     if classifier == "random_forest" and name == "detection":
@@ -162,9 +160,9 @@ def asked_for(text: str) -> Asked:
     if by and by not in UNITS_OF_GROUND:
         raise ValueError(f"ground is classified by {', '.join(UNITS_OF_GROUND)}, not by {by!r}")
     if named and not row.of_covers:
-        raise ValueError(f'"{name}" is about all covers: leave " of {covers}" out')
+        raise ValueError(f'"{name}" applies to all covers: leave " of {covers}" out')
     if row.of_covers and not named:
-        raise ValueError(f'"{name}" is about certain covers: write "{name} of" and their names, as in the scene')
+        raise ValueError(f'"{name}" applies to named covers: write "{name} of" and their names, as in the scene')
     return Asked(name, named, by or "pixel", classifier or "gaussian")
 
 
@@ -172,7 +170,7 @@ def _suggestion(name: str, known: Sequence[str], former: Mapping[str, str]) -> s
     if name in former:
         return f'it is "{former[name]}" now'
     near = difflib.get_close_matches(name, known, n=1)
-    own = 'or name a function of your own, "package.module:function"'
+    own = 'or name your own function, "package.module:function"'
     return f'did you mean "{near[0]}"?' if near else f"use {', '.join(known)}, {own}"
 
 

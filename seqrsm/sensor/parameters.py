@@ -146,8 +146,8 @@ class Parameter:
         """What makes a value of ``campaign.toml`` impossible as the level of a factor."""
         problems: list[Problem] = []
         if self.kind == "function" and written not in self.levels:
-            text = f"a function of yours is no level: {_CODE}" if ":" in str(written) else "unknown"
-            remedy = f"Known: {', '.join(self.levels)}; a function of yours may stand in [simulator.fixed]"
+            text = f"your own function cannot be a level: {_CODE}" if ":" in str(written) else "unknown"
+            remedy = f"Known: {', '.join(self.levels)}; your own function may be given in [simulator.fixed]"
             return [Problem(text, remedy, field=self.name, value=written)]
         # Levels are told apart as they are written: no blanks in "HH+HV".
         value = tuple(str(written).split("+")) if self.kind == "channels" else self.converted(written, problems)
@@ -155,7 +155,7 @@ class Parameter:
         return problems if found is None else [found]
 
 
-_CODE: Final = "what a function does may change behind its name, and runs of one level would be no repeats"
+_CODE: Final = "a function may change, so runs of one level would not be repeats"
 _ROWS: Final = Path(__file__).parent / "data" / "parameters.csv"
 
 

@@ -467,8 +467,8 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
         text = "the near edge of the swath lies beyond the far edge"
         yield at_fault(radar, "near_incidence_deg", text, "Keep it below far_incidence_deg")
     if {"HV", "VH"} <= set(radar.channels):
-        text = "HV and VH tell the same of the ground"
-        yield at_fault(radar, "polarization", text, "Leave one out: HH+HV+VV are all there is to know")
+        text = "HV and VH carry the same information"
+        yield at_fault(radar, "polarization", text, "Omit one: HH+HV+VV is complete")
     if radar.fading == "gaussian" and radar.looks is not None and radar.looks < GAUSSIAN_LOOKS:
         share = 50.0 * math.erfc(math.sqrt(0.5 * radar.looks))
         text = f"the Gaussian form of fading is negative in {share:.2g} percent of pixels of {radar.looks:g} looks"
@@ -478,18 +478,18 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
             yield at_fault(radar, "aperture", "a rotating antenna forms no synthetic aperture", 'Add aperture = "real"')
         if radar.pixel_m is not None:
             text = "the pixels of a plan-position indicator are as wide as its beam"
-            yield at_fault(radar, "pixel_m", text, "Leave pixel_m out")
+            yield at_fault(radar, "pixel_m", text, "Omit pixel_m")
     elif radar.antenna_east_m or radar.antenna_north_m:
-        text = "a place of the antenna belongs to a plan-position indicator"
-        yield at_fault(radar, "antenna_east_m", text, 'Add scan = "ppi", or leave it out')
+        text = "an antenna position needs a plan-position indicator"
+        yield at_fault(radar, "antenna_east_m", text, 'Add scan = "ppi", or omit it')
     if radar.pixel_m is not None and radar.pixel_m > radar.resolution_m:
-        text, remedy = "pixels coarser than the resolution cell", "Make it at most the resolution, or leave it out"
+        text, remedy = "pixels coarser than the resolution cell", "Make it at most the resolution, or omit it"
         yield at_fault(radar, "pixel_m", text, remedy)
     if (radar.elevation_pattern == "table") != bool(radar.pattern_table):
         remedy = 'Give both elevation_pattern = "table" and pattern_table, or neither'
-        yield Problem("a pattern and its table belong together", remedy, field="pattern_table")
+        yield Problem("a pattern needs its table, and a table its pattern", remedy, field="pattern_table")
     if radar.snow != "none" and radar.season != "winter":
-        yield at_fault(radar, "snow", "snow lies in winter only", 'Use season = "winter", or snow = "none"')
+        yield at_fault(radar, "snow", "snow occurs in winter only", 'Use season = "winter", or snow = "none"')
     used = [names for names in _CALIBRATIONS if any(getattr(radar, name) is not None for name in names)]
     if len(used) > 1:
         text = f"more than one calibration of the picture: {'; '.join(' and '.join(names) for names in used)}"

@@ -241,10 +241,10 @@ def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
     problems = []
     if radiometer.bandwidth_mhz >= 1e3 * radiometer.frequency_ghz:
         remedy = f"Keep it below the frequency, {1e3 * radiometer.frequency_ghz:g} MHz"
-        problems.append(Problem("wider than the band", remedy, field="bandwidth", value=radiometer.bandwidth_mhz))
+        problems.append(Problem("larger than the frequency", remedy, field="bandwidth", value=radiometer.bandwidth_mhz))
     if radiometer.bandwidth_mhz * 1e3 * radiometer.integration_time_ms < 1.0:
         text = "bandwidth x integration time holds less than one independent sample"
-        problems.append(Problem(text, "Integrate longer", field="integration_time"))
+        problems.append(Problem(text, "Increase the integration time", field="integration_time"))
     for low, high in (("temperature_low_k", "temperature_high_k"), ("soil_moisture_low", "soil_moisture_high")):
         if getattr(radiometer, low) > getattr(radiometer, high):
             problems.append(Problem("above the high end", f"Keep it at or below {high}", field=low))

@@ -112,7 +112,9 @@ def scan_geometry(
     """
     if height_m <= 0.0:
         text = "the flight line is not above the ground"
-        raise ConfigurationError(Problem(text, "Fly higher", field="altitude_m", value=radiometer.altitude_m))
+        raise ConfigurationError(
+            Problem(text, "Increase the altitude", field="altitude_m", value=radiometer.altitude_m)
+        )
     if radiometer.conical:
         return _conical_geometry(radiometer, height_m, across_m, along_m)
     report = radiometer.mode == "report"
@@ -127,7 +129,9 @@ def scan_geometry(
     problems = _problems(radiometer, height_m, advance, sweep_time)
     if half_angle < 0.25 * beta and radiometer.scan_half_angle_deg > 0.0 and not report:
         text = "the sweep is narrower than half a beam"
-        problems.append(Problem(text, "Sweep wider", field="scan_half_angle_deg", value=math.degrees(half_angle)))
+        problems.append(
+            Problem(text, "Increase the scan angle", field="scan_half_angle_deg", value=math.degrees(half_angle))
+        )
     step = beta * max(1.0, smear)
     n_samples = max(int(2.0 * half_angle / step * (1.0 + 1e-9)), 1)
     # An odd number keeps one footprint at nadir.
@@ -225,8 +229,8 @@ def _problems(radiometer: RadiometerConfiguration, height_m: float, advance: flo
     if radiometer.mode == "report":
         return problems
     if radiometer.integration_time_ms > 1e3 * sweep_time:
-        text = f"one integration lasts longer than a sweep of {1e3 * sweep_time:.4g} ms: no footprint has a dwell"
-        remedy = "Integrate for less, or scan with a longer period"
+        text = f"the integration time exceeds a sweep of {1e3 * sweep_time:.4g} ms: no footprint is resolved"
+        remedy = "Reduce the integration time, or increase the scan period"
         problems.append(Problem(text, remedy, field="integration_time", value=radiometer.integration_time_ms))
     if radiometer.gaps == "refuse" and advance > covered * (1.0 + 1e-9):
         text = f"sweeps lie {advance:.4g} m apart and cover {covered:.4g} m each: gaps at nadir"

@@ -61,10 +61,10 @@ class Dates:
 
     def __post_init__(self) -> None:
         if self.days and (self.dates != 1 or self.first_day is not None):
-            text = "the days are given twice"
+            text = "the days are specified twice"
             raise ConfigurationError(Problem(text, "Give days, or dates and first_day", field="days", value=self.days))
         if not self.days and self.first_day is None and self.dates != 1:
-            text = "several dates need a day on which they begin"
+            text = "several dates need a first day"
             raise ConfigurationError(Problem(text, "Give first_day", field="dates", value=self.dates))
         for day in self.on:
             if not 1.0 <= day <= LAST_DAY:
@@ -135,7 +135,7 @@ def set_problem(written: float | str, members: Mapping[str, Values]) -> Problem 
             remedy = f"A member is a number of GHz, a band or a [simulator.members] of yours: {known}"
             return Problem("no such member of a set", remedy, field="frequency", value=name)
     if len(set(names)) < len(names):
-        return Problem("a member stands twice in the set", "Write it once", field="frequency", value=written)
+        return Problem("a member stands twice in the set", "Give it once", field="frequency", value=written)
     return None
 
 

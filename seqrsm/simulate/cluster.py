@@ -69,7 +69,7 @@ def run_on_cluster(
         client: Any = Client(address, timeout=f"{CONNECT_S}s", set_as_default=False)
     except (OSError, ValueError) as error:
         remedy = "Start a scheduler there (dask scheduler), or correct the address"
-        raise UserError(Problem(f"no cluster answers: {error}", remedy, field="cluster", value=address)) from error
+        raise UserError(Problem(f"no cluster responds: {error}", remedy, field="cluster", value=address)) from error
     try:
         if contents:
             _send_files(client, contents)
@@ -83,10 +83,8 @@ def run_on_cluster(
     except _RunError as found:
         raise found.error from found.error.__cause__
     except (OSError, CancelledError) as error:
-        text = "the cluster was lost while runs were under way"
-        raise UserError(
-            Problem(text, "Start it again; finished runs are kept", field="cluster", value=address)
-        ) from error
+        text = "the connection to the cluster was lost during runs"
+        raise UserError(Problem(text, "Restart it; finished runs are kept", field="cluster", value=address)) from error
     finally:
         client.close()
 
@@ -115,7 +113,7 @@ def _run_all(
         yield from _run_until_still(client, function, missing, killed)
         standstills = standstills + 1 if len(missing) == before else 0
         if standstills == MAX_STANDSTILLS:
-            text = "the cluster stands still: runs wait, and no worker does anything"
+            text = "the cluster is idle: runs are waiting, but no worker is active"
             remedy = "Start workers, or look at the scheduler's log; finished runs are kept"
             raise UserError(Problem(text, remedy, field="cluster", value=client.scheduler.address))
     return killed

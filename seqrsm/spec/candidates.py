@@ -20,18 +20,18 @@ def check_candidates(
         path = ("candidate", index)
         own = table.name or f"{table.sensor} {table.polarization}".strip()
         if own in names:
-            report.add(path, "this candidate stands here twice", "Remove one.", own)
+            report.add(path, "this candidate is listed twice", "Remove one.", own)
         names.add(own)
         if table.sensor:
             _check_sensor(path, table, instruments, report)
         elif not table.name or not table.parameters:
             remedy = 'Give sensor = "Sentinel-1 IW GRDH", or name and parameters = { frequency = 5.4 }.'
-            report.add(path, "a candidate is a sensor that is known, or a name with parameters", remedy)
+            report.add(path, "a candidate is a known sensor, or a name with parameters", remedy)
         for key, value in table.parameters.items():
             place, row = (*path, "parameters", key), instruments.parameter(key)
             if instruments.engine is None and key not in factors:
                 remedy = f"Factors are {', '.join(factors)}."
-                report.add(place, "without a simulator a candidate is told by its factors", remedy, value)
+                report.add(place, "without a simulator a candidate is defined by its factors", remedy, value)
             elif instruments.engine is not None and row is None:
                 report.unknown_key(place, instruments.table(""))
             elif instruments.engine is not None and row is not None and row.kind != "file" and key != "frequency":
@@ -44,7 +44,7 @@ def _check_sensor(path: tuple[str, int], table: CandidateSpec, instruments: Sens
     place = (*path, "sensor")
     if not found:
         near = nearest_names(table.sensor)
-        known = f"Did you mean {' or '.join(near)}?" if near else "`seqrsm catalog NAME` shows which there are."
+        known = f"Did you mean {' or '.join(near)}?" if near else "`seqrsm catalog NAME` lists them."
         report.add(place, "no sensor has this name", known, table.sensor)
         return
     fitting = [one for one in found if instruments.engine in (None, one.engine)]

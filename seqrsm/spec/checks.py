@@ -126,7 +126,7 @@ def different_names(kind: str, report: Reporter) -> None:
     seen: set[str] = set()
     for path, name in report.names.items():
         if path[0] == kind and name in seen:
-            report.add((*path, "name"), f"two tables [[{kind}]] bear this name", "Rename one.", name)
+            report.add((*path, "name"), f"two tables [[{kind}]] have this name", "Rename one.", name)
         elif path[0] == kind:
             seen.add(name)
 
@@ -221,7 +221,7 @@ def members(instruments: Sensors, raw: Mapping[str, Any], report: Reporter) -> N
     for path, name in (*places, *((("simulator", "fixed", key), key) for key in fixed)):
         member, dot, own_name = name.rpartition(".")
         if dot and member not in known:
-            remedy = f"Members are {', '.join(sorted(known))}." if known else 'Let frequency name a set, as in "L+C".'
+            remedy = f"Members are {', '.join(sorted(known))}." if known else 'Let frequency be a set, as in "L+C".'
             report.add(path, f"'{member}' is no member of a set", remedy, name)
         elif path[0] == "simulator" and (dot or sets) and find(instruments.table(member), own_name) is None:
             who = f"the member '{member}' has no" if dot else "no sensor of the set has"
@@ -252,10 +252,10 @@ def _check_parameter(path: Path, table: Mapping[str, Any], instruments: Sensors,
         report.add((*path, "name"), f"the engine '{instruments.engine}' has no such sensor parameter", remedy, name)
     elif own != parameter.name:
         remedy = f"Write '{member}{dot}{parameter.name}'."
-        report.add((*path, "name"), "a factor bears its parameter's name in this file", remedy, name)
+        report.add((*path, "name"), "a factor must have its parameter's name in this file", remedy, name)
     elif dot and own == "frequency":
         remedy = "Let the levels of the factor frequency name its members."
-        report.add((*path, "name"), "a member's frequency says which member it is", remedy, name)
+        report.add((*path, "name"), "a member's frequency identifies the member", remedy, name)
     elif parameter.why_fixed:
         remedy = f"Give it under [simulator.fixed]. {parameter.why_fixed}."
         report.add((*path, "name"), "this parameter cannot be a factor", remedy, name)
@@ -311,7 +311,7 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
         if given == ["levels"]:
             for key in ("unit", "scale"):
                 if (*path, key) in report.lines:
-                    report.add((*path, key), f"a factor of levels has no {key}", "Leave it out.", table[key])
+                    report.add((*path, key), f"a factor with levels has no {key}", "Leave it out.", table[key])
             factor = CategoricalFactor(name, tuple(table["levels"]))
         elif given == ["values"]:
             factor = DiscreteFactor(name, tuple(table["values"]), unit, scale)
@@ -384,11 +384,11 @@ def model(
         message = f"{errors.name} scores are modelled on the {errors.response} scale"
         report.add(("model", "errors"), message, remedy, errors.name)
     if errors.of_counts and table.weights != "equal":
-        remedy = "Leave weights out: the counts tell how much each score says."
-        message = f"{errors.name} errors have their weights from the counts"
+        remedy = "Omit weights: the counts determine them."
+        message = f"{errors.name} errors take their weights from the counts"
         report.add(("model", "weights"), message, remedy, table.weights)
     if table.block_effect == "random" and table.block is None:
-        report.add(("model", "block_effect"), "there is no block to have an effect", 'Add block = "block".', "random")
+        report.add(("model", "block_effect"), "block_effect needs a block", 'Add block = "block".', "random")
     if table.block_effect == "random" and not errors.random_blocks:
         remedy = 'Write errors = "normal", or block_effect = "fixed".'
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
@@ -411,8 +411,8 @@ def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | Non
         from seqrsm.catalog import search  # reads tables that few campaigns need here
 
         if not application.catalog.strip() or not search(application.catalog, system=system):
-            message = f"no {kind}entry of Tables A.1 to A.20 is about this"
-            remedy = "`seqrsm catalog` lists them, `seqrsm catalog WORDS` tries words; or leave the key out."
+            message = f"no {kind}entry of Tables A.1 to A.20 matches this"
+            remedy = "`seqrsm catalog` lists them, `seqrsm catalog WORDS` tries words; or omit the key."
             report.add(("application", index, "catalog"), message, remedy, application.catalog)
 
 
@@ -439,9 +439,11 @@ def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: 
                 report.add(path, problem.message, problem.remedy, text)
             continue
         for name in sorted(found.numeric_names - set(numeric)):
-            report.add(path, f"'{name}' is no numeric factor", f"The numeric factors are {', '.join(numeric)}.", text)
+            report.add(
+                path, f"'{name}' is not a numeric factor", f"The numeric factors are {', '.join(numeric)}.", text
+            )
         for name in sorted({name for name, _ in found.labels} - set(categorical)):
-            report.add(path, f"'{name}' is no factor of levels", "count takes a factor of levels.", text)
+            report.add(path, f"'{name}' is not a factor with levels", "count takes a factor with levels.", text)
 
 
 def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence[str], report: Reporter) -> None:
@@ -456,7 +458,7 @@ def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence
         parameter = sensors(table).parameter(key)
         for name in factor_names:
             if name == key or (parameter is not None and name in (parameter.name, parameter.field)):
-                message = f"'{name}' is a factor and fixed at once"
+                message = f"'{name}' is both a factor and fixed"
                 report.add(("simulator", "fixed", key), message, "Remove it from one of the two.", value)
 
 
@@ -498,7 +500,7 @@ def knowledge(
         path: Path = ("application", index, "prior")
         if prior.utility is not None:
             if model is not None and model.prior is not None:
-                report.add(path, "there is a prior in [model], too", "Say it in one place.")
+                report.add(path, "there is also a prior in [model]", "Give it in one place only.")
             _check_utility(path, prior.utility, application.is_percent, report)
         elif prior.optimum or prior.repeat_sd is not None or not prior.effect:
             remedy = "Give utility = [low, high]: the mean score at a setting taken at random."
@@ -506,7 +508,7 @@ def knowledge(
         for name in (*prior.optimum, *prior.effect):
             if name not in numeric:
                 key = "optimum" if name in prior.optimum else "effect"
-                report.add((*path, key, name), f"'{name}' is no numeric factor", known_factors)
+                report.add((*path, key, name), f"'{name}' is not a numeric factor", known_factors)
         for name, expected in prior.optimum.items():
             if name not in numeric:
                 continue
@@ -521,7 +523,7 @@ def knowledge(
             place = (*path, "effect", name)
             if not least < most or (least, most) == (-inf, inf):
                 remedy = "Give [least, most], such as [0.0, inf] for a score that rises."
-                report.add(place, "these bounds say nothing or cannot be", remedy, [least, most])
+                report.add(place, "these bounds are empty or contradictory", remedy, [least, most])
             elif logit and any(isfinite(end) and end != 0.0 for end in (least, most)):
                 remedy = "Give 0 or no bound (inf): on the logit scale only the sign of an effect can be bounded."
                 report.add(place, "the bounds of the effect are no signs", remedy, [least, most])
@@ -532,4 +534,4 @@ def _check_utility(path: Path, stated: Sequence[float], is_percent: bool, report
     inside = not is_percent or (low >= 0.0 and high <= 100.0)
     if not (low < high and inside):
         limits = ", between 0 and 100" if is_percent else ""
-        report.add((*path, "utility"), "this is no range of scores", f"Give [low, high]{limits}.", [low, high])
+        report.add((*path, "utility"), "this is not a range of scores", f"Give [low, high]{limits}.", [low, high])

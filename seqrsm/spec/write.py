@@ -63,7 +63,7 @@ def factor_tables(factors: Mapping[str, Any]) -> list[dict[str, Any]]:
             keys = {"levels" if any(isinstance(one, str) for one in given) else "values": list(given)}
         else:
             remedy = 'Give (low, high), ["level", ...], or {"low": 1.0, "high": 9.0, "unit": "GHz", "scale": "log"}.'
-            raise SpecError(f"factor '{name}': {given!r} says no range and no levels. {remedy}")
+            raise SpecError(f"factor '{name}': {given!r} has neither a range nor levels. {remedy}")
         tables.append({"name": name, **keys})
     return tables
 

@@ -161,7 +161,7 @@ class Database:
                 _copy_into(connection, place)
                 self._rescued = f"What it held is in {place}."
         message = "the database is no longer the file that was opened: it was moved, deleted or replaced"
-        raise StoreError(Problem(message, f"Put it back. {self._rescued}".strip(), file=self.label))
+        raise StoreError(Problem(message, f"Restore it. {self._rescued}".strip(), file=self.label))
 
     # -- opening --------------------------------------------------------------------------------------------------
 
@@ -218,7 +218,7 @@ class Database:
         with self._engine.connect() as connection:
             name = connection.execute(sa.select(META.c.value).where(META.c.key == "campaign")).scalar()
         if name is None:
-            raise StoreError(Problem("the database has lost its name", "Restore it from a copy.", file=self.label))
+            raise StoreError(Problem("the database has no campaign name", "Restore it from a copy.", file=self.label))
         if campaign and name != campaign:
             raise StoreError(
                 Problem(
@@ -295,7 +295,7 @@ class Database:
 
 
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
-_RIGHTS = "Give yourself the right to write the file and its folder, or copy the folder to where you may."
+_RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
 _ABSENT_REMEDY = "Make a campaign with `seqrsm init`, or start this one with `seqrsm run`."
 _RESTORE = "Restore the file from a copy; what can be read comes out with: sqlite3 campaign.db .recover"
 _EXPLANATIONS = (
@@ -306,8 +306,12 @@ _EXPLANATIONS = (
     ("no space left", "the server's disk is full", "Free some space; nothing acknowledged was lost."),
     ("readonly", "the database may not be written", _RIGHTS),
     ("unable to open", "the database cannot be opened", "Check that file and folder exist and may be written."),
-    ("locked", f"another process held the database for {BUSY_TIMEOUT_S:.0f} s", "Let it end, then try again."),
-    ("timeout", "the database server did not answer in time", "Let others end, then try again."),
+    (
+        "locked",
+        f"another process held the database for {BUSY_TIMEOUT_S:.0f} s",
+        "Wait for it to finish, then try again.",
+    ),
+    ("timeout", "the database server did not answer in time", "Wait for other commands to finish, then try again."),
     ("no such table", "the database lacks a table", _RESTORE),
     ("no such column", "the database lacks a column", _RESTORE),
     ("connection failed", "the database server does not answer", "Check host, name, user and network."),
@@ -321,7 +325,7 @@ _NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "fuse.sshfs", "fuse.glusterf
 
 def _check_path(path: Path, create: bool) -> None:
     if path.is_dir():
-        raise StoreError(Problem("a folder stands where the database should be", "Move it away.", file=str(path)))
+        raise StoreError(Problem("a folder stands where the database should be", "Move it.", file=str(path)))
     if not path.parent.is_dir():
         raise StoreError(Problem("there is no such folder", _ABSENT_REMEDY, file=str(path.parent)))
     if not create and not path.exists():

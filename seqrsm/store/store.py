@@ -207,7 +207,7 @@ class Store:
             query = sa.select(RUNS.c.id).where(*failed).order_by(RUNS.c.id)
             ids = tuple(run_ids) or tuple(ledger.connection.execute(query).scalars())
             if wrong := [i for i, state in ledger.states(ids).items() if state != "failed"]:
-                raise StoreError(*(Problem("this run did not fail", field="run", value=i) for i in wrong))
+                raise StoreError(*(Problem("this run has not failed", field="run", value=i) for i in wrong))
             ledger.move(ids, "issued", _ISSUED | ({"attempts": 0} if attempts is None else {}), kind="retried")
             return ids
 
@@ -526,7 +526,7 @@ class Store:
 
 def _need_reason(why: str) -> None:
     if not why.strip():
-        raise StoreError(Problem("nothing is made void without a reason", 'Say why: --why "..."', field="why"))
+        raise StoreError(Problem("voiding needs a reason", 'Give one: --why "..."', field="why"))
 
 
 def _isoformat(moment: datetime) -> str:

@@ -150,7 +150,7 @@ def _match(ledger: Ledger, run: IngestedRun, old: RunRecord, name: str, problems
     """Add measured scores to a proposed run; False when they are there already or cannot be added."""
     faults, fresh = ledger.new_scores(old.run_id, run.scores)
     if old.executed is not None and dict(run.settings) != old.executed:
-        message = f"run {old.run_id} was carried out with other settings"
+        message = f"run {old.run_id} was made at other settings"
         faults.append(Problem(message, VOID_FIRST, file=name, line=run.scores[0].source_row, value=old.executed))
     problems += faults
     if faults or not fresh:
@@ -189,10 +189,10 @@ def _ranked_applications(ledger: Ledger) -> frozenset[str]:
 
 
 def _refuse_ranked(ranked: frozenset[str], run: IngestedRun, name: str, problems: list[Problem]) -> None:
-    """An application's scores are measured, or follow from rankings; they cannot be both."""
+    """An application's scores are measured, or come from rankings; they cannot be both."""
     for score in run.scores:
         if score.application in ranked:
-            message = f"the scores of '{score.application}' follow from rankings"
+            message = f"the scores of '{score.application}' come from rankings"
             remedy = "Give rankings: run_id, interpreter, rank."
             problems.append(Problem(message, remedy, file=name, line=score.source_row, field="score"))
 
@@ -269,7 +269,7 @@ def void_ranking(ledger: Ledger, ranking: int, why: str) -> None:
             Problem("there is no such ranking", "`seqrsm export` lists them.", field="ranking", value=ranking)
         )
     if row.reason:
-        raise StoreError(Problem(f"ranking {ranking} is void already: {row.reason}", field="ranking", value=ranking))
+        raise StoreError(Problem(f"ranking {ranking} is already void: {row.reason}", field="ranking", value=ranking))
     ledger.connection.execute(sa.update(RANKINGS).where(RANKINGS.c.ranking == ranking).values(reason=why))
     ledger.log("void ranking", [(None, {"ranking": ranking, "reason": why})])
     score_rankings(ledger, row.application)
@@ -371,7 +371,7 @@ def _settings_flown(ledger: Ledger, ranking: MeasuredRanking, name: str, problem
         if found[0].executed is None:
             ledger.log_settings(image.run_id, image.settings)
         elif dict(image.settings) != found[0].executed:
-            message = f"run {image.run_id} was carried out with other settings"
+            message = f"run {image.run_id} was made at other settings"
             problems.append(Problem(message, VOID_FIRST, name, image.line, value=found[0].executed))
     return states
 
@@ -382,7 +382,7 @@ def _refuse_measured(ledger: Ledger, ranking: MeasuredRanking, name: str, proble
     measured = [row.run_id for row in ledger.connection.execute(query) if row.metadata.get("derived") != DERIVED]
     if measured:
         message = f"run {measured[0]} has a measured score of '{ranking.application}'"
-        remedy = "Scores are measured or follow from rankings: make the measured ones void first."
+        remedy = "Scores are measured or come from rankings: make the measured ones void first."
         problems.append(Problem(message, remedy, name, ranking.images[0].line, "rank"))
 
 

@@ -180,7 +180,7 @@ def test_levels_that_contradict_each_other_are_refused_with_the_settings(tmp_pat
     result = seqrsm("check", folder)
     assert result.exit_code == 2
     said = " ".join(result.stderr.split())
-    assert "snow lies in winter only" in said
+    assert "snow occurs in winter only" in said
     assert "season = spring_summer" in said
     assert "season = winter" not in said
 

@@ -129,7 +129,7 @@ def test_numbers_that_are_no_scores(tmp_path, row) -> None:
     text += '[[application]]\nname = "worth"\nutility = "measured"\n[stop]\nhalf_width = 0.5\n'
     (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
     (tmp_path / "s.csv").write_text(f"x,score,se\n0.5,3,1\n0.5,{row}\n", encoding="utf-8")
-    refused(seqrsm("ingest", tmp_path, tmp_path / "s.csv"), "s.csv:3", "no usable number")
+    refused(seqrsm("ingest", tmp_path, tmp_path / "s.csv"), "s.csv:3", "not a usable number")
     assert "none yet" in seqrsm("status", tmp_path).output
 
 

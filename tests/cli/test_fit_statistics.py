@@ -195,7 +195,7 @@ def test_random_blocks(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        ('block_effect = "random"', "no block to have an effect"),
+        ('block_effect = "random"', "block_effect needs a block"),
         ('block = "block"\nblock_effect = "random"\nerrors = "student_t"', "random blocks need normal errors"),
         ('errors = "beta_binomial"', "logit scale"),
         ('errors = "beta_binomial"\nresponse = "logit"\nweights = "counts"', "weights from the counts"),
@@ -291,18 +291,18 @@ def test_prior_in_natural_terms(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("prior", "words"),
     [
-        ("utility = [80, 50]", "no range of scores"),
-        ("utility = [50, 180]", "no range of scores"),
+        ("utility = [80, 50]", "not a range of scores"),
+        ("utility = [50, 180]", "not a range of scores"),
         ("utility = [50]", "utility"),
         ("utility = [50, 80]\noptimum = { x = 11.0 }", "outside the factor's range"),
-        ("utility = [50, 80]\noptimum = { y = 1.0 }", "no numeric factor"),
+        ("utility = [50, 80]\noptimum = { y = 1.0 }", "not a numeric factor"),
         ("utility = [50, 80]\noptimum = { x = { value = 5.0, doubt = 0.0 } }", "doubt"),
         ("optimum = { x = 5.0 }", "range of the utility is missing"),
         ("repeat_sd = 1.0", "range of the utility is missing"),
-        ("effect = { y = [0.0, inf] }", "no numeric factor"),
-        ("effect = { x = [3.0, 3.0] }", "say nothing or cannot be"),
-        ("effect = { x = [-inf, inf] }", "say nothing or cannot be"),
-        ("effect = { x = [nan, 3.0] }", "say nothing or cannot be"),
+        ("effect = { y = [0.0, inf] }", "not a numeric factor"),
+        ("effect = { x = [3.0, 3.0] }", "empty or contradictory"),
+        ("effect = { x = [-inf, inf] }", "empty or contradictory"),
+        ("effect = { x = [nan, 3.0] }", "empty or contradictory"),
         ("effect = { x = [0.0] }", "effect"),
     ],
 )

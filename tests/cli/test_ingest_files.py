@@ -104,9 +104,9 @@ def test_a_german_spreadsheet(make, content):
         (EXCEL.encode("latin-1"), "Latin-1"),
         (EXCEL.encode("utf-16"), "UTF-16"),
         (b"PK\x03\x04 xlsx", "spreadsheet"),
-        (f"{HEADER}\n01. Mai,12,HH,70\n", "made a date of a number"),
-        (f"{HEADER}\n1.5,5-Jan,HH,70\n", "made a date of a number"),
-        (f"{HEADER}\n1.5,12,HH,#DIV/0!\n", "no number"),
+        (f"{HEADER}\n01. Mai,12,HH,70\n", "turned a number into a date"),
+        (f"{HEADER}\n1.5,5-Jan,HH,70\n", "turned a number into a date"),
+        (f"{HEADER}\n1.5,12,HH,#DIV/0!\n", "not a number"),
         ("frequency_MHz,resolution,polarization,score\n1500,12,HH,70\n", "to 'frequency [MHz]'"),
         ("frequency [furlong],resolution,polarization,score\n1500,12,HH,70\n", "cannot be converted"),
         (f"run_id,{HEADER}\n77,1.5,12,HH,70\n", "no such run"),
@@ -147,7 +147,7 @@ def test_a_file_twice_never_doubles_a_score(make, dialect):
         "more columns": "\n".join([lines[0] + ",pilot", *(line + ",Ann" for line in lines[1:])]),
     }[dialect]
     says = folder.ingest(again, name="again.csv")
-    assert "already" in says or "not doubled" in says
+    assert "ingested before" in says or "not counted twice" in says
     assert len(folder.runs()) == 3  # two of them a real repeat, told by standing in one file
     says = folder.ingest(again + "\n1.5,12,HH,70,1979-06-01\n", name="grown.csv") if dialect == "CRLF" else ""
     assert len(folder.runs()) == (4 if dialect == "CRLF" else 3)  # another date: another flight
@@ -169,7 +169,7 @@ def test_the_form_comes_back_with_other_settings_and_its_block(make):
     cells = rows[1].split(",")
     filled = [cells[0], "1.7", cells[2], cells[3], "Monday", "66", "2.5", "windy"]
     says = folder.ingest("\n".join([rows[0], ",".join(filled)]), name="filled.csv")
-    assert "carried out at other settings (1)" in says
+    assert "made at other settings (1)" in says
     run = folder.runs()[0]
     assert (run["executed"]["frequency"], run["block"], run["scores"][0]["se"]) == (1.7, "Monday", 2.5)
     assert run["proposed"]["frequency"] != 1.7
@@ -214,7 +214,7 @@ def test_export_comes_back_without_doubles_and_without_formulas(make):
 
 def test_fractions_are_remarked(make):
     folder = make()
-    assert "were fractions meant" in folder.ingest(f"{HEADER}\n1.5,12,HH,0.7\n1.5,12,VV,0.6\n")
+    assert "are they fractions" in folder.ingest(f"{HEADER}\n1.5,12,HH,0.7\n1.5,12,VV,0.6\n")
 
 
 # -- rankings ---------------------------------------------------------------------------------------------------------
@@ -272,7 +272,7 @@ def test_new_rankings_change_all_scores_and_void_takes_them_back(ranked):
     ]
     assert restored["runs"][4]["state"] == "issued"
     assert {rank["reason"] for rank in restored["rankings"]} == {"", "looked at the wrong screen"}
-    assert "void already" in ranked.call("void", "--ranking", 3, "--why", "again", code=2)
+    assert "already void" in ranked.call("void", "--ranking", 3, "--why", "again", code=2)
 
 
 def test_the_same_rankings_again_do_not_count_twice(ranked):
@@ -304,8 +304,8 @@ def test_a_void_run_leaves_the_scores(ranked):
         ("run_id,interpreter,rank\n1,ann,1\n99,ann,2\n", "no such run"),
         ("run_id,interpreter,rank\n1,ann,1\n1,ann,2\n", "already"),
         ("run_id,interpreter,rank\n1,ann,1\n", "has one image"),
-        ("run_id,interpreter,rank\n1,ann,first\n2,ann,2\n", "no number"),
-        ("run_id,interpreter,rank\n1,,1\n2,,2\n", "Say who"),
+        ("run_id,interpreter,rank\n1,ann,first\n2,ann,2\n", "not a number"),
+        ("run_id,interpreter,rank\n1,,1\n2,,2\n", "Name the interpreter"),
         ("run_id,interpreter,rank\n1,ann,0\n2,ann,1\n", "best image has rank 1"),
         ("interpreter,rank\nann,1\nbob,2\n", "run_id"),
         ("run_id,interpreter,rank,frequency\n1,ann,1,2\n2,ann,2,2\n", "all factors or none"),
@@ -318,7 +318,7 @@ def test_bad_rankings(ranked, content, says):
 
 def test_rankings_and_scores_do_not_mix(ranked, make):
     ranked.ingest(ranking_file(ann="1 2 3"))
-    assert "follow from rankings" in ranked.ingest(f"{HEADER}\n1.5,12,HH,2\n", name="scores2.csv", code=2)
+    assert "come from rankings" in ranked.ingest(f"{HEADER}\n1.5,12,HH,2\n", name="scores2.csv", code=2)
     measured = make()
     assert "no application" in measured.ingest(ranking_file(ann="1 2 3"), name="r.csv", code=2)
 

@@ -73,11 +73,11 @@ HELD = [
     (NUMBERS, text(*GOOD, "3,0.03,HH,70"), "Did you mean km?"),
     (NUMBERS, text(*GOOD, "3,900000,HH,70"), "resolution: far outside 5 to 60 m (got 900000.0). Correct it."),
     (NUMBERS, text(*GOOD, "3,-9999,HH,70"), "resolution: far outside"),
-    (NUMBERS, text(*GOOD, "3,12,HH,-9999"), "usually stands for no value"),
-    (NUMBERS, text(*GOOD, "3,12,HH,-999"), "Leave the cell empty where there is none."),
-    (NUMBERS, text(*GOOD, "3,12,HH,9999"), "usually stands for no value"),
-    (NUMBERS, text(*GOOD, "3,12,HH,-32768"), "usually stands for no value"),
-    (NUMBERS, text("3,12,HH,-9999"), "usually stands for no value"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-9999"), "usually marks a missing value"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-999"), "Leave the cell empty if there is none."),
+    (NUMBERS, text(*GOOD, "3,12,HH,9999"), "usually marks a missing value"),
+    (NUMBERS, text(*GOOD, "3,12,HH,-32768"), "usually marks a missing value"),
+    (NUMBERS, text("3,12,HH,-9999"), "usually marks a missing value"),
     (
         NUMBERS,
         text(*GOOD, "3,12,HH,7125"),
@@ -86,12 +86,12 @@ HELD = [
     (NUMBERS, text(*GOOD, "3,12,HH,705"), "Did you mean 70.5?"),
     (NUMBERS, text(*GOOD, "3,12,HH,0.705"), "Did you mean 70.5?"),
     (NUMBERS, text(*GOOD, "3,12,HH,-70.5"), "Did you mean 70.5?"),
-    (PERCENT, text(*GOOD, "3,12,HH,0.71"), "a fraction among percentages? (got 0.71). Did you mean 71 percent?"),
+    (PERCENT, text(*GOOD, "3,12,HH,0.71"), "a fraction among percentages (got 0.71). Did you mean 71 percent?"),
     (NUMBERS, text(*GOOD, GOOD[2]), "scores.csv:9: row: the same as line 4 in every column"),
     (NUMBERS, text(*GOOD, GOOD[2], GOOD[2]), "(so 1 more row: line 10)"),
-    (NUMBERS, text(*GOOD, GOOD[2].replace(",", " , ")), "a real repeat differs in a column such as date or note"),
-    (NUMBERS, wide("se", "1.5", "3,12,HH,70,9999"), "se: usually stands for no value"),
-    (NUMBERS, wide("Run ID", ""), "Run ID: the column is kept as one of your own, and is nearly 'run_id'"),
+    (NUMBERS, text(*GOOD, GOOD[2].replace(",", " , ")), "a true repeat must differ in a column such as date or note"),
+    (NUMBERS, wide("se", "1.5", "3,12,HH,70,9999"), "se: usually marks a missing value"),
+    (NUMBERS, wide("Run ID", ""), "Run ID: the column is kept as your own, but its name resembles 'run_id'"),
     (NUMBERS, wide("runid", ""), "Name it 'run_id'."),
     (NUMBERS, wide("SE", "1.5"), "Name it 'se'."),
     (NUMBERS, wide("sorce", "flight"), "Name it 'source'."),
@@ -100,15 +100,15 @@ HELD = [
 ]
 REFUSED = [
     # what is an error whatever is accepted
-    (PERCENT, text(*GOOD, "3,12,HH,-9999"), "Leave the cell empty where there is no score."),
-    (NUMBERS, text(*GOOD, "3,12,HH,NA"), "Leave the cell empty where there is no value."),
+    (PERCENT, text(*GOOD, "3,12,HH,-9999"), "Leave the cell empty if there is no score."),
+    (NUMBERS, text(*GOOD, "3,12,HH,NA"), "Leave the cell empty if there is no value."),
     (NUMBERS, text(*GOOD, "3,12,HH,3.4e38"), "Numbers up to 1e+12 are"),
-    (NUMBERS, text(*GOOD, "3,12,HH,n/a"), "Leave the cell empty where there is no value."),
+    (NUMBERS, text(*GOOD, "3,12,HH,n/a"), "Leave the cell empty if there is no value."),
     (NUMBERS, text(*GOOD, "3,12,hh,70"), "Did you mean 'HH'?"),
     (NUMBERS, text(*GOOD, "3,12,HH-HV,70"), "Did you mean 'HH+HV'?"),
     (NUMBERS, wide("application", "Crops"), "Did you mean 'crops'?"),
     (NUMBERS, wide("source", "flihgt"), "Did you mean flight?"),
-    (NUMBERS, wide("source", "drone"), "What is measured by other means than a flight is a flight, too."),
+    (NUMBERS, wide("source", "drone"), "Any other measurement counts as a flight."),
     (
         NUMBERS,
         text(*GOOD, header=HEADER.replace("frequency", "Frequency")),
@@ -133,9 +133,9 @@ REFUSED = [
     ),
     (NUMBERS, "<html><table><tr><td>1</td></tr></table></html>\n", "this line is no header"),
     (NUMBERS, text(*GOOD, '3,12,HH,"71,3"'), "Use a decimal point, or separate the cells by semicolons."),
-    (NUMBERS, text(*GOOD, "3,12,HH,#DIV/0!"), "this is no number (got '#DIV/0!')"),
-    (NUMBERS, text(*GOOD, "3,12,HH,=B2*2"), "this is no number (got '=B2*2')"),
-    (NUMBERS, text(*GOOD, "3,12,HH,71 \u00b1 2"), "this is no number"),
+    (NUMBERS, text(*GOOD, "3,12,HH,#DIV/0!"), "this is not a number (got '#DIV/0!')"),
+    (NUMBERS, text(*GOOD, "3,12,HH,=B2*2"), "this is not a number (got '=B2*2')"),
+    (NUMBERS, text(*GOOD, "3,12,HH,71 \u00b1 2"), "this is not a number"),
     (NUMBERS, text(*GOOD[:3], "# rain from here", *GOOD[3:]), "the row has 1 cells, the header 4"),
     (NUMBERS, wide("score", "3"), "score: two columns have this name"),
     (NUMBERS, text(*GOOD, '3,12,"HH,70'), "Close every quote"),
@@ -166,7 +166,7 @@ def test_held_back_with_what_may_have_been_meant(folder: Path, utility: str, con
     code, output = ingest(folder, utility, content)
     assert code == 2
     assert says in output
-    assert "nothing was taken in" in output
+    assert "nothing was ingested" in output
     assert "--accept" in output
     assert scored(folder) == 0
     code, output = ingest(folder, utility, content, "--accept")
@@ -217,7 +217,7 @@ def test_earlier_scores_tell_what_is_far(folder: Path) -> None:
 def test_a_form_half_filled_in(folder: Path) -> None:
     code, output = ingest(folder, NUMBERS, text(*GOOD, "3,12,HH,", "4,12,VV,"))
     assert code == 0
-    assert "2 rows have no score yet and may come again (lines 9, 10)." in output
+    assert "2 rows have no score yet and may be ingested later (lines 9, 10)." in output
 
 
 def frame() -> pd.DataFrame:
@@ -231,7 +231,7 @@ def test_tables_in_memory_are_guarded_too(folder: Path) -> None:
     c = seqrsm.Campaign(folder)
     odd = frame()
     odd.loc[2, "score"] = -9999
-    with pytest.raises(ScoresFileError, match="DataFrame:4: score: usually stands for no value"):
+    with pytest.raises(ScoresFileError, match="DataFrame:4: score: usually marks a missing value"):
         c.ingest(odd)
     assert len(c.ingest(odd, accept=True).reports[0].created) == len(GOOD)
     gaps = frame().assign(date=pd.Timestamp("1979-05-12"), n=pd.array([1, None] * 3 + [7], dtype="Int64"))
@@ -255,7 +255,7 @@ def test_spreadsheets_and_parquet(folder: Path, kind: str, library: str, extra: 
         return
     wrong = frame().assign(score=["x", *GOOD[1:]])
     getattr(wrong, {"xlsx": "to_excel", "parquet": "to_parquet"}[kind])(path, index=False)
-    with pytest.raises(ScoresFileError, match=rf"scores.{kind}:2: score: this is no number"):
+    with pytest.raises(ScoresFileError, match=rf"scores.{kind}:2: score: this is not a number"):
         c.ingest(path)
     getattr(frame(), {"xlsx": "to_excel", "parquet": "to_parquet"}[kind])(path, index=False)
     c.ingest(path)

@@ -124,7 +124,7 @@ def test_image_says_what_is_wrong_with_a_setting(tiny, tmp_path) -> None:
 
     assert "--set resolution: outside the campaign's region (got '2000')" in told("resolution=2000")
     assert "Give 10 to 60 m" in told("resolution=2000")
-    assert "--set resolution: a value is no finite number" in told("resolution=wide")
+    assert "--set resolution: a value is not finite" in told("resolution=wide")
     assert "--set polarization: unknown level (got 'XX')" in told("polarization=XX")
     assert "other parameters stand in campaign.toml" in told("frequency=4")
     assert "line 1" not in told("polarization=XX", "resolution=")

@@ -129,7 +129,7 @@ def test_no_simulation_is_issued_where_there_is_no_simulator(tmp_path: Path) -> 
     ("more", "says"),
     [
         ({"factors": {"looks": (9, 4)}}, "low"),
-        ({"factors": {"looks": "many"}}, "no range and no levels"),
+        ({"factors": {"looks": "many"}}, "neither a range nor levels"),
         ({"stop": {"max_run": 30}}, "max_runs"),
         ({"half_width": None}, "half_width"),
         ({"template": "flevoland"}, "template"),

@@ -52,7 +52,7 @@ def changed(folder: Path, file: str, old: str, new: str) -> None:
             "campaign.toml",
             "bandwidth = 60.0",
             "bandwidth = 30.0",
-            "bandwidth was 60.0 for the runs so far, and is 30.0",
+            "bandwidth was 60.0 for earlier runs, and is 30.0",
         ),
         ("campaign.toml", "altitude_m = 4000.0", "altitude_m = 4000.0\nwind_low_m_s = 3.0", "is 3.0 now"),
         ("own.py", "% 7", "% 5", "own.py: the file is not the one"),
@@ -79,7 +79,7 @@ def test_a_scene_of_another_ground_is_refused(begun) -> None:
     (begun / "scene.npz").write_bytes(data + b"\0")
     refused = run(begun, "--max-runs", "17")
     assert refused.exit_code == 2
-    assert "scene.npz: the file is not the one that the runs so far were simulated from" in refused.output
+    assert "scene.npz: the file differs from the one earlier runs were simulated from" in refused.output
     assert RUNNER.invoke(app, ["simulate", str(begun)]).exit_code == 2
     for command in ("status", "fit"):  # what is there can be looked at
         assert RUNNER.invoke(app, [command, str(begun)]).exit_code == 0
@@ -115,9 +115,9 @@ def test_noting_the_experiment_overtakes_no_decision(tmp_path: Path) -> None:
 def test_an_application_may_go(begun) -> None:
     both = '[[application]]\nname = "second"\nutility = "own:mine"\n\n[simulator]'
     changed(begun, "campaign.toml", "[simulator]", both)
-    assert "for the runs so far" not in run(begun, "--max-runs", "17").output
+    assert "for earlier runs" not in run(begun, "--max-runs", "17").output
     changed(begun, "campaign.toml", both, "[simulator]")
-    assert "for the runs so far" not in run(begun, "--max-runs", "20").output
+    assert "for earlier runs" not in run(begun, "--max-runs", "20").output
 
 
 def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
@@ -131,7 +131,7 @@ def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
 
 def test_another_version_of_the_program_is_told(begun, monkeypatch) -> None:
     monkeypatch.setattr("seqrsm.campaign.experiment.__version__", "9.9.9")
-    assert f"seqrsm was {__version__} for the runs so far, and is 9.9.9 now" in run(begun, "--max-runs", "17").output
+    assert f"seqrsm was {__version__} for earlier runs, and is 9.9.9 now" in run(begun, "--max-runs", "17").output
     assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
 
 
@@ -140,10 +140,10 @@ def test_a_table_that_comes_or_goes_is_named(begun) -> None:
     rows = [f"sigma0,Hops,3.0,{p},{t},-10,dB,measured,me\n" for p in ("HH", "HV", "VV") for t in (20, 60)]
     (begun / "own.csv").write_text(header + "".join(rows), encoding="utf-8")
     changed(begun, "campaign.toml", 'scene = "scene.npz"', 'scene = "scene.npz"\ntable = "own.csv"')
-    assert "own.csv: the runs so far were simulated without this file" in run(begun, "--max-runs", "17").output
+    assert "own.csv: earlier runs were simulated without this file" in run(begun, "--max-runs", "17").output
     assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
     changed(begun, "campaign.toml", '\ntable = "own.csv"', "")
-    assert "were simulated from this file, which is read no more" in run(begun, "--max-runs", "20").output
+    assert "were simulated from this file, which is no longer used" in run(begun, "--max-runs", "20").output
 
 
 def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp_path, tiny_scene) -> None:
@@ -176,13 +176,13 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
     wrong = RUNNER.invoke(app, ["check", str(folder)])
     assert wrong.exit_code == 2
     assert wrong.output.startswith(f"error: {folder / 'old.csv'}:2: ")
-    assert "no ground" not in wrong.output  # what is no number is told once
+    assert "has no cells" not in wrong.output  # what is not a number is told once
     changed(folder, "old.csv", ",many", ",70")
     refused = run(folder, "--max-runs", "17")
     assert refused.exit_code == 2
     assert "old.csv: the file is not the one" in refused.output
     changed(folder, "campaign.toml", '"percent_correct by field"', '"soil_moisture_skill"')
-    assert "a map adds nothing" in RUNNER.invoke(app, ["check", str(folder)]).output.replace("\n", " ")
+    assert "a map has no effect" in RUNNER.invoke(app, ["check", str(folder)]).output.replace("\n", " ")
 
 
 def test_comments_targets_and_tolerances_are_no_change(begun) -> None:
@@ -203,4 +203,4 @@ def test_a_fixed_parameter_may_become_a_factor(begun) -> None:
     changed(begun, "campaign.toml", "bandwidth = 60.0\n", "")
     factor = '[[factor]]\nname = "bandwidth"\nunit = "MHz"\nlow = 30.0\nhigh = 90.0\n\n[[application]]'
     changed(begun, "campaign.toml", "[[application]]", factor)
-    assert "for the runs so far" not in run(begun, "--max-runs", "17").output
+    assert "for earlier runs" not in run(begun, "--max-runs", "17").output

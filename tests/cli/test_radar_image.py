@@ -102,7 +102,7 @@ def test_a_users_function_is_the_receiver(campaign, tmp_path, monkeypatch):
     plain = arrays(folder)
     got = arrays(campaign(QUIET + 'receiver = "my_receiver:root"\n'))
     np.testing.assert_allclose(got["intensity_w"], np.sqrt(plain["intensity_w"].astype(float)), rtol=1e-5)
-    refused(campaign('receiver = "my_receiver:wrong"\n'), "my_receiver:wrong", "as many intensities")
+    refused(campaign('receiver = "my_receiver:wrong"\n'), "my_receiver:wrong", "one finite intensity")
     refused(campaign('receiver = "my_receiver:broken"\n'), "nothing", "NameError")
     refused(campaign('receiver = "my_receiver:none"\n'), "my_receiver:none", command="check")
     refused(campaign('receiver = "magic"\n'), "magic", "square_law")

@@ -121,7 +121,7 @@ def test_a_utility_of_one_image_is_refused_before_any_run(tmp_path, tiny_scene) 
     ):  # in the middle of the latter there are two dates, at an end one
         found = seqrsm("check", make_tiny(tmp_path / name, tiny_scene, text))
         assert found.exit_code == 2
-        assert "scores one image, here are several" in " ".join(found.stderr.split())
+        assert "scores one image, but there are several" in " ".join(found.stderr.split())
 
 
 def test_dates_beyond_the_year_are_refused_before_any_run(tmp_path, tiny_scene) -> None:

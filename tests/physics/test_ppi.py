@@ -185,7 +185,7 @@ def test_the_polar_grid_holds_the_heights_and_comes_back():
 
 
 def test_an_antenna_beyond_all_measure_is_refused_before_memory_is():
-    with pytest.raises(ConfigurationError, match="Move the antenna nearer"):
+    with pytest.raises(ConfigurationError, match="Move the antenna closer"):
         quiet(flat(), ppi(antenna_east_m=900_000.0, altitude_m=90_000.0))
 
 

@@ -119,7 +119,7 @@ def test_read_only_folder(folder):
         done = subprocess.run(
             [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=os.getcwd()
         )
-        assert "may be written" in done.stdout or "right to write" in done.stdout
+        assert "may be written" in done.stdout or "Obtain write permission" in done.stdout
     finally:
         place.chmod(0o755)
         shutil.rmtree(place)

@@ -122,7 +122,7 @@ def test_a_score_is_recorded_once(store):
 @pytest.mark.parametrize("score", [NewScore("a", math.nan), NewScore("a", math.inf), NewScore("a", 1.0, 0.0)])
 def test_numbers_that_are_no_scores(store, score):
     run_id = bring(store, "issued")
-    with pytest.raises(StoreError, match="no usable number"):
+    with pytest.raises(StoreError, match="not a usable number"):
         store.record_scores(run_id, [score])
     assert store.run(run_id).state == "issued"
 
@@ -137,7 +137,7 @@ def test_a_failed_run_can_be_tried_again(store):
 
 def test_void_needs_a_reason_and_keeps_the_score(store):
     run_id = bring(store, "scored")
-    with pytest.raises(StoreError, match="without a reason"):
+    with pytest.raises(StoreError, match="voiding needs a reason"):
         store.void(run_id, "  ")
     store.void(run_id, "cloud")
     assert (store.run(run_id).reason, len(store.run(run_id).scores)) == ("cloud", 1)

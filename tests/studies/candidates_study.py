@@ -146,8 +146,8 @@ def flight_lines() -> list[str]:
         "",
         "With cells up to 97 m and table uncertainty included, the simulation reproduces the flight. With coarser",
         "cells, and with class means taken as known, simulated scores are too low, because the ground between the",
-        "labelled fields and the variation within fields are drawn at random; [flevoland.md](flevoland.md) shows the same",
-        "differences shrink to -1.2 once both are measured. The 49 scores come from one recording and are not",
+        "labelled fields and the variation within fields are drawn at random; [flevoland.md](flevoland.md) shows the",
+        "same differences shrink to -1.2 once both are measured. The 49 scores come from one recording and are not",
         "independent.",
     ]
 

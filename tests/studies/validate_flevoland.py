@@ -311,9 +311,10 @@ variants replace the random components one by one.
    97 m are averaged. There the
    simulated fields are uniform, and real ones are not: pure blocks of 72.6 m scatter about the mean of their field
    by 1.0 dB in HH and VV and by 1.15 dB in HV, where the speckle of their 88 looks makes 0.46 dB; the remainder,
-   0.9 to 1.05 dB (1.0 to 1.1 dB at 48 m, 0.8 to 1.0 dB at 97 m), is texture. With parts of 75 m that differ by 1.0 dB the
-   biases become {bias("own ground, texture", every)} and {bias("own ground, texture", middle)}, and the rms difference
-   {rms("own ground, texture")}, near the flight's own observation noise. `texture_db` sets this texture in a campaign.
+   0.9 to 1.05 dB (1.0 to 1.1 dB at 48 m, 0.8 to 1.0 dB at 97 m), is texture. With parts of 75 m that differ by 1.0 dB
+   the biases become {bias("own ground, texture", every)} and {bias("own ground, texture", middle)}, and the rms
+   difference {rms("own ground, texture")}, near the flight's own observation noise. `texture_db` sets this
+   texture in a campaign.
 5. **Looks below those of the cell** are, in the flight, the mean of a random subset of its cells, a point sample of
   a mixed cell; in the simulation they are independent samples of the mean of the whole cell. This adds scatter at 16
   and 64 looks.

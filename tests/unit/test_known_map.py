@@ -41,15 +41,15 @@ def test_a_table_is_read_as_shares_of_each_cover(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("cover,", "kind,", "no confusion table"),
-        (",maize,", ",wheat,", "no confusion table"),
+        ("cover,", "kind,", "not a confusion table"),
+        (",maize,", ",wheat,", "not a confusion table"),
         ("60,20", "60,many", "csv:2: maize.*must be a number.*many"),
         ("60,20", "60,-20", "csv:2: maize.*0 or more"),
         ("60,20", "60,nan", "csv:2: maize.*must be a number"),
         ("10,30,10", "10,30", "csv:3:.*the row has 3 cells, the header 4"),
-        ("10,30,10", "0,0,0", "csv:3:.*no ground"),
+        ("10,30,10", "0,0,0", "csv:3:.*no cells"),
         ("Corn", "Wheat", "csv:3:.*given twice"),
-        ("Corn", "Maize", "nothing of these covers.*Corn"),
+        ("Corn", "Maize", "lacks these covers.*Corn"),
     ],
 )
 def test_a_wrong_table_is_told_with_its_place(tmp_path: Path, old: str, new: str, words: str) -> None:

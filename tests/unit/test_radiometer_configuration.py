@@ -62,7 +62,7 @@ def test_impossible_values_are_refused_by_name(name, value):
 
 
 def test_contradictions_are_refused():
-    with pytest.raises(ConfigurationError, match="wider than the band"):
+    with pytest.raises(ConfigurationError, match="larger than the frequency"):
         from_settings({**SETTINGS, "frequency": 1.4, "bandwidth": 2000.0}, FIXED)
     with pytest.raises(ConfigurationError, match="less than one independent sample"):
         from_settings({**SETTINGS, "integration_time": 1e-3, "bandwidth": 0.1}, FIXED)

@@ -173,7 +173,7 @@ def test_contradictory_constraints_are_named_and_no_others():
 @pytest.mark.parametrize(
     ("text", "fragment"),
     [
-        ("altitude < 5", "is no factor"),
+        ("altitude < 5", "is not a factor"),
         ("polarization < 5", "categorical factor stands where"),
         ('polarization == "RL"', "has no such level"),
         ('looks == "HH"', "are for categorical factors"),

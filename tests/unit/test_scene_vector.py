@@ -131,13 +131,13 @@ WHEAT = ({"code": 1}, "Polygon", [EDGE])
         ([WHEAT, ({"code": None}, "Polygon", [HOLE])], "EPSG:31370", ["feature 2", "neither a whole number"]),
         ([({"kind": 1}, "Polygon", [HOLE])], "EPSG:31370", ["feature 1", "no such attribute", "kind"]),
         ([WHEAT, ({"code": 1}, "Point", [1, 2])], "EPSG:31370", ["feature 2", "not a polygon", "'Point'"]),
-        ([({"code": 1}, "Polygon", [[[1, 2], [3, "x"]]])], "EPSG:31370", ["feature 1", "no rings of numbers"]),
-        ([({"code": 1}, "Polygon", [])], "EPSG:31370", ["feature 1", "no rings of numbers"]),
+        ([({"code": 1}, "Polygon", [[[1, 2], [3, "x"]]])], "EPSG:31370", ["feature 1", "not rings of numbers"]),
+        ([({"code": 1}, "Polygon", [])], "EPSG:31370", ["feature 1", "not rings of numbers"]),
         ([({"code": 7}, "Polygon", [EDGE])], "EPSG:31370", ["hold a code the legend lacks"]),
         ([WHEAT], "EPSG:28992", ["EPSG 28992", "EPSG 31370", "ogr2ogr -t_srs EPSG:31370"]),
         ([WHEAT], "urn:ogc:def:crs:OGC:1.3:CRS84", ["in degrees"]),
         ([({"code": 1}, "Polygon", [[[4, 50], [5, 50], [5, 51], [4, 50]]])], None, ["in degrees", "ogr2ogr"]),
-        ([({"code": 1}, "Polygon", [[[9000, 50], [9500, 50], [9500, 90]]])], "EPSG:31370", ["no polygon lies"]),
+        ([({"code": 1}, "Polygon", [[[9000, 50], [9500, 50], [9500, 90]]])], "EPSG:31370", ["no polygon overlaps"]),
         ([], "EPSG:31370", ["c.geojson"]),
     ],
 )
@@ -164,7 +164,7 @@ def test_a_damaged_file_is_told_in_words(files, tmp_path, text):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["--attribute", "cover"], "names no attribute"),
+        (["--attribute", "cover"], "no attribute is named"),
         (["--attribute", "truth=code"], "no such layer is given"),
         (["--band", "cover=1"], "a raster has bands, a vector layer has attributes"),
         (["--attribute", "elevation=code"], "a raster has bands, a vector layer has attributes"),

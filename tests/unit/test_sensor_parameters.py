@@ -387,7 +387,7 @@ def test_whole_numbers_and_numbers_of_few_values_have_nothing_between(load):
 def test_a_function_of_the_users_is_no_level(load):
     (problem,) = refused(load, "psm", 'name = "receiver"; levels = ["linear", "mine:square"]')
     assert (problem.field, problem.value) == ("factor 'receiver': levels no. 2", "mine:square")
-    assert "a function of yours is no level" in problem.message
+    assert "your own function cannot be a level" in problem.message
     assert "[simulator.fixed]" in problem.remedy
     (problem,) = refused(load, "psm", 'name = "receiver"; levels = ["linear", "agcc"]')
     assert problem.message == "unknown"
@@ -402,7 +402,7 @@ def test_a_parameter_is_not_factor_and_fixed_at_once_by_either_name(load, engine
     for name in {row.name, row.field}:
         (problem,) = refused(load, engine, as_factor(row), f"{name} = {value}")
         assert problem.field == f"[simulator] fixed.{name}"
-        assert f"'{row.name}' is a factor and fixed at once" in problem.message
+        assert f"'{row.name}' is both a factor and fixed" in problem.message
 
 
 @each_row

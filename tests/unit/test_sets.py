@@ -80,9 +80,9 @@ def test_dates(given, days) -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"dates": 2}, "need a day on which they begin"),
+        ({"dates": 2}, "need a first day"),
         ({"dates": 12, "first_day": 200.0, "interval_days": 30.0}, "day 530 lies beyond the year|beyond the year"),
-        ({"days": "120", "first_day": 100.0}, "given twice"),
+        ({"days": "120", "first_day": 100.0}, "specified twice"),
         ({"days": "120+spring"}, "beyond the year"),
         ({"days": "0"}, "beyond the year"),
     ],
@@ -155,7 +155,7 @@ half_width = 3.0
         ("resolution", '[simulator.members.C]\nengine = "lidar"', "there is no such engine"),
         ("resolution", '"C.locks" = 4', "'C' has no such sensor parameter"),
         ("resolution", "heading_dge = 4", "no sensor of the set has such.*Did you mean 'heading_deg'"),
-        ("C.frequency", "", "which member it is"),
+        ("C.frequency", "", "identifies the member"),
     ],
 )
 def test_what_a_file_says_of_a_set(tmp_path, factor, more, words) -> None:

@@ -48,11 +48,11 @@ def test_a_utility_is_asked_for_in_words() -> None:
     [
         ("percent_corect", 'did you mean "percent_correct"'),
         ("retrieval_error", 'it is "soil_moisture_error" now'),
-        ("joy", "a function of your own"),
-        ("f1", "is about certain covers"),
-        ("kappa of Corn", "is about all covers"),
+        ("joy", "your own function"),
+        ("f1", "applies to named covers"),
+        ("kappa of Corn", "applies to all covers"),
         ("percent_correct by parcel", "pixel, neighbourhood, field"),
-        ("soil_moisture_skill by field", "classifies nothing"),
+        ("soil_moisture_skill by field", "does not classify"),
     ],
 )
 def test_what_is_wrong_with_the_words_is_told(text: str, told: str) -> None:
@@ -65,7 +65,7 @@ def test_what_is_wrong_with_the_words_is_told(text: str, told: str) -> None:
 def test_a_utility_that_the_images_cannot_be_scored_by_is_refused() -> None:
     with pytest.raises(SpecError, match="this engine cannot score"):
         check_utility("water_fraction_error", {"psm"}, several=False)
-    with pytest.raises(SpecError, match="scores one image, here are several"):
+    with pytest.raises(SpecError, match="scores one image, but there are several"):
         check_utility("water_fraction_error", {"prm"}, several=True)
     with pytest.raises(SpecError, match="this engine cannot score"):
         check_utility("measured", {"psm"}, several=False)

@@ -161,8 +161,8 @@ def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Rad
     n_rings = polar.elevation_m.shape[0]
     y, rows = ring_ranges_m(radar, n_rings, scene.cell_m, polar.mean_m, polar.peak_m)
     if (polar.cover == NO_COVER).all():
-        text = "the antenna sees nothing of the scene"
-        raise SceneError(Problem(text, "Move it nearer", field="antenna_east_m", value=east))
+        text = "the antenna does not see the scene"
+        raise SceneError(Problem(text, "Move it closer", field="antenna_east_m", value=east))
     return RadarFrame(
         elevation_m=polar.elevation_m,
         top_m=_tops(polar, scene.categories, radar.tree_height_m, radar.building_height_m),

@@ -88,7 +88,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     columns = (pixels + 2) * wide
     if rings * columns > _MOST_CELLS:
         text = f"the farthest corner of the scene is {corner:.0f} m away: {rings} rings of {columns} cells"
-        remedy = f"Move the antenna nearer, or coarsen the scene: at most {_MOST_CELLS} cells are possible"
+        remedy = f"Move the antenna closer, or coarsen the scene: at most {_MOST_CELLS} cells are possible"
         raise ConfigurationError(Problem(text, remedy, field="antenna_east_m", value=east_m))
     step = 2.0 * math.pi / (pixels * wide)
     bearing = (np.arange(-wide, (pixels + 1) * wide) + 0.5)[None, :] * step

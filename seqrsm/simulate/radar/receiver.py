@@ -78,10 +78,10 @@ def named_function(field: str, name: str) -> Transfer:
             out = np.asarray(function(power.copy()), dtype=np.float64)
         except Exception as error:
             text = f"the function failed: {type(error).__name__}: {error}"
-            raise ConfigurationError(Problem(text, "Mend it", field=field, value=name)) from error
+            raise ConfigurationError(Problem(text, "Fix it", field=field, value=name)) from error
         if out.shape != power.shape or not np.isfinite(out).all() or bool((out < 0.0).any()):
-            text = "the function must return as many intensities as it is given powers, finite and >= 0"
-            raise ConfigurationError(Problem(text, "Mend it", field=field, value=name))
+            text = "the function must return one finite intensity >= 0 for each power"
+            raise ConfigurationError(Problem(text, "Fix it", field=field, value=name))
         return out
 
     return stage

@@ -90,7 +90,7 @@ def load_targets(path: str) -> tuple[CulturalTarget, ...]:
     Raises
     ------
     SceneError
-        Not readable, an unknown or missing column, a value that is no number or impossible; with file and line.
+        Not readable, an unknown or missing column, a value that is not a number or impossible; with file and line.
     """
     name = Path(path).name
     try:
