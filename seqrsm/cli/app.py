@@ -101,11 +101,19 @@ def _root(
     pass
 
 
+def _template_names() -> list[str]:
+    from seqrsm.spec.templates import templates
+
+    return list(templates())
+
+
 @app.command()
 @guarded
 def init(
     folder: Annotated[Path | None, typer.Argument(metavar="DIR", help="Folder to create.")] = None,
-    template: Annotated[str | None, typer.Option(metavar="NAME", help="Example to start from.")] = None,
+    template: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Example to start from.", autocompletion=_template_names)
+    ] = None,
     application: Annotated[
         list[str] | None,
         typer.Option(

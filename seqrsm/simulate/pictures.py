@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +237,7 @@ def greytones(picture: Picture, scales: Mapping[str, GreyScale] | None = None) -
 
 
 _MODEL_PIXEL_SCALE, _MODEL_TIEPOINT, _GEO_KEYS = 33550, 33922, 34735
+_GDAL_METADATA, _GDAL_NODATA = 42112, 42113
 _PROJECTED_CS_KEY = 3072
 
 
@@ -308,7 +310,7 @@ def write_geotiff(out: Path, picture: Picture, scene: Scene, settings: Mapping[s
 
 
 def _write_layers(out: Path, layers: AnyArray, scene: Scene, note: Mapping[str, Any]) -> None:
-    """Layers (n, rows, cols) of the scene's own grid as GeoTIFF."""
+    """Layers (n, rows, cols) of the scene's own grid as GeoTIFF, compressed; GDAL reads names and unit of its bands."""
     import tifffile
 
     left, _, _, top = scene.bounds or (0.0, 0.0, 0.0, 0.0)
@@ -316,6 +318,15 @@ def _write_layers(out: Path, layers: AnyArray, scene: Scene, note: Mapping[str, 
         (_MODEL_PIXEL_SCALE, "d", 3, (scene.cell_m, scene.cell_m, 0.0), True),
         (_MODEL_TIEPOINT, "d", 6, (0.0, 0.0, 0.0, left, top, 0.0), True),
     ]
+    items = "".join(
+        f'<Item name="{key}" sample="{band}" role="{key.lower()}">{escape(text)}</Item>'
+        for band, name in enumerate(note.get("channels", [note["quantity"]]))
+        for key, text in (("DESCRIPTION", name), ("UNITTYPE", note["unit"]))
+        if text
+    )
+    tags.append((_GDAL_METADATA, "s", 0, f"<GDALMetadata>{items}</GDALMetadata>", True))
+    if layers.dtype.kind == "f":
+        tags.append((_GDAL_NODATA, "s", 0, "nan", True))
     if scene.epsg is not None:
         # GTModelType = projected, GTRasterType = pixel is area, ProjectedCSType = EPSG code.
         keys = (1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, _PROJECTED_CS_KEY, 0, 1, scene.epsg)
@@ -327,6 +338,7 @@ def _write_layers(out: Path, layers: AnyArray, scene: Scene, note: Mapping[str, 
             layers,
             photometric="minisblack",
             planarconfig="separate" if len(layers) > 1 else None,
+            compression="zlib",
             extratags=tags,
             description=json.dumps(dict(note)),
             metadata=None,

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -210,3 +213,27 @@ def test_words_on_a_templates_scene_do_not_stay_beside_another_scene(tmp_path: P
     assert "SCENE-of-template.md" in done.output
     assert not (made / "SCENE.md").exists()
     assert (made / "SCENE-of-template.md").read_text(encoding="utf-8") == about
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("seqrsm pro", {"propose"}),
+        ("seqrsm propose --so", {"--source"}),
+        ("seqrsm init --template l", {"langegracht-dates", "langegracht-radar", "limburg-radar"}),
+    ],
+)
+def test_a_shell_completes_commands_options_and_templates(typed, offered):
+    asked = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1), "_SEQRSM_COMPLETE": "complete_bash"}
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; sys.argv = ['seqrsm']; from seqrsm.cli.app import main; main()"],
+        env={**os.environ, **asked}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert set(done.stdout.split()) == offered
+
+
+def test_the_version_is_that_of_the_package():
+    from importlib.metadata import version
+
+    done = subprocess.run([sys.executable, "-m", "seqrsm", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"seqrsm {version('seqrsm')}\n"

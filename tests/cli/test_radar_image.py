@@ -6,6 +6,7 @@ import dataclasses
 import json
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -258,6 +259,30 @@ def test_masks_are_products(campaign, tmp_path):
     assert whole["shadow"].any()
     result = call("image", folder, "--mask", "clouds", "--out", tmp_path / "m.png", code=2)
     assert "shadow, layover" in result.stderr
+
+
+def test_a_geotiff_tells_its_bands_what_is_no_data_and_is_compressed(campaign, tmp_path):
+    """As GDAL reads them; the numbers by Pillow's reader, which is another than the writer's."""
+    folder = campaign()
+    call("image", folder, "--set", "polarization=HH+HV", "--out", tmp_path / "i.tif")
+    with tifffile.TiffFile(tmp_path / "i.tif") as file:
+        tags = {tag.code: tag.value for tag in file.pages[0].tags.values()}
+        values = file.asarray()
+    assert tags[42113] == "nan"
+    items = ElementTree.fromstring(tags[42112]).findall("Item")
+    told = [(one.get("sample"), one.get("role"), one.text) for one in items]
+    assert told == [
+        (band, role, text) for band, name in (("0", "HH"), ("1", "HV"))
+        for role, text in (("description", name), ("unittype", "dB"))
+    ]  # fmt: skip
+    assert tags[259] == 8  # deflate
+    assert (tmp_path / "i.tif").stat().st_size < 0.97 * values.nbytes
+    call("image", folder, "--set", "polarization=HH", "--out", tmp_path / "one.tif")
+    np.testing.assert_array_equal(np.array(Image.open(tmp_path / "one.tif")), tifffile.imread(tmp_path / "one.tif"))
+    call("image", folder, "--mask", "shadow", "--out", tmp_path / "m.tif")
+    with tifffile.TiffFile(tmp_path / "m.tif") as file:
+        assert 42113 not in file.pages[0].tags  # every cell of a mask has a value
+        assert ">shadow<" in file.pages[0].tags[42112].value
 
 
 def test_threads_change_nothing(campaign):
