@@ -29,7 +29,7 @@ from seqrsm.sensor.radiometer import RadiometerConfiguration
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.simulate.radar.frame import RadarFrame, make_frame
 from seqrsm.simulate.radar.ground import look_up
-from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar
+from seqrsm.simulate.radar.psm import blind_channels, finer_than_cells, simulate_radar, tops_counted_twice
 from seqrsm.simulate.radar.receiver import named_function, transfer_function
 from seqrsm.simulate.radar.result import RadarImage
 from seqrsm.simulate.radar.targets import CulturalTarget, check_targets, load_targets
@@ -123,7 +123,7 @@ def _examine_radar(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table,
     notes = [finer_than_cells(sensor, scene.cell_m)] if sensor.pixel_spacing_m < scene.cell_m else []
     short = [one for one in frame_limits(sensor, frame) if one.margin < 1.0]
     notes += [f"this radar cannot be built, {one.name}: {one.text} (margin {one.margin:.2g})" for one in short]
-    return (*notes, *blind_channels(sensor, frame, lookups))
+    return (*notes, *tops_counted_twice(frame), *blind_channels(sensor, frame, lookups))
 
 
 def frame_limits(sensor: RadarConfiguration, frame: RadarFrame) -> tuple[Limit, ...]:

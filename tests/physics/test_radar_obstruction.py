@@ -7,7 +7,8 @@ import pytest
 from psm_cases import Table, radar, scene
 
 from seqrsm.score.evidence import evidence_of
-from seqrsm.simulate.radar.psm import simulate_radar
+from seqrsm.simulate.radar.frame import make_frame
+from seqrsm.simulate.radar.psm import simulate_radar, tops_counted_twice
 from seqrsm.simulate.radar.targets import CulturalTarget
 
 LOW = {"tree_height_m": 0.0, "building_height_m": 0.0}
@@ -138,3 +139,13 @@ def test_what_noise_hides_does_not_teach():
     weak = radar(earth="flat", depression_angle_deg=20.0, resolution_m=10.0, peak_power_w=1e-6)
     blind = evidence_of([still(s, weak, Table((-10.0, -8.0)))], s, seed=1, run_id=1)
     np.testing.assert_array_equal(blind.teaching, blind.counts)
+
+
+@pytest.mark.parametrize(("of_tops", "told"), [(0.0, 0), (0.3, 0), (1.0, 1)])
+def test_elevations_that_hold_the_trees_already_are_told(of_tops, told):
+    rng = np.random.default_rng(3)
+    cover = np.kron(rng.integers(0, 2, (12, 12)), np.ones((10, 10), dtype=int)).astype(np.uint8)
+    z = 15.0 * of_tops * cover + rng.normal(0.0, 1.0, cover.shape)
+    s = scene(z, 5.0, cover, categories=("Grass", "Trees"))
+    assert len(tops_counted_twice(make_frame(s, radar(), "float32"))) == told
+    assert not tops_counted_twice(make_frame(s, radar(**LOW), "float32"))
