@@ -217,9 +217,9 @@ def settle_target(folder: Path, progress: Callable[[int, int], None] = lambda do
         return ""
     expected = result.plans[0].half_width
     reason = (
-        f"{amount(result.target, result.unit)} is out of reach: {result.max_runs} runs can be expected to give "
-        f"{expected:.4g}; {100.0 * result.ground_share:.0f} % of a run's variance is what is not known of the ground, "
-        'which flights narrow and simulations do not ([stop] worlds = "ignore" leaves it out)'
+        f"{amount(result.target, result.unit)} is out of reach: {result.max_runs} runs are expected to give "
+        f"{expected:.4g}; {100.0 * result.ground_share:.0f} % of a run's variance is table uncertainty, which flights "
+        'reduce and simulations do not ([stop] worlds = "ignore" excludes it)'
     )
     unit = 10.0 ** (math.floor(math.log10(_ROOM * expected)) - 1)
     target = f"half_width = {unit * math.ceil(_ROOM * expected / unit):.10g}"
@@ -382,12 +382,12 @@ def _downlinks() -> str:
 def _by_flights(rule: StopRule, noise: float) -> str:
     """What flights can do where simulation alone cannot."""
     flights = flights_needed(rule, noise)
-    share = f"{100.0 * rule.ground_share:.0f} % of a run's variance is what is not known of the ground"
+    share = f"{100.0 * rule.ground_share:.0f} % of a run's variance is table uncertainty"
     if flights is None:
-        return f" {share}, and the rest is too much for a thousand flights."
+        return f" {share}, and even a thousand flights do not reach the target."
     return (
-        f" {share}, which no simulation narrows: about {flights} flights at the recommended settings reach the target; "
-        'or [stop] worlds = "ignore" leaves that part out.'
+        f" {share}, which simulations do not reduce: about {flights} flights at the recommended settings reach the "
+        'target; or [stop] worlds = "ignore" excludes it.'
     )
 
 
@@ -462,17 +462,17 @@ def _surfaces(spec: CampaignSpec, noise: float, spread: float, analysis: Analysi
     prior = spec.applications[0].prior
     if analysis is not None and spec.model.response == "identity" and np.isfinite(analysis.fit.s):
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
-        source = f"surfaces as the {analysis.fit.n_runs} scores so far leave them possible"
+        source = f"surfaces as the {analysis.fit.n_runs} scores so far allow them"
         return Surfaces(analysis.model, draws.terms, float(analysis.fit.s), source)
     if np.isfinite(spread):
-        source = f"random quadratics that vary over the region as {SPREAD_PROBES} simulations do"
+        source = f"random quadratics with the variation over the region of {SPREAD_PROBES} simulations"
     elif prior is not None and prior.utility is not None:
         low, high = prior.utility
         spread = float((high - low) / (2.0 * ndtri(0.5 + 0.5 * prior.probability)))
         noise = prior.repeat_sd or 0.1 * (high - low)
-        source = "random quadratics that vary over the region as [application.prior] says"
+        source = "random quadratics with the variation over the region given by [application.prior]"
     else:
         noise = noise if np.isfinite(noise) else 1.0
         spread = ASSUMED_SPREAD * noise
-        source = f"random quadratics that vary over the region {ASSUMED_SPREAD:g} times as much as a run (assumed)"
+        source = f"random quadratics varying over the region {ASSUMED_SPREAD:g} times as much as a run (assumed)"
     return random_surfaces(spec.region, noise, spread, source, spec.seed)

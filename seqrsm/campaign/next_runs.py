@@ -50,7 +50,7 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
         raise SpecError(
             Problem(
                 f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise",
-                f"Raise max_runs to {least} or more, take fewer factors or levels, or set [model] order = 1.",
+                f"Raise max_runs to {least} or more, use fewer factors or levels, or set [model] order = 1.",
                 file=str(spec.folder / SPEC_NAME),
                 field="[stop] max_runs",
                 value=spec.stop.max_runs,

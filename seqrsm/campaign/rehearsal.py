@@ -258,11 +258,11 @@ def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequen
     ]
     quadratics = 100 * (1.0 - analysis.fitted.departure.probability)
     notes = [
-        f"Truths are drawn from what is believed now: {quadratics:.0f} % of them are quadratics. Errors are normal; "
+        f"Surfaces are drawn from the posterior: {quadratics:.0f} % of them are quadratics. Errors are normal; "
         "± is a Monte Carlo standard error."
     ]
     if draws.sigma_block is not None:
-        notes.append("Each run of the rehearsal falls into a block of its own, with its block's scatter.")
+        notes.append("Each rehearsed run is in its own block, with the scatter between blocks.")
     if spec.model.weights != "equal":
-        notes.append("All runs scatter alike in the rehearsal, as one of average weight does.")
+        notes.append("All rehearsed runs have the scatter of a run of average weight.")
     return {"campaigns": len(ended), "rows": rows, "notes": notes, "numbers": numbers}

@@ -51,14 +51,14 @@ class _Default:
 
 _DEFAULTS = {
     "psm": {
-        "frequency": _Default(1.25, 10.8, FREQUENCY_GHZ, "the scattering table knows 1.25 to 10.8 GHz"),
+        "frequency": _Default(1.25, 10.8, FREQUENCY_GHZ, "the scattering table covers 1.25 to 10.8 GHz"),
         "resolution": _Default(6.0, 60.0, RESOLUTION_M, "the scene has cells of 5 m and fields of some 150 m"),
         "depression_angle": _Default(
-            30.0, 60.0, DEPRESSION_DEG, "nearer to nadir than 85 deg no aircraft's swath covers the scene"
+            30.0, 60.0, DEPRESSION_DEG, "closer to nadir than 85 deg no aircraft swath covers the scene"
         ),
     },
     "prm": {
-        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "above 36 GHz the tables rest on less"),
+        "frequency": _Default(1.4, 18.7, (1.0, 36.0), "above 36 GHz the tables are less reliable"),
         "resolution": _Default(50.0, 250.0, (30.0, 500.0), "the scene is four kilometres wide, with cells of 10 m"),
     },
 }
@@ -138,7 +138,7 @@ def applications_of(applications: Sequence[str]) -> list[Wanted]:
         found.append(Wanted(" ".join(words_of(words)), start, measure))
     if any(one.measure.utility for one in found) and not all(one.measure.utility for one in found):
         without = next(one for one in found if not one.measure.utility)
-        remedy = "Make a campaign of its own for it."
+        remedy = "Make a separate campaign for it."
         message = f"no utility measures it: {without.measure.says}; the other applications are simulated"
         raise UserError(Problem(message, remedy, field="--application", value=without.words))
     return found
@@ -202,10 +202,10 @@ def campaign_text(wanted: Sequence[Wanted], half_scene_m: float = _HALF_SCENE_M)
     sensor = {"psm": "airborne radar", "prm": "airborne radiometer"}.get(engine, "sensor")
     shown = " and ".join(f"`seqrsm catalog {one.words}`" for one in wanted)
     parts = [
-        f"# Which {sensor} is best for {both}? Start ranges and levels from RSL TR 380-1, Appendix A:\n"
+        f"# Which {sensor} is best for {both}? Initial ranges and levels from RSL TR 380-1, Appendix A:\n"
         f"# {len(entries)} {'entry' if len(entries) == 1 else 'entries'} in "
         f"{tables_text(entry.table for entry in entries)}, shown by {shown}.\n"
-        "# Widen or narrow them as you know better.",
+        "# Adjust them to your knowledge.",
         f'[campaign]\nname = "{name}"\n'
         f'description = "One {sensor} for {both}, ranges from the catalogue"\nseed = 1979\nbatch = 4',
         *(_factor_text(item) for item in chosen if item.low < item.high),
@@ -224,7 +224,7 @@ def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -
     told = (
         f"# {asked_for(one.measure.utility).row.words}"
         if one.measure.utility
-        else f"# No utility that ships measures it: {one.measure.says}. Fly and take scores in, or name your own\n"
+        else f"# No built-in utility measures it: {one.measure.says}. Ingest measured scores, or name your own\n"
         '# function of the simulated image, "package.module:function", and add a [simulator].'
     )
     # A prior is stated in percent, as radars' utilities are.
@@ -264,11 +264,11 @@ def _simulator_text(
 
 
 def _target_text(wanted: Sequence[Wanted]) -> str:
-    """The half-width: `seqrsm check` says what can be reached, mostly what is not known of the ground."""
+    """The half-width: `seqrsm check` shows what can be reached, mostly what is not known of the ground."""
     rows = [asked_for(one.measure.utility or "measured").row for one in wanted]
     percent = any(row.unit == "percent" for row in rows)
     value, unit = (14.0, "percent") if percent else (0.2, "1 is perfect") if rows[0].function else (5.0, "score units")
-    return f"half_width = {value}             # {unit}: `seqrsm check` says what can be reached"
+    return f"half_width = {value}             # {unit}: `seqrsm check` shows what can be reached"
 
 
 def _joined(found: Sequence[_Chosen]) -> _Chosen:
@@ -291,14 +291,14 @@ def _choose(item: StartRange, default: _Default, words: str) -> _Chosen:
     comments += item.notes
     first, last = max(item.low, low), min(item.high, high)
     if first > last:
-        comments.append(f"out of reach here, {default.why}: the whole of it instead")
+        comments.append(f"not attainable here, {default.why}: the full range instead")
         return _Chosen(item.name, item.unit, item.scale, low, high, tuple(comments))
     if (first, last) != (item.low, item.high):
         comments.append(f"cut: {default.why}")
     if last < first * _LEAST_RATIO and item.scale == "log" and first != last:
         middle = math.sqrt(first * last)
         first, last = max(low, middle / _LEAST_RATIO), min(high, middle * _LEAST_RATIO)
-        comments.append("widened a little, so that the factor has something to vary")
+        comments.append("widened slightly so that the factor can vary")
     first, last = (float(f"{end:.4g}") for end in (first, last))
     return _Chosen(item.name, item.unit, item.scale, max(first, low), min(last, high), tuple(comments))
 
@@ -327,8 +327,8 @@ def _knowledge_text(ranges: Iterable[StartRange], chosen: Mapping[str, _Chosen])
     if not expected:
         return ""
     return (
-        "\n# Where most sources see the optimum, as prior knowledge; take the signs # away to use it.\n"
-        "# [application.prior]\n# utility = [40.0, 90.0]        # percent correct at a setting taken at random, 95 %\n"
+        "\n# Where most sources place the optimum, as prior knowledge; uncomment to use it.\n"
+        "# [application.prior]\n# utility = [40.0, 90.0]        # percent correct at a random setting, 95 % interval\n"
         f"# optimum = {{ {', '.join(expected)} }}"
     )
 

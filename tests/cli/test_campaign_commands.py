@@ -318,7 +318,7 @@ def test_status_of_a_folder_of_campaigns(copy, tmp_path) -> None:
 def test_rehearse_gives_coverage(copy) -> None:
     found = json.loads(ok("rehearse", copy, "--campaigns", 10, "--json"))
     numbers = found["numbers"]
-    assert any("Truths are drawn" in note for note in found["notes"])
+    assert any("Surfaces are drawn" in note for note in found["notes"])
     assert 0.8 <= numbers["coverage_new_run"] <= 1.0
     assert numbers["runs_p10"] <= numbers["runs_median"] <= numbers["runs_p90"] <= 40
 

@@ -70,7 +70,7 @@ def test_a_campaign_passes_its_own_check_and_says_why_its_target_is_wide(tmp_pat
     assert load_spec(folder).applications[0].utility == utility
     text = (folder / "campaign.toml").read_text(encoding="utf-8")
     for told in (said, text):
-        assert ("can be expected to give" in " ".join(told.split())) == widened
+        assert ("are expected to give" in " ".join(told.split())) == widened
     if widened:  # no wider than it must be, and the reason is that of the check
         assert found["target"] <= 1.32 * as_it_is["half_width"]
         assert f"{100 * found['ground_share']:.0f} % of a run's variance" in " ".join(text.replace("# ", "").split())
@@ -111,7 +111,7 @@ def test_two_applications_make_one_campaign_of_both(tmp_path) -> None:
     ]
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "two")])
     assert checked.exit_code == 0, checked.output
-    assert "Make a campaign of its own" in made(tmp_path / "three", "flood", "oil spill", code=2)
+    assert "Make a separate campaign" in made(tmp_path / "three", "flood", "oil spill", code=2)
     assert not (tmp_path / "three").exists()
 
 

@@ -131,7 +131,7 @@ def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, cod
     assert says in done.output
     assert f"Expected results of {runs} runs" in done.stdout
     assert "Expected results of other numbers of runs" in done.stdout
-    assert "as [application.prior] says" in done.stdout
+    assert "given by [application.prior]" in done.stdout
     told = CliRunner().invoke(app, ["check", str(tmp_path), "--json"])
     assert told.exit_code == code
     found = json.loads(told.stdout)
