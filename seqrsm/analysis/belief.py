@@ -6,6 +6,7 @@ come from both; the quadratic's own analysis stays a description.
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -64,6 +65,11 @@ class Departure:
         return self.process if self.probability > 0.0 else None
 
 
+_MOST_LATEST = 8
+_LATEST: dict[bytes, Process] = {}
+"""The latest processes: what a look found is confirmed and sampled from by the same scores."""
+
+
 def weigh_departure(
     model: QuadraticModel,
     data: ScoredRuns,
@@ -90,9 +96,13 @@ def weigh_departure(
         reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
-    rng = generator(seed, n, "process")
-    nuisance = fit.Z[:, surface.estimate.size :]
-    process = Process(model, data.points, fit.y, fit.weights, nuisance, sign_of(goal), rng)
+    given = model, data.points, fit.y, fit.weights, fit.Z[:, surface.estimate.size :], sign_of(goal)
+    made_of = pickle.dumps((given, seed))
+    if made_of not in _LATEST:
+        for oldest in list(_LATEST)[: len(_LATEST) - _MOST_LATEST + 1]:
+            del _LATEST[oldest]
+        _LATEST[made_of] = Process(*given, generator(seed, n, "process"))
+    process = _LATEST[made_of]
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)

@@ -5,6 +5,7 @@ Heavy libraries are imported inside the command that needs them, so that ``--hel
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from functools import partial
@@ -76,6 +77,7 @@ def main() -> None:
     # make last digits depend on the machine's cores. Set before anything imports numpy; the user's own setting stays.
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    gc.set_threshold(50_000)  # imports, compiling and drawing make many objects that stay: a twentieth less time
     stop_on_signals()
     try:
         app()

@@ -1,6 +1,6 @@
 """Whole runs, campaigns and commands against the code as it was, each row by both in turns.
 
-    python tests/benchmarks/bench_runs.py --before CHECKOUT [--write]
+    python tests/benchmarks/bench_runs.py --before CHECKOUT [--write] [--only runs|commands]
 
 CHECKOUT is a work tree of an earlier commit. Times of runs are the least CPU time of several, those of commands CPU
 time of process and children; workers are compared by wall time. ``--write`` writes ``reports/performance-runs.md``.
@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[2]
-ROUNDS = 2
+ROUNDS = int(os.environ.get("ROUNDS", "2"))
 
 CODE = """
 import json, sys, time
@@ -30,7 +30,6 @@ from psm_cases import Table, radar, scene
 from seqrsm.scene.file import load_scene
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
-from seqrsm.score.cover import percent_correct
 from seqrsm.score.cover import percent_correct
 from seqrsm.sensor import radar as radars, radiometer as radiometers
 from seqrsm.simulate.radar.psm import simulate_radar
@@ -107,16 +106,20 @@ def runs(code: Path) -> dict[str, float]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def command(code: Path, folder: Path, *words: str, cache: str = "") -> tuple[float, float]:
-    """CPU and wall seconds of a command of seqrsm."""
+def command(code: Path, folder: Path, *words: str, cache: str = "") -> tuple[float, float, float]:
+    """CPU and wall seconds of a command of seqrsm, and wall seconds until its first word."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     line = [sys.executable, "-m", "seqrsm", *words]
-    done = subprocess.run(line, env=environment(code, cache), capture_output=True, text=True, cwd=folder, check=False)
-    if done.returncode not in (0, 3):
-        raise SystemExit(done.stderr)
+    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(line, env=environment(code, cache), text=True, cwd=folder, **both) as process:
+        told = process.stdout.readline()
+        first = time.perf_counter() - start
+        told += process.stdout.read()
+    if process.returncode not in (0, 3):
+        raise SystemExit(told)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return cpu, time.perf_counter() - start
+    return cpu, time.perf_counter() - start, first
 
 
 def commands(code: Path, *, cold: bool) -> dict[str, float]:
@@ -126,12 +129,16 @@ def commands(code: Path, *, cold: bool) -> dict[str, float]:
         folder = Path(parent)
         for name in ("one", "two", "first"):
             shutil.copytree(ROOT / "campaigns" / "langegracht-radar", folder / name)
-        out["run langegracht-radar, one process [s wall]"] = command(code, folder, "run", "one")[1]
+        cpu, wall, _ = command(code, folder, "run", "one")
+        out["run langegracht-radar, one process [s CPU]"] = cpu
+        out["run langegracht-radar, one process [s wall]"] = wall
         out["run langegracht-radar, --workers 2 [s wall]"] = command(code, folder, "run", "two", "--workers", "2")[1]
         out["fit, warm [s CPU]"] = command(code, folder, "fit", "one")[0]
         out["report, warm [s CPU]"] = command(code, folder, "report", "one")[0]
         if cold:
-            out["first run, nothing compiled [s CPU]"] = command(code, folder, "run", "first", cache=parent)[0]
+            cpu, _, first = command(code, folder, "run", "first", cache=parent)
+            out["first run, nothing compiled [s CPU]"] = cpu
+            out["first run, nothing compiled: first line [s wall]"] = first
     return out
 
 
@@ -139,17 +146,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--before", type=Path, required=True)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--only", choices=("runs", "commands"))
     given = parser.parse_args()
     trees = {"before": given.before.resolve(), "now": ROOT}
     found: dict[str, dict[str, float]] = {name: {} for name in trees}
     for number in range(ROUNDS):
         for name, code in trees.items():
-            for row, value in {**runs(code), **commands(code, cold=number == 0)}.items():
+            rows = {} if given.only == "commands" else runs(code)
+            rows |= {} if given.only == "runs" else commands(code, cold=number == 0)
+            for row, value in rows.items():
                 found[name][row] = min(value, found[name].get(row, value))
     lines = [
         "# Whole runs and commands, before and now",
         "",
-        "Written by `python tests/benchmarks/bench_runs.py --before CHECKOUT --write`, before being 0a1c417: the "
+        "Written by `python tests/benchmarks/bench_runs.py --before CHECKOUT --write`, the "
         f"least of {ROUNDS} rounds in which both took turns, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores.",
         "",
         "| what | before | now | now / before |",
