@@ -13,6 +13,7 @@ import logging
 import os
 import sqlite3
 import time
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -92,6 +93,7 @@ class Database:
             self.read_only = self.path.exists() and not (_may_write(self.path) and _may_write(self.path.parent))
         self.label = str(self.path) if self.path is not None else _hide_password(str(location))
         self._engine = self._make_engine(location)
+        weakref.finalize(self, self._engine.dispose)  # of what a notebook leaves open
         try:
             with self._explained():
                 self._open(create, campaign)

@@ -141,6 +141,22 @@ def test_unusable_addresses_and_no_password_in_the_message(tmp_path, url, says):
     assert "secret" not in str(caught.value)
 
 
+def test_a_store_that_is_left_open_is_closed_with_its_last_name(folder):
+    """Python 3.13 and later warn of each connection that is left."""
+    place, links = str(folder / STORE_NAME), Path("/proc/self/fd")
+    if not links.exists():
+        pytest.skip("no list of open files here")
+
+    def held():
+        return sum(os.path.realpath(one) == os.path.realpath(place) for one in links.iterdir())
+
+    store = Store.open(folder)
+    assert len(store.runs()) == 300
+    assert held() > 0
+    del store  # no garbage collection is waited for
+    assert held() == 0
+
+
 def test_a_held_lock_is_reported(folder, monkeypatch):
     monkeypatch.setattr(store_connection, "BUSY_TIMEOUT_S", 0.2)
     holder = sqlite3.connect(folder / STORE_NAME, isolation_level=None)
