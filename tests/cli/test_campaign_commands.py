@@ -335,7 +335,7 @@ def test_check_says_what_cannot_be_built(tmp_path, tiny_scene) -> None:
     folder = make_tiny(tmp_path / "high", tiny_scene, TINY.replace("altitude_m = 4000.0", "altitude_m = 600000.0"))
     done = CliRunner().invoke(app, ["check", str(folder), "--json"])
     assert done.exit_code == 0, done.output
-    notes = [one for one in json.loads(done.stdout)["combinations"] if "no such radar can be built" in one]
+    notes = [one for one in json.loads(done.stdout)["combinations"] if "this radar cannot be built" in one]
     assert any("speed against orbit" in one and "moves at 69" in one for one in notes)
 
 

@@ -104,7 +104,7 @@ def test_in_a_notebook_it_is_the_same(compared: Path) -> None:
     assert "noise" in frame.loc["NISAR S DP 25, HH+HV", "recalled"]
     assert np.isnan(frame.loc["Capella Spotlight GEO, HH", "score"])
     assert frame.loc["Capella Spotlight GEO, HH", "why"]
-    assert repr(mine).startswith("Which sensor suffices\n")
+    assert repr(mine).startswith("Candidate sensors\n")
     assert "The optimum's score is" in repr(mine)
     page = mine._repr_html_()
     assert "data:image/svg+xml" in page

@@ -211,7 +211,7 @@ def test_a_run_that_the_scheduler_forgot_is_sent_again(address, tmp_path, monkey
 def test_a_cluster_that_stands_still_is_given_up(tmp_path, monkeypatch):
     """Its workers died and did not come back."""
     monkeypatch.setattr(cluster_module, "PATIENCE_S", 0.2)
-    with serving(tmp_path, workers=0) as (empty, _), pytest.raises(UserError, match="stands still"):
+    with serving(tmp_path, workers=0) as (empty, _), pytest.raises(UserError, match="is idle"):
         list(run_many(cluster_jobs.draw, range(3), cluster=empty))
 
 

@@ -79,7 +79,7 @@ def test_runs_already_made_are_completed(tmp_path) -> None:
     assert "much" in message
     file.write_text("a\n10\n", encoding="utf-8")
     message = call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
-    assert "old.csv:1: b: there is no column" in message
+    assert "old.csv:1: b: no column" in message
     file.write_text("a,b\n", encoding="utf-8")
     assert "no runs" in call(*options, "--runs", 6, "--prior-runs", file, code=2).stderr
     call(*options, "--runs", 6, "--prior-runs", tmp_path / "none.csv", code=2)
@@ -136,7 +136,7 @@ def test_runs_beyond_the_bounds_have_no_efficiency_within_them() -> None:
     found = made("--factors", 3, "--design", "ccd-rotatable")
     assert found["d_efficiency"] is None
     assert found["i_efficiency"] is None
-    assert any("6 of 17 runs lie beyond" in warning for warning in found["warnings"])
+    assert any("6 of 17 runs lie outside" in warning for warning in found["warnings"])
     assert made("--factors", 3, "--design", "ccd-inscribed")["d_efficiency"] < 1.0
 
 

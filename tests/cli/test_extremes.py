@@ -124,8 +124,8 @@ def test_equal_scores_everywhere(tmp_path) -> None:
     fly(folder, lambda row, number: 7.0, 3)
     found = fitted(folder)
     assert found["optimum"]["mean"] == pytest.approx(7.0)
-    assert any("every setting is as good" in text for text in found["warnings"])
-    assert any("no parameter matters" in text for text in found["stop"]["reasons"])
+    assert any("every setting is equally good" in text for text in found["warnings"])
+    assert any("no factor has an effect" in text for text in found["stop"]["reasons"])
     assert found["optimum"]["at_bound"] == []
     for place in found["posterior"]["optimum"]["settings"].values():
         assert place["high"] - place["low"] > 1.8
@@ -196,9 +196,9 @@ def test_a_new_flight_day_is_tied_to_the_earlier_ones(tmp_path, effect) -> None:
         call("ingest", folder, form)
         days.append(rows)
     flown = [{(row["x0"], row["x1"]) for row in rows} for rows in days]
-    assert sum("ties the new block" in row["note"] for row in days[0]) == 0
+    assert sum("links the new block" in row["note"] for row in days[0]) == 0
     for day, ties in ((1, 1), (2, 2)):
-        tied = [row for row in days[day] if "ties the new block" in row["note"]]
+        tied = [row for row in days[day] if "links the new block" in row["note"]]
         assert len(tied) == ties
         assert all((row["x0"], row["x1"]) in set().union(*flown[:day]) for row in tied)
     assert fitted(folder)["n_runs"] == 24

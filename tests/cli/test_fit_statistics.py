@@ -435,7 +435,7 @@ def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) ->
     code, _, output = command("fit", folder)
     assert code == 2
     flat = " ".join(output.split())
-    assert "cannot tell these terms apart" in flat
+    assert "cannot separate these terms" in flat
     assert "x:frequency" in flat
     from seqrsm.analysis.runs import scored_runs
     from seqrsm.design.quadratic import QuadraticModel

@@ -125,7 +125,7 @@ def damages():
     yield "not base64", lambda d: d["attached"][0].update(base64="?")
     yield "outside", lambda d: d["attached"][0].update(path="../stolen.npz")
     yield "absolute", lambda d: d["attached"][0].update(path="/tmp/stolen-by-seqrsm.npz")
-    yield "not there", lambda d: d["attached"][0].update(base64=None)
+    yield "missing", lambda d: d["attached"][0].update(base64=None)
 
 
 def test_damaged_exports_are_refused_and_leave_nothing(simulated, tmp_path):
@@ -151,7 +151,7 @@ def test_a_large_scene_is_named_by_its_hash(simulated, tmp_path, monkeypatch):
     monkeypatch.setattr("seqrsm.campaign.export.MAX_ATTACHED", 10)
     call("export", simulated, tmp_path / "all.json")
     assert json.loads((tmp_path / "all.json").read_text())["attached"][0]["base64"] is None
-    assert "does not hold" in call("init", "--from", tmp_path / "all.json", tmp_path / "again", code=2)
+    assert "does not contain" in call("init", "--from", tmp_path / "all.json", tmp_path / "again", code=2)
     (tmp_path / "scene.npz").write_bytes((simulated / "scene.npz").read_bytes())
     call("init", "--from", tmp_path / "all.json", tmp_path / "again")
     assert (tmp_path / "again" / "scene.npz").exists()

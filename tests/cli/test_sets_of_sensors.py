@@ -74,7 +74,7 @@ def test_a_campaign_of_dates_and_sets_runs_and_reports(folder) -> None:
     page = folder / "r.html"
     assert seqrsm("report", folder, "--html", page).exit_code == 0
     shown = page.read_text(encoding="utf-8")
-    assert "Calendar of the crops" in shown
+    assert "Crop calendar" in shown
     assert "Effect of changing one factor" in shown
 
 

@@ -150,7 +150,7 @@ def test_a_failure_of_the_settings_is_final_until_somebody_names_the_run(campaig
     assert opened.store.retry() == ()
     assert opened.store.retry([1]) == (1,)
     assert opened.simulate()[0].state == "scored"
-    with pytest.raises(StoreError, match="did not fail"):
+    with pytest.raises(StoreError, match="has not failed"):
         opened.store.retry([1])
 
 

@@ -200,7 +200,7 @@ def test_the_command_refuses_with_the_remedy_and_writes_nothing(files, tmp_path)
     percent = write(tmp_path / "p.tif", np.full((80, 90), 20.0, np.float32), 4.0, left=1000.0, top=5010.0)
     for change, words, more in (
         ({"elevation": degrees}, ("degrees", "gdalwarp"), ()),
-        ({"elevation": tmp_path / "plain.tif"}, ("where it lies", "gdal_translate -a_srs", "placed.tif"), ()),
+        ({"elevation": tmp_path / "plain.tif"}, ("no georeference", "gdal_translate -a_srs", "placed.tif"), ()),
         ({"legend": tmp_path / "none.csv"}, ("none.csv",), ()),
         ({"cover": tmp_path / "none.tif"}, ("none.tif",), ()),
         ({}, ("soil_moisture", "0 to 0.6", "20.0"), ("--moisture", str(percent))),
