@@ -147,6 +147,8 @@ def report() -> None:
         "commits: it was killed, the server ended its connection before the operation or after it (so that only the "
         "answer was missing), or refused it. Given again it ended as undisturbed: no run or score was lost or doubled, "
         "the budget was kept, no connection was left on the server, and no password stood in any output or file."
+        " Of the 337 operations of `run` two thirds met one failure each, by turns; `status` and `ingest` were not "
+        "taken whole, `report` not at all."
     )
     lines = [
         text,
