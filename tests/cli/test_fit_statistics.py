@@ -457,7 +457,7 @@ def test_too_few_runs_names_settings(tmp_path: Path) -> None:
     folder = make(tmp_path / "c", X + FREQUENCY, [{"x": 5.0, "frequency": 4.0, "score": 50.0 + i} for i in range(7)])
     code, _, output = command("fit", folder)  # all runs at one point
     assert code == 2
-    assert "5 at these settings would do" in " ".join(output.split())
+    assert "5 at these settings would suffice" in " ".join(output.split())
 
 
 def test_settings_that_are_as_good_are_named(tmp_path: Path) -> None:

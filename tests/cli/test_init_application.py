@@ -123,7 +123,7 @@ def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None
     # The scene is 13.5 km deep: from 24 km up the swath stays beside nadir to atan(24 / 7.2) only.
     assert "altitude_m = 24000.0" in (tmp_path / "own" / "campaign.toml").read_text(encoding="utf-8")
     steep = campaign_text(applications_of(["forest"]), 0.53 * 450 * 30.0)
-    assert "83 deg (most agree on 30 to 70)\n# cut: nearer to nadir than 73 deg no aircraft's swath" in steep
+    assert "83 deg (most agree on 30 to 70)\n# cut: closer to nadir than 73 deg no aircraft swath" in steep
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "own")])
     assert checked.exit_code == 0, checked.output
     assert "Warning" not in checked.output

@@ -47,7 +47,7 @@ def test_a_tolerance_takes_the_coarsest_data_base_that_meets_it(tmp_path: Path, 
     assert len(campaign.store.events(kind=COARSENED)) == 1
     code, out, _ = call("status", campaign.folder)
     assert code == 0
-    assert "2 x 2 cells as one" in out
+    assert "2 x 2 cells averaged" in out
 
 
 def test_a_tolerance_below_every_difference_keeps_the_data_base(tmp_path: Path, tiny_scene: Path) -> None:
