@@ -211,10 +211,8 @@ class Store:
             ledger.move(ids, "issued", _ISSUED | ({"attempts": 0} if attempts is None else {}), kind="retried")
             return ids
 
-    def claim(
-        self, run_ids: Iterable[int] | None = None, *, limit: int | None = None, source: str = "simulation"
-    ) -> tuple[RunRecord, ...]:
-        """Take proposed or issued runs for this process to carry out; no two processes get the same run.
+    def claim(self, run_ids: Iterable[int] | None = None, *, limit: int | None = None) -> tuple[RunRecord, ...]:
+        """Take proposed or issued simulations for this process to carry out; no two processes get the same run.
 
         Parameters
         ----------
@@ -222,15 +220,13 @@ class Store:
             Only these; any otherwise. Those another process holds already are left out.
         limit : int, optional
             At most so many, lowest ids first.
-        source : {"simulation", "flight"}
-            Only runs of this source.
 
         Returns
         -------
         tuple of RunRecord
             The runs, now in state "running".
         """
-        free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == source)
+        free = (RUNS.c.state.in_(("proposed", "issued")), RUNS.c.source == "simulation")
         query = sa.select(RUNS.c.id).where(*free).order_by(RUNS.c.id)
         if limit is not None:
             query = query.limit(limit)
@@ -417,10 +413,8 @@ class Store:
 
     # -- reading --------------------------------------------------------------------------------------------------
 
-    def runs(
-        self, states: Iterable[str] | None = None, *, source: str | None = None, batch: int | None = None
-    ) -> tuple[RunRecord, ...]:
-        """Runs with their scores, by id; only those of the given states, source and batch."""
+    def runs(self, states: Iterable[str] | None = None, *, source: str | None = None) -> tuple[RunRecord, ...]:
+        """Runs with their scores, by id; only those of the given states and source."""
         conditions: list[sa.ColumnElement[bool]] = []
         if states is not None:
             wanted = (states,) if isinstance(states, str) else tuple(states)
@@ -429,8 +423,6 @@ class Store:
             conditions.append(RUNS.c.state.in_(wanted))
         if source is not None:
             conditions.append(RUNS.c.source == source)
-        if batch is not None:
-            conditions.append(RUNS.c.batch == batch)
         with self._read() as ledger:
             return ledger.runs(sa.and_(sa.true(), *conditions))
 
@@ -448,11 +440,9 @@ class Store:
         with self._read() as ledger:
             return tuple(LookRecord(*row) for row in ledger.connection.execute(query))
 
-    def events(self, *, run_id: int | None = None, kind: str | None = None) -> tuple[EventRecord, ...]:
-        """Events in order; only those of one run or kind."""
+    def events(self, *, kind: str | None = None) -> tuple[EventRecord, ...]:
+        """Events in order; only those of one kind."""
         query = sa.select(EVENTS).order_by(EVENTS.c.id)
-        if run_id is not None:
-            query = query.where(EVENTS.c.run_id == run_id)
         if kind is not None:
             query = query.where(EVENTS.c.kind == kind)
         with self._read() as ledger:

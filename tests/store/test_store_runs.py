@@ -42,7 +42,6 @@ def test_ids_count_from_one_and_repeats_stay_apart(store):
     assert [run.run_id for run in runs] == [1, 2, 3, 4]
     assert [run.batch for run in runs] == [1, 1, 1, 2]
     assert runs[0].proposed == runs[1].proposed == HERE
-    assert [run.run_id for run in store.runs(batch=2)] == [4]
 
 
 def test_settings_come_back_as_the_same_numbers(store):
@@ -75,7 +74,8 @@ def test_the_ordinary_way(store):
     assert (score.score, score.se, score.n, score.correct, score.metadata) == (71.5, 1.5, 10, 7, {"a": [1, None]})
     assert run.score_of("ice") is None
     assert run.proposed_at <= run.issued_at <= run.started_at <= run.ended_at
-    events = store.events(run_id=run_id)
+    events = store.events()
+    assert {event.run_id for event in events} == {run_id}
     assert [event.kind for event in events] == ["proposed", "issued", "running", "scored"]
     assert {(event.version, event.seed) for event in events} == {(__version__, 7)}
 
@@ -143,14 +143,14 @@ def test_void_needs_a_reason_and_keeps_the_score(store):
     assert (store.run(run_id).reason, len(store.run(run_id).scores)) == ("cloud", 1)
 
 
-def test_claim_takes_waiting_runs_of_its_source_only(store):
+def test_claim_takes_waiting_simulations_only(store):
     ids = store.add_batch([RUN, RUN, NewRun(HERE, source="flight"), RUN], issue=True)
     later = bring(store, "proposed")
     assert [run.run_id for run in store.claim(limit=1)] == [ids[0]]
     assert [run.run_id for run in store.claim([ids[0], ids[3]])] == [ids[3]]
     assert [run.run_id for run in store.claim()] == [ids[1], later]
     assert store.claim() == ()
-    assert [run.run_id for run in store.claim(source="flight")] == [ids[2]]
+    assert store.run(ids[2]).state == "issued"
     with pytest.raises(StoreError, match="no such run"):
         store.claim([99])
 
@@ -167,7 +167,7 @@ def test_runs_of_dead_processes_are_released(store, tmp_path, url):
     assert [run.state for run in store.runs()] == ["issued", "running"]
     assert store.release_stale(older_than_s=-1.0) == (ids[1],)
     assert store.release_stale() == ()
-    assert [event.kind for event in store.events(run_id=ids[0])][-1] == "released"
+    assert [event.kind for event in store.events() if event.run_id == ids[0]][-1] == "released"
 
 
 def test_an_earlier_process_of_the_same_number_is_dead(store, monkeypatch):
