@@ -51,7 +51,8 @@ class Fitted:
     fit : LeastSquaresFit
         With blocks and sources as constants: what tests and diagnostics are made of.
     surface : Surface
-        What the optimum is sought on.
+        What the optimum is sought on: that of ``fit``, of the flight where there are two sources, or of the average
+        block where blocks are random.
     departure : Departure
         What the scores say of a surface that is no quadratic.
     dropped : tuple of str

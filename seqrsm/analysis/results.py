@@ -22,7 +22,6 @@ from seqrsm.decide.stopping import Decision
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.canonical import StationaryPoint
-from seqrsm.fit.intervals import AnovaRow, LackOfFit
 from seqrsm.fit.least_squares import InfluentialRun, LeastSquaresFit, NormalPlot
 from seqrsm.fit.optimum import Goal, Optimum
 from seqrsm.fit.transforms import PowerProfile
@@ -326,10 +325,8 @@ class Analysis:
     """One application's response surface and what follows from it; see the attributes' own classes.
 
     ``fitted`` is what all was made from; ``study`` is there where a thorough analysis was asked for. ``fit`` is on
-    ``scale``; everything else is in score units. ``beta`` are the coefficients that the optimum belongs to: those of
-    ``fit``, of the flight's surface where there are two sources, or of the average block where blocks are random.
-    ``dropped`` names the terms that were left out by selection. ``of_quadratic`` is the optimum of the fitted quadratic
-    alone, ``optimum`` that of all that is believed; ``steps``: what each value and level of a factor brings there.
+    ``scale``; everything else is in score units. ``of_quadratic`` is the optimum of the fitted quadratic alone,
+    ``optimum`` that of all that is believed; ``steps``: what each value and level of a factor brings there.
     """
 
     application: str
@@ -374,34 +371,9 @@ class Analysis:
         return self.fitted.data
 
     @property
-    def beta(self) -> FloatArray:
-        """Coefficients (p,) of the surface whose optimum is sought."""
-        return self.fitted.surface.estimate
-
-    @property
-    def dropped(self) -> tuple[str, ...]:
-        """Terms that were left out by selection."""
-        return self.fitted.dropped
-
-    @property
     def belief(self) -> Belief:
         """Quadratic and process together, on ``scale``."""
         return Belief(self.fitted.surface, self.fitted.departure, self.region, self.goal)
-
-    @property
-    def anova(self) -> tuple[AnovaRow, ...]:
-        """Sequential analysis of variance."""
-        return self.fit.anova()
-
-    @property
-    def lack_of_fit(self) -> LackOfFit | str:
-        """Its test, or why there is none."""
-        return self.fit.lack_of_fit()
-
-    @property
-    def response(self) -> str:
-        """Name of the scale of the fit, "identity" or "logit"."""
-        return self.scale.kind
 
     @property
     def contradicted(self) -> bool:

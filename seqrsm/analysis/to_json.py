@@ -29,13 +29,15 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
 def _document(analysis: Analysis) -> dict[str, Any]:
     fit, decision = analysis.fit, analysis.decision
     return {
-        **_of(analysis, "application", "goal", "response", "score_unit"),
+        **_of(analysis, "application", "goal"),
+        "response": analysis.scale.kind,
+        **_of(analysis, "score_unit"),
         **_of(fit, "n_runs", "n_terms", "df_residual", "s", "r2", "r2_adjusted", "r2_predicted", "press"),
         "terms": _terms(analysis),
         "covariance": _covariance(analysis),
-        "terms_dropped": list(analysis.dropped),
-        **_of(analysis, "anova"),
-        "lack_of_fit": _lack_of_fit(analysis.lack_of_fit),
+        "terms_dropped": list(analysis.fitted.dropped),
+        "anova": _value(fit.anova()),
+        "lack_of_fit": _lack_of_fit(fit.lack_of_fit()),
         "factors_importance": _value(analysis.importance),
         "stationary_point": _stationary(analysis),
         "departure": _departure(analysis),

@@ -217,7 +217,7 @@ class _Chooser:
     def beta(self) -> FloatArray:
         """Coefficients of the whole model: proposals keep terms testable that were left out of the fit."""
         fitted = self.analysis.model
-        found = self.analysis.beta
+        found = self.analysis.fitted.surface.estimate
         if fitted.keep is None:
             return found
         whole = np.zeros(self.model.p)

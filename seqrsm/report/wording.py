@@ -246,7 +246,7 @@ def score_decimals(analysis: Analysis) -> int:
     """
     for size in (
         analysis.optimum.confidence.half_width,
-        analysis.fit.s if analysis.response == "identity" else math.nan,
+        analysis.fit.s if analysis.scale.kind == "identity" else math.nan,
     ):
         if math.isfinite(size) and size > 0.0:
             return decimals_for(size / 2.0)

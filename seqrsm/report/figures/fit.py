@@ -81,7 +81,7 @@ def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figu
         )
     axes.set_yticks(position, [shortened(readable_term(fit.names[i]), 40) for i in indices], fontsize=7)
     axes.set_ylim(-0.7, len(indices) - 0.3)
-    unit = "logit" if analysis.response == "logit" else shortened(analysis.score_unit, 20) or "score"
+    unit = "logit" if analysis.scale.kind == "logit" else shortened(analysis.score_unit, 20) or "score"
     axes.set_xlabel(f"coded coefficient [{unit}]")
     axes.grid(visible=True, axis="x")
 

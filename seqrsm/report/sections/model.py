@@ -114,21 +114,21 @@ def _model_text(analysis: Analysis) -> str:
     text += ", each pair counted once)." if analysis.model.order == 2 else ")."
     if any(kind == "category" for kind in analysis.fit.kinds):
         text += " Categorical factors enter as sum-to-zero contrasts and their products, without squares."
-    if analysis.dropped:
+    if analysis.fitted.dropped:
         text += (
-            f" {len(analysis.dropped)} terms were dropped because model averaging gave them a probability below 50 %; "
-            "the intervals are conditional on this selection."
+            f" {len(analysis.fitted.dropped)} terms were dropped because model averaging gave them a probability below "
+            "50 %; the intervals are conditional on this selection."
         )
     if any(kind == "block" for kind in analysis.fit.kinds):
         text += " Blocks enter as sum-to-zero effects; results are for the average block."
-    if analysis.response == "logit":
+    if analysis.scale.kind == "logit":
         text += " The model is fitted to the logit of the score; coefficients and sums of squares are on that scale."
     return text
 
 
 def _statistics_table(analysis: Analysis) -> Table:
     fit = analysis.fit
-    unit = "logit" if analysis.response == "logit" else analysis.score_unit
+    unit = "logit" if analysis.scale.kind == "logit" else analysis.score_unit
     condition = fit.condition_number
     pairs: list[tuple[str, Cell]] = [
         ("Runs N", whole_cell(fit.n_runs)),
@@ -168,17 +168,17 @@ def _anova_table(analysis: Analysis) -> Table:
             significant_cell(row.f, 3),
             p_cell(row.p),
         )
-        for row in analysis.anova
+        for row in analysis.fit.anova()
     )
     columns: tuple[Head, ...] = ("Source", *map(right, ("df", "Sum of squares", "Mean square", "F", "p")))
     caption = "Sequential analysis of variance; the residual divides into lack of fit and pure error"
-    if analysis.response == "logit":
+    if analysis.scale.kind == "logit":
         caption += " (logit scale)"
     return table(caption, columns, rows)
 
 
 def _lack_of_fit_text(analysis: Analysis) -> str:
-    test = analysis.lack_of_fit
+    test = analysis.fit.lack_of_fit()
     if not isinstance(test, LackOfFit):
         return f"Lack of fit cannot be tested: {test.rstrip('.')}."
     p = format_p(test.p)
@@ -364,6 +364,6 @@ def _influence_table(analysis: Analysis) -> Table:
         for i in chosen
     )
     titles = ("Run", "Observed", "Fitted", "Residual", "Studentised", "Leverage", "Cook's distance")
-    scale = ", on the logit scale" if analysis.response == "logit" else ""
+    scale = ", on the logit scale" if analysis.scale.kind == "logit" else ""
     share = f", the {MAX_INFLUENCE_ROWS} runs with the largest Cook's distance" if len(chosen) < fit.n_runs else ""
     return table(f"Residuals and influence{scale}{share}", map(right, titles), rows, sortable=True)

@@ -250,7 +250,7 @@ def _shape(analysis: Analysis) -> list[Block]:
         (number_cell(format_significant(value, 3), value), *(decimal_cell(x, 2) for x in direction))
         for value, direction in zip(stationary.eigenvalues.tolist(), stationary.eigenvectors.T.tolist(), strict=True)
     )
-    unit = analysis.score_unit if analysis.response == "identity" else ""
+    unit = analysis.score_unit if analysis.scale.kind == "identity" else ""
     columns = (right("Curvature", unit), *(right(_name(analysis, index)) for index in numeric))
     caption = "Principal curvatures of the fitted surface and their directions, coded units"
     return [*blocks, Details("Canonical analysis", (table(caption, columns, rows),))]
