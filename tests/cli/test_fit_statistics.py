@@ -443,9 +443,10 @@ def test_aliased_terms_are_named_with_runs_that_would_mend_it(tmp_path: Path) ->
 
     campaign = Campaign.open(folder)
     data = scored_runs(campaign.spec.region, campaign.store.runs(), "a")
-    missing = missing_runs(QuadraticModel(campaign.spec.factors), campaign.spec.region, data.points)
-    assert all(f"x {settings['x']:.4g}" in flat for settings in missing.settings)
-    more = [{**settings, "score": 60.0 + i} for i, settings in enumerate(missing.settings)]
+    region = campaign.spec.region
+    missing = region.decode(missing_runs(QuadraticModel(campaign.spec.factors), region, data.points)[0])
+    assert all(f"x {settings['x']:.4g}" in flat for settings in missing)
+    more = [{**settings, "score": 60.0 + i} for i, settings in enumerate(missing)]
     (folder / "more.csv").write_text(
         "x,frequency,score\n" + "".join(f"{m['x']},{m['frequency']},{m['score']}\n" for m in more)
     )

@@ -193,8 +193,8 @@ def test_refused_and_warned() -> None:
     Z, y, day = problem(20, 3, 1.0, 0)
     assert "3 blocks" in fit_random_blocks(Z, y, day.tolist()).reason
     for Z_bad, y_bad, days, match in (
-        (Z, y, [0] * 20, "one day"),
-        (Z[:6], y[:6], day[:6].tolist(), "determine|one day"),
+        (Z, y, [0] * 20, "one block"),
+        (Z[:6], y[:6], day[:6].tolist(), "determine|one block"),
         (np.column_stack([Z, Z[:, 1]]), y, day.tolist(), "determine"),
         (Z, np.full(20, 5.0), day.tolist(), "exactly"),
     ):

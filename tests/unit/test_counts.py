@@ -96,5 +96,5 @@ def test_interval_of_fresh_runs_covers(p, n):
 
 def test_what_are_no_counts_is_refused():
     for correct, trials in (([5], [5]), ([6, 1], [5, 5]), ([-1, 1], [5, 5]), ([0, 0], [0, 0])):
-        with pytest.raises(FitError, match="no counts"):
+        with pytest.raises(FitError, match="not counts of confirmation runs"):
             counted_confirmation(correct, trials)
