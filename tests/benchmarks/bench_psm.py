@@ -114,7 +114,7 @@ def naive(s: Scene, r: RadarConfiguration, *, fading_a_cell: bool = False) -> np
 
 
 def chain(s: Scene, r: RadarConfiguration, threads: int = 1) -> np.ndarray:
-    return picture(simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False, threads=threads), threads)
+    return picture(simulate_radar(s, r, TABLE, seed=1, run_id=1, random_occasion=False, threads=threads))
 
 
 def triad_gb_s() -> float:

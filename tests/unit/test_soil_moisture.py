@@ -47,7 +47,7 @@ def land(categories, cover=KINDS):
 def quiet_table():
     """The shipped table without any variability of its own, and means known for certain."""
     table = load_emissivity_table()
-    names = table.categories
+    names = table.curves
     return replace(table, spread=dict.fromkeys(names, (0.0, 0.0, 0.0)), mean_sd=dict.fromkeys(names, 0.0))
 
 
