@@ -135,10 +135,7 @@ def init(
     ] = False,
     list_templates: Annotated[bool, typer.Option("--list", help="List the templates.")] = False,
 ) -> None:
-    """Create a campaign folder.
-
-    From a template, from literature requirements for an application, or from an export.
-    """
+    """Create a campaign folder. From a template, from literature requirements for an application, or from an export."""
     from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
@@ -337,10 +334,7 @@ def void(
         int | None, typer.Option(metavar="N", help="Void an interpreter's ranking, by number, instead of a run.")
     ] = None,
 ) -> None:
-    """Exclude a run or a ranking from the fit.
-
-    Nothing is ever deleted.
-    """
+    """Exclude a run or a ranking from the fit. Nothing is ever deleted."""
     if (run_id is None) == (ranking is None):
         raise UserError(Problem("void excludes one run or one ranking", "Give RUN_ID, or --ranking N."))
     if run_id is not None:
@@ -362,10 +356,7 @@ def retry(
         ),
     ] = None,
 ) -> None:
-    """Issue failed runs again.
-
-    Their attempts are reset; the next `run` or `simulate` carries them out.
-    """
+    """Issue failed runs again. Their attempts are reset; the next `run` or `simulate` carries them out."""
     ids = _opened(folder).opened.store.retry(runs or ())
     say(f"issued again: {', '.join(map(str, ids)) or 'no run'}")
 
@@ -395,10 +386,7 @@ def status(
     history: Annotated[bool, typer.Option("--history", help="Every event, with time, version and seed.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show runs, optimum, intervals and decision.
-
-    For a folder of campaigns, one line each.
-    """
+    """Show runs, optimum, intervals and decision. For a folder of campaigns, one line each."""
     from seqrsm.campaign.status import campaign_status, campaigns_in, overview
     from seqrsm.cli.show import show_overview
     from seqrsm.cli.show_fit import show_status
@@ -445,10 +433,7 @@ def tradeoff(
     occasions: Annotated[int, typer.Option(min=2, max=100, help="Simulations of each on every scene resolution.")] = 6,
     as_json: AsJson = False,
 ) -> None:
-    """Measure simulation speed against accuracy.
-
-    After an interruption the same command continues.
-    """
+    """Measure simulation speed against accuracy. After an interruption the same command continues."""
     from seqrsm.campaign.tradeoff import measure_tradeoff
     from seqrsm.cli.blocks import show_blocks
     from seqrsm.report.sections.speed import tradeoff_blocks
@@ -502,10 +487,7 @@ def report(
         typer.Option(metavar="DIR", help="Write each figure as SVG, PDF and PNG, and its data as CSV."),
     ] = None,
 ) -> None:
-    """Write the report as HTML and PDF.
-
-    By default both, into the campaign's reports/ folder.
-    """
+    """Write the report as HTML and PDF. By default both, into the campaign's reports/ folder."""
     campaign = _opened(folder)
     with display("reading") as shown:
         written = campaign.report(html, pdf, figures, step=shown.step)

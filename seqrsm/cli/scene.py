@@ -44,10 +44,7 @@ def scene_import(
         list[str] | None, typer.Option(metavar="LAYER=NAME", help="Attribute of polygons, as in cover=crop.")
     ] = None,
 ) -> None:
-    """Build a scene from elevation and cover.
-
-    On a projected grid in metres.
-    """
+    """Build a scene from elevation and cover. On a projected grid in metres."""
     from seqrsm.scene.fields import connected_patches
     from seqrsm.scene.raster import import_scene
     from seqrsm.scene.statistics import field_sizes
@@ -125,10 +122,7 @@ def scene_synthetic(
     roads: Annotated[bool, typer.Option(help="Roads between the towns.")] = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random landscape.")] = 0,
 ) -> None:
-    """Draw a synthetic scene.
-
-    Terrain, fields, rivers, roads and towns.
-    """
+    """Draw a synthetic scene. Terrain, fields, rivers, roads and towns."""
     from seqrsm.scene.file import save_scene
     from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
 

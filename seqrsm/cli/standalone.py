@@ -103,10 +103,7 @@ def parameters(
     engine: Annotated[str, typer.Argument(metavar="ENGINE", help="psm (radar) or prm (radiometer).")],
     as_json: AsJson = False,
 ) -> None:
-    """List the parameters of a sensor.
-
-    Each may be a factor or be set under [simulator.fixed].
-    """
+    """List the parameters of a sensor. Each may be a factor or be set under [simulator.fixed]."""
     from seqrsm.cli.show import show_parameters
     from seqrsm.sensor.parameters import CALENDAR, RADAR, RADIOMETER, listed
     from seqrsm.sensor.radar import RadarConfiguration
@@ -127,10 +124,7 @@ def doctor(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Check the installation and a campaign's database.
-
-    Also compiles the kernels.
-    """
+    """Check the installation and a campaign's database. Also compiles the kernels."""
     from seqrsm.campaign.campaign import Campaign
     from seqrsm.cli.doctor import examine
     from seqrsm.cli.show import show_doctor
