@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
+import textwrap
 from collections import Counter
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -37,7 +39,7 @@ each_sensor = pytest.mark.parametrize("engine", SENSORS)
 
 def attributes(configuration: type) -> dict[str, str]:
     """Type and description of each field as the docstring says them."""
-    text = configuration.__doc__ or ""
+    text = textwrap.indent(inspect.cleandoc(configuration.__doc__ or ""), "    ") + "\n"  # 3.13 takes indents out
     part = text[text.index("Attributes\n") : text.index("Raises\n")]
     found = {}
     for names, meaning in re.findall(r"^    (\w[\w, ]*(?: :.*)?\n(?:        .*\n)*)()", part, flags=re.M):
