@@ -117,10 +117,12 @@ def main() -> None:
         kernel, whole = {}, {}
         for label, source in (("plain", table), ("moist", load_emissivity_table())):
             look = source.lookup(s.categories, 10.0, "H")
-            occasion = nominal_radiometer_occasion(r, [look], s.n_fields)
+            occasion = nominal_radiometer_occasion(r, [look], s)
 
-            def mapped(look=look, occasion=occasion, ground=ground, f=f) -> np.ndarray:
-                return radiation_map(Meeting(f, None, [look], occasion, air, 0.0), r, ground)[0]
+            met = Meeting(f, None, [look], occasion, air, 0.0, source, None)
+
+            def mapped(met=met, ground=ground) -> np.ndarray:
+                return radiation_map(met, r, ground)[0]
 
             arguments = arguments_of(mapped)
             kernel[label] = best_of(15, lambda a=arguments: kernels_prm.emit_cells(*a))
@@ -139,9 +141,10 @@ def main() -> None:
             ),
         )
         look = load_emissivity_table().lookup(s.categories, r.frequency_ghz, "H")
-        still = nominal_radiometer_occasion(r, [look], s.n_fields)
+        still = nominal_radiometer_occasion(r, [look], s)
         no_air = make_atmosphere(r.frequency_ghz, atmosphere="none")
-        antenna = radiation_map(Meeting(f, None, [look], still, no_air, 0.0), r, np.full_like(ground, 300.0))[0][0]
+        quiet_air = Meeting(f, None, [look], still, no_air, 0.0, table, None)
+        antenna = radiation_map(quiet_air, r, np.full_like(ground, 300.0))[0][0]
         slow_scan = best_of(3, lambda f=f, a=antenna, i=made[-1]: naive_image(f, a, i))
         quiet = simulate_radiometer(
             s, r, load_emissivity_table(), seed=1, run_id=1, precision=precision, random_occasion=False

@@ -207,7 +207,7 @@ def test_a_radar_finds_the_moisture_of_bare_fields_where_nothing_else_differs() 
     s, table = bare_and_wooded(), load_sigma0_table()
     even = {(n, p): replace(table.variability[n, p], field_sd_db=0.0, date_sd_db=0.0) for n, p in table.variability}
     even_table = replace(table, variability=even)
-    found = radar_image(s, even_table, fading="none", texture_db=0.0)
+    found = radar_image(s, even_table, fading="none", texture_db=0.0, tree_height_m=0.0)
     value, unit = retrieved_fields([found], s, 5, 1)
     assert set(np.unique(s.cover[unit >= 0])) == {0}  # bare fields alone
     truth = np.zeros(len(value))
