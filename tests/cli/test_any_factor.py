@@ -144,7 +144,7 @@ REFUSED = {
     "range of a word": ("season", "low = 0.0\nhigh = 1.0", ["season'", "given by levels", "fall"]),
     "levels of a number": ("altitude_m", 'levels = ["low", "high"]', ["altitude_m'", "low and high", "1 to 2e+06 m"]),
     "beyond the limit": ("altitude_m", "low = 3000.0\nhigh = 3e6", ["altitude_m': high", "3000000.0", "1 to 2e+06 m"]),
-    "fixed, too": ("peak_power", "low = 10.0\nhigh = 90.0", ["fixed.peak_power", "at once"]),
+    "fixed, too": ("peak_power", "low = 10.0\nhigh = 90.0", ["fixed.peak_power", "both a factor and fixed"]),
     "fixed by its field": ("looks", "low = 1.0\nhigh = 9.0", ["fixed.depression_angle_deg", "'depression_angle'"]),
     "a file": ("targets_file", 'levels = ["a.csv", "b.csv"]', ["targets_file': name", "cannot be a factor", "repeats"]),
     "between whole numbers": ("adc_bits", "low = 2.0\nhigh = 8.0", ["adc_bits'", "given by values", "0 to 32"]),

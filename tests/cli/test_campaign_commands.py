@@ -154,7 +154,7 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
 
 def test_another_seed_gives_other_scores(finished, tmp_path, tiny_scene) -> None:
     other = make_tiny(tmp_path / "other", tiny_scene, TINY.replace("seed = 5", "seed = 6"))
-    ok("run", other)
+    assert seqrsm("run", other, "--max-runs", 14).exit_code == 3
     assert scores(other)[0][3] != scores(finished[0])[0][3]
 
 

@@ -66,7 +66,7 @@ def test_the_optimum_loses_nothing_and_a_weak_radar_its_power(compared: Path) ->
     assert same["owed_to"] == []
     assert weak["difference"] < -10.0
     assert [one["property"] for one in weak["owed_to"]] == ["noise"]
-    assert weak["owed_to"][0]["difference"] == pytest.approx(weak["difference"], abs=3.0)  # of half the occasions
+    assert weak["owed_to"][0]["difference"] == pytest.approx(weak["difference"], abs=5.0)  # of half the occasions
     assert weak["probability"] < 0.5
 
 

@@ -52,10 +52,10 @@ def changed(folder: Path, file: str, old: str, new: str) -> None:
             "campaign.toml",
             "bandwidth = 60.0",
             "bandwidth = 30.0",
-            "bandwidth was 60.0 for earlier runs, and is 30.0",
+            "bandwidth was 60.0 for earlier runs and is now 30.0",
         ),
-        ("campaign.toml", "altitude_m = 4000.0", "altitude_m = 4000.0\nwind_low_m_s = 3.0", "is 3.0 now"),
-        ("own.py", "% 7", "% 5", "own.py: the file is not the one"),
+        ("campaign.toml", "altitude_m = 4000.0", "altitude_m = 4000.0\nwind_low_m_s = 3.0", "is now 3.0"),
+        ("own.py", "% 7", "% 5", "own.py: the file differs from the one"),
     ],
 )
 def test_what_changed_is_refused_and_can_be_accepted_or_put_back(begun, file, old, new, words) -> None:
@@ -131,7 +131,7 @@ def test_a_scene_that_is_away_is_no_other_scene(begun) -> None:
 
 def test_another_version_of_the_program_is_told(begun, monkeypatch) -> None:
     monkeypatch.setattr("seqrsm.campaign.experiment.__version__", "9.9.9")
-    assert f"seqrsm was {__version__} for earlier runs, and is 9.9.9 now" in run(begun, "--max-runs", "17").output
+    assert f"seqrsm was {__version__} for earlier runs and is now 9.9.9" in run(begun, "--max-runs", "17").output
     assert run(begun, "--max-runs", "17", "--accept").exit_code in (0, 3)
 
 
@@ -180,7 +180,7 @@ def test_a_map_that_is_there_already_is_the_floor_and_part_of_the_experiment(tmp
     changed(folder, "old.csv", ",many", ",70")
     refused = run(folder, "--max-runs", "17")
     assert refused.exit_code == 2
-    assert "old.csv: the file is not the one" in refused.output
+    assert "old.csv: the file differs from the one" in refused.output
     changed(folder, "campaign.toml", '"percent_correct by field"', '"soil_moisture_skill"')
     assert "a map has no effect" in RUNNER.invoke(app, ["check", str(folder)]).output.replace("\n", " ")
 

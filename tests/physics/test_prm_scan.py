@@ -175,7 +175,7 @@ def test_gaps_are_recorded_or_refused_and_told():
 
 
 def test_no_dwell_and_too_large_an_antenna_are_refused_with_numbers():
-    with pytest.raises(ConfigurationError, match=r"longer than a sweep of 500 ms"):
+    with pytest.raises(ConfigurationError, match=r"exceeds a sweep of 500 ms"):
         scan_geometry(radiometer(integration_time_ms=600.0), 1000.0, 1000.0, 1000.0)
     with pytest.raises(ConfigurationError, match=r"resolution of at least 36.57 m"):
         scan_geometry(radiometer(resolution_m=20.0, antenna_limit_m=1.0), 1000.0, 1000.0, 1000.0)

@@ -347,7 +347,7 @@ def test_candidates_are_in_all_faces(capsys) -> None:
         "60.0",
         "looks recalled, not verified",
         "could not be evaluated: its cell is too fine",
-        "of 7 that it",
+        "of 7 available",
     ):
         assert text in told
     (panel,) = next(block for block in section.blocks if isinstance(block, FigureBlock)).panels

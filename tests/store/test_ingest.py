@@ -130,7 +130,7 @@ def test_same_content_again(campaign, store):
     before = snapshot(store)
     report = campaign(text, name="copy.csv")
     assert report.already is not None
-    assert "already, as 'scores.csv'" in report.messages[0]
+    assert "before, as 'scores.csv'" in report.messages[0]
     assert snapshot(store) == before
     assert report.already.name == "scores.csv"
 

@@ -90,7 +90,7 @@ def test_the_command_takes_a_band(files, tmp_path):
     for wrong, words in (
         ([], "has 3 bands"),
         (["--band", "cover=0"], "a number from 1"),
-        (["--band", "2"], "names no band"),
+        (["--band", "2"], "no band is named"),
         (["--band", "moisture=1"], "no such layer is given"),
         (["--band", "elevation=2", "--band", "cover=2"], "the raster has 1 band "),
     ):
