@@ -299,9 +299,6 @@ def simulate(
     from seqrsm.cli.show import run_row, show_runs
 
     campaign = _opened(folder, accept=accept)
-    if campaign.spec.simulator is None:
-        remedy = "Fly the issued runs and ingest their scores, or add a [simulator] table."
-        raise SpecError(Problem("this campaign has no simulator", remedy, file=str(folder / "campaign.toml")))
     with display("simulating") as shown:
         runs = campaign.opened.simulate(workers=workers, cluster=cluster, on_progress=shown.simulated)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)

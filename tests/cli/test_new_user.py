@@ -98,14 +98,6 @@ def test_run_with_unscored_flights_says_what_to_do(tiny) -> None:
     assert json.loads(call("status", tiny, "--json"))["runs"] == {"issued": 11}
 
 
-def test_simulate_without_a_simulator_says_to_fly(tmp_path) -> None:
-    call("init", tmp_path / "polder", "--template", "flevoland")
-    call("propose", tmp_path / "polder")
-    told = call("simulate", tmp_path / "polder", code=2)
-    assert "campaign.toml: this campaign has no simulator. Fly the issued runs and ingest their scores" in told
-    assert json.loads(call("status", tmp_path / "polder", "--json"))["runs"].keys() == {"issued"}
-
-
 def test_each_application_is_confirmed_by_runs_at_its_own_optimum(tmp_path, tiny_scene) -> None:
     second = '[[application]]\nname = "coarse"\nutility = "mine:coarse"\n\n[simulator]'
     text = TINY.replace("[simulator]", second).replace("half_width = 16.0", "half_width = 30.0")
