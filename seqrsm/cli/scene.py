@@ -116,15 +116,11 @@ def scene_synthetic(
     ] = "Wheat,Corn,Vegetables,Grass,Trees",
     field_m: Annotated[float, typer.Option(min=0.01, help="Mean side of a field [m].")] = 150.0,
     relief_m: Annotated[float, typer.Option(min=0.0, help="Height range of the terrain [m].")] = 30.0,
-    rivers: Annotated[int, typer.Option(min=0, max=50, help="Rivers through the valleys.")] = 1,
-    towns: Annotated[int, typer.Option(min=0, max=50, help="Towns.")] = 1,
-    town_m: Annotated[float, typer.Option(min=1.0, help="Mean radius of a town [m].")] = 200.0,
-    roads: Annotated[bool, typer.Option(help="Roads between the towns.")] = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random landscape.")] = 0,
 ) -> None:
-    """Draw a synthetic scene. Terrain, fields, rivers, roads and towns."""
+    """Draw a synthetic scene. Terrain and fields."""
     from seqrsm.scene.file import save_scene
-    from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
+    from seqrsm.scene.synthetic import Terrain, synthetic_scene
 
     scene = synthetic_scene(
         rows,
@@ -133,7 +129,6 @@ def scene_synthetic(
         categories=[name.strip() for name in categories.split(",")],
         field_m=field_m,
         terrain=Terrain(relief_m),
-        features=Features(rivers, towns, roads, town_m=town_m),
         seed=seed,
     )
     replaced = out.exists()

@@ -1,4 +1,4 @@
-"""Whole synthetic scenes from a seed: terrain, fields and their categories, rivers, roads and towns."""
+"""Whole synthetic scenes from a seed: terrain, fields and their categories."""
 
 from __future__ import annotations
 
@@ -9,14 +9,9 @@ from typing import Final
 import numpy as np
 
 from seqrsm.errors import Problem, SceneError
-from seqrsm.scene.features import river_mask, road_mask, town_centres, town_mask
 from seqrsm.scene.fields import connected_patches, draw_index, voronoi_labels
 from seqrsm.scene.scene import HIGHEST_M, MAX_CELLS, Scene
 from seqrsm.scene.terrain import fractal_terrain
-
-_TOWN = ("Buildings", "Asphalt", "Grass")
-_TOWN_SHARES = (0.5, 0.2, 0.3)
-_BLOCK_M = 50.0
 
 LARGEST_SEED: Final = 2**63 - 1
 
@@ -39,22 +34,6 @@ class Terrain:
     base_m: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Features:
-    """What lies on the fields of a drawn scene: numbers of rivers and towns, and whether there are roads.
-
-    ``river_m``, ``town_m`` and ``road_m`` are the width of a river, the mean radius of a town and the width of a road
-    [m].
-    """
-
-    rivers: int = 0
-    towns: int = 0
-    roads: bool = False
-    river_m: float = 30.0
-    town_m: float = 300.0
-    road_m: float = 12.0
-
-
 def synthetic_scene(
     rows: int,
     cols: int,
@@ -63,13 +42,9 @@ def synthetic_scene(
     categories: Sequence[str],
     field_m: float = 150.0,
     terrain: Terrain | None = None,
-    features: Features | None = None,
     seed: int = 0,
 ) -> Scene:
-    """Scene of drawn fields on drawn terrain, with rivers, roads and towns if asked for.
-
-    Rivers run through valleys, roads shun slopes and join the towns; a river is Water, a road Asphalt, and a town is
-    made of blocks of Buildings, Asphalt and Grass. They are added to the categories where they are not among them.
+    """Scene of drawn fields on drawn terrain.
 
     Parameters
     ----------
@@ -83,17 +58,15 @@ def synthetic_scene(
         Mean side of a field [m], at least one cell.
     terrain : Terrain, optional
         Flat by default.
-    features : Features, optional
-        None by default.
     seed : int
         Seed of everything that is drawn.
 
     Raises
     ------
     SceneError
-        Impossible size, relief, slope, field, feature or seed.
+        Impossible size, relief, slope, field or seed.
     """
-    terrain, features = terrain or Terrain(), features or Features()
+    terrain = terrain or Terrain()
     relief_m = terrain.relief_m
     if not categories:
         raise SceneError(Problem("a scene needs a category", "Name one or more", field="categories"))
@@ -116,51 +89,19 @@ def synthetic_scene(
         rows, cols, cell_m, relief_m=relief_m, rms_slope=terrain.rms_slope, exponent=terrain.exponent, seed=seed
     )
     piece = voronoi_labels(rows, cols, side, seed=seed)
-    wrong = [
-        Problem("must not be negative", field=name, value=getattr(features, name))
-        for name in ("rivers", "towns", "river_m", "road_m")
-        if getattr(features, name) < 0
-    ]
-    if wrong or features.town_m <= 0.0:
-        raise SceneError(*(wrong or [Problem("must be above zero", field="town_m", value=features.town_m)]))
     # A draw for each piece, not for each of its cells.
     cover = draw_index(np.arange(int(piece.max()) + 1), [1.0] * len(categories), seed=seed + 1).astype(np.uint8)[piece]
-    names, part = list(categories), np.zeros((rows, cols), dtype=np.int32)
-    river = river_mask(relief, features.rivers, features.river_m / cell_m, seed=seed + 2)
-    centres = town_centres(rows, cols, features.towns, seed=seed + 3)
-    if features.towns:
-        town = town_mask((rows, cols), centres, features.town_m / cell_m, seed=seed + 4)
-        block = voronoi_labels(rows, cols, max(round(_BLOCK_M / cell_m), 1), seed=seed + 5)
-        drawn = draw_index(np.arange(int(block.max()) + 1), _TOWN_SHARES, seed=seed + 6)
-        kind = np.array([_number(names, name) for name in _TOWN], dtype=np.uint8)[drawn]
-        cover[town], part[town] = kind[block[town]], 1 + block[town]
-        del block, town
-    if features.rivers:
-        cover[river], part[river] = _number(names, "Water"), -1
-    if features.roads:
-        road = road_mask(relief, cell_m, centres, river, features.road_m / cell_m, seed=seed + 7)
-        cover[road], part[road] = _number(names, "Asphalt"), -2
     elevation = np.empty((rows, cols), dtype=np.float32)
     np.add(terrain.base_m, relief, out=elevation, casting="same_kind")
     del relief
-    piece[part != 0] = -1
-    parts = ((f"{features.rivers} rivers", features.rivers), (f"{features.towns} towns", features.towns))
-    made = "".join(f", {text}" for text, there in (*parts, ("roads", features.roads)) if there)
     return Scene(
         elevation_m=elevation,
         cover=cover,
-        categories=tuple(names),
-        field_id=connected_patches(piece, part, cover),
+        categories=tuple(categories),
+        field_id=connected_patches(piece, cover),
         scored=np.ones((rows, cols), dtype=bool),
         cell_m=cell_m,
         name=f"synthetic {rows} x {cols}, seed {seed}",
         licence="none needed: computed",
-        provenance=f"seqrsm.scene.synthetic, voronoi fields of {field_m:g} m, relief {relief_m:g} m{made}, seed {seed}",
+        provenance=f"seqrsm.scene.synthetic, voronoi fields of {field_m:g} m, relief {relief_m:g} m, seed {seed}",
     )
-
-
-def _number(names: list[str], name: str) -> int:
-    """Number of a category, which is added where it is not among the names."""
-    if name not in names:
-        names.append(name)
-    return names.index(name)

@@ -10,7 +10,7 @@ import pytest
 from seqrsm.scene import terrain
 from seqrsm.scene.file import load_scene, save_scene
 from seqrsm.scene.statistics import scene_statistics
-from seqrsm.scene.synthetic import Features, Terrain, synthetic_scene
+from seqrsm.scene.synthetic import Terrain, synthetic_scene
 
 
 def made():
@@ -21,7 +21,6 @@ def made():
         categories=("Wheat", "Trees"),
         field_m=60.0,
         terrain=Terrain(30.0, base_m=2.5),
-        features=Features(rivers=2, river_m=20.0, towns=2, town_m=60.0, roads=True),
         seed=3,
     )
 
