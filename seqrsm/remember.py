@@ -1,7 +1,7 @@
-"""What took long to compute, kept on this machine under all that it was made of.
+"""What took long to compute, kept under all that it was made of: in this process's memory, or on this machine.
 
-Kept objects are pickles, which can run code when they are read: they lie beside the compiled kernels in the user's own
-cache, never in a campaign's folder, which may come from others.
+Objects kept on the machine are pickles, which can run code when they are read: they lie beside the compiled kernels in
+the user's own cache, never in a campaign's folder, which may come from others.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from seqrsm.jit import PACKAGE, cache_root
 
 T = TypeVar("T")
 
-MOST_KEPT = 20
-"""The oldest go."""
+MOST_KEPT, MOST_RECALLED = 20, 8
+"""On the machine, and in memory; the oldest go."""
+
+_recalled: dict[bytes, object] = {}
 
 
 def remembered(make: Callable[[], T], made_of: object) -> T:
@@ -45,6 +47,23 @@ def remembered(make: Callable[[], T], made_of: object) -> T:
         for old in sorted(folder.glob("*.pickle"), key=lambda file: file.stat().st_mtime)[:-MOST_KEPT]:
             old.unlink()
     return cast(T, pickle.loads(data))  # arrays that were views are none now, nor when it is read again
+
+
+def recalled(make: Callable[[], T], made_of: object) -> T:
+    """What ``make`` gives, or gave lately in this process: the same object.
+
+    Parameters
+    ----------
+    make : callable
+    made_of : object
+        All that the result depends on, by its pickle.
+    """
+    key = pickle.dumps(made_of)
+    if key not in _recalled:
+        while len(_recalled) >= MOST_RECALLED:
+            del _recalled[next(iter(_recalled))]
+        _recalled[key] = make()
+    return cast(T, _recalled[key])
 
 
 @lru_cache(maxsize=1)

@@ -6,7 +6,6 @@ come from both; the quadratic's own analysis stays a description.
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +26,7 @@ from seqrsm.fit.least_squares import LeastSquaresFit
 from seqrsm.fit.optimum import Goal, Optimum, active_constraints, at_bound, sign_of
 from seqrsm.fit.process import LEAST_RUNS, MOST_RUNS, Process
 from seqrsm.propose.cloud import Cloud, climb
+from seqrsm.remember import recalled
 from seqrsm.rng import generator
 
 PRIOR_LOG_ODDS = 1.0
@@ -65,11 +65,6 @@ class Departure:
         return self.process if self.probability > 0.0 else None
 
 
-_MOST_LATEST = 8
-_LATEST: dict[bytes, Process] = {}
-"""The latest processes: what a look found is confirmed and sampled from by the same scores."""
-
-
 def weigh_departure(
     model: QuadraticModel,
     data: ScoredRuns,
@@ -97,12 +92,8 @@ def weigh_departure(
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
     given = model, data.points, fit.y, fit.weights, fit.Z[:, surface.estimate.size :], sign_of(goal)
-    made_of = pickle.dumps((given, seed))
-    if made_of not in _LATEST:
-        for oldest in list(_LATEST)[: len(_LATEST) - _MOST_LATEST + 1]:
-            del _LATEST[oldest]
-        _LATEST[made_of] = Process(*given, generator(seed, n, "process"))
-    process = _LATEST[made_of]
+    # What a look found is confirmed and sampled from by the same scores.
+    process = recalled(lambda: Process(*given, generator(seed, n, "process")), (given, seed))
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
     probability = 0.0 if probability < _CERTAIN else float(probability)
     return Departure(process, process.log_bayes_factor, probability)

@@ -18,11 +18,14 @@ from seqrsm.analysis.belief import (
     _mixture_quantile,
     intervals_by_draws,
     mixed_quantiles,
+    optimism,
 )
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
+from seqrsm.design.factors import ContinuousFactor
+from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.intervals import Prediction
 from seqrsm.fit.process import MOST_RUNS
 
@@ -462,3 +465,24 @@ def test_most_runs_that_are_weighed(tmp_path: Path) -> None:
     points = np.round(spread(MOST_RUNS, 1), 3)
     made = campaign(tmp_path / "c", specification(numeric(1)), points, hill(points) + NOISE[:MOST_RUNS])
     assert whole(made, 1).fitted.departure.probability > 0.99
+
+
+@pytest.mark.parametrize("times", [0.0, 0.9, 1.5, 3.0, 10.0])
+def test_optimism_is_that_of_searching_a_surface_shrunk_by_its_own_error(tmp_path: Path, times: float) -> None:
+    """By a Monte Carlo of its own over a grid: a slope whose variance over the runs is ``times`` that of the error."""
+    points = np.round(spread(24, 2), 3)
+    model = QuadraticModel([ContinuousFactor("x0", -1.0, 1.0), ContinuousFactor("x1", -1.0, 1.0)], 2)
+    columns = model.matrix(points)
+    basis, _ = np.linalg.qr(columns)
+    noise = NOISE[:24] - basis @ (basis.T @ NOISE[:24])
+    noise *= np.sqrt((24 - 6) / np.sum(noise**2))  # s is 1, the mean variance of the fitted means p / n
+    slope = np.sqrt(times * 6 / 24) / np.std(points[:, 0])
+    one = analysed(tmp_path / "c", TWO, points, 50.0 + slope * points[:, 0] + noise)
+    belief = believed(one, 0.0)
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 61)]), axis=-1).reshape(-1, 2)
+    root = np.linalg.cholesky(np.linalg.inv(columns.T @ columns))
+    errors = np.random.default_rng(3).normal(size=(4000, 6)) @ (model.matrix(grid) @ root).T
+    true = max(1.0 - 1.0 / times, 0.0) * slope * grid[:, 0] if times else np.zeros(len(grid))
+    expected = np.mean(errors[np.arange(4000), np.argmax(true + errors, axis=1)])
+    sets = [optimism(belief, one.fit, points, one.optimum.point, np.random.default_rng(seed)) for seed in range(20)]
+    assert np.mean(sets) == pytest.approx(expected, rel=0.12)  # a few hundred places, not a fine grid

@@ -39,6 +39,16 @@ def test_a_cache_that_cannot_be_written_costs_time_alone(monkeypatch, tmp_path) 
     assert [remember.remembered(lambda: 7, "a") for _ in range(2)] == [7, 7]
 
 
+def test_in_memory_the_latest_are_kept_and_are_the_same_object(kept) -> None:
+    of = [(np.arange(3.0), i) for i in range(2 * remember.MOST_RECALLED)]
+    first = [remember.recalled(object, one) for one in of]
+    assert len(set(map(id, first))) == len(of)
+    latest = of[-remember.MOST_RECALLED :]
+    assert [remember.recalled(object, (one[0].copy(), one[1])) for one in latest] == first[-remember.MOST_RECALLED :]
+    assert remember.recalled(object, of[0]) is not first[0]
+    assert not kept.exists()
+
+
 def test_a_fit_is_made_once_until_there_is_another_score(tmp_path, monkeypatch) -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform(-1.0, 1.0, (20, 2))
