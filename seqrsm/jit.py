@@ -2,15 +2,18 @@
 
 numba's file cache does not see an edit in another file, so each kernel file is complete in itself and the cache folder
 is named by the version of the package and the content of all kernel files: an edited or upgraded kernel never meets a
-stale binary.
+stale binary. What lies there is run when it is read, so nobody else may be able to write it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import stat
+import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -22,36 +25,56 @@ _KERNEL_FILES = "**/kernels*.py"
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def cache_root() -> Path:
-    """Folder of the user's own for what can be made again."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seqrsm"
+def cache_root() -> Path | None:
+    """Folder of the user's own for what can be made again: in the user's cache, else in the temporary folder, or none.
+
+    Nobody else may open it: it is made with mode 700, and one that another user owns or may write into is not used.
+    """
+    places = [Path(tempfile.gettempdir()) / f"seqrsm-{getattr(os, 'getuid', int)()}"]
+    with suppress(RuntimeError):  # there is no home
+        places.insert(0, Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seqrsm")
+    return next((place for place in places if _is_own(place)), None)
 
 
-def cache_directory() -> Path:
-    """Folder of the compiled kernels, unique to this version and content, writable or in the temporary folder."""
+def _is_own(folder: Path) -> bool:
+    """Whether a folder, made where there is none, is the user's alone and can be written."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()  # a link may lead anywhere
+        if sys.platform != "win32":  # where a user's folders are private by the system's own lists of rights
+            if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
+                return False
+            folder.chmod(0o700)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def cache_directory() -> Path | None:
+    """Folder of the compiled kernels, unique to this version and content; None where they cannot be kept safely."""
     digest = hashlib.sha256()
     for path in sorted(PACKAGE.glob(_KERNEL_FILES)):
         digest.update(path.read_bytes())
-    folder = cache_root() / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError:
-        folder = Path(tempfile.gettempdir()) / f"seqrsm-{os.getuid()}" / folder.name
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    root = cache_root()
+    return None if root is None else root / f"kernels-{__version__}-{digest.hexdigest()[:12]}"
 
 
 def kernel(function: F) -> F:
-    """Compile ``function`` with numba: cached on disk, without the interpreter lock, IEEE arithmetic kept.
+    """Compile ``function`` with numba: cached on disk where it is safe, no interpreter lock, IEEE arithmetic kept.
 
     ``error_model="numpy"`` lets a division by zero give inf or nan instead of raising, as in numpy; no fast-math flag
     is set, so results are the same bits for any vector width.
     """
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_directory()))
+    if "NUMBA_CACHE_DIR" not in os.environ and (folder := cache_directory()) is not None:
+        os.environ["NUMBA_CACHE_DIR"] = str(folder)
     import numba
 
     # No entry for C, which nobody calls: a tenth less to compile.
-    options: Any = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    options: Any = {
+        "cache": "NUMBA_CACHE_DIR" in os.environ,
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+    }
     return cast(F, numba.njit(**options)(function))

@@ -1,7 +1,7 @@
 """What took long to compute, kept under all that it was made of: in this process's memory, or on this machine.
 
 Objects kept on the machine are pickles, which can run code when they are read: they lie beside the compiled kernels in
-the user's own cache, never in a campaign's folder, which may come from others.
+the user's own cache, which nobody else may open, never in a campaign's folder, which may come from others.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ def remembered(make: Callable[[], T], made_of: object) -> T:
     made_of : object
         All that the result depends on but code, by its ``repr``.
     """
-    folder = cache_root() / "kept"
+    root = cache_root()
+    if root is None:
+        return cast(T, pickle.loads(pickle.dumps(make())))
+    folder = root / "kept"
     place = folder / f"{hashlib.sha256(f'{_code()} {made_of!r}'.encode()).hexdigest()}.pickle"
     with suppress(Exception):  # none, or a torn one
         return cast(T, pickle.loads(place.read_bytes()))

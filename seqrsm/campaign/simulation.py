@@ -306,12 +306,11 @@ def check_simulator(spec: CampaignSpec) -> tuple[str, ...]:
         What is wrong with them.
     """
     if spec.simulator is None:
-        raise SpecError(
-            Problem(
-                "this campaign has no simulator: its scores are measured",
-                "Propose flights (`seqrsm propose --source flight`), then `seqrsm ingest` and `seqrsm fit`.",
-            )
+        message = "this campaign has no simulator: its scores are measured"
+        remedy = (
+            "Issue runs with `seqrsm propose DIR --csv FILE`, fly them, fill in the scores, `seqrsm ingest DIR FILE`."
         )
+        raise SpecError(Problem(message, remedy, file=str(spec.folder / SPEC_NAME)))
     scene = scene_at(str(spec.scene_path))
     if not bool(np.any(scene.scored)):
         raise SpecError(Problem("no cell of the scene is scored", "Set the layer `scored`.", file=str(spec.scene_path)))

@@ -17,6 +17,7 @@ import typer
 from seqrsm import __version__
 from seqrsm.cli.console import (
     EXIT_BUDGET_SPENT,
+    EXIT_CLOSED_PIPE,
     AsJson,
     StoppedError,
     at_end,
@@ -80,12 +81,23 @@ def main() -> None:
     gc.set_threshold(50_000)  # imports, compiling and drawing make many objects that stay: a twentieth less time
     stop_on_signals()
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except StoppedError:  # before a command began
         try:
             fail_stopped()
         except typer.Exit as end:
             sys.exit(end.exit_code)
+    except (BrokenPipeError, SystemExit) as end:
+        # Of a closed pipe, as that of `| head`, the parser of arguments and the console make an exit of their own.
+        if not isinstance(end, BrokenPipeError) and not isinstance(end.__context__, BrokenPipeError):
+            raise
+        nobody = os.open(os.devnull, os.O_WRONLY)  # for what is still to be written
+        os.dup2(nobody, 1)
+        os.dup2(nobody, 2)
+        sys.exit(EXIT_CLOSED_PIPE)
 
 
 def _version(wanted: bool) -> None:
@@ -300,7 +312,7 @@ def simulate(
 
     campaign = _opened(folder, accept=accept)
     with display("simulating") as shown:
-        runs = campaign.opened.simulate(workers=workers, cluster=cluster, on_progress=shown.simulated)
+        runs = campaign.carry_out(workers=workers, cluster=cluster, on_progress=shown.simulated)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
 
 

@@ -39,6 +39,8 @@ from seqrsm.progress import listening
 EXIT_USER_ERROR = 2
 EXIT_BUDGET_SPENT = 3
 EXIT_INTERRUPTED = 130
+EXIT_CLOSED_PIPE = 141
+"""Nobody reads on; what a shell tells of a program that SIGPIPE ended."""
 EXIT_TERMINATED = 143
 _INTERRUPTED = "interrupted; all scores so far are kept, and the same command continues from here"
 _AGAIN_S = 0.1

@@ -30,7 +30,7 @@ def examine() -> dict[str, Any]:
         "cpus": os.cpu_count() or 1,
         "packages": {name: _version(name) for name in PACKAGES},
         "extras": {name: _version(name) or f"absent; pip install 'seqrsm[{extra}]'" for name, extra in EXTRAS.items()},
-        "kernel_cache": str(cache_directory()),
+        "kernel_cache": os.environ.get("NUMBA_CACHE_DIR") or str(cache_directory() or ""),
         "warm_up_s": _warm_up(),
     }
 

@@ -220,9 +220,17 @@ class Campaign:
         """
         return Ingested(self.opened.ingest(*tables, dry_run=dry_run, accept=accept))
 
+    def carry_out(self, **options: Any) -> tuple[RunRecord, ...]:
+        """Simulate the issued runs as `simulate` does and return records; ``options``: where, and who is told."""
+        if self.spec.simulator is None and not self.opened.store.runs(source="simulation"):
+            from seqrsm.campaign.simulation import check_simulator
+
+            check_simulator(self.spec)  # which says so
+        return self.opened.simulate(**options)
+
     def simulate(self, workers: int = 1) -> None:
         """Simulate the issued runs."""
-        self.opened.simulate(workers=workers)
+        self.carry_out(workers=workers)
 
     def run(self, **options: Any) -> Outcome:
         """Run the campaign to its end; see `seqrsm.campaign.loop.run_campaign` for the options."""

@@ -165,7 +165,8 @@ def show_doctor(result: Mapping[str, Any]) -> None:
     for name, version in result["extras"].items():
         line(f"{name}: {version}")
     times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in result["warm_up_s"].items())
-    line(f"compiled kernels in {result['kernel_cache']}: {times}")
+    place = result["kernel_cache"] or "no folder (none is this user's alone: they are compiled anew each time)"
+    line(f"compiled kernels in {place}: {times}")
 
 
 def show_parameters(rows: Sequence[Mapping[str, Any]]) -> None:

@@ -32,36 +32,33 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     dict
         ``factors``: each with ``label``, ``values`` (text), ``x`` (places on an axis from 0 to 1) and ``start``, the
         place of the recommended setting among them; ``rows``: mean, ends of the confidence and of the prediction
-        interval, 1 or 0 for allowed or not, the last factor running fastest; None where there is no interval.
+        interval, 1 or 0 for allowed or not, the last factor running fastest; None where there is no interval. Every
+        row is corrected as `OptimumEstimate.optimism` corrects that of the recommended settings.
     """
-    region, best = analysis.region, analysis.optimum.point
+    region, best = analysis.region, analysis.optimum
     levels = _levels(analysis)
+    starts = [int(np.argmin(np.abs(np.array(coded) - best.point[j]))) for j, coded in enumerate(levels)]
     points = np.array(list(itertools.product(*levels)))
-    found, scale = predict(analysis, points), analysis.scale
-    places = max(score_decimals(analysis), 0)
-    columns = [
-        scale.to_score(values)
-        for values in (
-            found.mean,
-            found.confidence.low,
-            found.confidence.high,
-            found.prediction.low,
-            found.prediction.high,
-        )
-    ]
+    found, places = predict(analysis, points), max(score_decimals(analysis), 0)
+    bands = (found.confidence.low, found.confidence.high, found.prediction.low, found.prediction.high)
+    lower, upper = max(best.optimism, 0.0), min(best.optimism, 0.0)
+    table = np.column_stack([analysis.scale.to_score(values) for values in (found.mean, *bands)])
+    table -= [best.optimism, lower, upper, lower, upper]
+    ends = (best.confidence.low, best.confidence.high, best.prediction.low, best.prediction.high)
+    table[np.ravel_multi_index(starts, [len(coded) for coded in levels])] = (best.mean, *ends)  # as on the first page
     allowed = np.asarray(region.slack(points) >= -1e-9)
     rows = [
         [*(round(value, places) if np.isfinite(value) else None for value in row), int(ok)]
-        for row, ok in zip(np.column_stack(columns).tolist(), allowed.tolist(), strict=True)
+        for row, ok in zip(table.tolist(), allowed.tolist(), strict=True)
     ]
     factors = [
         {
             "label": axis_label(factor),
             "values": [_text(factor, value) for value in coded],
             "x": _axis(factor, coded),
-            "start": int(np.argmin(np.abs(np.array(coded) - best[j]))),
+            "start": start,
         }
-        for j, (factor, coded) in enumerate(zip(region.factors, levels, strict=True))
+        for factor, coded, start in zip(region.factors, levels, starts, strict=True)
     ]
     return {
         "name": analysis.application,

@@ -83,15 +83,28 @@ def _letters(text: str) -> str:
 _ADD = "Add it."
 
 
+_SHORT = {"bw": "bandwidth"}
+"""Short forms of factors' names that do not begin them; those that do, such as "pol" or "freq", are known by that."""
+
+
 def _rename_hint(factor: FactorColumn, free: Sequence[str]) -> str:
     """Which column may be the factor's; one whose name ends in a unit must keep it, or values change their meaning."""
+    own = factor.name.rpartition(".")[2].casefold()
     begins = (name for name in free if name.casefold().startswith(factor.name.casefold()))
-    near = next(begins, "") or nearest(factor.name, free)
+    short = (name for name in free if (word := _first_word(name)) and (own.startswith(word) or _SHORT.get(word) == own))
+    near = next(begins, "") or nearest(factor.name, free) or next(short, "")
     if not near:
         return _ADD
-    rest = near[len(factor.name) :].strip(" _-./[](),:")
+    whole = near.casefold().startswith(factor.name.casefold())
+    rest = near[len(factor.name if whole else _first_word(near)) :].strip(" _-./[](),:")
     unit = next((unit for unit in units_like(factor.unit) if unit.casefold() == rest.casefold()), "")
     return f"Rename the column '{near}' to '{factor.name}{f' [{unit}]' if unit else ''}'."
+
+
+def _first_word(name: str) -> str:
+    """The word that a column's name begins with, such as "freq" of "Freq_MHz"; "" where two letters tell nothing."""
+    word = re.match(r"[^\W\d_]*", name.casefold())[0]  # type: ignore[index]
+    return word if len(word) > 2 or word in _SHORT else ""
 
 
 class CellReader:

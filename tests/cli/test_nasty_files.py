@@ -115,6 +115,15 @@ REFUSED = [
         "Rename the column 'Frequency' to 'frequency'.",
     ),
     (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", "FREQ")), "Rename the column 'FREQ' to 'frequency'."),
+    *(
+        (NUMBERS, text(*GOOD, header=HEADER.replace(name, short)), f"Rename the column '{short}' to '{meant}'.")
+        for name, short, meant in (
+            ("polarization", "Pol", "polarization"),
+            ("polarization", "pol.", "polarization"),
+            ("resolution", "Res_m", "resolution [m]"),
+            ("frequency", "Freq [MHz]", "frequency [MHz]"),
+        )
+    ),
     (NUMBERS, text(*GOOD, header=HEADER.replace("frequency", "frequency [ghz]")), "Did you mean GHz?"),
     (NUMBERS, text(*GOOD, header=HEADER.replace("resolution", "resolution [GHz]")), "Give it in m or km or cm or mm."),
     (NUMBERS, text(*GOOD, header=HEADER.replace("score", "Score")), "Rename the column 'Score' to 'score'."),

@@ -13,11 +13,13 @@ import pytest
 from tiny_campaign import TINY, make_tiny
 from typer.testing import CliRunner
 
+import seqrsm
 from seqrsm.campaign.next_runs import rounded_settings
 from seqrsm.cli.app import app
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.region import Region
+from seqrsm.errors import UserError
 
 pytestmark = pytest.mark.usefixtures("few_draws")
 
@@ -96,6 +98,18 @@ def test_run_with_unscored_flights_says_what_to_do(tiny) -> None:
     assert "11 flights have no scores" in text
     assert "seqrsm ingest" in text
     assert json.loads(call("status", tiny, "--json"))["runs"] == {"issued": 11}
+
+
+def test_simulate_without_a_simulator_says_to_fly(tmp_path) -> None:
+    folder = tmp_path / "polder"
+    call("init", folder, "--template", "flevoland")
+    call("propose", folder)
+    told = call("simulate", folder, code=2)
+    assert "campaign.toml: this campaign has no simulator" in told
+    assert "seqrsm ingest" in told
+    with pytest.raises(UserError, match="no simulator"):
+        seqrsm.Campaign(folder).simulate()
+    assert json.loads(call("status", folder, "--json"))["runs"].keys() == {"issued"}
 
 
 def test_each_application_is_confirmed_by_runs_at_its_own_optimum(tmp_path, tiny_scene) -> None:

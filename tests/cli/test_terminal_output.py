@@ -7,6 +7,7 @@ import pty
 import re
 import select
 import struct
+import subprocess
 import sys
 import termios
 import textwrap
@@ -260,3 +261,19 @@ def test_no_line_ends_before_a_number(monkeypatch: pytest.MonkeyPatch, capsys: p
         told = capsys.readouterr().out
         assert not re.search(r"[±<>=Fp]\n|\n[%<>=]", told)
         assert " ".join(told.split()).endswith("explains 76 % of it, the others p = 0.24")
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["--help", "--version", "fit --help", "parameters psm", "parameters psm --json", "help rankings", "catalog"],
+)
+@pytest.mark.parametrize("stream", ["stdout", "both"])
+def test_a_closed_pipe_is_no_error(command: str, stream: str) -> None:
+    """As behind `| head`: nothing is said, and the exit code is that of a program whose pipe was closed."""
+    read, write = os.pipe()
+    os.close(read)
+    err = subprocess.PIPE if stream == "stdout" else write
+    done = subprocess.run([sys.executable, "-m", "seqrsm", *command.split()], stdout=write, stderr=err, check=False)
+    os.close(write)
+    assert done.returncode in (0, 141)
+    assert not done.stderr

@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,24 @@ def test_each_row_is_the_fit_at_its_settings(name, request):
         if len(row) == len(analysis.fit.estimate):  # without blocks
             mean = float(analysis.scale.to_score(np.array([row @ analysis.fit.estimate]))[0])
             assert found["rows"][i][0] == pytest.approx(mean, abs=half + 0.002 * np.ptp(analysis.data.scores))
+
+
+@pytest.mark.parametrize("off", [1.5, -1.5])
+def test_the_correction_of_the_first_page_is_in_every_row(simulated, off):
+    analysis = simulated.analyses[0]
+    best = analysis.optimum
+    changed = {name: getattr(best, name).also_less(off) for name in ("confidence", "prediction")}
+    corrected = replace(analysis, optimum=replace(best, mean=best.mean - off, optimism=off, **changed))
+    plain, found = profile(analysis), profile(corrected)
+    assert [factor["start"] for factor in found["factors"]] == [factor["start"] for factor in plain["factors"]]
+    before, after = np.array(plain["rows"]), np.array(found["rows"])
+    less, more = max(off, 0.0), min(off, 0.0)
+    expected = np.tile([off, less, more, less, more, 0.0], (len(before), 1))
+    np.testing.assert_allclose(before - after, expected, atol=1.1 * 10.0 ** -found["places"])
+    shape = [len(factor["values"]) for factor in found["factors"]]
+    start = after[np.ravel_multi_index([factor["start"] for factor in found["factors"]], shape)]
+    ends = (corrected.optimum.confidence.low, corrected.optimum.prediction.high)
+    assert start[[0, 1, 4]] == pytest.approx([best.mean - off, *ends], abs=0.51 * 10.0 ** -found["places"])
 
 
 def test_the_recommended_settings_are_those_of_the_first_page(simulated):

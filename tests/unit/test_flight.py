@@ -100,6 +100,15 @@ def test_unscored_rows_of_proposed_runs_are_left_for_later(read):
     assert file.unscored == (3,)
 
 
+@pytest.mark.parametrize(
+    ("short", "factor", "meant"),
+    [("bw", "bandwidth", "bandwidth"), ("BW_MHz", "bandwidth", "bandwidth [MHz]"), ("inc", "incidence", "incidence")],
+)
+def test_short_forms_of_factors_are_known(read, short, factor, meant):
+    with pytest.raises(ScoresFileError, match=f"Rename the column '{short}' to '{meant}'".replace("[", r"\[")):
+        read(f"{short},score\n1,50\n", factors=(FactorColumn(factor, "MHz" if factor == "bandwidth" else ""),))
+
+
 def test_whole_numbers_written_as_floats(read):
     assert read("run_id," + HEADER + "\n7.0,1,4,HH,50\n").scores[0].run_id == 7
 

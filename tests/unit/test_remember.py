@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import stat
+import sys
+import tempfile
+
 import numpy as np
 import pytest
 from scored_campaigns import campaign, numeric, specification
 
-from seqrsm import remember
+from seqrsm import jit, remember
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.plain import plain
 
@@ -36,6 +41,9 @@ def test_a_thing_is_made_once_of_the_same_and_anew_of_another_or_by_other_code(m
 def test_a_cache_that_cannot_be_written_costs_time_alone(monkeypatch, tmp_path) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file"))
+    assert jit.cache_root() is None
+    assert jit.cache_directory() is None
     assert [remember.remembered(lambda: 7, "a") for _ in range(2)] == [7, 7]
 
 
@@ -47,6 +55,42 @@ def test_in_memory_the_latest_are_kept_and_are_the_same_object(kept) -> None:
     assert [remember.recalled(object, (one[0].copy(), one[1])) for one in latest] == first[-remember.MOST_RECALLED :]
     assert remember.recalled(object, of[0]) is not first[0]
     assert not kept.exists()
+
+
+def test_where_the_cache_cannot_be_written_it_is_a_private_folder_for_temporary_files(monkeypatch, tmp_path) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert jit.cache_root() == tmp_path / f"seqrsm-{os.getuid()}"
+    assert stat.S_IMODE((tmp_path / f"seqrsm-{os.getuid()}").stat().st_mode) == 0o700
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="owners and modes of files")
+@pytest.mark.parametrize("what", ["another's", "open to others", "a link"])
+def test_a_folder_that_others_may_write_is_no_cache(kept, monkeypatch, tmp_path, what) -> None:
+    """Pickles and machine code run when they are read: those that somebody else put there must not be."""
+    root = kept.parent
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file"))
+    if what == "a link":
+        root.parent.mkdir()
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        root.symlink_to(tmp_path / "elsewhere")
+    else:
+        root.mkdir(parents=True)
+        root.chmod(0o777 if what == "open to others" else 0o700)
+    if what == "another's":
+        monkeypatch.setattr(os, "geteuid", lambda: root.stat().st_uid + 1)
+    assert jit.cache_root() is None
+    assert [remember.remembered(lambda: 7, "a") for _ in range(2)] == [7, 7]
+    assert not list(tmp_path.rglob("*.pickle"))
+
+
+def test_a_folder_that_others_may_read_is_closed_to_them(kept) -> None:
+    kept.parent.mkdir(parents=True)
+    kept.parent.chmod(0o755)
+    assert jit.cache_root() == kept.parent
+    assert stat.S_IMODE(kept.parent.stat().st_mode) == 0o700
 
 
 def test_a_fit_is_made_once_until_there_is_another_score(tmp_path, monkeypatch) -> None:
