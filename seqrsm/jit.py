@@ -1,7 +1,7 @@
 """The one numba decorator of the package and the place of its compile cache.
 
-numba's file cache does not see an edit in another file, so each kernel file is complete in itself and the cache folder
-is named by the version of the package and the content of all kernel files: an edited or upgraded kernel never meets a
+numba's file cache does not see an edit in another file, so kernels call those of kernel files alone, and the cache
+folder is named by the version of the package and the content of all of them: an edited or upgraded kernel never meets a
 stale binary. What lies there is run when it is read, so nobody else may be able to write it.
 """
 

@@ -182,7 +182,6 @@ class EmissivityTable:
         frequency_ghz: float,
         polarization: str,
         *,
-        as_printed: bool = False,
         day: float | None = None,
     ) -> EmissivityLookup:
         """Emissivity of ``categories`` for one channel.
@@ -195,8 +194,6 @@ class EmissivityTable:
             0.3 to 100 [GHz], with wider errors above 40; a user's own categories at most a third of an octave beyond
             their nodes.
         polarization : {"H", "V"}
-        as_printed : bool
-            True takes Table 3 as it stands for any frequency, polarization and moisture, as the report did.
         day : float or None
             Day of the year, 1 to 365: the vegetation's optical depth goes with the water of its canopy; None: the
             table's, which are taken for those of the growing season.
@@ -225,7 +222,7 @@ class EmissivityTable:
         found: dict[str, tuple[FloatArray, tuple[str, ...]]] = {}
         for name in dict.fromkeys(names):
             try:
-                found[name] = self._evaluate(name, float(frequency_ghz), polarization, as_printed, day)
+                found[name] = self._evaluate(name, float(frequency_ghz), polarization, day)
             except ScatteringDataError as error:
                 problems.extend(error.problems)
         if problems:
@@ -257,7 +254,7 @@ class EmissivityTable:
         )
 
     def _evaluate(
-        self, name: str, f: float, polarization: str, as_printed: bool, day: float | None
+        self, name: str, f: float, polarization: str, day: float | None
     ) -> tuple[FloatArray, tuple[str, ...]]:
         """Emissivity (1 or n_moistures, 91) of a category, and notes; more than one note means a model was used."""
         curve = self.curves[name]
@@ -265,8 +262,6 @@ class EmissivityTable:
         if not curve.printed:
             return between_nodes(name, curve, f, polarization, self.file)[None], (curve.note,)
         table = curve.value[TABLE_FREQUENCY_GHZ, "H"]
-        if as_printed:
-            return table[None], (curve.note,)
         model = self.models[name]
         moistures = MOISTURE_NODES if model.ground == "soil" else np.array([REFERENCE_MOISTURE])
         at_table = (f, polarization) == (TABLE_FREQUENCY_GHZ, "H")

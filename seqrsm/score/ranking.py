@@ -75,8 +75,6 @@ class RankingFit:
         kappa of each interpreter (geometric mean 1), and the standard error of its logarithm.
     agreement : ndarray (m,)
         Kendall's tau-b between each interpreter's rankings and the scores; nan where it is undefined.
-    log_likelihood : float
-        At the estimate, without the priors.
     """
 
     scores: FloatArray
@@ -85,7 +83,6 @@ class RankingFit:
     sharpness: FloatArray
     sharpness_log_se: FloatArray
     agreement: FloatArray
-    log_likelihood: float
 
 
 def fit_rankings(
@@ -146,7 +143,6 @@ def fit_rankings(
         sharpness=np.exp(x[n_images:]),
         sharpness_log_se=deviations[n_images:],
         agreement=np.array([_agreement(rankings, scores, j) for j in range(n_interpreters)]),
-        log_likelihood=log_likelihood(rankings, scores, x[n_images:])[0],
     )
 
 

@@ -1,26 +1,24 @@
-"""The utilities that ship, a row each: what specification, engines and pages know of them is read here.
+"""The utilities that ship, a row of ``data/utilities.csv`` each: what specification, engines and pages know of them.
 
 A campaign names one as ``NAME``, ``NAME of COVER, COVER`` where it is about certain covers, and of those that classify
 ``NAME by pixel``, ``by neighbourhood`` or ``by field``, and ``with gaussian`` or ``with random_forest``: "f1 of Corn by
-field". A further one is a module of this package and a row here. Functions are named and not imported, since they load
+field". A further one is a module of this package and a row there. Functions are named and not imported, since they load
 the engines, which the specification does without.
 """
 
 from __future__ import annotations
 
+import csv
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 UNITS_OF_GROUND: Final = ("pixel", "neighbourhood", "field")
 """What is classified as a whole."""
 
 CLASSIFIERS: Final = ("gaussian", "random_forest")
-
-_RADAR, _RADIOMETER = ("psm",), ("prm",)
-_COVER = "seqrsm.score.cover:score_cover"
-_MOISTURE = "seqrsm.score.moisture:score_moisture"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,49 +58,21 @@ class Utility:
     several: bool = False
 
 
-def _classified(words: str, unit: str = "percent", **more: bool) -> Utility:
-    both, percent = (*_RADAR, *_RADIOMETER), {"is_percent": unit == "percent"}
-    return Utility(words, unit, function=_COVER, engines=both, classifies=True, several=True, **{**percent, **more})
+def _table() -> Mapping[str, Utility]:
+    """Rows of ``data/utilities.csv``; engines and traits, which are fields of `Utility`, are separated by blanks."""
+    found = {}
+    with (Path(__file__).parent / "data" / "utilities.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            traits: dict[str, Any] = dict.fromkeys(row["traits"].split(), True)
+            engines = tuple(row["engines"].split())
+            found[row["name"]] = Utility(row["words"], row["unit"], function=row["function"], engines=engines, **traits)
+    return found
 
 
-UTILITIES: Final[Mapping[str, Utility]] = {
-    "percent_correct": _classified("ground classified correctly"),
-    "class_mean_correct": _classified("ground classified correctly, mean over covers"),
-    "worst_class_correct": _classified("ground classified correctly in the worst cover"),
-    "kappa": _classified("Cohen's kappa of classification and truth", ""),
-    "f1": _classified("F1 of the named covers, mean over several", of_covers=True),
-    "area_error": _classified(
-        "error of the area mapped as these covers", of_covers=True, is_percent=False, is_error=True
-    ),
-    "detection": _classified("detection rate of these covers at a false-alarm rate of 5 %", of_covers=True),
-    "soil_moisture_error": Utility(
-        "unbiased root mean square error of retrieved soil moisture",
-        "m3/m3",
-        is_error=True,
-        function=_MOISTURE,
-        engines=(*_RADAR, *_RADIOMETER),
-        several=True,
-    ),
-    "soil_moisture_skill": Utility(
-        "share of soil-moisture variance retrieved",
-        function=_MOISTURE,
-        engines=(*_RADAR, *_RADIOMETER),
-        several=True,
-    ),
-    "water_fraction_error": Utility(
-        "root mean square error of the open-water fraction",
-        "percent",
-        is_error=True,
-        function="seqrsm.score.retrieval:water_fraction_error",
-        engines=_RADIOMETER,
-    ),
-    "correlation": Utility("measured: correlation of an interpretation with the truth"),
-    "rank": Utility("measured: an interpreter's ranking"),
-    "measured": Utility("measured"),
-}
+UTILITIES: Final = _table()
 """By the names of ``campaign.toml``."""
 
-OF_THE_USER: Final = Utility(several=True, engines=(*_RADAR, *_RADIOMETER))
+OF_THE_USER: Final = Utility(several=True, engines=("psm", "prm"))
 """What is known of a function of the user's own."""
 
 FORMER: Final = {"retrieval_error": "soil_moisture_error"}

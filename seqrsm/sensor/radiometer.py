@@ -58,9 +58,6 @@ class RadiometerConfiguration:
         draws an arc ahead of the craft, of which the scene sees the middle.
     heading_deg : float
         Direction of flight from north [deg]: 0, 90, 180 or 270.
-    mode : {"full", "report"}
-        "report": first-order simulation as RSL TR 380-1 chapter 3.3 ran it: uniform beam, no noise, no smear, no
-        relief displacement, Table 3 as printed, every line just beside the last whatever the scan period.
     receiver : {"total_power", "dicke", "correlation"}
     reference_temperature_k : float
         Load of a Dicke or correlation receiver [K].
@@ -121,7 +118,6 @@ class RadiometerConfiguration:
     scan_half_angle_deg: float = 0.0
     conical_incidence_deg: float = 0.0
     heading_deg: float = 90.0
-    mode: Literal["full", "report"] = "full"
     receiver: Literal["total_power", "dicke", "correlation"] = "total_power"
     reference_temperature_k: float = 300.0
     gain_fluctuation: float = 0.0
@@ -216,8 +212,6 @@ class RadiometerConfiguration:
         antenna_k : float array
             Antenna temperature T_A [K].
         """
-        if self.mode == "report":
-            return np.zeros(np.shape(antenna_k))
         antenna = np.asarray(antenna_k, dtype=np.float64)
         system = antenna + self.noise_temperature_k
         load = self.reference_temperature_k + self.noise_temperature_k
@@ -230,10 +224,6 @@ class RadiometerConfiguration:
             white, slow = 2.0 * ((0.5 * (system + load)) ** 2 + (0.5 * difference) ** 2), difference
         samples = self.bandwidth_mhz * 1e3 * self.integration_time_ms
         return np.asarray(np.sqrt(white / samples + (slow * self.gain_fluctuation) ** 2))
-
-    def power_w(self, antenna_k: FloatArray | float) -> FloatArray:
-        """Power k T_A B that enters the receiver [W]: eq. (3-36)."""
-        return np.asarray(BOLTZMANN_J_K * np.asarray(antenna_k, dtype=np.float64) * self.bandwidth_mhz * 1e6)
 
 
 def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
@@ -248,9 +238,9 @@ def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
     for low, high in (("temperature_low_k", "temperature_high_k"), ("soil_moisture_low", "soil_moisture_high")):
         if getattr(radiometer, low) > getattr(radiometer, high):
             problems.append(Problem("above the high end", f"Keep it at or below {high}", field=low))
-    if radiometer.conical and (radiometer.mode == "report" or radiometer.scan_half_angle_deg > 0.0):
-        text = "a conical scan has no half angle, and the report of 1979 none of this kind"
-        problems.append(Problem(text, "Leave out scan_half_angle_deg and mode", field="conical_incidence_deg"))
+    if radiometer.conical and radiometer.scan_half_angle_deg > 0.0:
+        text = "a conical scan has no half angle"
+        problems.append(Problem(text, "Leave out scan_half_angle_deg", field="conical_incidence_deg"))
     if radiometer.beam == "measured" and not radiometer.beam_file:
         problems.append(Problem("missing", "Name the CSV file of the measured pattern", field="beam_file"))
     return problems

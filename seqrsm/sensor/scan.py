@@ -49,7 +49,7 @@ class ScanGeometry:
         Way flown from one sweep to the next, and from one line of the image to the next [m]; on a cone that from
         footprint to footprint along the arc.
     dwell_ms : float
-        Time in which the beam moves by its own width [ms] (inf in the report's mode).
+        Time in which the beam moves by its own width [ms].
     smear : float
         Way the beam moves while it integrates [beamwidths].
     look_rad : float64 array (n_samples,)
@@ -117,17 +117,16 @@ def scan_geometry(
         )
     if radiometer.conical:
         return _conical_geometry(radiometer, height_m, across_m, along_m)
-    report = radiometer.mode == "report"
     beta = radiometer.beamwidth_rad(height_m)
     edge = math.atan(0.5 * across_m / height_m)
     half_angle = math.radians(radiometer.scan_half_angle_deg) or edge
     sweep_time = 0.5 * radiometer.scan_period_s
-    advance = radiometer.resolution_m if report else radiometer.speed_m_s * sweep_time
+    advance = radiometer.speed_m_s * sweep_time
     rate = 2.0 * half_angle / sweep_time
-    dwell_ms = math.inf if report else 1e3 * beta / rate
-    smear = 0.0 if report else radiometer.integration_time_ms / dwell_ms
+    dwell_ms = 1e3 * beta / rate
+    smear = radiometer.integration_time_ms / dwell_ms
     problems = _problems(radiometer, height_m, advance, sweep_time)
-    if half_angle < 0.25 * beta and radiometer.scan_half_angle_deg > 0.0 and not report:
+    if half_angle < 0.25 * beta and radiometer.scan_half_angle_deg > 0.0:
         text = "the sweep is narrower than half a beam"
         problems.append(
             Problem(text, "Increase the scan angle", field="scan_half_angle_deg", value=math.degrees(half_angle))
@@ -226,8 +225,6 @@ def _problems(radiometer: RadiometerConfiguration, height_m: float, advance: flo
         text = f"this beam needs an antenna of {antenna:.3g} m, more than the {radiometer.antenna_limit_m:g} m allowed"
         remedy = f"Use a resolution of at least {finest:.4g} m, a higher frequency or a lower flight"
         problems.append(Problem(text, remedy, field="resolution", value=radiometer.resolution_m))
-    if radiometer.mode == "report":
-        return problems
     if radiometer.integration_time_ms > 1e3 * sweep_time:
         text = f"the integration time exceeds a sweep of {1e3 * sweep_time:.4g} ms: no footprint is resolved"
         remedy = "Reduce the integration time, or increase the scan period"
@@ -252,9 +249,7 @@ def _notes(
     """What the combination of parameters does, in words."""
     notes = []
     covered = radiometer.resolution_m / advance
-    if radiometer.mode == "report":
-        notes.append("as in the report: lines lie side by side at nadir whatever the scan period")
-    elif covered < 1.0 - 1e-9:
+    if covered < 1.0 - 1e-9:
         notes.append(
             f"gaps at nadir: sweeps {advance:.4g} m apart cover {radiometer.resolution_m:.4g} m each "
             f"({100.0 * covered:.0f} %); unseen ground takes the value of the nearest footprint"
@@ -293,7 +288,7 @@ def beam_integral(radiometer: RadiometerConfiguration) -> FloatArray:
     ConfigurationError
         The file of a measured pattern cannot be used.
     """
-    beam = "box" if radiometer.mode == "report" else radiometer.beam
+    beam = radiometer.beam
     if beam == "measured":
         return _measured_integral(radiometer.beam_file)
     reach = _REACH[beam]

@@ -24,7 +24,7 @@ class Table:
     level: tuple
     field_sd: float = 0.0
 
-    def lookup(self, categories, frequency_ghz, polarization, *, as_printed=False, day=None):  # noqa: ARG002
+    def lookup(self, categories, frequency_ghz, polarization, *, day=None):  # noqa: ARG002
         theta = np.arange(91.0)
         e = np.array([level(theta) if callable(level) else np.full(91, level) for level in self.level], dtype=float)
         e = e[: len(categories)]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from seqrsm.jit import kernel
 from seqrsm.scene.scene import Scene
 from seqrsm.score.cover import percent_correct
 from seqrsm.sensor.radar import RadarConfiguration
@@ -17,7 +18,7 @@ from seqrsm.simulate.radar.psm import simulate_radar
 
 @dataclass
 class PowerMap:
-    """What every element returns, by the kernel that tells shadow and layover of images.
+    """What every element returns, by the rows of the kernel that adds them up.
 
     ``power`` (n_channels, n, m): sigma0 x surface area / cell area x (reference range / range)**4 x antenna pattern x
     atmosphere, both two-way and relative to their best; 0 where nothing returns. ``offset`` (n, m): range position
@@ -39,6 +40,51 @@ class PowerMap:
         return self.grid.reference_range_m
 
 
+@kernel
+def power_cells(
+    z,
+    top,
+    source,
+    cover,
+    field,
+    geometry,
+    cell,
+    ground_format,
+    table,
+    n_categories,
+    field_factor,
+    pattern,
+    power,
+    offset,
+    state,
+):
+    """Power, position and state of every element by the rows of `kernels.sum_echoes`, which adds them up."""
+    n = source.shape[0]
+    steps = table.shape[1] // (n_categories + 1) - 1
+    rows = kernels._row_numbers(geometry, cell, ground_format).astype(z.dtype)
+    w = kernels._work_lines(z)
+    pairs = np.empty(kernels.STRIP, dtype=table.dtype)
+    index = np.empty(kernels.STRIP, dtype=np.uint32)
+    for begin in range(0, z.shape[1], kernels.STRIP):
+        left, m = np.uint64(begin), np.uint64(min(kernels.STRIP, z.shape[1] - begin))
+        kernels._first_row(z, top, source[0], left, m, geometry, ground_format, w)
+        for i in range(n):
+            row = source[i]
+            kernels._slope_row(z, row, left, m, geometry[i, 9], w)
+            kernels._facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
+            for j in range(m):
+                offset[i, left + j] = w[kernels._OFFSET + j]
+            kernels._range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, 0.0, 1.0, w)
+            kernels._state_row(cover, row, n_categories, left, m, w, state, i)
+            if pattern.shape[0] > 0:
+                kernels._pattern_row(z, row, geometry, i, pattern, left, m, w)
+            kernels._index_row(cover, row, n_categories, steps, left, m, index, w)
+            for c in range(power.shape[0]):
+                kernels._echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
+                for j in range(m):
+                    power[c, i, left + j] = w[kernels._POWER + j] * (w[kernels._HIGH + j] - w[kernels._LOW + j])
+
+
 def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, field_factor: np.ndarray) -> PowerMap:
     """Geometry, propagation and mean power of every element; ``lut`` and ``field_factor`` as `echo_sums` takes them."""
     dtype = frame.elevation_m.dtype
@@ -47,7 +93,7 @@ def power_map(frame: RadarFrame, radar: RadarConfiguration, lut: np.ndarray, fie
     power = np.empty((lut.shape[0], *shape), dtype=dtype)
     offset = np.empty(shape, dtype=dtype)
     state = np.empty(shape, dtype=np.uint8)
-    kernels.power_cells(
+    power_cells(
         frame.elevation_m,
         frame.top_m,
         frame.source,

@@ -19,6 +19,7 @@ from seqrsm.simulate.radiometer.prm import simulate_radiometer
 from seqrsm.simulate.radiometer.result import RadiometerImage
 
 ALTITUDE_M = 3000.0
+SPEED_M_S = 70.0
 HOUR = 9.0
 BLACK_K, WHITE_K = 240.0, 330.0
 FIGURES = (
@@ -32,19 +33,21 @@ FIGURES = (
 WORDS = {"exposure": "varying temperature", "constant": "constant temperature"}
 
 
-def simulated(scene: Scene, beamwidth_rad: float, temperature: str, mode: str = "report") -> RadiometerImage:
-    """Image at 20 GHz, H, the channel for which Table 3 is taken to hold."""
+def simulated(scene: Scene, beamwidth_rad: float, temperature: str) -> RadiometerImage:
+    """Image at 20 GHz, H, for which Table 3 is taken to hold, by a uniform beam, its lines side by side at nadir."""
     height_m = ALTITUDE_M - float(np.nanmean(scene.elevation_m))
+    footprint_m = 2.0 * height_m * math.tan(0.5 * beamwidth_rad)
     radiometer = RadiometerConfiguration(
         frequency_ghz=20.0,
         channels=("H",),
-        resolution_m=2.0 * height_m * math.tan(0.5 * beamwidth_rad),
-        integration_time_ms=1.0,
+        resolution_m=footprint_m,
+        integration_time_ms=0.01,
         bandwidth_mhz=100.0,
         noise_temperature_k=500.0,
-        scan_period_s=0.6,
+        scan_period_s=2.0 * footprint_m / SPEED_M_S,
         altitude_m=ALTITUDE_M,
-        mode=mode,
+        speed_m_s=SPEED_M_S,
+        beam="box",
         temperature=temperature,
         latitude_deg=50.7,
         day_of_year=172.0,
@@ -57,7 +60,7 @@ def simulated(scene: Scene, beamwidth_rad: float, temperature: str, mode: str = 
 
 def on_cells(image: RadiometerImage) -> np.ndarray:
     """Brightness of each cell of the scene by its nearest footprint (rows, cols) [K]; nan for none."""
-    kelvin = image.brightness_k[0].ravel().astype(float)
+    kelvin = image.mean_k[0].ravel().astype(float)
     return np.where(image.pixel_of_cell >= 0, kelvin[np.maximum(image.pixel_of_cell, 0)], np.nan)
 
 
@@ -88,7 +91,7 @@ def write_radiometer(scene: Scene, out: Path) -> str:
     ]
     for name, beam, warm in FIGURES:
         image = made[beam, warm]
-        kelvin = image.brightness_k[0]
+        kelvin = image.mean_k[0]
         size = f"{image.radiometer.resolution_m:.1f} m"
         count = f"{image.scan.n_lines} x {len(image.scan.look_rad)}"
         rows.append(
@@ -102,9 +105,8 @@ def write_radiometer(scene: Scene, out: Path) -> str:
 
 ![radiometer](radiometer.png)
 
-The report's first-order simulation (`mode = "report"`): Table 3 as printed, uniform beam, no receiver noise, lines side
-by side at nadir, over the Langegracht catchment from {
-        ALTITUDE_M:g} m, flight to the east over the middle. Grey tones by
+As the report's first-order simulation: Table 3 at its own frequency, uniform beam, no receiver noise, lines side by
+side at nadir, over the Langegracht catchment from {ALTITUDE_M:g} m, flight to the east over the middle. Grey tones by
 eq. (3-50), {BLACK_K:g} K black and {WHITE_K:g} K white in all pictures. Constant temperature is 300 K; varying
 temperature runs from 300 K without sun to 340 K square to it, at {HOUR:g} h solar time of midsummer at 50.7 deg north.
 Scene, hour and height are choices: the report names neither for its Watertown site.

@@ -38,7 +38,7 @@ class EchoGrid:
     Attributes
     ----------
     geometry : float64 array (n, 10)
-        See `kernels.power_cells`.
+        See `kernels.sum_echoes`.
     base : float64 array (n + 2,)
         Range position of flat ground in each row from the near edge of the swath [bins], one row more at both ends.
     first, n_bins : int
@@ -78,8 +78,8 @@ def sigma0_lut(lookups: Sequence[Sigma0Lookup], occasion: Occasion) -> FloatArra
         sigma0, offset_db = lookup.sigma0, occasion.class_offset_db[c][:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             level = np.log(sigma0) + LN10_OVER_10 * offset_db
-            kernels.between_nodes(level, k, part, out[c])
-            np.exp(out[c], out=out[c])
+            low = level[:, k]
+            np.exp(part * (level[:, k + 1] - low) + low, out=out[c])
         if not (sigma0 > 0.0).all():
             low, high = sigma0[:, k], sigma0[:, k + 1]
             straight = (low + part * (high - low)) * db_to_linear(offset_db)
@@ -93,7 +93,7 @@ def _steps_between(nodes: bytes) -> tuple[AnyArray, FloatArray]:
     theta_deg = np.frombuffer(nodes)
     q = np.minimum(np.arange(LUT_STEPS + 2) / LUT_STEPS, 1.0) * math.sqrt(0.5)
     at_deg = np.rad2deg(2.0 * np.arcsin(q))
-    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2).astype(np.uint32)
+    k = np.clip(np.searchsorted(theta_deg, at_deg, side="right") - 1, 0, len(theta_deg) - 2)
     return k, np.clip((at_deg - theta_deg[k]) / (theta_deg[k + 1] - theta_deg[k]), 0.0, 1.0)
 
 
@@ -159,16 +159,37 @@ def echo_grid(frame: RadarFrame, radar: RadarConfiguration) -> EchoGrid:
 def _reach(frame: RadarFrame, geometry: FloatArray, base: FloatArray, ground_format: bool) -> tuple[int, int]:
     """First and last range bin that elements of the swath reach."""
     own = slice(frame.pad_near, frame.pad_near + frame.n_rows)
-    least, most = kernels.bins_reached(
-        frame.lowest_m, frame.highest_m, frame.source[own], geometry[own], base[own], ground_format
-    )
-    return math.floor(least), math.floor(most)
+    # Range falls with height, so the extremes of each row tell.
+    ends = np.stack([frame.lowest_m, frame.highest_m], axis=1)[frame.source[own]]
+    reached = base[own, None] + range_offset(ends, geometry[own], ground_format)
+    return math.floor(reached.min()), math.floor(reached.max())
+
+
+def range_offset(z: AnyArray, geometry: FloatArray, ground_format: bool) -> AnyArray:
+    """Range position minus that of the datum [bins] of heights in some rows, as the kernels find it.
+
+    Parameters
+    ----------
+    z : float array (n, k)
+        Heights over the datum [m].
+    geometry : float64 array (n, 10)
+        Of `EchoGrid`.
+    ground_format : bool
+        Whether the position is ground range; else slant range.
+    """
+    up, place, per_metre = geometry[:, 4:5], geometry[:, 6:7], geometry[:, 7:8]
+    numbers = (2.0 * up, 1.0 / place**2, per_metre / place, -place * per_metre)
+    twice_h, per_place2, to_bins, nadir = (x.astype(z.dtype) for x in numbers)
+    rise = z * (z - twice_h)
+    offset = rise * to_bins / (1.0 + np.sqrt(np.maximum(1.0 + rise * per_place2, 0.0)))
+    return np.asarray(np.maximum(offset, nadir) if ground_format else offset)
 
 
 def paired_table(lut: FloatArray, dtype: np.dtype[Any]) -> AnyArray:
-    """Table of sigma0 as `kernels.power_cells` wants it, the category of no data appended."""
-    pairs = np.empty((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
-    kernels.pair_steps(lut, pairs)
+    """Table of sigma0 as `kernels.sum_echoes` wants it, the category of no data appended."""
+    pairs = np.zeros((lut.shape[0], lut.shape[1] + 1, lut.shape[2] - 1, 2), dtype=dtype)
+    pairs[:, :-1, :, 0] = lut[:, :, :-1]
+    pairs[:, :-1, :, 1] = np.diff(lut)
     return pairs.view(np.result_type(dtype, np.complex64)).reshape(lut.shape[0], -1)
 
 
@@ -227,6 +248,8 @@ def echo_sums(
             edges[k],
             edges[k + 1],
             out,
+            np.empty((0, 0), dtype=dtype),
+            np.empty((0, 0), dtype=np.uint8),
         )
 
     in_threads(do, len(edges) - 1, threads)

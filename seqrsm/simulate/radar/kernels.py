@@ -1,6 +1,4 @@
-"""The compiled kernels of the Point Scattering Model's geometry and image, in one self-contained file.
-
-This file may be longer than others: the compile cache of numba does not see edits in a second file.
+"""The compiled kernels of the Point Scattering Model's geometry and image.
 
 Arrays are ``[range, azimuth]`` with azimuth contiguous: each step is independent along the contiguous axis, so the
 inner loops vectorise, and a row has one ground range. Long offsets (ranges of hundreds of kilometres) stay in float64
@@ -73,7 +71,7 @@ _call_for: Any = intrinsic(_type_call_for)
 
 
 @kernel
-def power_cells(
+def sum_echoes(
     z: AnyArray,
     top: AnyArray,
     source: AnyArray,
@@ -86,14 +84,22 @@ def power_cells(
     n_categories: int,
     field_factor: AnyArray,
     pattern: AnyArray,
-    power: AnyArray,
+    base: AnyArray,
+    first: int,
+    low: int,
+    high: int,
+    out: AnyArray,
     offset: AnyArray,
     state: AnyArray,
 ) -> None:
-    """Mean power and range position of every data-base element: the report's program POWER.
+    """Mean power of every data-base element, summed over range bins: the report's program POWER, eqs. (3-21) to (3-23).
 
     Shadow by the height of the shadow ray, local incidence by eqs. (3-30) and (3-31) from the cell's own position, area
     of the sloping element, sigma0 of the element's own category, fourth power of the range.
+
+    An element reaches half way to its neighbours in range, so the elements of a column cover it without gap; layover
+    falls out by itself. Bins beyond `out` drop what falls there. Every column stands alone, so any division into
+    strips, in any number of threads, gives the same bits.
 
     Parameters
     ----------
@@ -120,75 +126,12 @@ def power_cells(
     table : complex array (n_channels, (n_categories + 1) * k)
         For each category and each of k - 1 equal steps of sin(theta/2) from 0 to sin(45 deg), and the end: sigma0 as
         the real and its rise to the next step as the imaginary part, so that one access fetches both. The last category
-        is none, of sigma0 = 0. No channels leaves the power out.
+        is none, of sigma0 = 0.
     n_categories : int
     field_factor : float array (n_channels, n_fields)
         Factor of each field's sigma0 on this occasion; n_fields = 0 stands for 1 everywhere.
     pattern : float array (k,)
         Two-way factor of the antenna at equal steps of tan(look / 2) from 0 to 1; empty stands for 1.
-    power : float array (n_channels, n, m)
-        Written: sigma0 x surface area / cell**2 x (reference range / range)**4.
-    offset : float array (n, m)
-        Written: range position minus that of the datum in the same row [bins].
-    state : uint8 array (n, m)
-        Written: bits CAST_SHADOW, SELF_SHADOW, NO_DATA.
-    """
-    n = source.shape[0]
-    steps = table.shape[1] // (n_categories + 1) - 1
-    rows = _row_numbers(geometry, cell, ground_format).astype(z.dtype)
-    w = _work_lines(z)
-    pairs = np.empty(STRIP, dtype=table.dtype)
-    index = np.empty(STRIP, dtype=np.uint32)
-    for begin in range(0, z.shape[1], STRIP):
-        left, m = np.uint64(begin), np.uint64(min(STRIP, z.shape[1] - begin))
-        _first_row(z, top, source[0], left, m, geometry, ground_format, w)
-        for i in range(n):
-            row = source[i]
-            _slope_row(z, row, left, m, geometry[i, 9], w)
-            _facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
-            for j in range(m):
-                offset[i, left + j] = w[_OFFSET + j]
-            _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, 0.0, 1.0, w)
-            _state_row(cover, row, n_categories, left, m, w, state, i)
-            if pattern.shape[0] > 0:
-                _pattern_row(z, row, geometry, i, pattern, left, m, w)
-            _index_row(cover, row, n_categories, steps, left, m, index, w)
-            for c in range(power.shape[0]):
-                _echo_row(table, index, field, row, field_factor, c, pairs, left, m, w)
-                for j in range(m):
-                    power[c, i, left + j] = w[_POWER + j] * (w[_HIGH + j] - w[_LOW + j])
-
-
-@kernel
-def sum_echoes(
-    z: AnyArray,
-    top: AnyArray,
-    source: AnyArray,
-    cover: AnyArray,
-    field: AnyArray,
-    geometry: AnyArray,
-    cell: float,
-    ground_format: bool,
-    table: AnyArray,
-    n_categories: int,
-    field_factor: AnyArray,
-    pattern: AnyArray,
-    base: AnyArray,
-    first: int,
-    low: int,
-    high: int,
-    out: AnyArray,
-) -> None:
-    """Add the power of `power_cells` to the range bins that each element overlaps: eqs. (3-21) to (3-23), in one pass.
-
-    An element reaches half way to its neighbours in range, so the elements of a column cover it without gap; layover
-    falls out by itself. Bins beyond `out` drop what falls there. Every column stands alone, so any division into
-    strips, in any number of threads, gives the same bits.
-
-    Parameters
-    ----------
-    z, top, source, cover, field, geometry, cell, ground_format, table, n_categories, field_factor, pattern
-        As in `power_cells`.
     base : float64 array (n + 2,)
         Range position of the datum in each row [bins], with one row more at both ends.
     first : int
@@ -196,7 +139,12 @@ def sum_echoes(
     low, high : int
         Columns to do, ``low <= j < high``.
     out : float array (n_channels, n_bins, m)
-        Zeroed by the caller; sums are added.
+        Zeroed by the caller; sums of sigma0 x surface area / cell**2 x (reference range / range)**4 are added.
+    offset : float array (n, m)
+        Written: range position minus that of the datum in the same row [bins]; without rows it is left out, and so is
+        `state`.
+    state : uint8 array (n, m)
+        Written: bits CAST_SHADOW, SELF_SHADOW, NO_DATA.
     """
     n = source.shape[0]
     steps = table.shape[1] // (n_categories + 1) - 1
@@ -217,6 +165,10 @@ def sum_echoes(
             beyond = 0.5 * (base[i + 1] + base[i + 2]) - origin
             _slope_row(z, row, left, m, geometry[i, 9], w)
             _facing_row(z, top, source[max(i - 1, 0)], row, source[min(i + 1, n - 1)], left, m, rows, i, w)
+            if offset.shape[0] > 0:
+                for j in range(m):
+                    offset[i, left + j] = w[_OFFSET + j]
+                _state_row(cover, row, n_categories, left, m, w, state, i)
             least, most = _range_row(z, source[min(i + 1, n - 1)], left, m, rows, i, near, beyond, w)
             if pattern.shape[0] > 0:
                 _pattern_row(z, row, geometry, i, pattern, left, m, w)
@@ -516,98 +468,6 @@ def _add_row(
             for k in range(max(k0, -shift), min(k1, n_bins - 1 - shift) + 1):
                 part = max(min(high, number(k + 1)) - max(low, number(k)), zero)
                 out[c, np.uint64(k + shift), left + j] += w[_POWER + j] * part
-
-
-@kernel
-def offset_rows(z: AnyArray, geometry: AnyArray, ground_format: bool, out: AnyArray) -> None:
-    """Range position minus that of the datum [bins] of heights in some rows (see `power_cells`).
-
-    Parameters
-    ----------
-    z : float array (n, k)
-        Heights over the datum [m].
-    geometry : float64 array (n, 10)
-    ground_format : bool
-    out : float array (n, k)
-        Written.
-    """
-    for i in range(z.shape[0]):
-        for j in range(z.shape[1]):
-            out[i, j] = z[i, j]
-        _offset_row(geometry, i, ground_format, np.uint64(i * z.shape[1]), np.uint64(z.shape[1]), out.reshape(-1))
-
-
-@kernel
-def bins_reached(
-    lowest: AnyArray, highest: AnyArray, source: AnyArray, geometry: AnyArray, base: AnyArray, ground_format: bool
-) -> tuple[float, float]:
-    """Least and largest range position of elements of some rows [bins]; range falls with height, so extremes tell.
-
-    Parameters
-    ----------
-    lowest, highest : float array (rows,)
-        Extremes of each row of the layers [m].
-    source : int64 array (n,)
-        Row of the layers in each row of the frame.
-    geometry : float64 array (n, 10)
-        See `power_cells`.
-    base : float64 array (n,)
-        Range position of the datum in each row [bins].
-    ground_format : bool
-
-    Returns
-    -------
-    tuple of float, float
-    """
-    line = np.empty(2, dtype=lowest.dtype)
-    least, most = math.inf, -math.inf
-    for i in range(source.shape[0]):
-        line[0], line[1] = lowest[source[i]], highest[source[i]]
-        _offset_row(geometry, i, ground_format, _ZERO, np.uint64(2), line)
-        least = min(least, base[i] + line[0], base[i] + line[1])
-        most = max(most, base[i] + line[0], base[i] + line[1])
-    return least, most
-
-
-@kernel
-def between_nodes(level: AnyArray, node: AnyArray, part: AnyArray, out: AnyArray) -> None:
-    """Straight lines between the nodes of some curves.
-
-    Parameters
-    ----------
-    level : float64 array (n, n_nodes)
-    node : uint32 array (k,)
-        Node at or before each place, below ``n_nodes - 1``.
-    part : float64 array (k,)
-        Part of the way to the next node.
-    out : float64 array (n, k)
-        Written.
-    """
-    for i in range(level.shape[0]):
-        for j in range(part.shape[0]):
-            low = level[i, node[j]]
-            out[i, j] = part[j] * (level[i, node[j] + np.uint32(1)] - low) + low
-
-
-@kernel
-def pair_steps(lut: AnyArray, out: AnyArray) -> None:
-    """Table of sigma0 as `power_cells` takes it, of values at the steps; the last category is none.
-
-    Parameters
-    ----------
-    lut : float64 array (n_channels, n_categories, k + 1)
-    out : float array (n_channels, n_categories + 1, k, 2)
-        Written: value at a step, and its rise to the next.
-    """
-    number = out.dtype.type
-    for c in range(out.shape[0]):
-        for i in range(lut.shape[1]):
-            for j in range(out.shape[2]):
-                out[c, i, j, 0] = number(lut[c, i, j])
-                out[c, i, j, 1] = number(lut[c, i, j + 1] - lut[c, i, j])
-        for j in range(out.shape[2]):
-            out[c, lut.shape[1], j, 0] = number(0.0)
-            out[c, lut.shape[1], j, 1] = number(0.0)
 
 
 @kernel

@@ -81,7 +81,8 @@ def state_of_cells(
     shape = (len(frame.source), frame.elevation_m.shape[1])
     dtype = frame.elevation_m.dtype
     offset, state = np.empty(shape, dtype=dtype), np.empty(shape, dtype=np.uint8)
-    kernels.power_cells(
+    # No channels: position and state alone.
+    kernels.sum_echoes(
         frame.elevation_m,
         frame.top_m,
         frame.source,
@@ -90,12 +91,15 @@ def state_of_cells(
         grid.geometry,
         frame.cell_m,
         ground_format,
-        # No channels: position and state alone.
         np.empty((0, 2 * (n_categories + 1)), dtype=np.result_type(dtype, np.complex64)),
         n_categories,
         np.empty((0, 0), dtype=dtype),
         np.empty(0, dtype=dtype),
-        np.empty((0, 0, 0), dtype=dtype),
+        grid.base,
+        grid.first,
+        0,
+        shape[1],
+        np.empty((0, grid.n_bins, shape[1]), dtype=dtype),
         offset,
         state,
     )

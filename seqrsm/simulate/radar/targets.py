@@ -18,8 +18,7 @@ from seqrsm.arrays import AnyArray
 from seqrsm.errors import Problem, SceneError
 from seqrsm.sensor.earth import range_geometry
 from seqrsm.sensor.radar import RadarConfiguration
-from seqrsm.simulate.radar import kernels
-from seqrsm.simulate.radar.echo import EchoGrid
+from seqrsm.simulate.radar.echo import EchoGrid, range_offset
 from seqrsm.simulate.radar.frame import RadarFrame
 
 MOST_DBM2: Final = 120.0
@@ -193,8 +192,7 @@ def add_targets(
         own_look = math.atan2(flat.along_m[i], flat.up_m[i] - z) - vertical[i]
         if i > 0 and float(look[:i].max()) > own_look:
             continue
-        offset = np.empty((1, 1))
-        kernels.offset_rows(np.full((1, 1), z), grid.geometry[i : i + 1], radar.range_format == "ground", offset)
+        offset = range_offset(np.full((1, 1), z), grid.geometry[i : i + 1], radar.range_format == "ground")
         k = math.floor(grid.base[i + 1] + float(offset[0, 0])) - grid.first
         if not 0 <= k < grid.n_bins:
             continue

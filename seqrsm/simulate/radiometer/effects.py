@@ -18,7 +18,7 @@ def planck_offset_used_k(radiometer: RadiometerConfiguration) -> float:
     """The offset h f / k [K] if radiation is to follow Planck's law, else 0, by the configuration's `radiation`."""
     offset = radiometer.planck_offset_k
     if radiometer.radiation == "auto":
-        return offset if 0.5 * offset > float(radiometer.nedt_k(300.0)) and radiometer.mode == "full" else 0.0
+        return offset if 0.5 * offset > float(radiometer.nedt_k(300.0)) else 0.0
     return offset if radiometer.radiation == "planck" else 0.0
 
 

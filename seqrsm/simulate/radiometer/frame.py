@@ -98,7 +98,7 @@ def surface_temperature_k(
     Parameters
     ----------
     scene, frame, radiometer, lookup, occasion
-        As in `simulate_radiometer`; the report's mode heats every cover alike.
+        As in `simulate_radiometer`.
 
     Returns
     -------
@@ -118,8 +118,7 @@ def surface_temperature_k(
         sun = (radiometer.latitude_deg, radiometer.day_of_year, radiometer.hour, radiometer.exposure_hours)
         exposure = _exposure(scene, *sun, frame.quarter_turns)
         heating = np.ones(NO_COVER + 1)
-        if radiometer.mode == "full":
-            heating[: len(lookup.heating)] = lookup.heating
+        heating[: len(lookup.heating)] = lookup.heating
         base = physical_temperature_k(
             exposure,
             np.take(heating, frame.cover),

@@ -1,4 +1,4 @@
-"""Every compiled kernel of the radiometer's simulation, in one self-contained file.
+"""Every compiled kernel of the radiometer's simulation; its random numbers are those of the radar's.
 
 Arrays are ``[across, along]`` the track with the track contiguous: a row has one ground range from nadir and one look
 angle for flat ground, and every step along it is independent, so the inner loops vectorise.
@@ -12,35 +12,10 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray
 from seqrsm.jit import kernel
+from seqrsm.simulate.radar.kernels_speckle import philox4x32
 
 BLOCKED = 1
 NO_DATA = 2
-
-_M0 = np.uint64(0xD2511F53)
-_M1 = np.uint64(0xCD9E8D57)
-_W0 = np.uint32(0x9E3779B9)
-_W1 = np.uint32(0xBB67AE85)
-_LOW = np.uint64(0xFFFFFFFF)
-_SHIFT = np.uint64(32)
-
-
-@kernel
-def philox4x32(
-    c0: np.uint32, c1: np.uint32, c2: np.uint32, c3: np.uint32, k0: np.uint32, k1: np.uint32
-) -> tuple[np.uint32, np.uint32, np.uint32, np.uint32]:
-    """Four random words of a counter and a key: Philox4x32 with ten rounds (Salmon et al. 2011)."""
-    for _ in range(10):
-        p0 = np.uint64(c0) * _M0
-        p1 = np.uint64(c2) * _M1
-        c0, c1, c2, c3 = (
-            np.uint32(np.uint32(p1 >> _SHIFT) ^ c1 ^ k0),
-            np.uint32(p1 & _LOW),
-            np.uint32(np.uint32(p0 >> _SHIFT) ^ c3 ^ k1),
-            np.uint32(p0 & _LOW),
-        )
-        k0 = np.uint32(k0 + _W0)
-        k1 = np.uint32(k1 + _W1)
-    return c0, c1, c2, c3
 
 
 @kernel

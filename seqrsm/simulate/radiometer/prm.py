@@ -160,10 +160,8 @@ def lookups_of(
     scene: Scene, radiometer: RadiometerConfiguration, table: EmissivityTable, day: float | None
 ) -> list[EmissivityLookup]:
     """Emissivities of a scene's covers on a day of the year, one table for each channel."""
-    printed = radiometer.mode == "report"
     return [
-        table.lookup(scene.categories, radiometer.frequency_ghz, channel, as_printed=printed, day=day)
-        for channel in radiometer.channels
+        table.lookup(scene.categories, radiometer.frequency_ghz, channel, day=day) for channel in radiometer.channels
     ]
 
 
@@ -249,11 +247,8 @@ def radiation_map(
         antenna,
         state,
     )
-    if radiometer.mode == "report":
-        offset = np.zeros((n, m), dtype=dtype)
-    else:
-        offset = np.empty((n, m), dtype=dtype)
-        kernels_prm.displace_cells(frame.elevation_m, frame.away_m, frame.height_m, frame.cell_m, offset)
+    offset = np.empty((n, m), dtype=dtype)
+    kernels_prm.displace_cells(frame.elevation_m, frame.away_m, frame.height_m, frame.cell_m, offset)
     return antenna, offset, state
 
 

@@ -69,13 +69,12 @@ class RadiometerImage:
         scan = self.scan
         return {
             "engine": "prm",
-            "mode": self.radiometer.mode,
             "nedt_k": [round(float(np.nanmedian(layer)), 4) for layer in self.nedt_k],
             "beamwidth_deg": round(math.degrees(self.radiometer.beamwidth_rad(scan.height_m)), 5),
             "lines_and_samples": [scan.n_lines, len(scan.look_rad)],
             "advance_m": round(scan.advance_m, 4),
             "sweeps_a_line": scan.sweeps_a_line,
-            "dwell_ms": round(scan.dwell_ms, 5) if math.isfinite(scan.dwell_ms) else None,
+            "dwell_ms": round(scan.dwell_ms, 5),
             "smear_beams": round(scan.smear, 5),
             "covered_percent": round(100.0 * float((self.coverage > 0).mean()), 3),
             "blocked_percent": round(100.0 * float(self.blocked.mean()), 3),
