@@ -215,14 +215,6 @@ def fields_by_category() -> dict[str, Fields]:
     }
 
 
-def calendar_sources(categories: tuple[str, ...]) -> tuple[str, ...]:
-    """Keys of the sources that the calendar of some categories rests on."""
-    months = {row.text("source") for row in _months() if row.text("category") in categories}
-    canopy = {row.text("source") for row in _canopy_rows() if row.text("category") in categories}
-    fields = ("s1_france_w_fields", "assumed_fields", "assumed_even")
-    return (*sorted(months | canopy), *fields, "assumed_calendar_bands", "water_cloud_calendar")
-
-
 def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str, soil_db: float) -> FloatArray:
     """Course (365,) of one cover [dB]; ``soil_db``: bare soil over the cover's level."""
     if fields.group == "even":

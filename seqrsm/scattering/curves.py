@@ -71,12 +71,8 @@ class Curve:
         Soil moisture the curve holds for [m^3/m^3].
     status : tuple of tuples of str
         What the values at each node frequency rest on at HH, HV, VV: the weakest status of the rows used there.
-    sources : tuple of str
-        Keys of the sources used.
     notes : tuple of str
         Source and assumptions, without the category's name.
-    rows : tuple of str
-        File, line and status of every row used.
     kin : str
         Class of ground whose covers share part of what is not known of their means; "" for none.
     as_given : bool
@@ -95,9 +91,7 @@ class Curve:
     soil_rms_height_m: float | None
     reference_moisture: float
     status: Statuses
-    sources: tuple[str, ...]
     notes: tuple[str, ...]
-    rows: tuple[str, ...]
     kin: str = ""
     as_given: bool = False
     mean_sd_db: FloatArray | None = None
@@ -265,9 +259,7 @@ def _curve(
         soil_rms_height_m=soil.get("rms_height_m") if soil else None,
         reference_moisture=soil.get("reference_moisture") if soil else 0.2,
         status=status or _statuses([row, *rows], frequency_ghz),
-        sources=tuple(dict.fromkeys(r.text("source") for r in (row, *rows))),
         notes=(f"{row.text('note')} ({row.text('status')}: {row.text('source')})", *notes),
-        rows=tuple(f"{r.file.rsplit('/', 1)[-1]}:{r.line} ({r.text('status')})" for r in (row, *rows)),
         kin=row.text("base") if row.text("model") == "ulaby_dobson" else "",
     )
 
@@ -319,7 +311,6 @@ def _regression_curve(row: Row, classes: list[Row], levels: list[Row]) -> Curve:
         [*nodes, *_HIGH_BANDS_GHZ],
         moved,
         notes=notes,
-        rows=[*classes, *levels],
         status=(*(tuple(s) for s in status), *assumed),
     )
 
@@ -393,7 +384,6 @@ def _water_curve(row: Row, own: _Parameters) -> Curve:
             hh = np.maximum(_resampled(block[:, 2], block[:, 3]), vv - own.get("hh_below_vv_limit_db", None, "HH"))
             value[w, f] = np.stack([hh, cross, vv])
     notes = (own.note(), "HV of C band used at every frequency (assumed)", "HV held 3 dB below HH and VV")
-    # one line a node would be 500 lines of provenance: the category's own row stands for the file
     return _curve(row, frequencies, value, surface=True, wind_m_s=list(winds), notes=notes, rows=own.rows)
 
 

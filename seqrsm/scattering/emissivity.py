@@ -23,12 +23,12 @@ from seqrsm.scattering.calendar import canopy_share
 from seqrsm.scattering.curves import THETA_DEG
 from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity_curves import (
-    FREQUENCY_RANGE_GHZ,
     POLARIZATIONS,
     EmissivityCurve,
     between_nodes,
     read_curves,
 )
+from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
 from seqrsm.scattering.readers import DATA, read_rows
 from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
@@ -125,8 +125,8 @@ class EmissivityLookup:
         Correlation of the draws of H and V.
     mean_sd : float64 array (n_categories,)
         Standard deviation of the mean about that of a given ground [1].
-    status, notes, citations : tuple of str
-        What each category rests on; sources and assumptions; full citations.
+    status, notes : tuple of str
+        What each category rests on; sources and assumptions.
     """
 
     categories: tuple[str, ...]
@@ -140,7 +140,6 @@ class EmissivityLookup:
     mean_sd: FloatArray
     status: tuple[str, ...]
     notes: tuple[str, ...]
-    citations: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +154,6 @@ class EmissivityTable:
         `GroundModel` by category.
     spread : Mapping
         (field sd, date sd, channel correlation) by category.
-    citations : tuple of str
     file : str
         The user's file, or "".
     mean_sd : Mapping
@@ -167,7 +165,6 @@ class EmissivityTable:
     curves: Mapping[str, EmissivityCurve]
     models: Mapping[str, GroundModel]
     spread: Mapping[str, tuple[float, float, float]]
-    citations: tuple[str, ...]
     file: str = ""
     mean_sd: Mapping[str, float] = field(default_factory=dict)
     world: World | OneAway | None = None
@@ -207,7 +204,7 @@ class EmissivityTable:
         if polarization not in POLARIZATIONS:
             remedy = f"One of: {', '.join(POLARIZATIONS)}"
             problems.append(Problem("no such polarization", remedy, field="polarization", value=polarization))
-        low, high = FREQUENCY_RANGE_GHZ
+        low, high = EMISSIVITY_GHZ
         if not low <= frequency_ghz <= high:
             remedy = f"Stay within {low:g} to {high:g} GHz"
             problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
@@ -250,7 +247,6 @@ class EmissivityTable:
             mean_sd=np.array([mean_sd[n] for n in names]),
             status=tuple(status[n] for n in names),
             notes=tuple(dict.fromkeys(note for _, notes in found.values() for note in notes)),
-            citations=self.citations,
         )
 
     def _evaluate(
@@ -334,7 +330,7 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     for name, value in sd.items():
         own = shipped.spread.get(name, (0.0, 0.0, 0.0))
         spread[name] = (value, own[1], own[2])
-    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, shipped.citations, str(path), mean_sd)
+    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, str(path), mean_sd)
 
 
 @lru_cache(maxsize=1)
@@ -360,6 +356,4 @@ def _shipped_table() -> EmissivityTable:
         row.text("category"): (float(row.text(numbers[0])), float(row.text(numbers[1])), float(row.text(numbers[2])))
         for row in read_rows(DATA / "emissivity_variability.csv", ("category", *numbers, "status", "source"))
     }
-    sources = read_rows(DATA / "emissivity_sources.csv", ("source", "citation"))
-    citations = tuple(f"{row.text('source')}: {row.text('citation')}" for row in sources)
-    return EmissivityTable(curves, models, spread, citations)
+    return EmissivityTable(curves, models, spread)

@@ -13,18 +13,11 @@ from scipy.interpolate import PchipInterpolator
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.curves import THETA_DEG
-from seqrsm.scattering.readers import STATUSES, Row, read_rows
+from seqrsm.scattering.curves import THETA_DEG, weakest
+from seqrsm.scattering.longtable import Node, by_angle, read_nodes, refuse, stated
 
 POLARIZATIONS: Final = ("H", "V")
 
-FREQUENCY_RANGE_GHZ: Final = (0.3, 100.0)
-"""Lowest and highest frequency of a table [GHz]."""
-
-_REQUIRED: Final = (
-    "quantity", "category", "frequency_ghz", "polarization", "theta_deg", "value", "unit", "status", "source",
-)  # fmt: skip
-_OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
 _THIRD_OCTAVE: Final = 2.0 ** (1.0 / 3.0)
 
 
@@ -109,77 +102,29 @@ def read_curves(
         Every wrong row, with its line and column.
     """
     problems: list[Problem] = []
-    nodes: dict[str, dict[tuple[float, str], list[tuple[float, float, Row]]]] = defaultdict(lambda: defaultdict(list))
-    sd: dict[str, list[float]] = defaultdict(list)
-    mean_sd: dict[str, list[float]] = defaultdict(list)
-    rows: dict[str, list[Row]] = defaultdict(list)
-    for row in read_rows(path, _REQUIRED, _OPTIONAL):
-        node = _node(row, problems)
-        if node is not None:
-            name = row.text("category")
-            nodes[name][node[0], node[1]].append((node[2], node[3], row))
-            rows[name].append(row)
-            if np.isfinite(node[4]):
-                sd[name].append(node[4])
-            if row.text("mean_sd"):
-                mean_sd[name].append(row.number("mean_sd", problems, 0.0, 1.0))
-    if not nodes and not problems:
-        problems.append(Problem("the table has no rows", f"Columns: {', '.join(_REQUIRED)}", str(path)))
+    groups: dict[str, dict[tuple[float, str], list[Node]]] = defaultdict(lambda: defaultdict(list))
+    nodes = read_nodes(path, "emissivity", problems)
+    for node in nodes:
+        groups[node.category][node.frequency_ghz, node.channel].append(node)
     curves = {}
-    for name, groups in nodes.items():
-        value = {key: _angles(name, key, group, problems) for key, group in groups.items()}
-        status = max((row.text("status") for row in rows[name]), key=STATUSES.index)
+    for name, group in groups.items():
+        own = [node.row for node in nodes if node.category == name]
+        value = {key: _angles(f"{name}, {key[0]:g} GHz, {key[1]}", block, problems) for key, block in group.items()}
+        status = weakest(row.text("status") for row in own)
         if printed:
             note = "Table 3 of RSL TR 380-1; its frequency (20 GHz), polarization (H) and moisture (0.2) are inferred"
         else:
-            sources = ", ".join(sorted({row.text("source") for row in rows[name]}))
+            sources = ", ".join(sorted({row.text("source") for row in own}))
             note = f"{name}: rows of {Path(path).name} ({status}: {sources})"
         curves[name] = EmissivityCurve(value, status, note, printed)
-    if problems:
-        raise ScatteringDataError(*problems)
-    of_fields, of_means = ({name: float(np.mean(x)) for name, x in found.items()} for found in (sd, mean_sd))
+    refuse(problems, path)
+    of_fields, of_means = (stated(nodes, name, lambda node: node.category) for name in ("sd", "mean_sd"))
     return curves, of_fields, of_means
 
 
-def _node(row: Row, problems: list[Problem]) -> tuple[float, str, float, float, float] | None:
-    """Frequency, polarization, angle, emissivity and sd of a row, or None after its faults are noted."""
-    before = len(problems)
-    row.choice("quantity", problems, ("emissivity",))
-    row.choice("unit", problems, ("1",))
-    row.choice("status", problems, STATUSES)
-    polarization = row.choice("polarization", problems, POLARIZATIONS)
-    problems += [
-        row.problem(column, "empty", "Every row needs a category and a source")
-        for column in ("category", "source")
-        if not row.text(column)
-    ]
-    problems += [
-        row.problem(column, "an emissivity table by this state is not supported", "Leave it empty")
-        for column in ("moisture", "snow_cm", "wind_m_s", "season")
-        if row.text(column)
-    ]
-    frequency = row.number("frequency_ghz", problems, *FREQUENCY_RANGE_GHZ)
-    theta = row.number("theta_deg", problems, 0.0, 90.0)
-    value = row.number("value", problems, 0.0, 1.0)
-    sd = row.number("sd", problems, 0.0, 0.5) if row.text("sd") else np.nan
-    return None if len(problems) > before else (frequency, polarization, theta, value, sd)
-
-
-def _angles(
-    name: str, key: tuple[float, str], group: list[tuple[float, float, Row]], problems: list[Problem]
-) -> FloatArray:
+def _angles(at: str, block: list[Node], problems: list[Problem]) -> FloatArray:
     """One curve on `THETA_DEG` from its nodes."""
-    group = sorted(group, key=lambda node: node[0])
-    angles = [node[0] for node in group]
-    at = f"{name}, {key[0]:g} GHz, {key[1]}"
-    problems += [
-        node[2].problem("theta_deg", f"{at}: the angle is given twice")
-        for node, following in zip(group[1:], angles[:-1], strict=True)
-        if node[0] == following
-    ]
-    if len(set(angles)) < 2:
-        problems.append(Problem(f"{at}: at least 2 look angles are needed", "", group[0][2].file, field="theta_deg"))
+    nodes = by_angle(block, at, problems)
+    if not nodes:
         return np.zeros(THETA_DEG.size)
-    if len(set(angles)) < len(angles):
-        return np.zeros(THETA_DEG.size)
-    return interpolated(angles, [node[1] for node in group])
+    return interpolated([node.theta_deg for node in nodes], [node.value for node in nodes])

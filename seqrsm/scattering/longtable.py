@@ -11,9 +11,10 @@ where on gamma is.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -27,24 +28,66 @@ REQUIRED: Final = (
 )  # fmt: skip
 OPTIONAL: Final = ("season", "moisture", "snow_cm", "wind_m_s", "sd", "mean_sd")
 
+EMISSIVITY_GHZ: Final = (0.3, 100.0)
+"""Lowest and highest frequency of a table of emissivity [GHz]."""
+
 _SEASONS: Final = ("spring_summer", "fall", "winter")
+K = TypeVar("K")
+
 _NO_WIND: Final = 0.0
 _MOST_TOLD: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
-class _Node:
-    """One good row."""
+class Node:
+    """One good row: value and standard deviations [dB] of sigma0, [1] of emissivity; nan where they are not given."""
 
     row: Row
-    key: tuple[str, str]
+    category: str
+    season: str
     frequency_ghz: float
     wind_m_s: float
     channel: str
     theta_deg: float
-    value_db: float
-    sd_db: float
-    mean_sd_db: float
+    value: float
+    sd: float
+    mean_sd: float
+
+
+def read_nodes(path: str | Path, quantity: str, problems: list[Problem]) -> list[Node]:
+    """Nodes of the good rows of a quantity's table; the faults of the others are appended to ``problems``.
+
+    Raises
+    ------
+    ScatteringDataError
+        No table of these columns.
+    """
+    nodes = [_node(row, quantity, problems) for row in read_rows(path, REQUIRED, OPTIONAL)]
+    if not nodes:
+        problems.append(Problem("the table has no rows", f"Columns: {', '.join(REQUIRED)}", str(path)))
+    return [node for node in nodes if node is not None]
+
+
+def refuse(problems: list[Problem], path: str | Path) -> None:
+    """Raise ScatteringDataError where there are problems, with the first of them."""
+    if problems:
+        more = len(problems) - _MOST_TOLD
+        rest = [Problem(f"{more} more problems like these", file=str(path))] if more > 0 else []
+        raise ScatteringDataError(*problems[:_MOST_TOLD], *rest)
+
+
+def by_angle(block: list[Node], at: str, problems: list[Problem]) -> list[Node]:
+    """The nodes of one curve by rising angle, two at least; else none, after the fault is appended to ``problems``."""
+    block = sorted(block, key=lambda node: node.theta_deg)
+    angles = [node.theta_deg for node in block]
+    twice = [node for node in block if angles.count(node.theta_deg) > 1]
+    problems += [node.row.problem("theta_deg", f"{at}: the angle is given twice") for node in twice]
+    if len(set(angles)) >= 2:
+        return [] if twice else block
+    message = f"{at}: {len(set(angles))} incidence angles, at least 2 are needed"
+    file = block[0].row.file if block else None
+    problems.append(Problem(message, "Give every channel at every frequency and wind", file, field="theta_deg"))
+    return []
 
 
 def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dict[tuple[str, str], float]]:
@@ -56,29 +99,29 @@ def read_long_table(path: str | Path) -> tuple[dict[tuple[str, str], Curve], dic
         Every wrong row, with its line and column; and nodes that are missing or given twice.
     """
     problems: list[Problem] = []
-    nodes = [node for row in read_rows(path, REQUIRED, OPTIONAL) if (node := _node(row, problems)) is not None]
-    groups: dict[tuple[str, str], list[_Node]] = defaultdict(list)
+    nodes = read_nodes(path, "sigma0", problems)
+    groups: dict[tuple[str, str], list[Node]] = defaultdict(list)
     for node in nodes:
-        groups[node.key].append(node)
-    if not groups and not problems:
-        problems.append(Problem("the table has no rows", f"Columns: {', '.join(REQUIRED)}", str(path)))
+        groups[node.category, node.season].append(node)
     curves = {key: curve for key, group in groups.items() if (curve := _curve(key, group, problems)) is not None}
-    if problems:
-        more = len(problems) - _MOST_TOLD
-        rest = [Problem(f"{more} more problems like these", file=str(path))] if more > 0 else []
-        raise ScatteringDataError(*problems[:_MOST_TOLD], *rest)
-    spread: dict[tuple[str, str], list[float]] = defaultdict(list)
+    refuse(problems, path)
+    return curves, stated(nodes, "sd", lambda node: (node.category, node.channel))
+
+
+def stated(nodes: list[Node], name: str, key: Callable[[Node], K]) -> dict[K, float]:
+    """Mean of a standard deviation, "sd" or "mean_sd", over the nodes of each key that state it."""
+    found: dict[K, list[float]] = defaultdict(list)
     for node in nodes:
-        if np.isfinite(node.sd_db):
-            spread[node.key[0], node.channel].append(node.sd_db)
-    return curves, {key: float(np.mean(values)) for key, values in spread.items()}
+        if np.isfinite(value := getattr(node, name)):
+            found[key(node)].append(value)
+    return {own: float(np.mean(values)) for own, values in found.items()}
 
 
-def _node(row: Row, problems: list[Problem]) -> _Node | None:
+def _node(row: Row, quantity: str, problems: list[Problem]) -> Node | None:
     """The node of a row, or None after its faults are appended to ``problems``."""
-    before = len(problems)
-    row.choice("quantity", problems, ("sigma0",))
-    unit = row.choice("unit", problems, ("dB", "1"))
+    before, scatters = len(problems), quantity == "sigma0"
+    row.choice("quantity", problems, (quantity,))
+    unit = row.choice("unit", problems, ("dB", "1") if scatters else ("1",))
     row.choice("status", problems, STATUSES)
     problems += [
         row.problem(column, "empty", "Every row needs a category and a source")
@@ -87,25 +130,27 @@ def _node(row: Row, problems: list[Problem]) -> _Node | None:
     ]
     problems += [
         row.problem(column, "a table by this state is not supported", "Leave it empty")
-        for column in ("moisture", "snow_cm")
+        for column in (("moisture", "snow_cm") if scatters else ("moisture", "snow_cm", "wind_m_s", "season"))
         if row.text(column)
     ]
-    season = row.choice("season", problems, _SEASONS) if row.text("season") else _SEASONS[0]
-    channel = row.choice("polarization", problems, (*POLARIZATIONS, "VH"))
-    frequency = row.number("frequency_ghz", problems, 0.1, 300.0)
+    season = row.choice("season", problems, _SEASONS) if scatters and row.text("season") else _SEASONS[0]
+    channel = row.choice("polarization", problems, (*POLARIZATIONS, "VH") if scatters else ("H", "V"))
+    frequency = row.number("frequency_ghz", problems, *((0.1, 300.0) if scatters else EMISSIVITY_GHZ))
     theta = row.number("theta_deg", problems, 0.0, 90.0)
-    wind = row.number("wind_m_s", problems, 0.1, 50.0) if row.text("wind_m_s") else _NO_WIND
-    sd = row.number("sd", problems, 0.0, 20.0) if row.text("sd") else np.nan
-    mean_sd = row.number("mean_sd", problems, 0.0, 20.0) if row.text("mean_sd") else np.nan
-    value = row.number("value", problems, *((-100.0, 40.0) if unit == "dB" else (1e-10, 1e4)))
+    wind = row.number("wind_m_s", problems, 0.1, 50.0) if scatters and row.text("wind_m_s") else _NO_WIND
+    sd = row.number("sd", problems, 0.0, 20.0 if scatters else 0.5) if row.text("sd") else np.nan
+    mean_sd = row.number("mean_sd", problems, 0.0, 20.0 if scatters else 1.0) if row.text("mean_sd") else np.nan
+    low, high = (0.0, 1.0) if not scatters else (-100.0, 40.0) if unit == "dB" else (1e-10, 1e4)
+    value = row.number("value", problems, low, high)
     if len(problems) > before:
         return None
-    value_db = value if unit == "dB" else float(10.0 * np.log10(value))
+    if scatters and unit == "1":
+        value = float(10.0 * np.log10(value))
     channel = "HV" if channel == "VH" else channel
-    return _Node(row, (row.text("category"), season), frequency, wind, channel, theta, value_db, sd, mean_sd)
+    return Node(row, row.text("category"), season, frequency, wind, channel, theta, value, sd, mean_sd)
 
 
-def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) -> Curve | None:
+def _curve(key: tuple[str, str], nodes: list[Node], problems: list[Problem]) -> Curve | None:
     """Curve of the nodes of one category and season."""
     frequencies = sorted({node.frequency_ghz for node in nodes})
     winds = sorted({node.wind_m_s for node in nodes})
@@ -117,15 +162,10 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
             for channel in channels:
                 block = [n for n in nodes if (n.wind_m_s, n.frequency_ghz, n.channel) == (wind, frequency, channel)]
                 at = f"{key[0]}, {key[1]}, {frequency:g} GHz, {channel}"
-                value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, nodes[0].row.file, at, problems)
+                value[w, f, POLARIZATIONS.index(channel)] = _resampled(block, at, problems)
     if len(problems) > before:
         return None
-    stated = np.array(
-        [
-            [_mean([n.mean_sd_db for n in nodes if (n.frequency_ghz, n.channel) == (f, p)]) for p in POLARIZATIONS]
-            for f in frequencies
-        ]
-    )
+    of_mean = stated(nodes, "mean_sd", lambda node: (node.frequency_ghz, node.channel))
     sources = sorted({f"{n.row.text('status')}: {n.row.text('source')}" for n in nodes})
     return Curve(
         category=key[0],
@@ -141,32 +181,16 @@ def _curve(key: tuple[str, str], nodes: list[_Node], problems: list[Problem]) ->
             (weakest(n.row.text("status") for n in nodes if n.frequency_ghz == frequency),) * 3
             for frequency in frequencies
         ),
-        sources=tuple(dict.fromkeys(n.row.text("source") for n in nodes)),
         notes=(f"rows of {Path(nodes[0].row.file).name} ({'; '.join(sources)})",),
-        rows=tuple(f"{Path(n.row.file).name}:{n.row.line} ({n.row.text('status')})" for n in nodes),
         as_given=True,
-        mean_sd_db=stated,
+        mean_sd_db=np.array([[of_mean.get((f, p), np.nan) for p in POLARIZATIONS] for f in frequencies]),
     )
 
 
-def _mean(values: list[float]) -> float:
-    """Mean of those that are there, nan if none is."""
-    there = [value for value in values if np.isfinite(value)]
-    return float(np.mean(there)) if there else np.nan
-
-
-def _resampled(block: list[_Node], file: str, at: str, problems: list[Problem]) -> FloatArray:
+def _resampled(block: list[Node], at: str, problems: list[Problem]) -> FloatArray:
     """Values on the 1-degree grid, linear in dB, held at the ends; gamma held beyond 75 deg and the last angle."""
-    angles = [node.theta_deg for node in block]
-    if len(angles) < 2:
-        message = f"{at}: {len(angles)} incidence angles, at least 2 are needed"
-        problems.append(Problem(message, "Give every channel at every frequency and wind", file, field="theta_deg"))
+    nodes = by_angle(block, at, problems)
+    if not nodes:
         return np.full(THETA_DEG.size, np.nan)
-    problems += [
-        node.row.problem("theta_deg", f"{at}: the angle is given twice")
-        for node in block
-        if angles.count(node.theta_deg) > 1
-    ]
-    order = np.argsort(angles)
-    value = np.interp(THETA_DEG, np.array(angles)[order], np.array([node.value_db for node in block])[order])
-    return continued_db(np.asarray(value), max(angles))
+    value = np.interp(THETA_DEG, [node.theta_deg for node in nodes], [node.value for node in nodes])
+    return continued_db(np.asarray(value), nodes[-1].theta_deg)

@@ -123,8 +123,3 @@ def _lines(text: str, file: str) -> Iterator[tuple[int, list[str]]]:
                 yield number, next(csv.reader([line], strict=True))
             except csv.Error as error:
                 raise ScatteringDataError(Problem(f"not a CSV line: {error}", "", file, number)) from error
-
-
-def read_citations() -> dict[str, str]:
-    """Full citation of each source key of the shipped tables."""
-    return {row.text("source"): row.text("citation") for row in read_rows(DATA / "sources.csv", ("source", "citation"))}

@@ -55,8 +55,6 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
     """Curve of one row of seasons.csv."""
     model = row.text("model")
     note = f"{row.text('season')}: {row.text('note')} ({row.text('status')}: {row.text('source')})"
-    place = f"{row.file.rsplit('/', 1)[-1]}:{row.line} ({row.text('status')})"
-    sources = tuple(dict.fromkeys((*own.sources, row.text("source"))))
     if model == "unchanged":
         status = own.status
         value, frequencies, wind = own.value_db, own.frequency_ghz, own.wind_m_s
@@ -64,14 +62,12 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         frequencies, wind = own.frequency_ghz, np.zeros(1)
         value = np.stack([_ice_db(float(f)) for f in frequencies])[np.newaxis]
         status = (("assumed",) * 3,) * len(frequencies)
-        sources = (row.text("source"), "assumed_frozen")
     else:
         frequencies, wind = own.frequency_ghz, own.wind_m_s
         offset = np.array([[float(row.text(f"offset_{p.lower()}_db"))] for p in POLARIZATIONS])
         ground = at_nodes(soil, frequencies)
         if model == "frozen_mix":
             ground = ground + np.stack([frozen_change_db(float(f)) for f in frequencies])
-            sources = (*sources, "assumed_frozen")
             note += "; frozen soil by Oh 1992 with permittivity 4.5 + 0.2j (assumed)"
         share = float(row.text("soil_share"))
         mixed = share * db_to_linear(ground) + (1.0 - share) * db_to_linear(own.value_db[0] + offset)
@@ -90,9 +86,7 @@ def _season(row: Row, own: Curve, soil: Curve) -> Curve:
         water=own.water and model != "ice",
         soil_rms_height_m=moist,
         status=status,
-        sources=sources,
         notes=(*(own.notes if model != "ice" else ()), note),
-        rows=(*(own.rows if model != "ice" else ()), place),
     )
 
 

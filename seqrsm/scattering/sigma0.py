@@ -19,7 +19,7 @@ import numpy as np
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.calendar import Course, calendar_sources, course, level_days, on_day
+from seqrsm.scattering.calendar import Course, course, level_days, on_day
 from seqrsm.scattering.curves import (
     THETA_DEG,
     Curve,
@@ -30,7 +30,7 @@ from seqrsm.scattering.curves import (
     weakest,
 )
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_citations, read_rows
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_rows
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 from seqrsm.units import db_to_linear
@@ -64,14 +64,11 @@ class Variability:
         Standard deviation from date to date, common to all fields [dB].
     note : str
         Status of both.
-    sources : tuple of str
-        Keys of the sources of both.
     """
 
     field_sd_db: float
     date_sd_db: float
     note: str
-    sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,10 +95,6 @@ class Sigma0Lookup:
         What each category rests on.
     notes : tuple of str
         Every source and assumption used, one a line.
-    rows : tuple of str
-        File, line and status of every row used.
-    citations : tuple of str
-        ``key: full citation`` of every source used.
     """
 
     categories: tuple[str, ...]
@@ -113,8 +106,6 @@ class Sigma0Lookup:
     channel_correlation: float
     status: tuple[str, ...]
     notes: tuple[str, ...]
-    rows: tuple[str, ...]
-    citations: tuple[str, ...]
     course: Course | None = None
 
 
@@ -130,8 +121,6 @@ class Sigma0Table:
         Variability by (category, polarization).
     channel_correlation : float
         Correlation of the field-to-field draws of two channels.
-    citations : Mapping
-        Full citation by source key.
     file : str
         The user's file, or "" for the shipped table.
     world : World, OneAway or None
@@ -141,7 +130,6 @@ class Sigma0Table:
     curves: Mapping[tuple[str, str], Curve]
     variability: Mapping[tuple[str, str], Variability]
     channel_correlation: float
-    citations: Mapping[str, str]
     file: str = ""
     world: World | OneAway | None = None
 
@@ -215,9 +203,6 @@ class Sigma0Table:
         notes = [f"{category}: {note}" for category, item in found.items() for note in item.notes]
         notes += [f"{category} {channel}: {v.note}" for category, v in spread.items()]
         notes.append(f"correlation of the field-to-field draws of two channels: {self.channel_correlation:g} (assumed)")
-        used = [self._curve(category, season) for category in found]
-        groups = [*(curve.sources for curve in used), *(v.sources for v in spread.values())]
-        keys = dict.fromkeys(key for group in groups for key in group)
         names = tuple(categories)
         value = np.array([found[name].value_db for name in names]).reshape(-1, THETA_DEG.size)
         sd = np.array([found[name].mean_sd_db for name in names])
@@ -226,7 +211,6 @@ class Sigma0Table:
             value = value + np.array([through.at_angles(k, day, THETA_DEG) for k in range(len(names))])
             shape = course_deviation(level_days(float(frequency_ghz)))
             sd = np.hypot(sd, through.sd_db * float(on_day(shape, day)))
-            keys = dict.fromkeys((*keys, *calendar_sources(names)))
         return Sigma0Lookup(
             categories=names,
             theta_deg=THETA_DEG,
@@ -237,8 +221,6 @@ class Sigma0Table:
             channel_correlation=self.channel_correlation,
             status=tuple(found[name].status for name in names),
             notes=tuple(notes),
-            rows=tuple(dict.fromkeys(row for curve in used for row in curve.rows)),
-            citations=tuple(f"{key}: {self.citations.get(key, 'user')}" for key in keys),
             course=through,
         )
 
@@ -411,13 +393,12 @@ def _shipped_table() -> Sigma0Table:
             float(row.text("date_sd_db")),
             f"field sd {row.text('field_sd_db')} dB ({row.text('field_status')}: {row.text('field_source')}), "
             f"date sd {row.text('date_sd_db')} dB ({row.text('date_status')}: {row.text('date_source')})",
-            (row.text("field_source"), row.text("date_source")),
         )
         for row in read_rows(DATA / "variability.csv", columns)
     }
     curves = shipped_curves()
     curves |= seasonal_curves(curves)
-    return Sigma0Table(curves, variability, float(correlation.text("value")), read_citations())
+    return Sigma0Table(curves, variability, float(correlation.text("value")))
 
 
 def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
@@ -445,4 +426,4 @@ def load_sigma0_table(path: str | Path | None = None) -> Sigma0Table:
             sd, date, f"field sd {sd:g} dB (from {Path(path).name}), date sd {date:g} dB (assumed)"
         )
     kept = {key: curve for key, curve in shipped.curves.items() if key[0] not in replaced}
-    return Sigma0Table({**kept, **curves}, variability, shipped.channel_correlation, shipped.citations, str(path))
+    return Sigma0Table({**kept, **curves}, variability, shipped.channel_correlation, str(path))

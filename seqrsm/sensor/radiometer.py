@@ -162,6 +162,12 @@ class RadiometerConfiguration:
         return PLANCK_J_S * self.frequency_ghz * 1e9 / BOLTZMANN_J_K
 
     @property
+    def planck_used_k(self) -> float:
+        """`planck_offset_k` where radiation is to follow Planck's law, else 0: see `radiation`."""
+        errs = self.radiation == "auto" and 0.5 * self.planck_offset_k > float(self.nedt_k(300.0))
+        return self.planck_offset_k if errs or self.radiation == "planck" else 0.0
+
+    @property
     def conical(self) -> bool:
         """Whether it scans on a cone, not across the track."""
         return self.conical_incidence_deg > 0.0

@@ -32,7 +32,7 @@ class Table:
         zero, one = np.zeros(n), np.ones(n)
         return EmissivityLookup(
             tuple(categories), theta, e[:, None], zero.astype(bool), one, zero + self.field_sd, zero, zero, zero,
-            ("computed",) * n, ("made",), (),
+            ("computed",) * n, ("made",),
         )  # fmt: skip
 
 

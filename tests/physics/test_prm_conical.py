@@ -10,7 +10,6 @@ import pytest
 from prm_cases import Table, image, radiometer, scene
 
 from seqrsm.errors import ConfigurationError
-from seqrsm.scattering.atmosphere import make_atmosphere
 from seqrsm.score.cover import percent_correct
 from seqrsm.score.evidence import pixels_of
 from seqrsm.sensor.exchange import PROPERTIES, exchanged
@@ -185,13 +184,6 @@ def test_turns_lie_in_tiles_of_their_own_on_the_ground() -> None:
     known = scene(np.zeros((60, 140)), 10.0)
     pixels = pixels_of(image(known, r, Table((0.8,))), known, seed=1, run_id=1, tile_m=200.0)
     assert len(np.unique(pixels.tile)) >= 7  # 1400 m of flight
-
-
-def test_what_each_effect_amounts_to_is_told_at_the_cones_incidence() -> None:
-    r = radiometer(conical_incidence_deg=60.0, atmosphere="us_standard")
-    found = image(scene(np.zeros((40, 40))), r, Table((0.8,)))
-    sky = float(make_atmosphere(10.0).sky_k(math.radians(60.0)))
-    assert found.effects_k["reflected sky"] == pytest.approx(0.2 * sky)
 
 
 def test_a_named_one_over_a_campaigns_ground_keeps_its_turn_its_time_and_its_noise() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,9 @@ from seqrsm.errors import ConfigurationError
 from seqrsm.simulate.radar.receiver import (
     film_density,
     greytone,
-    intensity,
+    least_intensity,
     quantised_intensity,
-    quantised_intensity_calibrated,
+    received,
     to_levels,
 )
 
@@ -34,7 +36,7 @@ def test_linear_quantisation_by_its_least_intensity():
 
 
 def test_linear_quantisation_by_a_calibrated_pair():
-    got = quantised_intensity_calibrated(np.array([2.0 / 50, 2.0, 4.0]), 2.0, 126.0)
+    got = quantised_intensity(np.array([2.0 / 50, 2.0, 4.0]), least_intensity(2.0, 126.0))
     # The report rounds: I_C/50 gives 0 and 2 I_C gives 255; exactly -0.006 (clipped) and 254.58.
     np.testing.assert_allclose(got, [0.0, 126.0, 126.0 + 126.0 + 255.0 / 99.0], atol=0.01)
     assert to_levels(got).tolist() == [0, 126, 255]
@@ -50,10 +52,13 @@ def test_film_slope_and_constant():
 
 
 def test_stages_are_applied_in_order_and_none_is_free():
-    x = np.array([1.0, 4.0])
-    assert intensity(x) is x
-    got = intensity(x, receiver=lambda p: 2.0 * p, quantiser=np.floor, processing=lambda p: np.minimum(p, 5.0))
-    np.testing.assert_array_equal(got, [2.0, 5.0])
+    x = np.array([[[1.0, 3.0, 9.0]]])
+    given = {"processing": "", "adc_bits": 0, "adc_range_db": 10.0 * np.log10(1.5), "receiver_level_db": 0.0}
+    assert received(x, SimpleNamespace(receiver="linear", **given), 2.0) is x
+    # Square-law over a level of 2, then two bits up to 3, then the square root.
+    given |= {"adc_bits": 2, "processing": "numpy:sqrt"}
+    got = received(x, SimpleNamespace(receiver="square_law", **given), 2.0)
+    np.testing.assert_allclose(got, [[[0.0, np.sqrt(3.0), np.sqrt(3.0)]]], rtol=1e-12)
 
 
 def test_levels_take_the_smallest_type():
@@ -68,7 +73,7 @@ def test_levels_take_the_smallest_type():
         lambda: film_density(np.ones(2), gamma=0.0),
         lambda: greytone(np.ones(2), 0.0, dynamic_range_db=0.0),
         lambda: quantised_intensity(np.ones(2), -1.0),
-        lambda: quantised_intensity_calibrated(np.ones(2), 0.0, 1.0),
+        lambda: least_intensity(0.0, 1.0),
     ],
 )
 def test_impossible_constants_are_refused(call):

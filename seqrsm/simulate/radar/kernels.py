@@ -10,11 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba.core.cgutils
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import intrinsic
 
 from seqrsm.arrays import AnyArray
 from seqrsm.jit import kernel
@@ -42,32 +38,7 @@ _GAIN, _LOW, _HIGH = np.uint64(6 * _LINE), np.uint64(7 * _LINE), np.uint64(8 * _
 _POWER, _FACTOR = np.uint64(9 * _LINE), np.uint64(10 * _LINE)
 _LINES = 11
 
-_AHEAD = 8
-"""Rows between the one at work and the one whose cells are called for: memory answers in that time."""
-
 _CACHE_LINE = 64
-
-cgutils: Any = numba.core.cgutils
-
-
-def _type_call_for(_: Any, array: Any, i: Any, j: Any) -> Any:
-    """Have ``array[i, j]`` fetched into the cache; the processor's own foresight ends with a row of a strip."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        view = context.make_array(signature.args[0])(context, builder, arguments[0])
-        place = cgutils.get_item_pointer(context, builder, signature.args[0], view, arguments[1:], wraparound=False)
-        place = builder.bitcast(place, ir.IntType(8).as_pointer())
-        word = ir.IntType(32)
-        shape = ir.FunctionType(ir.VoidType(), [place.type, word, word, word])
-        fetch = cgutils.get_or_insert_function(builder.module, shape, "llvm.prefetch.p0")
-        # To read, into every cache, as data.
-        builder.call(fetch, [place, word(0), word(3), word(1)])
-        return context.get_dummy_value()
-
-    return types.void(array, i, j), generate
-
-
-_call_for: Any = intrinsic(_type_call_for)
 
 
 @kernel
@@ -156,8 +127,6 @@ def sum_echoes(
         left, m = np.uint64(begin), np.uint64(min(STRIP, high - begin))
         _first_row(z, top, source[0], left, m, geometry, ground_format, w)
         for i in range(n):
-            if i + _AHEAD < n:
-                _fetch_row(z, top, cover, field, field_factor.shape[1] > 0, source[i + _AHEAD], left, m)
             row = source[i]
             # Bins are counted from one near the row, so that single precision holds their fractions.
             origin = math.floor(base[i + 1])
@@ -183,28 +152,6 @@ def _work_lines(z: AnyArray) -> AnyArray:
     """Space for the work lines of a strip, beginning with a line of the cache."""
     whole = np.empty(_LINES * _LINE + _CACHE_LINE, dtype=z.dtype)
     return whole[(-whole.ctypes.data % _CACHE_LINE) // whole.itemsize :]
-
-
-@kernel
-def _fetch_row(
-    z: AnyArray,
-    top: AnyArray,
-    cover: AnyArray,
-    field: AnyArray,
-    with_field: bool,
-    row: int,
-    left: np.uint64,
-    m: np.uint64,
-) -> None:
-    """Call for the cells of a row that comes later."""
-    for j in range(_ZERO, m, np.uint64(_CACHE_LINE // z.itemsize)):
-        _call_for(z, row, left + j)
-        _call_for(top, row, left + j)
-    for j in range(_ZERO, m, np.uint64(_CACHE_LINE)):
-        _call_for(cover, row, left + j)
-    if with_field:
-        for j in range(_ZERO, m, np.uint64(_CACHE_LINE // 4)):
-            _call_for(field, row, left + j)
 
 
 @kernel

@@ -53,7 +53,10 @@ def received(power_w: AnyArray, radar: RadarConfiguration, reference_w: float) -
         return power_w
     full_scale = level * 10.0 ** (0.1 * radar.adc_range_db)
     converter = converter_function(radar.adc_bits, full_scale) if radar.adc_bits else None
-    return np.asarray(intensity(power_w, stage, converter, processing), dtype=power_w.dtype)
+    out: AnyArray = np.asarray(power_w, dtype=np.float64)
+    for function in (stage, converter, processing):
+        out = out if function is None else function(out)
+    return np.asarray(out, dtype=power_w.dtype)
 
 
 def named_function(field: str, name: str) -> Transfer:
@@ -168,12 +171,12 @@ def _tone_of(image: RadarImage) -> Callable[[AnyArray, int], AnyArray]:
     """Tone, not yet rounded, of intensities of one channel and the number of that channel."""
     radar = image.radar
     bits, decibels = radar.n_bits, radar.dynamic_range_db
-    if radar.i_min_w is not None:
-        minimum = radar.i_min_w
-        return lambda x, _: quantised_intensity(x, minimum, bits, decibels)
+    minimum = radar.i_min_w
     if radar.i_c_w is not None and radar.i_qc is not None:
-        pair = radar.i_c_w, radar.i_qc
-        return lambda x, _: quantised_intensity_calibrated(x, *pair, bits, decibels)
+        minimum = least_intensity(radar.i_c_w, radar.i_qc, bits, decibels)
+    if minimum is not None:
+        least = minimum
+        return lambda x, _: quantised_intensity(x, least, bits, decibels)
     if radar.p_rc_w is not None and radar.g_rc is not None:
         known, known_tone = np.full(len(image.intensity), radar.p_rc_w), float(radar.g_rc)
     else:
@@ -198,32 +201,6 @@ def _median(plane: AnyArray) -> float:
     half = lit.size // 2
     parted = np.partition(lit, half)
     return float(parted[half] if lit.size % 2 else 0.5 * (parted[half] + parted[:half].max()))
-
-
-def intensity(
-    power_w: AnyArray,
-    receiver: Transfer | None = None,
-    quantiser: Transfer | None = None,
-    processing: Transfer | None = None,
-) -> FloatArray:
-    """Intensity after receiver M, converter Q and processing S: eqs. (3-1) to (3-3), (3-7) and (3-15).
-
-    Parameters
-    ----------
-    power_w : float array
-        Received power with fading [W].
-    receiver, quantiser, processing : callable, optional
-        M, Q and S; any function, linear or not. None leaves its input.
-
-    Returns
-    -------
-    float64 array, shape of `power_w`
-    """
-    out = np.asarray(power_w, dtype=np.float64)
-    for stage in (receiver, quantiser, processing):
-        if stage is not None:
-            out = stage(out)
-    return out
 
 
 def film_density(intensity_in: AnyArray, gamma: float = 1.0, k: float = 1.0) -> AnyArray:
@@ -328,31 +305,8 @@ def quantised_intensity(
     return np.asarray(np.clip(step * (np.asarray(intensity_in, dtype=np.float64) / minimum - 1.0), 0.0, top))
 
 
-def quantised_intensity_calibrated(
-    intensity_in: AnyArray,
-    calibration: float,
-    calibration_level: float,
-    n_bits: int = 8,
-    dynamic_range_db: float = 20.0,
-) -> FloatArray:
-    """Linear quantisation through one calibrated pair: eq. (3-17), clipped, not yet rounded.
-
-    Parameters
-    ----------
-    intensity_in : float array
-        I_p, >= 0.
-    calibration : float
-        I_C, > 0.
-    calibration_level : float
-        I_QC, the level given to I_C.
-    n_bits : int
-        n.
-    dynamic_range_db : float
-        m.
-
-    Returns
-    -------
-    float64 array
+def least_intensity(calibration: float, level: float, n_bits: int = 8, dynamic_range_db: float = 20.0) -> float:
+    """I_MIN of `quantised_intensity` by which the intensity I_C, > 0, has the level I_QC: eq. (3-17).
 
     Raises
     ------
@@ -360,10 +314,7 @@ def quantised_intensity_calibrated(
         `calibration`, `n_bits` or `dynamic_range_db` is not positive.
     """
     _refuse_nonpositive(calibration=calibration, n_bits=n_bits, dynamic_range_db=dynamic_range_db)
-    top = 2.0**n_bits - 1.0
-    step = top / (10.0 ** (dynamic_range_db / 10.0) - 1.0)
-    scaled = np.asarray(intensity_in, dtype=np.float64) / calibration * (calibration_level / step + 1.0)
-    return np.asarray(np.clip(step * (scaled - 1.0), 0.0, top))
+    return float(calibration / (level / (2.0**n_bits - 1.0) * (10.0 ** (dynamic_range_db / 10.0) - 1.0) + 1.0))
 
 
 def to_levels(tone: AnyArray, n_bits: int = 8) -> AnyArray:

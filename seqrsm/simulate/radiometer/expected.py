@@ -11,7 +11,6 @@ from scipy import ndimage
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.atmosphere import Atmosphere
 from seqrsm.scattering.emissivity import EmissivityLookup
-from seqrsm.simulate.radiometer.effects import planck_offset_used_k
 from seqrsm.simulate.radiometer.frame import make_radiometer_frame, surface_temperature_k
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
 from seqrsm.simulate.radiometer.prm import air_over, lookups_of
@@ -89,7 +88,7 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     spread = ndimage.gaussian_filter(both, (*reach, 0.0)).reshape(n_pixels, -1)
     total = np.maximum(spread[:, :-1].sum(axis=1), 1e-9)
     kelvin_of = np.where(spread[:, -1] > 0.0, spread[:, -1] / total, 300.0)
-    planck_k = planck_offset_used_k(radiometer)
+    planck_k = radiometer.planck_used_k
     share, air = spread[:, :-1] / total[:, None], air_over(radiometer, planck_k)
     n_samples, n_lines = image.brightness_k.shape[1:]
     samples = tuple(slice(s * n_lines, (s + 1) * n_lines) for s in range(n_samples))

@@ -11,7 +11,7 @@ meant: 10 m and 17.5 m from 1 km.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,6 @@ from seqrsm.scene.scene import Scene
 from seqrsm.sensor.radiometer import CHANNELS, RadiometerConfiguration
 from seqrsm.sensor.scan import BEAM_STEPS_A_WIDTH, ScanGeometry, scan_geometry
 from seqrsm.simulate.radiometer import kernels_prm
-from seqrsm.simulate.radiometer.effects import effect_notes, effects_k, planck_offset_used_k
 from seqrsm.simulate.radiometer.frame import (
     RadiometerFrame,
     make_radiometer_frame,
@@ -102,15 +101,14 @@ def simulate_radiometer(
     )
     ground_k = surface_temperature_k(scene, met.frame, radiometer, met.lookups[0], met.occasion)
     mapped = radiation_map(met, radiometer, ground_k)
-    effects = effects_k(radiometer, met.lookups, met.air, met.frame, ground_k)
+    law = "Planck's law" if met.planck_k > 0.0 else "Rayleigh-Jeans"
     notes = dict.fromkeys(note for lookup in met.lookups for note in lookup.notes)
     return scan_image(
         met,
         mapped,
         radiometer,
-        effects_k=effects,
         noise=stream_key(seed, run_id, visit.purpose("receiver noise")),
-        notes=(*notes, *met.air.notes, *effect_notes(effects, met.planck_k)),
+        notes=(*notes, *met.air.notes, f"radiation by {law}"),
     )
 
 
@@ -152,7 +150,7 @@ def meet_radiometer(
         occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
     else:
         occasion = nominal_radiometer_occasion(radiometer, lookups, scene)
-    planck_k = planck_offset_used_k(radiometer)
+    planck_k = radiometer.planck_used_k
     return Meeting(frame, scan, lookups, occasion, air_over(radiometer, planck_k), planck_k, table, visit.day)
 
 
@@ -325,7 +323,6 @@ def scan_image(
     mapped: tuple[AnyArray, AnyArray, AnyArray],
     radiometer: RadiometerConfiguration,
     *,
-    effects_k: Mapping[str, float],
     noise: tuple[np.uint32, np.uint32],
     notes: tuple[str, ...] = (),
 ) -> RadiometerImage:
@@ -337,10 +334,10 @@ def scan_image(
     mapped : tuple of array
         Of `radiation_map`.
     radiometer : RadiometerConfiguration
-    effects_k, notes
-        Recorded with the image.
     noise : tuple of uint32
         Key of its stream.
+    notes : tuple of str
+        Recorded with the image.
 
     Returns
     -------
@@ -402,7 +399,6 @@ def scan_image(
         table=met.table,
         day=met.day,
         quarter_turns=frame.quarter_turns,
-        effects_k=effects_k,
         notes=(*notes, *scan.notes, *_ENGINE_NOTES),
     )
 

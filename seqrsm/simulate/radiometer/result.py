@@ -42,8 +42,6 @@ class RadiometerImage:
         Day of the year, where the image has one.
     quarter_turns : int
         ``numpy.rot90(scene layer, quarter_turns)`` has the image's orientation.
-    effects_k : Mapping[str, float]
-        Size of each effect in this scene [K], to be held against ``nedt``, which is among them.
     notes : tuple of str
         Assumptions, and what the scan does.
     """
@@ -61,7 +59,6 @@ class RadiometerImage:
     table: EmissivityTable
     day: float | None
     quarter_turns: int
-    effects_k: Mapping[str, float]
     notes: tuple[str, ...]
 
     def record(self, categories: Sequence[str]) -> Mapping[str, object]:
@@ -78,7 +75,6 @@ class RadiometerImage:
             "smear_beams": round(scan.smear, 5),
             "covered_percent": round(100.0 * float((self.coverage > 0).mean()), 3),
             "blocked_percent": round(100.0 * float(self.blocked.mean()), 3),
-            "effects_k": {name: round(value, 4) for name, value in self.effects_k.items()},
             "occasion": dict(self.occasion.record(self.radiometer.channels, categories)),
             "scan_notes": list(scan.notes),
         }
