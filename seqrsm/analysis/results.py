@@ -138,8 +138,6 @@ class Study:
         None where there is one block.
     ridge : tuple of PathPoint
         Best settings at growing distance from the centre (R's ``steepest``); empty without numeric factors.
-    steepest : tuple of PathPoint
-        Path of steepest ascent from the centre of the region, to where a bound, a constraint or the optimum ends it.
     """
 
     terms: TermChoice | str
@@ -149,7 +147,6 @@ class Study:
     extrapolated: bool
     blocks: BlockStudy | None
     ridge: tuple[PathPoint, ...]
-    steepest: tuple[PathPoint, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,11 +30,9 @@ from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import block_columns, extrapolated, influential_runs, normal_plot
 from seqrsm.fit.selection import average_models
 from seqrsm.fit.transforms import PowerProfile, box_cox_profile, logit_profile
-from seqrsm.propose.steepest import ascent_path
 from seqrsm.spec.read import CampaignSpec
 
 _STEP = 0.25  # coded distance between the points of a ridge path
-_PATH_POINTS = 12
 _TOP_MODELS = 10
 
 
@@ -58,7 +56,6 @@ def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
         extrapolated=bool(extrapolated(fit, row)[0]),
         blocks=_blocks(spec, fitted, row),
         ridge=_ridge(fitted, point),
-        steepest=_steepest(fitted, point),
     )
 
 
@@ -157,20 +154,6 @@ def _ridge(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
     points[:, numeric] = path
     box = np.all(np.abs(path) <= 1.0 + 1e-9, axis=1)
     return _path(fitted, points, distance, box & (region.slack(points) >= -1e-9))
-
-
-def _steepest(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
-    region = fitted.region
-    if not region.continuous:
-        return ()
-    start, held = region.centre(), list(region.categorical)
-    with_levels = start.copy()
-    with_levels[held] = point[held]
-    start = with_levels if bool(region.feasible(with_levels[None, :])[0]) else start
-    path = ascent_path(fitted.model, region, fitted.surface.estimate, start, fitted.application.goal)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    chosen = np.unique(np.round(np.linspace(0, len(path) - 1, min(_PATH_POINTS, len(path)))).astype(np.int64))
-    return _path(fitted, path[chosen], length[chosen], np.ones(len(chosen), dtype=np.bool_))
 
 
 def _path(fitted: Fitted, points: FloatArray, distance: FloatArray, inside: FloatArray) -> tuple[PathPoint, ...]:

@@ -256,7 +256,6 @@ def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
         "transform": _or_reason(study.profile),
         "blocks": None if study.blocks is None else _blocks(study.blocks),
         "ridge": _path(analysis, study.ridge),
-        "steepest": _path(analysis, study.steepest),
     }
 
 

@@ -18,7 +18,7 @@ from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.least_squares import block_columns
 from seqrsm.fit.optimum import sign_of
-from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.batch import propose_batch
 from seqrsm.propose.candidates import Source
 from seqrsm.propose.cloud import propose_from_process
 from seqrsm.propose.criteria import Proposal, Spread
@@ -137,11 +137,10 @@ class _Chooser:
     ) -> tuple[Proposal, ...]:
         """``n`` runs of one source, after those that are ``done``; the first ``ties`` tie their day to the others.
 
-        By the process where one was weighed, it knows of all runs, and the criterion is about the optimum.
+        By the process where one was weighed, and it knows of all runs.
         """
         process = self.analysis.fitted.departure.process
-        of_scores = self.spec.criterion == "optimum" and self.spec.model.block is None
-        if process is None or not of_scores or {run.source for run in done} != {source}:
+        if process is None or self.spec.model.block is not None or {run.source for run in done} != {source}:
             return self.batch_by_quadratic(done, n, source, df_pure_error, barred, ties)
         return propose_from_process(
             process,
@@ -198,7 +197,6 @@ class _Chooser:
             ),
             self.sought(two),
             n,
-            plan_of(self.spec.criterion),
             source=Source(rows, weight, cost=lambda at: np.full(len(at), cost)),
             seed=(self.spec.seed + 7919 * len(done)) % 2**32,
             ties=(ties or 0) if new_day else 0,
@@ -208,7 +206,7 @@ class _Chooser:
         """Where the optimum is."""
         found = self.analysis.posterior.optimum_points[:_TARGETS]
         rows = (lambda at: stacked_rows(self.model, at, np.ones(len(at), dtype=np.bool_))) if two else None
-        return Sought(self.target(), found, rows, self.beta(), self.analysis.goal)
+        return Sought(self.target(), found, rows)
 
     def flight_weight(self) -> float:
         found = self.analysis.sources
@@ -274,7 +272,7 @@ def next_batch(
     source: str,
     failed: Sequence[RunRecord] = (),
 ) -> list[NewRun]:
-    """Batch by the campaign's criterion; several applications take turns, by weight.
+    """The next runs; several applications take turns, by weight.
 
     Parameters
     ----------

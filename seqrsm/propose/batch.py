@@ -8,33 +8,17 @@ import numpy as np
 
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import DesignError, Problem
 from seqrsm.fit.rank_one import is_reserved_run
 from seqrsm.progress import tell
 from seqrsm.propose.candidates import Search, Source
-from seqrsm.propose.criteria import CRITERIA, MakeCriterion, Proposal, Testing, Tie
+from seqrsm.propose.criteria import MakeCriterion, Optimum, Proposal, Testing, Tie
 from seqrsm.propose.known import Evidence, Known, Sought
 
 Plan = Sequence[tuple[MakeCriterion, float]]
 """Criteria with their shares of the runs of a campaign, 1 in all."""
 
-SPREAD_SHARE = 0.25
-"""Share of a campaign's runs kept for repeats and spread."""
-
-
-def plan_of(criterion: str) -> Plan:
-    """A criterion by its name, one of `seqrsm.propose.criteria.CRITERIA`, with a share kept to test the model.
-
-    Raises
-    ------
-    DesignError
-        Unknown criterion.
-    """
-    if criterion not in CRITERIA:
-        raise DesignError(
-            Problem("unknown criterion", f"Use one of {', '.join(CRITERIA)}.", "", None, "criterion", criterion)
-        )
-    return [(Testing, SPREAD_SHARE), (CRITERIA[criterion], 1.0 - SPREAD_SHARE)]
+PLAN: Plan = ((Testing, 0.25), (Optimum, 0.75))
+"""The plan of a campaign: a share of its runs keeps the model testable, by repeats and spread."""
 
 
 def propose_batch(
@@ -43,7 +27,7 @@ def propose_batch(
     evidence: Evidence,
     sought: Sought,
     n: int,
-    plan: Plan,
+    plan: Plan = PLAN,
     *,
     source: Source | None = None,
     seed: int = 0,
@@ -66,8 +50,8 @@ def propose_batch(
     n : int
         Runs to propose, >= 0.
     plan : Plan
-        Criteria and their shares, see `plan_of`; shares are counted over the whole campaign, so that one run in four is
-        kept for any size of batch.
+        Criteria and their shares; shares are counted over the whole campaign, so that one run in four is kept for any
+        size of batch.
     source : Source, optional
         Who makes the runs; by default such as have the rows of ``model``, weight 1 and equal cost.
     seed : int
@@ -81,11 +65,6 @@ def propose_batch(
     Returns
     -------
     tuple of Proposal
-
-    Raises
-    ------
-    DesignError
-        Steepest ascent without coefficients.
     """
     if n <= 0:
         return ()

@@ -109,12 +109,6 @@ class Search:
                 found = moved.choice(index, gains[index])
         return found
 
-    def at(self, point: FloatArray, gain: Rows) -> Choice:
-        """A run at these settings (k,)."""
-        executed = np.any(np.all(self.candidates.points[self.candidates.executed] == point, axis=1))
-        there = self._evaluate(point[None, :], np.array([executed]))
-        return there.choice(0, (gain(there.rows) / there.cost)[0])
-
     def take(self, point: FloatArray, repeats: bool) -> None:
         """Count a run at these settings as made; they can be repeated from now on."""
         new = self._evaluate(point[None, :], np.ones(1, dtype=bool))

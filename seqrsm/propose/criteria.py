@@ -1,8 +1,4 @@
-"""Criteria that the next runs are chosen by.
-
-To add one, write a class with a ``gain`` and what it ``_says``, and name it in `CRITERIA`: ``campaign.toml`` knows it
-then.
-"""
+"""Criteria that the next runs are chosen by: classes with a ``gain`` and what they ``_says`` of it."""
 
 from __future__ import annotations
 
@@ -13,11 +9,9 @@ from typing import Literal, Protocol
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.errors import DesignError, Problem
 from seqrsm.fit.rank_one import information_gain, linear_gain
 from seqrsm.propose.candidates import Choice, Search
 from seqrsm.propose.known import Known, percent
-from seqrsm.propose.steepest import steepest_points
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +24,7 @@ class Proposal:
         Coded settings, feasible.
     purpose : str
         "optimum" (value there), "regret" (place of it), "repeat" (pure error), "spread" (whole region, lack of fit),
-        "steepest", or "tie" (settings of earlier blocks in the new one).
+        or "tie" (settings of earlier blocks in the new one).
     gain : float
         Drop of the criterion per unit of cost; only comparable within a purpose.
     why : str
@@ -193,37 +187,3 @@ class Testing:
         """The next run."""
         repeat = self._known.df_pure_error < self._least and search.candidates.executed.any()
         return (self._repeat if repeat else self._spread).propose(search)
-
-
-class Steepest:
-    """Along the path of steepest ascent from the centre; by `Optimum` where it is shorter than the batch.
-
-    Raises
-    ------
-    DesignError
-        There are no coefficients yet.
-    """
-
-    def __init__(self, known: Known, n: int) -> None:
-        sought = known.sought
-        if sought.beta is None:
-            raise DesignError(Problem("steepest ascent needs a fitted surface", "Score the initial design first."))
-        beta = np.asarray(sought.beta, dtype=np.float64)
-        centre = known.region.centre()
-        self._path = list(steepest_points(known.model, known.region, beta, centre, n, sought.goal))
-        self._known, self._optimum = known, Optimum(known, n)
-
-    def propose(self, search: Search) -> Proposal:
-        """The next run."""
-        if not self._path:
-            return self._optimum.propose(search)
-        choice = search.at(self._path.pop(0), self._optimum.gain)
-        why = f"on the path of steepest ascent from the centre; {self._known.narrowing(choice.row)}"
-        return Proposal.of(choice, "steepest", f"{why}{choice.again}")
-
-
-CRITERIA: dict[str, MakeCriterion] = {
-    "optimum": Optimum,
-    "steepest": Steepest,
-}
-"""Criteria by their names in ``campaign.toml``."""

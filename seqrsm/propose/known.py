@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from seqrsm.arrays import FloatArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.rank_one import downdate, optimum_targets
-
-if TYPE_CHECKING:
-    from seqrsm.fit.optimum import Goal  # it would load scipy, which reading a specification does without
 
 Rows = Callable[[FloatArray], FloatArray]
 """Model rows (n, p) of coded points (n, k)."""
@@ -66,17 +62,11 @@ class Sought:
     rows : callable, optional
         Model rows of the runs that the campaign is about, where these are not simply those of the model: a simulated
         run has no discrepancy, the flights that it is to predict have.
-    beta : ndarray (p,), optional
-        Coefficients of the fitted surface, for steepest ascent.
-    goal : "maximize" or "minimize"
-        For the same.
     """
 
     x_hat: FloatArray
     points: FloatArray
     rows: Rows | None = None
-    beta: FloatArray | None = None
-    goal: Goal = "maximize"
 
 
 class Known:

@@ -4,9 +4,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
 
 ``[campaign]``
     ``name``; ``description`` (""), the subtitle of the report, with ``author`` and ``date`` (""); ``seed`` (0): an
-    integer >= 0 that fixes all random numbers; ``batch`` (4): runs proposed at a time; ``criterion`` ("optimum":
-    precision at the optimum and expected loss, half each; "steepest": along the path of steepest ascent);
-    ``attempts`` (3): batches in a row without any score after which the campaign ends.
+    integer >= 0 that fixes all random numbers; ``batch`` (4): runs proposed at a time; ``attempts`` (3): batches
+    in a row without any score after which the campaign ends.
 ``[[factor]]``, one or more
     ``name``: with a simulator, a sensor parameter (:mod:`seqrsm.sensor.parameters`); ``unit`` (""; for a sensor
     parameter its own); ``scale`` ("linear" or "log"); and either ``low`` and ``high``, or ``values`` (two or more
@@ -106,7 +105,6 @@ from seqrsm.spec.tables import (
     ConsiderationSpec,
     ConstraintTable,
     CostSpec,
-    Criterion,
     FactorTable,
     ModelSpec,
     SimulatorSpec,
@@ -146,7 +144,7 @@ class CampaignSpec:
     ----------
     folder : Path
         The campaign's folder.
-    name, description, author, date, seed, batch, criterion, attempts :
+    name, description, author, date, seed, batch, attempts :
         Of ``[campaign]``.
     region : Region
         Factors and constraints.
@@ -178,7 +176,6 @@ class CampaignSpec:
     stop: StopSpec
     store_url: str | None
     spec_hash: str
-    criterion: Criterion = "optimum"
     attempts: int = 3
     considerations: tuple[ConsiderationSpec, ...] = ()
     candidates: tuple[CandidateSpec, ...] = ()
@@ -374,7 +371,6 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         stop=stop,
         considerations=tuple(table for table in repeated["consideration"] if table is not None),
         candidates=tuple(table for table in repeated["candidate"] if table is not None),
-        criterion=campaign.criterion,
         attempts=campaign.attempts,
         store_url=single["store"].url,
         spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),

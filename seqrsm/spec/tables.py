@@ -22,7 +22,6 @@ from pydantic_core import PydanticCustomError
 
 from seqrsm.fit.error_models import ERROR_MODELS
 from seqrsm.fit.optimum import Goal
-from seqrsm.propose.criteria import CRITERIA
 from seqrsm.score.utilities import Utility, asked_for, utility_of
 
 
@@ -77,7 +76,14 @@ class Table(BaseModel):
     """Keys that earlier versions did not know."""
 
     GONE: ClassVar[Mapping[str, tuple[object, str]]] = {}
-    """Keys that earlier versions knew: the default, and what to do about the key."""
+    """Keys that earlier versions knew: the default, which may still be written, and what to do about the key."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_gone(cls, data: object) -> object:
+        if not isinstance(data, dict):
+            return data
+        return {key: value for key, value in data.items() if key not in cls.GONE or value != cls.GONE[key][0]}
 
     @model_serializer(mode="wrap")
     def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
@@ -86,12 +92,6 @@ class Table(BaseModel):
         unused = {key for key in self.LATER if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
         found = {key: value for key, value in serialise(self).items() if key not in unused}
         return found | {key: default for key, (default, _) in self.GONE.items()}
-
-
-if TYPE_CHECKING:
-    Criterion = str
-else:
-    Criterion = Literal[tuple(CRITERIA)]
 
 
 class CampaignTable(Table):
@@ -105,8 +105,9 @@ class CampaignTable(Table):
     date: Annotated[str, BeforeValidator(_day)] = ""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     batch: Annotated[int, Field(ge=1, le=1000)] = 4
-    criterion: Criterion = "optimum"
     attempts: Annotated[int, Field(ge=1, le=100)] = 3
+
+    GONE = {"criterion": ("optimum", "Remove it: runs are proposed for the optimum, no longer along a path to it.")}
 
 
 class FactorTable(Table):

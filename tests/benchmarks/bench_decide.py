@@ -17,7 +17,7 @@ from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.process import Process
-from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.batch import propose_batch
 from seqrsm.propose.cloud import propose_from_process
 from seqrsm.propose.known import Evidence, Sought
 
@@ -65,7 +65,7 @@ def main() -> None:
         ("one exact optimum", median_seconds(lambda: optimum(model, region, betas[0]))),
         (
             "a batch of 4 proposals",
-            median_seconds(lambda: propose_batch(model, region, evidence, sought, 4, plan_of("optimum"))),
+            median_seconds(lambda: propose_batch(model, region, evidence, sought, 4)),
         ),
         ("a process of 60 runs, four factors", median_seconds(look)),
         ("a batch of 4 proposals of it", median_seconds(next_four)),

@@ -13,7 +13,6 @@ from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.errors import DesignError
 from seqrsm.fit.optimum import optimum_draws
 from seqrsm.fit.rank_one import (
     downdate,
@@ -23,9 +22,9 @@ from seqrsm.fit.rank_one import (
     optimum_targets,
 )
 from seqrsm.propose import criteria
-from seqrsm.propose.batch import plan_of, propose_batch
+from seqrsm.propose.batch import propose_batch
 from seqrsm.propose.candidates import Search, Source
-from seqrsm.propose.criteria import CRITERIA, Proposal, Spread
+from seqrsm.propose.criteria import Optimum, Proposal, Spread
 from seqrsm.propose.known import Evidence, Sought, unscaled_covariance
 
 RNG_SEED = 11
@@ -60,18 +59,17 @@ def propose(
     region: Region,
     *,
     n: int,
-    criterion: str = "optimum",
     spread_share: float = 0.25,
     min_df_pure_error: int = 4,
     **given: Any,
 ) -> tuple[Proposal, ...]:
-    """A batch by one criterion, its facts by name."""
+    """A batch, its facts by name."""
     facts = {name: given.pop(name) for name in ("prior_precision", "df_pure_error") if name in given}
     evidence = Evidence(given.pop("Z_done"), given.pop("points_done"), **facts)
     sought = Sought(given.pop("x_hat"), given.pop("target_points"))
     source = Source(**{name: given.pop(name) for name in ("rows", "cost") if name in given})
     testing = partial(criteria.Testing, min_df_pure_error=min_df_pure_error)
-    plan = [(testing, spread_share), (CRITERIA[criterion], 1.0 - spread_share)]
+    plan = [(testing, spread_share), (Optimum, 1.0 - spread_share)]
     plan = given.pop("plan", plan)
     return propose_batch(model, region, evidence, sought, n, plan, source=source, **given)
 
@@ -280,7 +278,7 @@ def test_cost_divides_the_gain() -> None:
 
 def test_every_run_is_for_the_optimum_or_against_regret_and_says_why() -> None:
     data = campaign(3)
-    found = propose(**data, n=3, criterion="optimum", spread_share=0.0)
+    found = propose(**data, n=3, spread_share=0.0)
     assert {p.purpose for p in found} <= {"optimum", "regret"}
     assert all(p.why for p in found)
 
@@ -294,11 +292,6 @@ def test_spread_takes_the_least_known_point() -> None:
     Z = data["model"].matrix(grid)
     first = propose(**data, n=1, plan=[(Spread, 1.0)])[0]
     assert first.gain >= information_gain(C, Z).max() * 0.999
-
-
-def test_unknown_criterion_is_refused() -> None:
-    with pytest.raises(DesignError, match="unknown criterion"):
-        plan_of("Q")
 
 
 def test_nothing_is_proposed_for_no_runs() -> None:

@@ -223,14 +223,6 @@ def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> No
         assert not gap or min(gap) > 0.09, i
 
 
-def test_criterion_by_name(campaign) -> None:
-    made = campaign(spec_text(numeric(2), "half_width = 2.6\nmax_runs = 26", more='criterion = "steepest"'), bowl)
-    outcome = run_campaign(made)
-    assert outcome.analyses[0].optimum.mean == pytest.approx(80.0, abs=2.5)
-    purposes = {run.purpose for run in made.store.runs() if run.batch > 1}
-    assert "steepest" in purposes
-
-
 @pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime"])
 def test_guards_by_name(campaign, guard: str) -> None:
     rule = f'half_width = 2.0\ninterval = "prediction_mean"\nguard = "{guard}"\nmax_runs = 80'
@@ -485,7 +477,7 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
         ('expr = "100 / resolution"', 'expr = "100 / band"', "band"),
         ('expr = "100 / resolution"', 'expr = "100 /"', "consideration"),
         ("unacceptable = 40.0", "unacceptable = 40.0\nideal = 30.0", "ideal is not better"),
-        ('name = "two"', 'name = "two"\ncriterion = "D"', "must be 'optimum' or 'steepest'"),
+        ('name = "two"', 'name = "two"\ncriterion = "steepest"', "runs are proposed for the optimum"),
         ('name = "two"', 'name = "two"\nattempts = 0', "attempts"),
         ("half_width = 4.0", 'half_width = 4.0\nguard = "luck"', "guard"),
         ("[stop]", '[model]\nregion = "fixed"\n[stop]', "no longer needed: departures from the quadratic are part"),

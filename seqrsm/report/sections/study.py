@@ -27,19 +27,11 @@ from seqrsm.report.wording import (
 
 def paths_section(analysis: Analysis, key: str) -> Section | None:
     """Ways over the fitted surface; None without a study, or where there is none."""
-    found = () if analysis.study is None else tuple(_paths(analysis, analysis.study))
-    return Section(f"{key}-paths", "Ridge analysis and steepest ascent", found) if found else None
-
-
-def _paths(analysis: Analysis, study: Study) -> list[Block]:
-    found: list[Block] = []
-    for title, path in (
-        ("Ridge analysis: best settings at each coded distance from the centre", study.ridge),
-        ("Path of steepest ascent from the centre of the region", study.steepest),
-    ):
-        if len(path) > 1:
-            found.append(Details(title, (_path_table(analysis, path, title),)))
-    return found
+    path = () if analysis.study is None else analysis.study.ridge
+    if len(path) < 2:
+        return None
+    title = "Best settings at each coded distance from the centre"
+    return Section(f"{key}-paths", "Ridge analysis", (Details(title, (_path_table(analysis, path, title),)),))
 
 
 def _path_table(analysis: Analysis, path: Sequence[PathPoint], title: str) -> Table:
