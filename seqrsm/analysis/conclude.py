@@ -81,7 +81,7 @@ def analyse(
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool
-        Add the study: regions of the optimum's place, averaging over models, paths and the rest, and the steps.
+        Add the study: unusual runs, blocks, ridge analysis, and the steps.
 
     Raises
     ------
@@ -188,9 +188,6 @@ def _importance(model: QuadraticModel, fit: LeastSquaresFit, beta: FloatArray) -
     for j, factor in enumerate(model.factors):
         indices: IntArray = model.factor_terms(factor.name)
         both = float(alone[j]), float(in_all[j])
-        if not len(indices):  # every term of it was left out
-            rows.append(FactorImportance(factor.name, 0, np.nan, np.nan, *both))
-            continue
         test = fit.partial_f(indices)
         rows.append(FactorImportance(factor.name, test.df, test.f, test.p, *both))
     return sorted(rows, key=lambda row: -row.f if np.isfinite(row.f) else np.inf)
@@ -217,7 +214,7 @@ def _decision(
     lack = fit.lack_of_fit()
     look = Look(
         n_runs=fit.n_runs,
-        n_terms=surface.n_terms + len(fitted.dropped),  # what was left out by selection has used up its runs
+        n_terms=surface.n_terms,
         s=surface.s,
         df_residual=surface.df_residual,
         df_pure_error=fit.df_pure_error,
@@ -329,11 +326,6 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
     if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."
-        )
-    if fitted.dropped:
-        found.append(
-            f"{len(fitted.dropped)} terms were dropped by these same scores: the intervals are conditional on "
-            "the remaining terms and too short; `seqrsm fit` shows the model averages."
         )
     if surface.note:
         found.append(surface.note)

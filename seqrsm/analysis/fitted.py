@@ -26,7 +26,6 @@ from seqrsm.design.region import Region
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit.estimability import missing_runs
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
-from seqrsm.fit.selection import average_models
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
 from seqrsm.store.records import RunRecord
@@ -55,8 +54,6 @@ class Fitted:
         block where blocks are random.
     departure : Departure
         What the scores say of a surface that is no quadratic.
-    dropped : tuple of str
-        Terms of the whole model that were left out by selection.
     ground : Ground or None
         What part of the scatter is one ground against another, where it was measured.
     """
@@ -69,7 +66,6 @@ class Fitted:
     fit: LeastSquaresFit
     surface: Surface
     departure: Departure
-    dropped: tuple[str, ...] = ()
     ground: Ground | None = None
 
     @property
@@ -95,20 +91,18 @@ def fit_application(
     """
     region = spec.region
     data = scored_runs(region, runs, application.name)
-    whole = QuadraticModel(region.factors, spec.model.order)
+    model = QuadraticModel(region.factors, spec.model.order)
     scale = response_scale(spec, data)
-    model = select_terms(spec, whole, data, scale) if spec.model.terms == "hierarchical" else whole
     fit = fit_surface(spec, region, model, data, scale)
     if ground is not None and ground.sd_ground > 0.0 and spec.model.discrepancy_sd is None and scale.kind == "identity":
         worlds = {"discrepancy_sd": prior_of_difference(ground, model, data.points)}
         spec = replace(spec, model=spec.model.model_copy(update=worlds))
     surface = surface_of(spec, model, data, scale, fit)
-    dropped = tuple(name for name in whole.term_names if name not in model.term_names)
-    departure = weigh_departure(whole, data, fit, surface, application.goal, spec.seed, spec.states_prior(application))
+    departure = weigh_departure(model, data, fit, surface, application.goal, spec.seed, spec.states_prior(application))
     ground = ground_in(data, ground)
     if ground is not None and scale.kind == "identity" and fit.df_residual:
         ground = ground.beside(fit.s, fit.df_residual)
-    return Fitted(application, region, model, data, scale, fit, surface, departure, dropped, ground)
+    return Fitted(application, region, model, data, scale, fit, surface, departure, ground)
 
 
 def fit_surface(
@@ -162,28 +156,3 @@ def _remedy(
     count = len(missing)
     more = f" and {count - LISTED_RUNS} more (`seqrsm propose` names them)" if count > LISTED_RUNS else ""
     return f"{start}; {count} at these settings would suffice: {shown}{more}. Or set [model] order = 1."
-
-
-def select_terms(spec: CampaignSpec, model: QuadraticModel, data: ScoredRuns, scale: ResponseScale) -> QuadraticModel:
-    """The model of the terms that are more likely than not, by averaging over hierarchical sub-models.
-
-    Raises
-    ------
-    FitError
-        Scores that cannot be used.
-    """
-    if not len(data.scores) or float(np.ptp(scale.values)) == 0.0:
-        return QuadraticModel(model.factors, model.order, (0,))
-    columns, names = block_columns(block_labels(spec, data))
-    Z = np.hstack([model.matrix(data.points), columns])
-    found = average_models(
-        Z,
-        scale.values,
-        [*model.terms, *names],
-        weights=spec.errors.weights(Z, scale.values, scale.weights),
-        seed=spec.seed,
-    )
-    chosen = {0}
-    for unit, present in zip(found.units, found.median_model.tolist(), strict=True):
-        chosen.update(unit.columns if present else ())
-    return QuadraticModel(model.factors, model.order, tuple(sorted(chosen)))

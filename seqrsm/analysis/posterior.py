@@ -54,8 +54,7 @@ def _elicited(
     optimum = {}
     for name, expected in known.optimum.items():
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))
-        if name in model.term_names:
-            optimum[name] = stated.value, stated.doubt
+        optimum[name] = stated.value, stated.doubt
     return elicited_prior(
         model,
         spec.region,
@@ -69,36 +68,31 @@ def _elicited(
 
 
 def stated_bounds(application: ApplicationSpec, model: QuadraticModel) -> LinearBounds | None:
-    """Bounds of effects that ``campaign.toml`` states, on the scale of the fit; None where no fitted term has one.
+    """Bounds of effects that ``campaign.toml`` states, on the scale of the fit; None where it states none.
 
     Of a factor's linear term: half of its effect, the squares of both ends being equal.
     """
     known = application.prior
     if known is None or not known.effect:
         return None
-    found = [
-        (model.term_names.index(factor.name), *known.effect[factor.name])
-        for factor in model.factors
-        if factor.name in known.effect and factor.name in model.term_names
-    ]
-    if not found:
-        return None
-    terms, low, high = zip(*found, strict=True)
+    terms, low, high = zip(
+        *(
+            (model.term_names.index(factor.name), *known.effect[factor.name])
+            for factor in model.factors
+            if factor.name in known.effect
+        ),
+        strict=True,
+    )
     return LinearBounds(np.eye(model.p)[list(terms)], 0.5 * np.array(low), 0.5 * np.array(high))
 
 
 def effects_left_out(application: ApplicationSpec, posterior: PosteriorSummary) -> list[str]:
     """A warning where what is stated of effects is not used."""
     stated = {} if application.prior is None else application.prior.effect
-    names = [name for name in stated if name not in [bound.factor for bound in posterior.effects]]
-    if not names:
+    if not stated or posterior.effects:
         return []
-    share = posterior.effects_probability
-    if np.isfinite(share) and not posterior.effects:
-        reason = f"the scores contradict it (probability {share:.1g})"
-    else:
-        reason = "its term was dropped from the fit"
-    what = f"The [application.prior] bounds on the effect of {', '.join(names)}"
+    what = f"The [application.prior] bounds on the effect of {', '.join(stated)}"
+    reason = f"the scores contradict it (probability {posterior.effects_probability:.1g})"
     return [f"{what} are not used in the posterior: {reason}."]
 
 

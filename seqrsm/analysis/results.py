@@ -24,36 +24,6 @@ from seqrsm.design.region import Region
 from seqrsm.fit.canonical import StationaryPoint
 from seqrsm.fit.least_squares import InfluentialRun, LeastSquaresFit, NormalPlot
 from seqrsm.fit.optimum import Goal, Optimum
-from seqrsm.fit.transforms import PowerProfile
-
-
-@dataclass(frozen=True, slots=True)
-class TermChoice:
-    """Which terms belong to the model, over hierarchical sub-models.
-
-    Attributes
-    ----------
-    units : tuple of str
-        What enters or leaves together: a factor, a product of two, a square.
-    inclusion, prior_inclusion : ndarray (u,)
-        Probability that each belongs to the model, after and before the scores.
-    models : tuple of (units, probability)
-        The most probable ones, at most ten.
-    median : tuple of str
-        Units that are more likely than not, with all that they need.
-    n_models : int
-        Models listed or visited.
-    exhaustive : bool
-        All hierarchical models were listed.
-    """
-
-    units: tuple[str, ...]
-    inclusion: FloatArray
-    prior_inclusion: FloatArray
-    models: tuple[tuple[tuple[str, ...], float], ...]
-    median: tuple[str, ...]
-    n_models: int
-    exhaustive: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +110,6 @@ class Study:
         Best settings at growing distance from the centre (R's ``steepest``); empty without numeric factors.
     """
 
-    terms: TermChoice | str
-    profile: PowerProfile | str
     normal: NormalPlot
     influential: tuple[InfluentialRun, ...]
     extrapolated: bool

@@ -1,4 +1,4 @@
-"""What a thorough analysis adds to the fit: which terms, which scale, which runs, which way.
+"""What a thorough analysis adds to the fit: which runs, which blocks, which way.
 
 Each part is made for the model it is right for; a sentence stands for what cannot be had.
 """
@@ -17,23 +17,18 @@ from seqrsm.analysis.results import (
     BlockStudy,
     PathPoint,
     Study,
-    TermChoice,
 )
 from seqrsm.analysis.runs import block_labels
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
-from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.fit.canonical import steepest_path
 from seqrsm.fit.intervals import FTest, Prediction
 from seqrsm.fit.intervals import Interval as ArrayInterval
-from seqrsm.fit.least_squares import block_columns, extrapolated, influential_runs, normal_plot
-from seqrsm.fit.selection import average_models
-from seqrsm.fit.transforms import PowerProfile, box_cox_profile, logit_profile
+from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.spec.read import CampaignSpec
 
 _STEP = 0.25  # coded distance between the points of a ridge path
-_TOP_MODELS = 10
 
 
 def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
@@ -49,8 +44,6 @@ def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
     fit = fitted.fit
     row = fitted.model.matrix(point[None, :])
     return Study(
-        terms=_terms(spec, fitted),
-        profile=_profile(spec, fitted),
         normal=normal_plot(fit),
         influential=influential_runs(fit),
         extrapolated=bool(extrapolated(fit, row)[0]),
@@ -61,47 +54,6 @@ def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
 
 def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
     return fitted.scale.in_scores(float(found.low[0]), float(found.high[0]))
-
-
-def _terms(spec: CampaignSpec, fitted: Fitted) -> TermChoice | str:
-    reason = fitted.surface.limits("averaging over models")
-    if reason:
-        return reason
-    data = fitted.data
-    whole = QuadraticModel(fitted.region.factors, spec.model.order)
-    columns, names = block_columns(block_labels(spec, data))
-    Z = np.hstack([whole.matrix(data.points), columns])
-    try:
-        found = average_models(
-            Z, fitted.fit.y, [*whole.terms, *names], weights=fitted.fit.weights, seed=spec.seed % 2**32
-        )
-    except FitError as error:
-        return error.problems[0].message
-    return TermChoice(
-        units=tuple(unit.name for unit in found.units),
-        inclusion=found.inclusion,
-        prior_inclusion=found.prior_inclusion,
-        models=tuple(
-            (found.names(model), float(share))
-            for model, share in zip(found.models[:_TOP_MODELS], found.probability[:_TOP_MODELS], strict=True)
-        ),
-        median=found.names(found.median_model),
-        n_models=found.n_models,
-        exhaustive=found.exhaustive,
-    )
-
-
-def _profile(spec: CampaignSpec, fitted: Fitted) -> PowerProfile | str:
-    scores, fit = fitted.data.scores, fitted.fit
-    weights = fit.weights if spec.model.weights != "equal" and spec.model.response == "identity" else None
-    try:
-        if fitted.application.is_percent:
-            return logit_profile(fit.Z, scores, weights=weights, level=spec.stop.level)
-        if np.min(scores) <= 0.0:
-            return "Box-Cox transforms need positive scores"
-        return box_cox_profile(fit.Z, scores, weights=weights, level=spec.stop.level)
-    except FitError as error:
-        return error.problems[0].message
 
 
 def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:

@@ -178,10 +178,6 @@ class Surface:
         runs = self._runs(fit.Z, weights, prior, stated)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
-    def limits(self, what: str) -> str:
-        """Why ``what``, a method for plain least squares, does not apply; empty where it does."""
-        return self.errors.limits(what)
-
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """Simulation against flight at a coded point (k,); None where there is one source."""
         del point, level
@@ -287,10 +283,6 @@ class RandomBlocks(Surface):
         made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
         return Draws(beta, sigma, made, share, sigma_block=of_blocks, apart=self.apart)
 
-    def limits(self, what: str) -> str:
-        """See `Surface`."""
-        return self.errors.limits(what) or f"{what} needs fixed blocks; here they are random"
-
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""
         del spec
@@ -394,10 +386,6 @@ class TwoSources(Surface):
                 made: Made = {"method": "exact", "draws": len(sigma), "sources": 2}
                 return Draws(to_flight(self.model, beta), sigma, made, share)
         return self.errors.draws(runs, bounds, sampler, n, rng)
-
-    def limits(self, what: str) -> str:
-        """See `Surface`."""
-        return self.errors.limits(what) or f"{what} needs scores from one source; here are simulations and flights"
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:
         """On a transformed scale the difference is taken in scores."""

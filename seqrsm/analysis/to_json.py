@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, PathPoint, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, PathPoint, Study
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
@@ -35,7 +35,6 @@ def _document(analysis: Analysis) -> dict[str, Any]:
         **_of(fit, "n_runs", "n_terms", "df_residual", "s", "r2", "r2_adjusted", "r2_predicted", "press"),
         "terms": _terms(analysis),
         "covariance": _covariance(analysis),
-        "terms_dropped": list(analysis.fitted.dropped),
         "anova": _value(fit.anova()),
         "lack_of_fit": _lack_of_fit(fit.lack_of_fit()),
         "factors_importance": _value(analysis.importance),
@@ -252,8 +251,6 @@ def interval_to_json(interval: Interval) -> dict[str, float]:
 def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
     """Keys of the document, beside those of the fit; ``{"reason": ...}`` where something cannot be had."""
     return {
-        "models": _models(study.terms),
-        "transform": _or_reason(study.profile),
         "blocks": None if study.blocks is None else _blocks(study.blocks),
         "ridge": _path(analysis, study.ridge),
     }
@@ -272,20 +269,6 @@ def study_diagnostics(analysis: Analysis, study: Study) -> dict[str, Any]:
 def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
     """Partial F tests that were asked for."""
     return [{"test": one.asked, "terms": list(one.terms), **fields_to_json(one.test)} for one in tests]
-
-
-def _models(found: TermChoice | str) -> dict[str, Any]:
-    if isinstance(found, str):
-        return {"reason": found}
-    return {
-        **_of(found, "n_models", "exhaustive"),
-        "units": [
-            {"name": name, "inclusion": float(after), "prior": float(before)}
-            for name, after, before in zip(found.units, found.inclusion, found.prior_inclusion, strict=True)
-        ],
-        "median": list(found.median),
-        "best": [{"units": list(units), "probability": share} for units, share in found.models],
-    }
 
 
 def _blocks(found: BlockStudy) -> dict[str, Any]:

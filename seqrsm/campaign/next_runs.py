@@ -212,22 +212,12 @@ class _Chooser:
         found = self.analysis.sources
         return 1.0 if found is None else (found.s_simulation / found.s_flight) ** 2
 
-    def beta(self) -> FloatArray:
-        """Coefficients of the whole model: proposals keep terms testable that were left out of the fit."""
-        fitted = self.analysis.model
-        found = self.analysis.fitted.surface.estimate
-        if fitted.keep is None:
-            return found
-        whole = np.zeros(self.model.p)
-        whole[list(fitted.keep)] = found
-        return whole
-
     def target(self) -> FloatArray:
         return self.analysis.optimum.point
 
     def weights(self, points: FloatArray) -> FloatArray:
         """Relative weights of runs, by the response expected there."""
-        return self.scale.weight_at(self.model.matrix(points) @ self.beta())
+        return self.scale.weight_at(self.model.matrix(points) @ self.analysis.fitted.surface.estimate)
 
     def precision(self, two: bool) -> FloatArray | None:
         """Prior precision of the model terms, and of the discrepancy where there are two sources."""

@@ -52,8 +52,6 @@ class QuadraticModel:
     order : {1, 2}
         1: intercept, linear terms and contrasts. 2: products of two and squares as well; a factor of two discrete
         values has no square, as it would repeat the intercept.
-    keep : tuple of int, optional
-        Places of the terms that are kept, of those of the whole model, in rising order; by default all.
 
     Attributes
     ----------
@@ -65,7 +63,6 @@ class QuadraticModel:
 
     factors: tuple[Factor, ...]
     order: int = 2
-    keep: tuple[int, ...] | None = None
     terms: tuple[Term, ...] = field(init=False, repr=False, compare=False)
     first: IntArray = field(init=False, repr=False, compare=False)
     second: IntArray = field(init=False, repr=False, compare=False)
@@ -75,10 +72,6 @@ class QuadraticModel:
             raise ValueError(f"order must be 1 or 2, not {self.order!r}")
         object.__setattr__(self, "factors", tuple(self.factors))
         products = _products(self.factors, self.columns, self.order)
-        if self.keep is not None:
-            if list(self.keep) != sorted(set(self.keep)) or not set(self.keep) <= set(range(len(products))):
-                raise ValueError(f"keep must hold different places below {len(products)} in rising order")
-            products = [products[place] for place in self.keep]
         object.__setattr__(self, "terms", tuple(term for term, _, _ in products))
         object.__setattr__(self, "first", np.array([a for _, a, _ in products], dtype=np.int64))
         object.__setattr__(self, "second", np.array([b for _, _, b in products], dtype=np.int64))

@@ -165,10 +165,6 @@ class ErrorModel:
     response: ClassVar[str] = ""
     random_blocks: ClassVar[bool] = False
 
-    def limits(self, what: str) -> str:
-        """Why a method for least squares, ``what``, does not apply; empty where it does."""
-        return "" if self.exact else f"{what} is for normal errors, here they are {self.name}"
-
     def weights(self, Z: FloatArray, y: FloatArray, given: FloatArray) -> FloatArray:
         """Relative weights (n,) for least squares.
 

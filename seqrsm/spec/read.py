@@ -39,9 +39,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     others being those of the optimum.
 ``[model]``
     ``order`` (2, or 1); ``response`` ("identity" or "logit"); ``errors`` ("normal"; "student_t"; "beta_binomial":
-    counts ``n`` and ``correct`` of every score, overdispersed); ``terms`` ("full", or "hierarchical": terms with
-    probability above 50 %, with the terms they require); ``weights`` ("equal"; "se": by the inverse square of ``se``;
-    "counts": scores are proportions of correct decisions, ``correct`` of ``n``, weighted by their variance
+    counts ``n`` and ``correct`` of every score, overdispersed); ``weights`` ("equal"; "se": by the inverse square of
+    ``se``; "counts": scores are proportions of correct decisions, ``correct`` of ``n``, weighted by their variance
     p (1 - p) / n at the fitted value, times a factor estimated from the residuals); ``block``: column of measured
     scores that names the block, by default none; one run in four of a batch of flights then links the new block to
     earlier ones; ``block_effect`` ("fixed": a constant for each block; "random": blocks are a sample, predictions are

@@ -302,14 +302,16 @@ class ModelSpec(Table):
     order: Order = 2
     response: Literal["identity", "logit"] = "identity"
     errors: ErrorName = "normal"
-    terms: Literal["full", "hierarchical"] = "full"
     weights: Literal["equal", "se", "counts"] = "equal"
     block: str | None = None
     block_effect: Literal["fixed", "random"] = "fixed"
     prior: PriorSpec | None = None
     discrepancy_sd: PositiveNumber | None = None
 
-    GONE = {"region": (None, "Remove it, it is no longer needed: departures from the quadratic are part of the model.")}
+    GONE = {
+        "region": (None, "Remove it, it is no longer needed: departures from the quadratic are part of the model."),
+        "terms": ("full", "Remove it: the fit has all terms of the order, no longer those that the scores select."),
+    }
 
 
 class SimulatorSpec(Table):

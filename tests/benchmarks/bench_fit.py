@@ -32,8 +32,6 @@ from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum, optimum_draws
 from seqrsm.fit.score_models import CoefficientPrior, beta_binomial_model
-from seqrsm.fit.selection import average_models
-from seqrsm.fit.transforms import box_cox_profile
 
 NU = 4.0
 
@@ -132,9 +130,7 @@ def measure() -> list[str]:
         f"| {name} | {1e3 * cpu_time(function, 3):.1f} ms | | |"
         for name, function in {
             "exact optimum of one surface": lambda: optimum(model, region, fit.estimate),
-            "average over 38,619 models": lambda: average_models(Z, y, model.terms),
             "random days, exact, with REML": lambda: fit_random_blocks(Z, y, days),
-            "Box-Cox profile": lambda: box_cox_profile(Z, y),
             "variance shares of 1,000 surfaces": lambda: variance_shares(model, draws),
         }.items()
     ]

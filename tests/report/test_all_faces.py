@@ -189,7 +189,6 @@ def studied(two_uses: Path, tmp_path_factory: pytest.TempPathFactory):
     first, second = campaign.analyse_all(thorough=True)
     ties = ({**first.optimum.settings, "look_angle": 33.25}, {**first.optimum.settings, "polarization": "VV"})
     first = dataclasses.replace(first, optimum=dataclasses.replace(first.optimum, ties=ties))
-    second = dataclasses.replace(second, study=dataclasses.replace(second.study, terms="too few runs"))
     return dataclasses.replace(
         flight_dossier(tmp_path_factory.mktemp("flight")),
         spec=campaign.spec,
@@ -242,11 +241,6 @@ def test_what_is_said_of_surfaces_that_are_no_quadratic_is_in_all_faces(studied,
         sections = with_departure(studied, found)
         assert squeezed(told) in squeezed(" ".join(of_sections(sections, terminal=True)))
         in_all_faces(sections, capsys)
-
-
-def test_why_there_is_no_average_over_models_is_in_all_faces(studied) -> None:
-    texts = list(of_sections(build_report(studied).sections, terminal=True))
-    assert "No model averaging: too few runs." in texts
 
 
 def test_what_fit_prints_stands_in_the_report(two_uses: Path) -> None:
@@ -362,7 +356,7 @@ BY_REPORT = {
     "diagnostics_section", "first_panels", "history_section", "image_section", "importance_section",
     "literature_section", "paths_section", "method_sections", "model_section", "optimum_section",
     "printed_section", "provenance_section", "question_section", "result_section", "run_section",
-    "shape_section", "summary_section", "surface_section", "term_blocks",
+    "shape_section", "summary_section", "surface_section", "by_block",
 }  # fmt: skip
 BY_NAME = {
     "calendar_section", "candidate_section", "check_sections", "measure_section", "rehearsal_section", "speed_section",

@@ -19,7 +19,6 @@ from seqrsm.fit.blocks import fit_random_blocks
 from seqrsm.fit.intervals import student_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.natural import natural_coefficients, natural_transform
-from seqrsm.fit.transforms import box_cox_profile, logit_profile
 
 LEVEL = 0.95
 COMPARED = "without the search, to compare"
@@ -227,28 +226,6 @@ def random_day(sets: int) -> Iterator[Row]:
             "blocks forgotten" if j == 2 else "",
             hits[:, 5].mean() if j == 2 else float("nan"),
         )
-
-
-def scales(sets: int) -> Iterator[Row]:
-    """Powers of transforms."""
-    rng = np.random.default_rng(7)
-    X = np.column_stack([np.ones(40), np.linspace(-1, 1, 40), np.linspace(-1, 1, 40) ** 2])
-    for power in (0.0, 1.0):
-        inside, other = 0, 0
-        for _ in range(sets):
-            eta = X @ np.array([5.0, 1.0, -0.5]) + 0.3 * rng.normal(size=40)
-            y = np.exp(0.5 * eta) if power == 0.0 else eta
-            found_power = box_cox_profile(X, y, level=LEVEL)
-            inside += found_power.low <= power <= found_power.high
-            other += found_power.low <= 1.0 - power <= found_power.high
-        yield Row(f"Box-Cox power {power:g}", inside / sets, LEVEL, False, sets, f"power {1.0 - power:g}", other / sets)
-    inside, other = 0, 0
-    for _ in range(sets):
-        eta = X @ np.array([1.5, 1.0, -0.5]) + 0.4 * rng.normal(size=40)
-        found_power = logit_profile(X, 100.0 / (1.0 + np.exp(-eta)), level=LEVEL)
-        inside += found_power.low <= 0.0 <= found_power.high
-        other += found_power.low <= 1.5 <= found_power.high
-    yield Row("logit power 0", inside / sets, LEVEL, True, sets, "power 1.5", other / sets)
 
 
 def f_tests(sets: int) -> Iterator[Row]:

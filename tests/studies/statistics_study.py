@@ -42,7 +42,6 @@ COVERAGE: dict[str, dict[str, Study]] = {
         **{f"k = {k}": partial(told_optimum.at_the_optimum, k=k) for k in (2, 3, 4)},
         **{name: partial(told_optimum.at_the_optimum, k=3, name=name) for name in list(told_optimum.CASES)[1:]},
     },
-    "models and scales": {"powers": cases.scales},
     "F tests": {"all": cases.f_tests},
 }
 """Studies and their parts; an interrupted study goes on with the part it was in."""

@@ -311,7 +311,7 @@ def test_what_is_told_of_a_flat_surface_is_true(tmp_path: Path) -> None:
     assert np.mean(covers) > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / 120)
 
 
-@pytest.mark.parametrize("rest", ['errors = "student_t"', 'block = "day"', 'terms = "hierarchical"'])
+@pytest.mark.parametrize("rest", ['errors = "student_t"', 'block = "day"'])
 def test_a_narrow_top_is_found_whatever_the_model(tmp_path: Path, rest: str) -> None:
     points = np.round(spread(40, 2), 3)
     text = specification(numeric(2), rest=f"[model]\n{rest}\n")

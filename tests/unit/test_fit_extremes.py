@@ -16,8 +16,7 @@ from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.robust import student_weights
-from seqrsm.fit.selection import average_models
-from seqrsm.fit.transforms import box_cox_profile, logit_scores, logit_to_percent
+from seqrsm.fit.transforms import logit_scores, logit_to_percent
 
 
 def cube(k: int) -> tuple[QuadraticModel, Region]:
@@ -41,13 +40,8 @@ def test_scores_that_do_not_vary_refuse_what_needs_scatter() -> None:
     assert influential_runs(fit) == () or all("leverage" in run.reasons[0] for run in influential_runs(fit))
     assert normal_plot(fit).runs.size == 0
     days = ["a", "b"] * 6
-    for asked in (
-        lambda: average_models(Z, y, model.terms),
-        lambda: box_cox_profile(Z, y),
-        lambda: fit_random_blocks(Z, y, days),
-    ):
-        with pytest.raises(FitError):
-            asked()
+    with pytest.raises(FitError):
+        fit_random_blocks(Z, y, days)
     assert np.isfinite(posterior(Z, y, None, weakly_informative([t.kind for t in model.terms], y)).scale)
 
 
@@ -149,8 +143,6 @@ def test_eight_factors_with_forty_five_terms() -> None:
     np.testing.assert_allclose(fit.estimate, reference, rtol=1e-9, atol=1e-9)
     best = optimum(model, region, fit.estimate)
     assert best.value >= np.max(model.matrix(region.sample(20_000, np.random.default_rng(1))) @ fit.estimate)
-    average = average_models(model.matrix(points), y, model.terms)
-    assert not average.exhaustive
 
 
 def test_weights_over_twelve_decades() -> None:

@@ -89,22 +89,3 @@ def test_wrong_points_are_refused():
         QuadraticModel((F,), order=3)
     with pytest.raises(ValueError):
         model.forms(np.zeros(model.p), ())
-
-
-def test_a_part_of_the_terms_is_a_model_of_its_own():
-    whole = QuadraticModel((F, P, R))
-    keep = (0, 1, 2, 7, 11)
-    part = QuadraticModel((F, P, R), keep=keep)
-    assert part.term_names == ("intercept", "frequency", "resolution", "frequency:resolution", "resolution^2")
-    points = np.array([[0.3, 1, -0.7], [-1.0, 0, 0.2]])
-    np.testing.assert_array_equal(part.matrix(points), whole.matrix(points)[:, keep])
-    beta = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    full = np.zeros(whole.p)
-    full[list(keep)] = beta
-    for ours, theirs in zip(part.forms(beta, (1,)), whole.forms(full, (1,)), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    assert part.factor_terms("polarization").size == 0
-    assert part != whole
-    for wrong in ((0, 12), (1, 0), (0, 0)):
-        with pytest.raises(ValueError, match="keep"):
-            QuadraticModel((F, P, R), keep=wrong)

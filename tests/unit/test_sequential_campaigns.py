@@ -481,6 +481,7 @@ def test_simulation_and_flight_share_a_surface(campaign) -> None:
         ('name = "two"', 'name = "two"\nattempts = 0', "attempts"),
         ("half_width = 4.0", 'half_width = 4.0\nguard = "luck"', "guard"),
         ("[stop]", '[model]\nregion = "fixed"\n[stop]', "no longer needed: departures from the quadratic are part"),
+        ("[stop]", '[model]\nterms = "hierarchical"\n[stop]', "the fit has all terms of the order"),
         ("[stop]", "[model]\ndiscrepancy_sd = -1.0\n[stop]", "discrepancy_sd"),
     ],
 )

@@ -171,6 +171,7 @@ def test_keys_that_came_later_leave_the_hash_of_earlier_campaigns_alone(load):
     assert load(GOOD.replace("[stop]\n", '[stop]\nfutility = "stop"\n')).spec_hash != before
     # A key that is gone may still be written with what was its default.
     assert load(GOOD.replace("seed = 1979", 'seed = 1979\ncriterion = "optimum"')).spec_hash == before
+    assert load(GOOD.replace("order = 2", 'order = 2\nterms = "full"')).spec_hash == before
 
 
 def test_hash_is_of_the_content(load):

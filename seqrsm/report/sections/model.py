@@ -43,7 +43,7 @@ from seqrsm.report.rounding import (
     format_percent,
     format_significant,
 )
-from seqrsm.report.sections.study import largest_vif, profile_text, term_blocks
+from seqrsm.report.sections.study import by_block, largest_vif
 from seqrsm.report.wording import (
     capital,
     counted,
@@ -100,7 +100,7 @@ def model_section(analysis: Analysis, key: str) -> Section:
     blocks.append(Details(f"All {analysis.fit.n_terms} coefficients", (_coefficient_table(analysis),)))
     if analysis.model.p > 1:
         blocks.append(_coefficient_figure(analysis))
-    blocks += term_blocks(analysis)
+    blocks += by_block(analysis)
     return Section(f"{key}-model", "Model and analysis of variance", tuple(blocks))
 
 
@@ -114,11 +114,6 @@ def _model_text(analysis: Analysis) -> str:
     text += ", each pair counted once)." if analysis.model.order == 2 else ")."
     if any(kind == "category" for kind in analysis.fit.kinds):
         text += " Categorical factors enter as sum-to-zero contrasts and their products, without squares."
-    if analysis.fitted.dropped:
-        text += (
-            f" {len(analysis.fitted.dropped)} terms were dropped because model averaging gave them a probability below "
-            "50 %; the intervals are conditional on this selection."
-        )
     if any(kind == "block" for kind in analysis.fit.kinds):
         text += " Blocks enter as sum-to-zero effects; results are for the average block."
     if analysis.scale.kind == "logit":
@@ -328,8 +323,6 @@ def _findings(analysis: Analysis) -> tuple[str, ...]:
     if study is not None:
         if np.isfinite(study.normal.correlation):
             found.append(f"Correlation of residuals with normal quantiles: {study.normal.correlation:.3f}.")
-        text = profile_text(study)
-        found.append(capital(text))
         far = "an extrapolation: their leverage exceeds every run's" if study.extrapolated else "not an extrapolation"
         found.append(f"The recommended settings are {far}.")
         known = {int(ids[run.run]): run.reasons for run in study.influential[:MAX_NAMED]}

@@ -1,4 +1,4 @@
-"""What a thorough analysis adds: what the search adds, averages over models, blocks, paths, and tests asked for."""
+"""What a thorough analysis adds: ridge analysis, blocks, and tests asked for."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint, Study, TermChoice
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint
 from seqrsm.analysis.study import TermTest
 from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, right, table
-from seqrsm.report.rounding import format_percent, format_significant
+from seqrsm.report.rounding import format_significant
 from seqrsm.report.wording import (
     axis_label,
     capital,
@@ -19,7 +19,6 @@ from seqrsm.report.wording import (
     p_cell,
     readable_term,
     score_text,
-    share_cell,
     significant_cell,
     whole_cell,
 )
@@ -52,40 +51,10 @@ def _path_table(analysis: Analysis, path: Sequence[PathPoint], title: str) -> Ta
     return table(title, (*columns, right("Mean score", analysis.score_unit), ""), rows)
 
 
-def term_blocks(analysis: Analysis) -> list[Block]:
-    """Model averaging and blocks, folded away; empty without a study."""
-    study = analysis.study
-    if study is None:
-        return []
-    found: list[Block] = []
-    if isinstance(study.terms, TermChoice):
-        found.append(Details("Model averaging", _choice_blocks(study.terms)))
-    else:
-        found.append(Paragraph(f"No model averaging: {study.terms.rstrip('.')}.", "note"))
-    if study.blocks is not None:
-        found.append(Details("The recommended settings by block", _block_blocks(analysis, study.blocks)))
-    return found
-
-
-def _choice_blocks(found: TermChoice) -> tuple[Block, ...]:
-    how = "all" if found.exhaustive else "a search over"
-    units, share = found.models[0]
-    best, median = (", ".join(map(readable_term, some)) or "none" for some in (units, found.median))
-    rows = (
-        (
-            readable_term(found.units[i]),
-            share_cell(float(found.inclusion[i])),
-            share_cell(float(found.prior_inclusion[i])),
-        )
-        for i in np.argsort(-found.inclusion, kind="stable").tolist()
-    )
-    text = (
-        f"Probability that each term belongs to the model, from {how} {found.n_models} hierarchical models with "
-        f"Zellner's g prior. Most probable model ({format_percent(share)}): {best}. Median model: "
-        f"{'the same' if median == best else median}."
-    )
-    columns = ("Term", right("Probability"), right("Prior probability"))
-    return (Paragraph(text), table("Posterior probability of each term", columns, rows, sortable=True))
+def by_block(analysis: Analysis) -> list[Block]:
+    """The recommended settings in each block, folded away; empty without a study, or without blocks."""
+    blocks = None if analysis.study is None else analysis.study.blocks
+    return [] if blocks is None else [Details("The recommended settings by block", _block_blocks(analysis, blocks))]
 
 
 def _block_blocks(analysis: Analysis, found: BlockStudy) -> tuple[Block, ...]:
@@ -112,22 +81,6 @@ def _block_text(found: BlockStudy) -> str:
         f"credible interval of their ratio {ratio}. A run in a new block includes that block's effect."
     )
     return f"{text} {capital(found.note)}." if found.note else text
-
-
-def profile_text(study: Study) -> str:
-    """What the profile of the transform's power says."""
-    found = study.profile
-    if isinstance(found, str):
-        return f"No transformation was profiled: {found}."
-    name, zero = ("Box-Cox power", "logarithm") if found.family == "box-cox" else ("logit power", "logit")
-    ends = " to ".join("open" if math.isinf(end) else f"{end:.2f}" for end in (found.low, found.high))
-    if found.identity_inside:
-        verdict = "no transformation (power 1) is needed"
-    elif found.zero_inside:
-        verdict = f"the {zero} (power 0) fits better than no transformation (power 1)"
-    else:
-        verdict = f"neither no transformation (power 1) nor the {zero} (power 0) lies in the interval"
-    return f"{name} {found.best:.2f} ({100 * found.level:g} % interval {ends}): {verdict}."
 
 
 def largest_vif(analysis: Analysis) -> tuple[str, float] | None:
