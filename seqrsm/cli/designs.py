@@ -27,7 +27,6 @@ from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
 _MAX_FACTORS = 8
-_SIZED = ("fractional", "latin-hypercube", "sobol")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,21 +154,12 @@ def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | 
         remedy = "Use an optimal design."
         raise _wrong("classical designs are for numeric factors", remedy, "--design", kind)
     centre = request.centre
-    if kind in _SIZED and runs is None:
-        raise _wrong("the number of runs is missing", "Give --runs.", "--runs")
     made: dict[str, Callable[[], FloatArray]] = {
         "factorial": lambda: np.vstack([classical.full_factorial([2] * k), np.zeros((centre or 0, k))]),
-        "fractional": lambda: np.vstack(
-            [classical.minimum_aberration(k, (runs or 0) - (centre or 0))[0], np.zeros((centre or 0, k))]
-        ),
         "factorial3": lambda: np.vstack([classical.full_factorial([3] * k), np.zeros((centre or 0, k))]),
         "ccd-face": lambda: classical.central_composite(k, "face", 3 if centre is None else centre),
         "ccd-rotatable": lambda: classical.central_composite(k, "rotatable", 3 if centre is None else centre),
         "ccd-inscribed": lambda: classical.central_composite(k, "inscribed", 3 if centre is None else centre),
-        "box-behnken": lambda: classical.box_behnken(k, centre),
-        "definitive-screening": lambda: classical.definitive_screening(k, 1 if centre is None else centre),
-        "latin-hypercube": lambda: classical.latin_hypercube(runs or 1, k, request.seed, centred=True),
-        "sobol": lambda: classical.sobol(runs or 1, k, request.seed),
     }
     if kind not in made:
         raise _wrong("unknown design", f"Use optimal, {', '.join(made)}.", "--design", kind)
@@ -181,13 +171,6 @@ def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | 
         if axis is not None:
             points[:, j] = axis[np.argmin(np.abs(points[:, j][:, None] - axis), axis=1)]
     return points
-
-
-def _relation(region: Region, runs: int) -> dict[str, Any]:
-    """Defining relation and resolution of a fraction."""
-    words = classical.minimum_aberration(region.k, runs)[1]
-    named = [" ".join(region.names[j] for j in word) for word in words]
-    return {"resolution": len(words[0]), "defining_relation": f"1 = {' = '.join(named)}"}
 
 
 def _optimal(
@@ -244,8 +227,6 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
         points, told = _optimal(request, model, region, prior)
     else:
         points = _classical(request, factors, request.runs)
-        if request.kind == "fractional":
-            told |= _relation(region, (request.runs or 0) - (request.centre or 0))
         out_of_region = np.flatnonzero(~region.feasible(points)) if request.constraints else np.empty(0)
         if len(out_of_region):
             raise DesignError(

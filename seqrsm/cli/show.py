@@ -147,8 +147,6 @@ def show_design(result: Mapping[str, Any]) -> None:
     for name, value in result.items():
         if isinstance(value, float):
             line(f"{name}: {value:.6g}")
-    if "resolution" in result:
-        line(f"resolution {result['resolution']}; {result['defining_relation']}")
     curve = result["fraction_of_design_space"]
     if curve[0] is not None:
         shares = ", ".join(f"{curve[at]:.4g} over {at} %" for at in (50, 90, 100))

@@ -27,11 +27,7 @@ def design(
     ] = None,
     kind: Annotated[
         str,
-        typer.Option(
-            "--design",
-            help="optimal, factorial, fractional, factorial3, ccd-face, ccd-rotatable, ccd-inscribed, box-behnken, "
-            "definitive-screening, latin-hypercube or sobol.",
-        ),
+        typer.Option("--design", help="optimal, factorial, factorial3, ccd-face, ccd-rotatable or ccd-inscribed."),
     ] = "optimal",
     order: Annotated[int, typer.Option(min=1, max=2, help="Order of the model.")] = 2,
     centre: Annotated[int | None, typer.Option(min=0, help="Runs at the centre.")] = None,

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
-from seqrsm.design.classical import definitive_screening
 
 
 def call(*arguments: object, code: int = 0):
@@ -105,7 +104,7 @@ def test_random_order_keeps_the_design(tmp_path) -> None:
     ("name", "k", "runs"),
     [
         ("factorial", 3, 8), ("factorial3", 2, 9), ("ccd-face", 3, 17), ("ccd-rotatable", 2, 11),
-        ("ccd-inscribed", 2, 11), ("box-behnken", 4, 27), ("definitive-screening", 6, 13),
+        ("ccd-inscribed", 2, 11),
     ],
 )  # fmt: skip
 def test_classical_designs_by_name(name, k, runs) -> None:
@@ -116,37 +115,12 @@ def test_classical_designs_by_name(name, k, runs) -> None:
         assert np.max(found["points"]) == pytest.approx(2**0.5)
 
 
-def test_fraction_by_its_runs() -> None:
-    """2^(5-1): every two factors together are clear of each other; 2^(7-4) of resolution III."""
-    found = made("--factors", 5, "--runs", 16, "--design", "fractional")
-    X = np.array(found["points"])
-    assert (found["resolution"], found["defining_relation"]) == (5, "1 = x1 x2 x3 x4 x5")
-    np.testing.assert_array_equal(np.prod(X, axis=1), 1.0)
-    assert len(found["aliases"]) == 5  # the squares, of the intercept
-    named = made("--factor", "a=1:2", "--factor", "b=1:2", "--factor", "c=5:9", "--runs", 6, "--design", "fractional",
-                 "--centre", 2, "--order", 1)  # fmt: skip
-    assert named["defining_relation"] == "1 = a b c"
-    assert named["df_pure_error"] == 1
-    assert "resolution 3" in call("--factors", 7, "--runs", 8, "--design", "fractional", "--order", 1).stdout
-    for runs in (7, 4, 32, 64):
-        assert "8 or 16" in call("--factors", 5, "--runs", runs, "--design", "fractional", code=2).stderr
-
-
 def test_runs_beyond_the_bounds_have_no_efficiency_within_them() -> None:
     found = made("--factors", 3, "--design", "ccd-rotatable")
     assert found["d_efficiency"] is None
     assert found["i_efficiency"] is None
     assert any("6 of 17 runs lie outside" in warning for warning in found["warnings"])
     assert made("--factors", 3, "--design", "ccd-inscribed")["d_efficiency"] < 1.0
-
-
-@pytest.mark.parametrize("k", [3, 4, 5, 6, 7, 8])
-def test_definitive_screening_keeps_main_effects_clear(k) -> None:
-    X = definitive_screening(k)
-    assert len(X) == 2 * (k + k % 2) + 1
-    np.testing.assert_allclose(X.T @ X, np.diag(np.diag(X.T @ X)), atol=1e-12)
-    second = quadratic(X)[:, 1 + k :]
-    np.testing.assert_allclose(X.T @ second, 0.0, atol=1e-12)
 
 
 def test_words(tmp_path) -> None:
@@ -167,9 +141,9 @@ def test_words(tmp_path) -> None:
         (("--factor", "a=0:1:log", "--runs", 9), "log"),
         (("--factor", "a=1:2", "--factor", "a=1:3", "--runs", 9), "a"),
         (("--factors", 2, "--runs", 9, "--criterion", "E"), "D, I, A, G"),
-        (("--factors", 2, "--design", "moon"), "box-behnken"),
-        (("--factors", 2, "--design", "box-behnken"), "3 to 7"),
-        (("--factors", 3, "--design", "box-behnken", "--runs", 9), "15 runs"),
+        (("--factors", 2, "--design", "moon"), "ccd-rotatable"),
+        (("--factors", 1, "--design", "ccd-face"), "two or more"),
+        (("--factors", 3, "--design", "ccd-face", "--runs", 9), "17 runs"),
         (("--factor", "p=H,V", "--factor", "a=1:2", "--design", "ccd-face"), "numeric"),
         (("--factors", 2, "--design", "factorial", "--constraint", "x1 < 0"), "constraint"),
         (("--factors", 2, "--runs", 9, "--constraint", "x1 > 0.5", "--constraint", "x1 < -0.5"), "x1 < -0.5"),
