@@ -383,7 +383,7 @@ class Campaign:
     ) -> None:
         """Simulate runs that this process holds; those that failed through no fault of theirs are issued again."""
         from seqrsm.campaign.simulation import carry_out, files_of, task_of  # the engines: not loaded for fit or status
-        from seqrsm.simulate.lost import Lost
+        from seqrsm.simulate.cluster import Lost
         from seqrsm.simulate.runner import run_many
 
         cells = self.cells_of_ground()

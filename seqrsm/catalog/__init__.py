@@ -9,12 +9,11 @@ from seqrsm.catalog.reader import load_catalog
 from seqrsm.catalog.rendering import catalog_rows, summary, to_json
 from seqrsm.catalog.search import entries_about, platforms_called, search, table_called
 from seqrsm.catalog.start import StartLevels, StartRange, StartRanges, start_ranges
-from seqrsm.catalog.tables import Entry, Platform, Quantity, Range, Table
+from seqrsm.catalog.tables import Entry, Platform, Range, Table
 
 __all__ = [
     "Entry",
     "Platform",
-    "Quantity",
     "Range",
     "StartLevels",
     "StartRange",

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
-from seqrsm.catalog.tables import Catalog, Entry, Platform, PlatformItem, Quantity, Range, Table
+from seqrsm.catalog.tables import Catalog, Entry, Platform, PlatformItem, Range, Table
 from seqrsm.constants import SPEED_OF_LIGHT_M_S
 
 _DATA = Path(__file__).with_name("data")
@@ -121,19 +121,12 @@ def _platforms() -> tuple[Platform, ...]:
     items: dict[str, list[PlatformItem]] = {}
     for row in rows_of("spacecraft_items.csv"):
         items.setdefault(row["table"], []).append(PlatformItem(row["item"], row["printed"], row["note"]))
-    quantities: dict[str, list[Quantity]] = {}
-    for row in rows_of("spacecraft_quantities.csv"):
-        value = Range(_number(row["low"]), _number(row["high"]))
-        quantities.setdefault(row["table"], []).append(
-            Quantity(row["item"], row["quantity"], value, row["unit"], row["scope"], row["qualifier"])
-        )
     return tuple(
         Platform(
             table=row["table"],
             spacecraft=row["spacecraft"],
             reading=row["reading"],
             items=tuple(items[row["table"]]),
-            quantities=tuple(quantities.get(row["table"], [])),
             note=row["note"],
         )
         for row in rows_of("spacecraft.csv")

@@ -175,34 +175,6 @@ class PlatformItem:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
-    """A number read from a printed line of a platform table.
-
-    Attributes
-    ----------
-    item : str
-        The line it stands in.
-    quantity : str
-        "altitude", "antenna size", "mass", "power", "data rate", "storage time", ...
-    value : Range
-        Numbers in ``unit``; without a low end for a printed maximum.
-    unit : str
-        km, m, kg, lb, W, bit/s, min, deg, ...
-    scope : str
-        What has it: "sensor", "total payload", "satellite", a part; "" where the print does not say.
-    qualifier : str
-        Printed condition, such as "typical maximum".
-    """
-
-    item: str
-    quantity: str
-    value: Range
-    unit: str
-    scope: str
-    qualifier: str
-
-
-@dataclass(frozen=True, slots=True)
 class Platform:
     """A spacecraft, or a set of general limits, of Tables A.21 to A.39.
 
@@ -216,8 +188,6 @@ class Platform:
         What an obviously damaged name means; "" otherwise.
     items : tuple of PlatformItem
         Every printed line, empty ones too.
-    quantities : tuple of Quantity
-        The numbers in them.
     note : str
         Remarks on the whole table.
     """
@@ -226,7 +196,6 @@ class Platform:
     spacecraft: str
     reading: str
     items: tuple[PlatformItem, ...]
-    quantities: tuple[Quantity, ...]
     note: str
 
     @property

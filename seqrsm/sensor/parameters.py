@@ -238,7 +238,7 @@ def configured(
     configuration: Callable[..., _Configuration],
     table: Mapping[str, Parameter],
     settings: Mapping[str, float | str],
-    fixed: Mapping[str, float | str] | None,
+    fixed: Mapping[str, float | str] | None = None,
 ) -> _Configuration:
     """Configuration of one point of a design.
 
@@ -251,7 +251,8 @@ def configured(
     table : Mapping
         `RADAR` or `RADIOMETER`.
     settings, fixed : Mapping
-        Levels of the factors, and everything that is no factor; by the names of ``campaign.toml`` or of the fields.
+        Levels of the factors, and everything that is no factor; by the names of ``campaign.toml`` or of the fields. A
+        polarization such as ``"HH+HV"`` is a set of channels.
 
     Raises
     ------

@@ -7,8 +7,9 @@ single-look cell; the samples that fit into the final cell are averaged and are 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Literal, TypeVar
 
 import numpy as np
@@ -388,29 +389,8 @@ class RadarConfiguration:
         return self.noise_power_w(slant_range_m) / self.received_power_w(1.0, incidence_rad, slant_range_m, look_rad)
 
 
-def from_settings(
-    settings: Mapping[str, float | str], fixed: Mapping[str, float | str] | None = None
-) -> RadarConfiguration:
-    """Radar of one point of a design.
-
-    Parameters
-    ----------
-    settings : Mapping[str, float or str]
-        Levels of the factors, by their names in ``campaign.toml`` (`seqrsm.sensor.parameters.RADAR`) or of the fields.
-        A polarization such as ``"HH+HV"`` is a set of channels.
-    fixed : Mapping[str, float or str], optional
-        Everything that is no factor, by the same names.
-
-    Returns
-    -------
-    RadarConfiguration
-
-    Raises
-    ------
-    ConfigurationError
-        Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
-    """
-    return configured("radar", RadarConfiguration, RADAR, settings, fixed)
+from_settings: Final = partial(configured, "radar", RadarConfiguration, RADAR)
+"""Radar of one point of a design, its ``settings`` and ``fixed``: see `seqrsm.sensor.parameters.configured`."""
 
 
 def at_fault(radar: RadarConfiguration, name: str, text: str, remedy: str) -> Problem:

@@ -8,8 +8,8 @@ period, speed, beam and integration time is in `seqrsm.sensor.scan`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Literal
 
 import numpy as np
@@ -252,22 +252,5 @@ def _set_problems(radiometer: RadiometerConfiguration) -> list[Problem]:
     return problems
 
 
-def from_settings(
-    settings: Mapping[str, float | str], fixed: Mapping[str, float | str] | None = None
-) -> RadiometerConfiguration:
-    """Radiometer of one point of a design.
-
-    Parameters
-    ----------
-    settings : Mapping[str, float or str]
-        Levels of the factors, by their names in ``campaign.toml`` (`seqrsm.sensor.parameters.RADIOMETER`) or of the
-        fields. The polarization ``"H+V"`` is both channels.
-    fixed : Mapping[str, float or str], optional
-        Everything that is no factor, by the same names.
-
-    Raises
-    ------
-    ConfigurationError
-        Unknown, doubled or missing names; impossible values; contradictions; all that can be told at once.
-    """
-    return configured("radiometer", RadiometerConfiguration, RADIOMETER, settings, fixed)
+from_settings: Final = partial(configured, "radiometer", RadiometerConfiguration, RADIOMETER)
+"""Radiometer of one point of a design, its ``settings`` and ``fixed``: see `seqrsm.sensor.parameters.configured`."""

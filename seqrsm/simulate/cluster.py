@@ -6,11 +6,11 @@ import hashlib
 import time
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from seqrsm.errors import Problem, UserError
-from seqrsm.simulate.lost import Lost
 
 A = TypeVar("A")
 R = TypeVar("R")
@@ -87,6 +87,13 @@ def run_on_cluster(
         raise UserError(Problem(text, "Restart it; finished runs are kept", field="cluster", value=address)) from error
     finally:
         client.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Takes the place of a result: the processes that ran this argument died, again and again."""
+
+    reason: str
 
 
 class _RunError(Exception):

@@ -15,8 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from seqrsm.simulate.cluster import run_on_cluster
-from seqrsm.simulate.lost import Lost
+from seqrsm.simulate.cluster import Lost, run_on_cluster
 
 A = TypeVar("A")
 R = TypeVar("R")

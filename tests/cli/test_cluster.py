@@ -21,7 +21,7 @@ from seqrsm.campaign.campaign import Campaign
 from seqrsm.cli.app import app
 from seqrsm.errors import UserError
 from seqrsm.simulate import cluster as cluster_module
-from seqrsm.simulate.lost import Lost
+from seqrsm.simulate.cluster import Lost
 from seqrsm.simulate.runner import run_many
 from seqrsm.store.store import Store
 

@@ -15,7 +15,7 @@ import pytest
 
 from seqrsm.errors import UserError
 from seqrsm.rng import generator
-from seqrsm.simulate.lost import Lost
+from seqrsm.simulate.cluster import Lost
 from seqrsm.simulate.runner import run_many, start_workers
 
 

@@ -501,26 +501,13 @@ def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor
         for i in range(n_bins):
             line = sums[c, i]
             if beam[i] <= 1.0 and whole == cells_a_pixel:
-                # Nothing runs over the edges of pixels: their own cells are all that is added, four pixels at a time.
-                fours = m // whole // 4 * 4
-                for k in range(0, fours, 4):
-                    own = line[k * whole : (k + 4) * whole]
-                    mean0 = mean1 = mean2 = mean3 = 0.0
-                    for j in range(whole):
-                        mean0 += own[j]
-                        mean1 += own[whole + j]
-                        mean2 += own[2 * whole + j]
-                        mean3 += own[3 * whole + j]
-                    out[c, i, k] = mean0 / whole * factor[i]
-                    out[c, i, k + 1] = mean1 / whole * factor[i]
-                    out[c, i, k + 2] = mean2 / whole * factor[i]
-                    out[c, i, k + 3] = mean3 / whole * factor[i]
-                for k in range(fours, n_pixels):
-                    end = min((k + 1) * whole, m)
-                    mean0 = 0.0
-                    for j in range(k * whole, end):
-                        mean0 += line[j]
-                    out[c, i, k] = mean0 / (end - k * whole) * factor[i]
+                # Nothing runs over the edges of pixels: their own cells are all that is added.
+                for k in range(n_pixels):
+                    cells = min(m - k * whole, whole)
+                    own, mean = line[k * whole : k * whole + cells], 0.0
+                    for j in range(cells):
+                        mean += own[j]
+                    out[c, i, k] = mean / cells * factor[i]
                 continue
             total[0] = 0.0
             for j in range(m):
