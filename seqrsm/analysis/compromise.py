@@ -1,8 +1,15 @@
-"""The compromise of a campaign: its applications, weighed with what else counts, over one region."""
+"""One design for several applications: how much each gives up, and which designs nothing beats.
+
+RSL TR 380-1 sections 1.1 and 2.0: 'whether there is a different design which will satisfy the combination of
+applications, even though to a lesser degree'. The utility of each application becomes a desirability between 0 and 1
+(Derringer & Suich 1980, Journal of Quality Technology 12, 214-219), and the compromise is the setting with the largest
+weighted geometric mean of them. Cost, build time and risk enter as further desirabilities. Posterior draws of every
+surface give the posterior of the compromise and of what each application loses.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,34 +18,93 @@ import numpy as np
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.to_json import fields_to_json
-from seqrsm.arrays import FloatArray
-from seqrsm.decide.compromise import Compromise, Loss, Objective, compromise
+from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.constraints import Constraint, _evaluate
 from seqrsm.design.region import Region
-from seqrsm.plain import known, shallow
+from seqrsm.fit.optimum import Goal, sign_of
+from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ConsiderationSpec
 
+Surface = Callable[[FloatArray], FloatArray]
+"""Values (n,) at coded points (n, k)."""
+
 DRAWS = 200
 """Posterior draws of each surface that the compromise is found for."""
 
+_COVER = 3000
+_FRONT = 400  # points of the Pareto front that are kept, spread evenly
+_CLIMB = ((0.3, 200), (0.15, 200), (0.07, 200), (0.03, 200), (0.01, 200), (0.003, 200))
+_LEAST = 1e-6  # of a desirability: a geometric mean of zeros would rank nothing
+
 
 @dataclass(frozen=True, slots=True)
-class GivenUp(Loss):
+class Objective:
+    """One thing that matters.
+
+    Attributes
+    ----------
+    name : str
+    goal : "maximize" or "minimize"
+    weight : float
+        Share in the compromise, > 0.
+    mean : callable
+        Estimated values at coded points.
+    draws : callable or None
+        Values (m, n) under m posterior draws at coded points (n, k); None where nothing is uncertain, as with a cost.
+    unacceptable, ideal : float or None
+        Values of desirability 0 and 1; by default the worst and the best of ``mean`` over the region.
+    unit : str
+    application : bool
+        False for a consideration.
+    """
+
+    name: str
+    goal: Goal
+    weight: float
+    mean: Surface
+    draws: Surface | None = None
+    unacceptable: float | None = None
+    ideal: float | None = None
+    unit: str = ""
+    application: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class GivenUp:
     """What one application or consideration gives up at the compromise, in its own units.
 
     Attributes
     ----------
+    name : str
+    value : float
+        Estimated value at the compromise.
+    own_best : float
+        Estimated value at its own optimum.
+    given_up : float
+        ``own_best`` against ``value``, >= 0 when the compromise is worse.
+    low, high : float
+        Ends of the credible interval of that, over draws each with its own optimum; nan without draws, as of a
+        consideration, whose values are exact.
+    desirability : float
+        At the compromise, in [0, 1].
     unit : str
     application : bool
-        False for a consideration, whose values are exact: ``low`` and ``high`` are nan.
+        False for a consideration.
     own_settings : dict
         Its own optimum, natural units.
     text : str
         One sentence.
     """
 
+    name: str
+    value: float
+    own_best: float
+    given_up: float
+    low: float
+    high: float
+    desirability: float
     unit: str
     application: bool
     own_settings: dict[str, float | str]
@@ -51,27 +117,40 @@ class GivenUp(Loss):
 
 
 @dataclass(frozen=True, slots=True)
-class CompromiseEstimate(Compromise):
-    """The compromise in natural units.
+class CompromiseEstimate:
+    """The compromise over several objectives.
 
     Attributes
     ----------
-    given_up : tuple of GivenUp
-        Applications first.
+    point : ndarray (k,)
+        Coded settings.
     settings : dict
-        Natural units, by factor name.
-    credible : dict
-        Credible interval of each numeric factor's setting, natural units.
+        The same in natural units, by factor name.
+    desirability : float
+        Weighted geometric mean there, in [0, 1].
+    expected_shortfall : float
+        Mean desirability lost by acting on ``point`` and not on the compromise of the true surfaces; nan without draws.
     level : float
+        Of the credible intervals.
+    credible : dict
+        Credible interval of each numeric factor's setting, natural units; empty without draws.
+    given_up : tuple of GivenUp
+        One for each objective, applications first.
     front_settings : tuple of dict
-        Settings that no other beats in everything.
+        Settings that no other setting beats in every objective, from a cover of the region.
+    front_values : ndarray (f, objectives)
+        Estimated values there.
     """
 
-    given_up: tuple[GivenUp, ...]
+    point: FloatArray
     settings: dict[str, float | str]
-    credible: dict[str, Interval]
+    desirability: float
+    expected_shortfall: float
     level: float
+    credible: dict[str, Interval]
+    given_up: tuple[GivenUp, ...]
     front_settings: tuple[dict[str, float | str], ...]
+    front_values: FloatArray
 
     def to_json(self) -> dict[str, Any]:
         """The compromise as a JSON document."""
@@ -81,7 +160,7 @@ class CompromiseEstimate(Compromise):
             "expected_shortfall": self.expected_shortfall,
             "level": self.level,
             "settings_credible": {name: {"low": i.low, "high": i.high} for name, i in self.credible.items()},
-            "given_up": [fields_to_json(row, but="own_point") for row in self.given_up],
+            "given_up": [fields_to_json(row) for row in self.given_up],
             "pareto_front": [
                 {"settings": settings, "values": values}
                 for settings, values in zip(self.front_settings, self.front_values.tolist(), strict=True)
@@ -95,8 +174,7 @@ def campaign_compromise(spec: CampaignSpec, analyses: Sequence[Analysis]) -> Com
         return None
     objectives = [_application(spec, analysis) for analysis in analyses]
     objectives += [_consideration(spec.region, table) for table in spec.considerations]
-    found = compromise(spec.region, objectives, level=spec.stop.level, seed=spec.seed % 2**32)
-    return _in_natural_units(spec, analyses, found)
+    return compromise(spec.region, objectives, level=spec.stop.level, seed=spec.seed % 2**32)
 
 
 def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
@@ -122,6 +200,7 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
         drawn,
         table.unacceptable,
         table.ideal,
+        analysis.score_unit,
     )
 
 
@@ -133,37 +212,200 @@ def _consideration(region: Region, table: ConsiderationSpec) -> Objective:
             found = np.broadcast_to(_evaluate(tree[2], region.natural(points))[0], (len(points),))
         return np.asarray(found, dtype=np.float64)
 
-    return Objective(table.name, table.goal, table.weight, value, None, table.unacceptable, table.ideal)
+    ends = table.unacceptable, table.ideal
+    return Objective(table.name, table.goal, table.weight, value, None, *ends, table.unit, application=False)
 
 
-def _in_natural_units(spec: CampaignSpec, analyses: Sequence[Analysis], found: Compromise) -> CompromiseEstimate:
-    region, tail = spec.region, 0.5 * (1.0 - spec.stop.level)
+def desirability(values: FloatArray, goal: Goal, unacceptable: float, ideal: float) -> FloatArray:
+    """Desirability in [0, 1]: 0 at ``unacceptable`` and beyond, 1 at ``ideal`` and beyond.
+
+    Parameters
+    ----------
+    values : ndarray
+    goal : "maximize" or "minimize"
+    unacceptable, ideal : float
+        In the order of the goal; equal ones make every value ideal.
+
+    Returns
+    -------
+    ndarray
+    """
+    span = ideal - unacceptable
+    if (span > 0.0) != (goal == "maximize") or span == 0.0:
+        return np.ones(np.shape(values))
+    scaled: FloatArray = np.clip((np.asarray(values) - unacceptable) / span, 0.0, 1.0)
+    return scaled
+
+
+def pareto_front(values: FloatArray, goals: Sequence[Goal]) -> BoolArray:
+    """Which rows of ``values`` (n, objectives) no other row beats: at least as good in all, better in one.
+
+    Returns
+    -------
+    ndarray (n,) of bool
+        Of equal rows all or none.
+    """
+    better = values * np.array([sign_of(goal) for goal in goals])
+    order = np.lexsort(-better.T[::-1])
+    front = np.zeros(len(values), dtype=np.bool_)
+    kept = np.empty((0, better.shape[1]))
+    for index in order:
+        row = better[index]
+        beaten = np.any(np.all(kept >= row, axis=1) & np.any(kept > row, axis=1)) if len(kept) else False
+        if not beaten:
+            front[index] = True
+            kept = np.vstack([kept, row])
+    return front
+
+
+def compromise(
+    region: Region, objectives: Sequence[Objective], *, level: float = 0.95, seed: int = 0
+) -> CompromiseEstimate:
+    """The setting with the largest weighted geometric mean of desirabilities.
+
+    Parameters
+    ----------
+    region : Region
+    objectives : sequence of Objective
+        One or more; those with draws have equally many.
+    level : float
+        Of the credible intervals.
+    seed : int
+        Of the search; equal inputs give equal results.
+
+    Returns
+    -------
+    CompromiseEstimate
+    """
+    rng = np.random.default_rng(seed)
+    cover = np.vstack([region.candidates(limit=_COVER), region.sample(_COVER // 2, rng)])
+    means = np.column_stack([objective.mean(cover) for objective in objectives])
+    own_points, limits = [], []
+    for i, objective in enumerate(objectives):
+        sign = sign_of(objective.goal)
+        own_points.append(_climb(region, cover, sign * means[:, i], _signed(objective, sign), rng))
+        limits.append(_limits(objective, means[:, i], float(objective.mean(own_points[-1][None, :])[0])))
+    weights = np.array([objective.weight for objective in objectives])
+    weights = weights / weights.sum()
+
+    def merit(values: FloatArray) -> FloatArray:
+        """Weighted log desirability of values (..., objectives)."""
+        found: FloatArray = np.zeros(values.shape[:-1])
+        for i, (objective, (worst, best)) in enumerate(zip(objectives, limits, strict=True)):
+            d = desirability(values[..., i], objective.goal, worst, best)
+            found = found + weights[i] * np.log(np.maximum(d, _LEAST))
+        return found
+
+    def at(points: FloatArray) -> FloatArray:
+        return np.column_stack([objective.mean(points) for objective in objectives])
+
+    point = _climb(region, cover, merit(means), lambda points: merit(at(points)), rng)
+    draw_points, shortfall, losses_of_draws = _draws(objectives, cover, point, merit)
+    tail = [0.5 * (1.0 - level), 1.0 - 0.5 * (1.0 - level)]
     credible = {}
-    for j in region.numeric if len(found.draw_points) else ():
-        low, high = region.factors[j].decode(np.quantile(found.draw_points[:, j], [tail, 1.0 - tail]))  # type: ignore[union-attr]
+    for j in region.numeric if len(draw_points) else ():
+        low, high = region.factors[j].decode(np.quantile(draw_points[:, j], tail))  # type: ignore[union-attr]
         credible[region.names[j]] = Interval(float(low), float(high))
+    here = at(point[None, :])[0]
     rows = []
-    for i, loss in enumerate(found.given_up):
-        unit = analyses[i].score_unit if i < len(analyses) else spec.considerations[i - len(analyses)].unit
-        suffix = f" {unit}" if unit else ""
-        between = f"{100 * spec.stop.level:g} % credible interval {loss.low:.3g} to {loss.high:.3g}"
-        tail_text = f" ({between})" if np.isfinite(loss.low) else ""
-        spread = loss.high - loss.low if np.isfinite(loss.low) else loss.given_up
+    for i, (objective, own, (worst, best)) in enumerate(zip(objectives, own_points, limits, strict=True)):
+        value, own_best = float(here[i]), float(objective.mean(own[None, :])[0])
+        given_up, low, high, between = sign_of(objective.goal) * (own_best - value), float("nan"), float("nan"), ""
+        if i in losses_of_draws:
+            low, high = (float(x) for x in np.quantile(losses_of_draws[i], tail))
+            between = f" ({100 * level:g} % credible interval {low:.3g} to {high:.3g})"
+        spread = high - low if between else given_up
+        suffix = f" {objective.unit}" if objective.unit else ""
         rows.append(
             GivenUp(
-                **shallow(loss),
-                unit=unit,
-                application=i < len(analyses),
-                own_settings=region.decode(loss.own_point)[0],
-                text=f"{loss.name}: {known(loss.value, spread)}{suffix} against "
-                f"{known(loss.own_best, spread)} at its own optimum, "
-                f"{loss.given_up:.3g}{suffix} given up{tail_text}.",
+                name=objective.name,
+                value=value,
+                own_best=own_best,
+                given_up=given_up,
+                low=low,
+                high=high,
+                desirability=float(desirability(here[i : i + 1], objective.goal, worst, best)[0]),
+                unit=objective.unit,
+                application=objective.application,
+                own_settings=region.decode(own)[0],
+                text=f"{objective.name}: {known(value, spread)}{suffix} against {known(own_best, spread)} at its own "
+                f"optimum, {given_up:.3g}{suffix} given up{between}.",
             )
         )
+    front = np.flatnonzero(pareto_front(means, [objective.goal for objective in objectives]))
+    front = front[np.argsort(means[front, 0], kind="stable")]
+    front = front[np.unique(np.linspace(0, len(front) - 1, min(_FRONT, len(front))).astype(np.int64))]
     return CompromiseEstimate(
-        **shallow(found) | {"given_up": tuple(rows)},
-        settings=region.decode(found.point)[0],
+        point=point,
+        settings=region.decode(point)[0],
+        desirability=float(np.exp(merit(here[None, :])[0])),
+        expected_shortfall=shortfall,
+        level=level,
         credible=credible,
-        level=spec.stop.level,
-        front_settings=tuple(region.decode(found.front_points)),
+        given_up=tuple(rows),
+        front_settings=tuple(region.decode(cover[front])),
+        front_values=means[front],
     )
+
+
+def _signed(objective: Objective, sign: float) -> Surface:
+    def value(points: FloatArray) -> FloatArray:
+        found: FloatArray = sign * objective.mean(points)
+        return found
+
+    return value
+
+
+def _limits(objective: Objective, values: FloatArray, best: float) -> tuple[float, float]:
+    """Values of desirability 0 and 1: as given, or the worst of the cover and the objective's own optimum."""
+    worst = float(values.min() if objective.goal == "maximize" else values.max())
+    return (
+        worst if objective.unacceptable is None else objective.unacceptable,
+        best if objective.ideal is None else objective.ideal,
+    )
+
+
+def _climb(
+    region: Region, cover: FloatArray, values: FloatArray, merit: Surface, rng: np.random.Generator
+) -> FloatArray:
+    """Best of the cover, improved by random steps that shrink, in the continuous factors."""
+    best, reached = cover[int(np.argmax(values))], float(values.max())
+    free = list(region.continuous)
+    if not free:
+        return np.array(best)
+    for radius, count in _CLIMB:
+        near = np.repeat(best[None, :], count, axis=0)
+        near[:, free] = np.clip(near[:, free] + radius * rng.standard_normal((count, len(free))), -1.0, 1.0)
+        near = near[region.feasible(near, tol=0.0)]
+        if len(near):
+            found = merit(near)
+            if float(found.max()) > reached:
+                best, reached = near[int(np.argmax(found))], float(found.max())
+    return np.array(best)
+
+
+def _draws(
+    objectives: Sequence[Objective], cover: FloatArray, point: FloatArray, merit: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, float, dict[int, FloatArray]]:
+    """Compromise of every draw over the cover, the shortfall of ``point``, and each objective's loss by draw."""
+    uncertain = [i for i, objective in enumerate(objectives) if objective.draws is not None]
+    if not uncertain:
+        return np.empty((0, cover.shape[1])), float("nan"), {}
+    points = np.vstack([cover, point])
+    tables: dict[int, FloatArray] = {}
+    for i in uncertain:
+        surface = objectives[i].draws
+        assert surface is not None
+        tables[i] = surface(points)
+    m = min(len(table) for table in tables.values())
+    values = np.empty((m, len(points), len(objectives)))
+    for i, objective in enumerate(objectives):
+        values[:, :, i] = tables[i][:m] if i in tables else objective.mean(points)[None, :]
+    of = np.exp(merit(values))
+    best = np.argmax(of, axis=1)
+    shortfall = float(np.mean(of[np.arange(m), best] - of[:, -1]))
+    losses = {}
+    for i in uncertain:
+        sign = sign_of(objectives[i].goal)
+        losses[i] = np.asarray(np.max(sign * values[:, :, i], axis=1) - sign * values[:, -1, i])
+    return points[best], shortfall, losses

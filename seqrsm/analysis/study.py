@@ -78,7 +78,7 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
         if days is None:
             return None
         new = response("new", days.predict(row, level, weight=weight))
-        sigma, sigma_block, note = days.reml.sigma, days.reml.sigma_day, days.reason
+        sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
     known = [(name, surface.in_block(name, labels, row, level, weight)) for name in names]
     return BlockStudy(

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.decide.stopping import StopRule, rule_half_width
+from seqrsm.decide.stopping import StopRule
 from seqrsm.design.factors import setting_with_unit
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -235,7 +235,7 @@ class Budget:
             rss = rss + np.sum((again - again.mean(axis=0)) ** 2, axis=0) + apart**2 * gain
         at = np.argmax(sign * fitted, axis=0)
         rule = replace(self.rule, max_runs=n)
-        width = rule_half_width(rule, np.sqrt(rss / (n - p)), n - p, h[at, every], p)
+        width = rule.width(np.sqrt(rss / (n - p)), n - p, h[at, every])
         loss = np.maximum(self._best - sign * truth[at, every], 0.0)
         return Plan(change, n, p, asked, float(np.median(width)), float(np.mean(loss)))
 

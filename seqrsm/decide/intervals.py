@@ -97,51 +97,6 @@ def half_width(s: ArrayLike, df: ArrayLike, h: ArrayLike, level: ArrayLike, repl
     return np.asarray(t_quantile(df, level) * np.asarray(s) * np.sqrt(1.0 / replicates + np.asarray(h)))
 
 
-def anytime_radius(h: ArrayLike, df: ArrayLike, level: float, planned_information: float) -> FloatArray:
-    """Radius, in standard errors of the mean, of an interval that may be looked at after every run.
-
-    Lindon, Ham, Tingley & Bojinov (2022), arXiv 2210.08589. It is exact for a fixed contrast and a design fixed in
-    advance; where the optimum moves and the design adapts it is a strong heuristic.
-
-    Parameters
-    ----------
-    h : array_like
-        ``z0' (Z'WZ)^-1 z0`` > 0; its inverse is the information ``i``.
-    df : array_like
-        Residual degrees of freedom.
-    level : float
-        Two-sided probability, in (0, 1).
-    planned_information : float
-        Information at which the interval is made narrowest; fixed before the campaign.
-
-    Returns
-    -------
-    ndarray
-        inf where no finite interval exists yet.
-    """
-    alpha = 1.0 - level
-    phi = planned_information / (-2.0 * np.log(alpha) + np.log(-2.0 * np.log(alpha)) + 1.0)
-    degrees = np.asarray(df, dtype=np.float64)
-    r = phi / (phi + 1.0 / np.asarray(h, dtype=np.float64))
-    a = (r * alpha**2) ** (1.0 / (degrees + 1.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        radius = np.sqrt(degrees * (1.0 - a) / (a - r))
-    return np.where((a > r) & (degrees > 0.0), radius, np.inf)
-
-
-def anytime_half_width(
-    s: ArrayLike, df: ArrayLike, h: ArrayLike, level: float, replicates: float, planned_information: float
-) -> FloatArray:
-    """Half-width whose part for the mean holds at every look; arguments as above.
-
-    The mean carries :func:`anytime_radius`; the own noise of future runs, which no look has seen, keeps Student's t.
-    The two are added in quadrature.
-    """
-    radius = anytime_radius(h, df, level, planned_information)
-    noise = t_quantile(df, level) ** 2 / replicates
-    return np.asarray(np.asarray(s) * np.sqrt(radius**2 * np.asarray(h) + noise))
-
-
 def noise_floor(s: float, level: float, replicates: float) -> float:
     """Half-width that no number of runs can go below: the noise of the future runs themselves, 0 of their mean."""
     return float(half_width(s, np.inf, 0.0, level, replicates))

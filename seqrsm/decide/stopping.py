@@ -17,13 +17,12 @@ from seqrsm.arrays import FloatArray
 from seqrsm.decide.intervals import (
     Agreement,
     IntervalKind,
-    anytime_half_width,
     half_width,
     independent_runs,
     noise_floor,
 )
 
-Guard = Literal["runs", "confirmation", "anytime"]
+Guard = Literal["runs", "confirmation"]
 
 _RUNS_PER_TERM = 3.0  # of the guard "runs"
 _MIN_DF_PURE_ERROR = 4
@@ -52,9 +51,9 @@ class StopRule:
         The budget.
     replicates : int
         m of "prediction_mean" and of the confirmation set, >= 2.
-    guard : "runs", "confirmation" or "anytime"
-        What guards against stopping on a lucky s: at least three runs for each term; a set of fresh runs
-        that agrees with the model; or an interval that holds at every look.
+    guard : "runs" or "confirmation"
+        What guards against stopping on a lucky s: at least three runs for each term, or a set of fresh runs that agrees
+        with the model.
     alpha_lack_of_fit : float
         Lack of fit with a smaller p stops the stopping.
     ground_share : float
@@ -94,40 +93,19 @@ class StopRule:
         """Fewest runs the guard allows for a model of ``n_terms`` terms."""
         return int(np.ceil(_RUNS_PER_TERM * n_terms)) if self.guard == "runs" else n_terms + 1
 
-    def planned_information(self, n_terms: int) -> float:
-        """Information ``1/h`` the guard "anytime" is tuned to: that of average leverage when the budget is spent."""
-        return max(self.max_runs / n_terms, 1.0)
+    def width(
+        self, s: ArrayLike, df_residual: ArrayLike, h: ArrayLike, interval: IntervalKind | None = None
+    ) -> FloatArray:
+        """Half-width that the rule looks at, score units; nan without residual degrees of freedom.
 
-
-def rule_half_width(
-    rule: StopRule,
-    s: ArrayLike,
-    df_residual: ArrayLike,
-    h: ArrayLike,
-    n_terms: int,
-    interval: IntervalKind | None = None,
-) -> FloatArray:
-    """Half-width the rule looks at: Student's, or for the guard "anytime" a wider one.
-
-    Parameters
-    ----------
-    rule : StopRule
-    s, df_residual, h : array_like
-        Residual standard deviation, its degrees of freedom, and ``z0' (Z'WZ)^-1 z0``.
-    n_terms : int
-        Terms of the model; ``max_runs / n_terms`` is the information planned for.
-    interval : str, optional
-        The rule's own by default.
-
-    Returns
-    -------
-    ndarray
-        Score units; nan without residual degrees of freedom.
-    """
-    m = rule.replicates_of(interval)
-    if rule.guard != "anytime":
-        return half_width(s, df_residual, h, rule.level, m)
-    return anytime_half_width(s, df_residual, h, rule.level, m, rule.planned_information(n_terms))
+        Parameters
+        ----------
+        s, df_residual, h : array_like
+            Residual standard deviation, its degrees of freedom, and ``z0' (Z'WZ)^-1 z0``.
+        interval : str, optional
+            The rule's own by default.
+        """
+        return half_width(s, df_residual, h, self.level, self.replicates_of(interval))
 
 
 MODEL_ALPHA = 0.05
@@ -178,13 +156,13 @@ def forecast(rule: StopRule, *, n_runs: int, n_terms: int, s: float, h: float) -
     last = max(rule.max_runs, n_runs, n_terms + 1)
     first = max(n_runs, rule.min_runs(n_terms), n_terms + 1)
     counts = np.unique(np.concatenate([np.arange(first, first + 2000), np.geomspace(first, 1e6, 400).astype(np.int64)]))
-    widths = rule_half_width(rule, s, counts - n_terms, h * n_runs / counts, n_terms)
+    widths = rule.width(s, counts - n_terms, h * n_runs / counts)
     enough = counts[widths <= rule.half_width]
     h_last = h * n_runs / last
     return Forecast(
         noise_floor=noise_floor(s, rule.level, rule.replicates_of()),
-        attainable_half_width=float(rule_half_width(rule, s, last - n_terms, h_last, n_terms)),
-        attainable_mean_half_width=float(rule_half_width(rule, s, last - n_terms, h_last, n_terms, "prediction_mean")),
+        attainable_half_width=float(rule.width(s, last - n_terms, h_last)),
+        attainable_mean_half_width=float(rule.width(s, last - n_terms, h_last, "prediction_mean")),
         runs_needed=int(enough[0]) if len(enough) else None,
     )
 
@@ -267,7 +245,7 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
     runs = rule.max_runs
     if runs <= n_terms:
         return f"max_runs = {runs} leaves no degree of freedom for a model of {n_terms} terms."
-    if float(rule_half_width(rule, sigma, runs - n_terms, 1.0 / runs, n_terms)) <= rule.half_width:
+    if float(rule.width(sigma, runs - n_terms, 1.0 / runs)) <= rule.half_width:
         return ""
     floor = noise_floor(sigma, rule.level, rule.replicates_of())
     target = amount(rule.half_width, unit)
@@ -278,10 +256,10 @@ def target_problem(rule: StopRule, sigma: float, n_terms: int, unit: str = "") -
         )
     else:
         head = f"{runs} runs cannot reach a half-width of {target}"
-    typical = float(rule_half_width(rule, sigma, runs - n_terms, n_terms / runs, n_terms))
+    typical = float(rule.width(sigma, runs - n_terms, n_terms / runs))
     tail = f"; about ± {amount(typical, unit)} is attainable with {runs} runs"
     if rule.interval == "prediction":
-        mean = float(rule_half_width(rule, sigma, runs - n_terms, n_terms / runs, n_terms, "prediction_mean"))
+        mean = float(rule.width(sigma, runs - n_terms, n_terms / runs, "prediction_mean"))
         tail += f", and ± {amount(mean, unit)} for the mean of {rule.replicates} runs"
     return f"{head}{tail}."
 
@@ -345,7 +323,7 @@ class Decision(Forecast):
     checks : tuple of Check
         Every part of the rule.
     half_width : float
-        Half-width the rule looked at (with the guard "anytime" the wider one), score units.
+        Half-width the rule looked at, score units.
     budget_spent : bool
         ``n_runs >= max_runs``.
     wants_confirmation : bool
@@ -448,13 +426,11 @@ def decide(
     Decision
     """
     n_runs, n_terms, s, df_residual, h = look.n_runs, look.n_terms, look.s, look.df_residual, look.h
-    student = float(half_width(s, df_residual, h, rule.level, rule.replicates_of()))
+    student = float(rule.width(s, df_residual, h))
     scale = 1.0
     if look.half_width is not None and student > 0.0 and np.isfinite(student) and np.isfinite(look.half_width):
         scale = look.half_width / student
-    width = float("nan")
-    if df_residual > 0:
-        width = scale * float(rule_half_width(rule, s, df_residual, h, n_terms))
+    width = scale * student
     checks = [_interval_check(rule, width, unit)]
     if rule.guard == "runs":
         asked = f"{rule.min_runs(n_terms)} are required ({_RUNS_PER_TERM:g} per term)"
@@ -496,8 +472,7 @@ def _interval_check(rule: StopRule, width: float, unit: str) -> Check:
     target = f"the target is ± {amount(rule.half_width, unit)}"
     if not np.isfinite(width):
         return Check("interval", None, f"The {rule.interval_name} has no finite half-width yet; {target}.")
-    kind = ", valid at every interim analysis" if rule.guard == "anytime" else ""
-    now = f"± {amount(width, unit)} ({100 * rule.level:g} %{kind})"
+    now = f"± {amount(width, unit)} ({100 * rule.level:g} %)"
     text = f"The {rule.interval_name} at the optimum is {now}; {target}."
     return Check("interval", width <= rule.half_width, text)
 

@@ -34,26 +34,6 @@ _NEGLIGIBLE = 1e-8
 
 
 @dataclass(frozen=True, slots=True)
-class Reml:
-    """Restricted maximum likelihood: the plug-in answer.
-
-    Attributes
-    ----------
-    ratio : float
-        sigma_day^2 / sigma^2, 0 where that is most likely.
-    sigma, sigma_day : float
-    estimate, se : ndarray (p,)
-        Generalised least squares at that ratio.
-    """
-
-    ratio: float
-    sigma: float
-    sigma_day: float
-    estimate: FloatArray
-    se: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class RandomBlockPosterior:
     """Posterior of the model with random days.
 
@@ -71,7 +51,9 @@ class RandomBlockPosterior:
         Scale of a run of weight 1.
     df : float
         Residual degrees of freedom n - p.
-    reml : Reml
+    sigma, sigma_day : float
+        Standard deviations of a run of weight 1 and of the days by restricted maximum likelihood; 0 for the days where
+        that is most likely.
     reason : str
         Why intervals for a new day rest on the prior; empty when there are days enough.
     varying : bool
@@ -85,7 +67,8 @@ class RandomBlockPosterior:
     factor: FloatArray
     s: FloatArray
     df: float
-    reml: Reml
+    sigma: float
+    sigma_day: float
     reason: str
     Z: FloatArray
     y: FloatArray
@@ -245,7 +228,7 @@ def fit_random_blocks(
         factor[keep],
         scale[keep],
         float(n - p),
-        _reml(runs, ratios, log_likelihood),
+        *_reml(runs, ratios, log_likelihood),
         reason,
         Z,
         y,
@@ -327,7 +310,9 @@ def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, 
     return mean, inverse, residual / np.sqrt(n - p), log_likelihood
 
 
-def _reml(runs: _Reduced, ratios: FloatArray, log_likelihood: FloatArray) -> Reml:
+def _reml(runs: _Reduced, ratios: FloatArray, log_likelihood: FloatArray) -> tuple[float, float]:
+    """Standard deviations of a run and of the days that are most likely."""
+
     def at(ratio: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         return _given(np.array([ratio]), runs)
 
@@ -340,6 +325,5 @@ def _reml(runs: _Reduced, ratios: FloatArray, log_likelihood: FloatArray) -> Rem
         options={"xatol": 1e-10},
     )
     ratio = float(np.exp(found.x)) if -float(found.fun) > float(at(0.0)[3][0]) else 0.0
-    mean, factor, s, _ = at(ratio)
-    se = s[0] * np.sqrt(np.sum(np.square(factor[0]), axis=1))
-    return Reml(ratio, float(s[0]), float(s[0]) * float(np.sqrt(ratio)), mean[0], se)
+    sigma = float(at(ratio)[2][0])
+    return sigma, sigma * float(np.sqrt(ratio))

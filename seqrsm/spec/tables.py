@@ -348,7 +348,7 @@ class StopSpec(Table):
     replicates: Annotated[int, Field(ge=2)] = 5
     level: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.95
     max_runs: Annotated[int, Field(ge=1)] = 80
-    guard: Literal["runs", "confirmation", "anytime"] = "runs"
+    guard: Literal["runs", "confirmation"] = "runs"
     confirmation_runs: Annotated[int, Field(ge=2)] = 5
     lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
     futility: Literal["tell", "stop"] = "tell"

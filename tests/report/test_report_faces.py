@@ -290,17 +290,11 @@ def test_a_compromise_opens_the_summary(flight):
         settings=settings,
         point=first.optimum.point,
         desirability=0.75,
-        given_up=(
-            GivenUp(
-                "first use", 61.0, 63.0, first.optimum.point, 2.0, 1.0, 3.0, 0.8, "percent", True, settings, "text"
-            ),
-        ),
+        given_up=(GivenUp("first use", 61.0, 63.0, 2.0, 1.0, 3.0, 0.8, "percent", True, settings, "text"),),
         credible={},
-        draw_points=first.optimum.point[None, :],
         expected_shortfall=0.01,
         level=0.95,
         front_settings=(),
-        front_points=np.empty((0, len(settings))),
         front_values=np.empty((0, 1)),
     )
     _, sentence, table, own = build_report(two_uses(flight, compromise=found)).sections[0].blocks

@@ -121,7 +121,7 @@ guard = "{guard}"
     [
         (60, "runs", 0, "No problems found."),
         (11, "runs", 2, "11 runs cannot determine 12 terms"),
-        (11, "anytime", 2, "[model] order = 1"),
+        (11, "confirmation", 2, "[model] order = 1"),
     ],
 )
 def test_check_begins_with_the_budget(tmp_path: Path, runs: int, guard: str, code: int, says: str) -> None:

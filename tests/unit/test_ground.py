@@ -11,7 +11,7 @@ from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import Ground, ground_of_scores, prior_of_difference, ranked_values
 from seqrsm.campaign.rehearsal import make_campaign
 from seqrsm.decide.sources import discrepancy_sd
-from seqrsm.decide.stopping import StopRule, flights_needed, rule_half_width, target_problem
+from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.spec.read import load_spec
 from seqrsm.store.records import NewScore
@@ -79,7 +79,7 @@ def test_runs_about_the_surface_tell_the_ground_better_than_a_bundle_alone() -> 
 def test_what_scatter_an_interval_counts(interval: str, share: float, counts: bool, variance: float) -> None:
     rule = StopRule(interval=interval, ground_share=share, counts_ground=counts)
     assert 1.0 / rule.replicates_of() == pytest.approx(variance)
-    wide = rule_half_width(rule, 2.0, 1e9, 0.1, 4)
+    wide = rule.width(2.0, 1e9, 0.1)
     assert wide == pytest.approx(1.959964 * 2.0 * np.sqrt(variance + 0.1), rel=1e-6)
 
 

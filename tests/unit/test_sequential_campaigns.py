@@ -223,7 +223,7 @@ def test_settings_that_fail_are_left_alone_and_the_campaign_ends(campaign) -> No
         assert not gap or min(gap) > 0.09, i
 
 
-@pytest.mark.parametrize("guard", ["runs", "confirmation", "anytime"])
+@pytest.mark.parametrize("guard", ["runs", "confirmation"])
 def test_guards_by_name(campaign, guard: str) -> None:
     rule = f'half_width = 2.0\ninterval = "prediction_mean"\nguard = "{guard}"\nmax_runs = 80'
     outcome = run_campaign(campaign(spec_text(numeric(2), rule), bowl))

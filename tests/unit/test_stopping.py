@@ -11,11 +11,8 @@ from scipy import stats
 from seqrsm.decide.intervals import (
     Agreement,
     ConfirmationInterval,
-    anytime_half_width,
-    anytime_radius,
     confirmation_agrees,
     confirmation_interval,
-    half_width,
     noise_floor,
     t_quantile,
 )
@@ -196,14 +193,6 @@ def test_disagreeing_confirmation_is_told_under_the_other_guards() -> None:
     assert bad.text in look(confirmation=bad).reasons
 
 
-def test_anytime_guard_asks_for_no_number_of_runs_but_is_wider() -> None:
-    rule = StopRule(interval="confidence", half_width=5.0, guard="anytime")
-    decision = look(rule, n_runs=25, df_residual=10)
-    assert "runs" not in holds(decision)
-    assert decision.half_width > stats.t.ppf(0.975, 10) * 2.0 * np.sqrt(0.2)
-    assert decision.held
-
-
 # before the first run -------------------------------------------------------------------------------------------------
 
 
@@ -219,7 +208,9 @@ def test_unreachable_targets_are_explained() -> None:
     budget = target_problem(StopRule(interval="confidence", half_width=0.1, max_runs=60), 2.0, 15)
     assert "60 runs cannot reach" in budget
     assert "45 runs" in target_problem(StopRule(half_width=5.0, max_runs=40), 2.0, 15)
-    assert "no degree of freedom" in target_problem(StopRule(half_width=5.0, max_runs=15, guard="anytime"), 2.0, 15)
+    assert "no degree of freedom" in target_problem(
+        StopRule(half_width=5.0, max_runs=15, guard="confirmation"), 2.0, 15
+    )
 
 
 # intervals ------------------------------------------------------------------------------------------------------------
@@ -257,45 +248,6 @@ def test_agreement_is_the_prediction_interval_of_the_mean() -> None:
     assert not outside.agrees
     assert inside.p == pytest.approx(0.05, abs=2e-3)
     assert "disagree" in outside.text
-
-
-def test_anytime_radius_is_where_the_e_value_reaches_one_over_alpha() -> None:
-    # Lindon et al. 2022: e = sqrt(r) ((1 + t^2/v) / (1 + r t^2/v))^((v + 1) / 2), r = phi / (phi + 1/h)
-    for df in (5, 20, 200):
-        for h in (0.05, 0.3, 1.0):
-            planned, level = 8.0, 0.95
-            alpha = 1 - level
-            radius = float(anytime_radius(h, df, level, planned))
-            if not np.isfinite(radius):
-                continue
-            phi = planned / (-2 * np.log(alpha) + np.log(-2 * np.log(alpha)) + 1)
-            r = phi / (phi + 1 / h)
-            e = np.sqrt(r) * ((1 + radius**2 / df) / (1 + r * radius**2 / df)) ** ((df + 1) / 2)
-            assert e == pytest.approx(1 / alpha, rel=1e-9)
-            assert radius > stats.t.ppf(0.975, df)
-
-
-def test_anytime_half_width_adds_future_noise_in_quadrature() -> None:
-    mean = anytime_half_width(2.0, 20, 0.1, 0.95, np.inf, 5.0)
-    single = anytime_half_width(2.0, 20, 0.1, 0.95, 1, 5.0)
-    noise = half_width(2.0, 20, 0.0, 0.95, 1)
-    assert single == pytest.approx(np.hypot(mean, noise))
-
-
-def test_anytime_interval_of_a_mean_holds_at_every_look() -> None:
-    # 3000 series looked at after each of 60 values; Student's interval misses far more often than 5 %.
-    rng = np.random.default_rng(7)
-    e = rng.standard_normal((3000, 60))
-    n = np.arange(1, 61)
-    mean = np.cumsum(e, axis=1) / n
-    s = np.sqrt(np.maximum(np.cumsum(e**2, axis=1) - n * mean**2, 0.0) / np.maximum(n - 1, 1))
-    looks = slice(4, None)
-    se = s[:, looks] / np.sqrt(n[looks])
-    radius = anytime_radius(1.0 / n[looks], n[looks] - 1, 0.95, 20.0)
-    ever = np.mean(np.any(np.abs(mean[:, looks]) > radius * se, axis=1))
-    student = np.mean(np.any(np.abs(mean[:, looks]) > t_quantile(n[looks] - 1, 0.95) * se, axis=1))
-    assert ever <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 3000)
-    assert student > 0.15
 
 
 def test_where_a_departure_is_weighed_repeats_and_lack_of_fit_are_not_asked_about() -> None:

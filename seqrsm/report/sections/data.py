@@ -94,7 +94,6 @@ def _stop_text(dossier: Dossier) -> str:
     guards = {
         "runs": "a minimum number of runs per term",
         "confirmation": f"{stop.confirmation_runs} confirmation runs that agree with the model",
-        "anytime": "an interval valid at every interim analysis",
     }
     return (
         f"Stop rule: the {level_text(stop.level)} {watched_interval(stop)} at the optimum has a half-width of at most "
