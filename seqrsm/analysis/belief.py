@@ -35,7 +35,6 @@ PRIOR_LOG_ODDS = 1.0
 _CERTAIN = 0.01  # a process less probable is left out
 _DRAWS, _TINY = 4000, 1e-300
 _MOST_RUNS = 100  # drawn of a mean of future runs
-_NEW_SETS, _COVER, _NEAR = 200, 500, 300  # of scores, and of settings among which each set chooses
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,78 +202,6 @@ class Optima:
     points: FloatArray
     values: FloatArray
     here: FloatArray
-
-
-def optimism(
-    belief: Belief, fit: LeastSquaresFit, made: FloatArray, point: FloatArray, rng: np.random.Generator
-) -> float:
-    """By how much the mean at the recommended settings is too high (too low where minimized) for having been chosen.
-
-    The same scores choose settings and tell their mean, so that chance that favours some settings is told with them.
-    The bootstrap of the bias (Efron & Tibshirani 1993, An introduction to the bootstrap, ch. 10): new scores are drawn
-    about a surface that is taken to be true, and each set of them chooses and tells anew, by the quadratic and by the
-    process; what the process rests on and the probability of the two stay. A fitted surface varies more than the true
-    one, since error adds to it, so the surface is first brought nearer to its mean over the runs, until its variance
-    there is what is left of it less that of the error (as in James and Stein's estimate, Efron & Morris 1973, J. Am.
-    Stat. Assoc. 68, 117). Measured: ``reports/statistics``, "at the recommended settings".
-
-    Parameters
-    ----------
-    belief : Belief
-    fit : LeastSquaresFit
-        Of the runs, with the model's terms first.
-    made : ndarray (n, k)
-        Settings of the runs, coded.
-    point : ndarray (k,)
-        Recommended settings, coded.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    float
-        What is to be taken off, on the scale of the fit: >= 0, <= 0 where minimized; 0 without an estimate of error.
-    """
-    surface, region, sign = belief.surface, belief.region, sign_of(belief.goal)
-    if not surface.s > 0.0:
-        return 0.0
-    near = np.vstack([region.jitter(np.repeat(point[None, :], _NEAR, axis=0), radius, rng) for radius in (0.4, 0.15)])
-    at = np.vstack([made, point[None, :], region.sample(_COVER, rng), near[region.feasible(near)]])
-    n, mean = len(made), belief.mean(at)
-    level = float(np.mean(mean[:n]))
-    flat, same, errors = _retold(belief, fit, at, np.array([np.full(n, level), mean[:n]]), rng)
-    varies = float(np.var(mean[:n]))
-    kept = max(1.0 - float(np.mean(np.var(errors[:, :n], axis=1))) / varies, 0.0) if varies > 0.0 else 0.0
-    told = flat + kept * (same - flat) + errors
-    chosen = n + np.argmax(sign * told[:, n:], axis=1)
-    above = told[np.arange(len(told)), chosen] - (level + kept * (mean[chosen] - level))
-    return float(sign * max(sign * np.mean(above), 0.0))
-
-
-def _retold(
-    belief: Belief, fit: LeastSquaresFit, at: FloatArray, scores: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Means told at ``at`` (m, k), the runs first, by each of two sets of ``scores`` (2, n), and errors (sets, m)."""
-    surface, process, share = belief.surface, belief.departure.believed, belief.departure.probability
-    rows, n, sign = surface.rows(at), scores.shape[1], sign_of(belief.goal)
-    if process is None:  # a quadratic tells itself, whatever its structure
-        size, axes = np.linalg.eigh(surface.error_covariance)
-        root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T  # symmetric: the same, whatever the order of the runs
-        errors = sign * _normal(len(size), rng) @ (rows @ root).T
-        return np.full(len(at), scores[0, 0]), belief.mean(at), errors
-    noise = np.empty((_NEW_SETS, n))
-    noise[:, np.lexsort(at[:n].T)] = sign * _normal(n, rng)  # whatever the order of the runs
-    of_process = np.mean(process.noise_variance(process.means(at[:n])), axis=0)
-    sd = np.sqrt(((1.0 - share) * surface.s**2 + share * of_process) / fit.weights)
-    new = np.vstack([scores, scores[1] + sd * noise])
-    coefficients = (new * fit.weights) @ fit.Z @ fit.covariance_unscaled[:, : rows.shape[1]]
-    told = (1.0 - share) * coefficients @ rows.T + share * process.means_of(new, at)
-    return told[0], told[1], told[2:] - told[1]
-
-
-def _normal(n: int, rng: np.random.Generator) -> FloatArray:
-    """Standard normal numbers (sets, n), each half of the sets the other's negative: their mean is exactly 0."""
-    half = rng.standard_normal((_NEW_SETS // 2, n))
-    return np.vstack([half, -half])
 
 
 def mixed_quantiles(parts: Sequence[tuple[FloatArray, float]], level: float) -> Interval:

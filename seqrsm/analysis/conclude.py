@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws, optimism
+from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
 from seqrsm.analysis.ground import Ground
+from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import (
     draw_coefficients,
     effects_left_out,
@@ -98,7 +99,7 @@ def analyse(
     belief = Belief(fitted.surface, fitted.departure, region, goal)
     best = belief.best(of_quadratic, fitted.data.points, generator(spec.seed, fitted.fit.n_runs, "best settings"))
     rng = generator(spec.seed, fitted.fit.n_runs, "optimism")
-    taken_off = optimism(belief, fitted.fit, fitted.data.points, best.point, rng)
+    taken_off = optimism(belief, best.point, rng)
     estimate = _estimate(spec, fitted, belief, best, draws, taken_off)
     confirmation, agreement = _confirmation(spec, application, fitted, belief, runs, taken_off)
     decision = _decision(spec, application, fitted, estimate, agreement)
@@ -107,7 +108,7 @@ def analyse(
     return Analysis(
         application=application.name,
         goal=goal,
-        score_unit=application.unit,
+        score_unit=application.score_unit,
         fitted=fitted,
         importance=tuple(_importance(model, fitted.fit, beta)),
         stationary=stationary,
@@ -227,7 +228,7 @@ def _decision(
     p, reason = (lack.p, "") if isinstance(lack, LackOfFit) else (None, lack)
     weighed = fitted.departure.process is not None
     adequacy = Adequacy(p, reason, weighed, fitted.region.has_at_most(fitted.model.p))
-    return decide(rule, look, adequacy, agreement, application.unit)
+    return decide(rule, look, adequacy, agreement, application.score_unit)
 
 
 def _model_p(fitted: Fitted) -> float | None:
@@ -276,11 +277,11 @@ def _confirmation(
         predicted=0.5 * (wide.low + wide.high),
         half_width=wide.half_width,
         df=surface.df_residual,
-        unit=application.unit,
+        unit=application.score_unit,
     )
     expected = scale.in_scores(wide.low, wide.high)
     verdict, half = "in line with" if agreement.agrees else "contradicting", 0.5 * (interval.high - interval.low)
-    measured = f"{known(interval.mean, half)} {application.unit}".rstrip()
+    measured = f"{known(interval.mean, half)} {application.score_unit}".rstrip()
     text = (
         f"{len(scores)} confirmation runs at the recommended settings averaged {measured} "
         f"({100 * spec.stop.level:g} % interval {known(interval.low, half)} to {known(interval.high, half)}), "
@@ -320,7 +321,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(f"No error estimate: {fit.reason}.")
     outside = int(np.count_nonzero(~fitted.region.feasible(data.points)))
     if outside:
-        found.append(f"{outside} runs lie outside the region; they are included in the fit.")
+        found.append(f"Runs outside the region, included in the fit: {outside}.")
     if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
     if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):

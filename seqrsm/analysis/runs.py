@@ -52,6 +52,9 @@ class ScoredRuns:
         Utility and its own standard error (nan where none was given), in score units.
     sources, blocks : tuple of str
         "simulation" or "flight"; block label ("" where none).
+    batches : int array
+    purposes : tuple of str
+        As of `NewRun`.
     trials, correct : ndarray (n,), optional
         Binomial counts; nan where none were given.
     guess, perfect : float
@@ -64,6 +67,8 @@ class ScoredRuns:
     score_se: FloatArray
     sources: tuple[str, ...]
     blocks: tuple[str, ...]
+    batches: IntArray
+    purposes: tuple[str, ...]
     trials: FloatArray | None = None
     correct: FloatArray | None = None
     guess: float = np.nan
@@ -93,6 +98,8 @@ def scored_runs(region: Region, runs: Sequence[RunRecord], application: str) -> 
         score_se=np.array([np.nan if score.se is None else score.se for _, score in used], dtype=np.float64),
         sources=tuple(run.source for run, _ in used),
         blocks=tuple(run.block for run, _ in used),
+        batches=np.array([run.batch for run, _ in used], dtype=np.int64),
+        purposes=tuple(run.purpose for run, _ in used),
         trials=_counts([score.n for _, score in used]),
         correct=_counts([score.correct for _, score in used]),
         guess=_mean_of([score.metadata.get("guess") for _, score in used]),

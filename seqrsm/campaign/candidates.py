@@ -239,7 +239,7 @@ class _Comparer:
             "relative": self.rule.relative,
             "runs": None if math.isinf(self.runs) else self.runs,
             "level": self.level,
-            "unit": self.application.unit,
+            "unit": self.application.score_unit,
         }
 
     def place(self, row: Mapping[str, Any]) -> tuple[bool, float, float]:

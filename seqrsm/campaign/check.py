@@ -145,7 +145,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
     known = _what_is_known(spec, analysis, progress)
     noise, share, df = known.noise, known.ground_share, known.df
     covers = scene_at(str(spec.scene_path)).categories if spec.simulator is not None else ()
-    unit = spec.applications[0].unit
+    unit = spec.applications[0].score_unit
     budget = _budget(spec, analysis, known)
     rule = budget.rule
     problem = target_problem(rule, noise, model.p, unit) if np.isfinite(noise) else ""
@@ -277,7 +277,7 @@ def plan_campaign(
     return {
         "campaign": spec.name,
         "factors": list(spec.region.names),
-        "unit": spec.applications[0].unit,
+        "unit": spec.applications[0].score_unit,
         "level": spec.stop.level,
         "interval": spec.stop.interval,
         "replicates": spec.stop.replicates,

@@ -161,7 +161,7 @@ def latest_look(
     from seqrsm.analysis.to_json import look_summary
 
     mine = [look for look in looks if look.application == application.name]
-    found: dict[str, Any] = {"name": application.name, "unit": application.unit, "last_look": None}
+    found: dict[str, Any] = {"name": application.name, "unit": application.score_unit, "last_look": None}
     if mine:
         found["last_look"] = mine[-1].summary
     counted = [run for run in runs if run.state == "scored" and run.purpose != CONFIRMATION]

@@ -459,7 +459,7 @@ def tradeoff(
             occasions=occasions,
             progress=partial(shown.count, "measuring"),
         )
-    print_json(result) if as_json else show_blocks(tradeoff_blocks(result, spec.applications[0].unit))
+    print_json(result) if as_json else show_blocks(tradeoff_blocks(result, spec.applications[0].score_unit))
 
 
 @app.command()

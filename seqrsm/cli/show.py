@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
 from seqrsm.report.rounding import format_significant
+from seqrsm.report.wording import counted
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
@@ -73,26 +74,26 @@ def show_runs(spec: CampaignSpec, runs: Sequence[RunRecord]) -> None:
             ", ".join(f"{score.application} {format_significant(score.score, 4)}" for score in run.scores) or run.reason
         )
         line(f"run {run.run_id}: {run.state}, {found} ({settings_text(spec.factors, run.settings)})")
-    line(f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} completed")
+    line(f"{counted(len(runs), 'run')} completed")
 
 
 def show_ingest(report: IngestReport) -> None:
     """What became of a file of scores."""
     if report.already is None:
         parts = [
-            f"{len(ids)} {what}"
-            for ids, what in (
-                (report.matched, "proposed runs scored"),
-                (report.created, "new runs"),
-                (report.unchanged, "runs unchanged"),
+            counted(len(ids), f"{what} run") + done
+            for ids, what, done in (
+                (report.matched, "proposed", " scored"),
+                (report.created, "new", ""),
+                (report.unchanged, "unchanged", ""),
             )
             if ids
         ]
         would = "would be ingested" if report.dry_run else "ingested"
-        what = "ranks" if report.ranked or report.rankings else "scores"
+        what = counted(report.n_scores, "rank" if report.ranked or report.rankings else "score")
         if report.rankings:
             parts.append(f"rankings {report.rankings[0]} to {report.rankings[-1]}")
-        line(f"{report.file}: {report.n_scores} {what} {would}: {', '.join(parts) or 'nothing new'}")
+        line(f"{report.file}: {what} {would}: {', '.join(parts) or 'nothing new'}")
     for message in report.messages:
         line(f"{report.file}: {message}")
     for summary in report.ranked:

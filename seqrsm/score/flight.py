@@ -140,6 +140,8 @@ class _Reader(CellReader):
             near = [name for name in free if "score" in name.casefold() or "percent" in name.casefold()]
             counts = [name for name in free if "correct" in name.casefold()]
             hint = "Add it, or n and correct (counts: correct of n cases)."
+            if free:
+                hint = f"Rename the column that contains them to 'score'; unknown columns: {', '.join(free)}."
             if near:
                 hint = f"Rename the column '{near[0]}' to 'score'."
             elif counts:

@@ -417,11 +417,16 @@ def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | Non
 
 
 def goals(applications: Sequence[ApplicationSpec | None], report: Reporter) -> None:
-    """An error is made small."""
+    """An error is made small, and a utility that has a unit keeps it."""
     for index, application in enumerate(applications):
-        if application is not None and application.is_error and application.goal == "maximize":
-            path: Path = ("application", index, "goal")
-            report.add(path, "the utility is an error", 'Write goal = "minimize".', application.goal)
+        if application is None:
+            continue
+        path: Path = ("application", index)
+        if application.is_error and application.goal == "maximize":
+            report.add((*path, "goal"), "the utility is an error", 'Write goal = "minimize".', application.goal)
+        if application.unit not in ("", application.score_unit):
+            text = f"scores of this utility are in {application.score_unit}"
+            report.add((*path, "unit"), text, "Remove the key.", application.unit)
 
 
 def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: Reporter) -> None:

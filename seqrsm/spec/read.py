@@ -18,7 +18,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     errors); ``weight`` (1); ``unacceptable`` and ``ideal``: scores with desirability 0 and 1 in a compromise, by
     default the worst and best of the fitted surface; ``sufficient``: score from which a candidate suffices, by default
     that of the optimum minus ``[stop] half_width``; ``catalog`` (words of the name or description): words the report
-    looks up in the literature catalogue, see ``seqrsm catalog``.
+    looks up in the literature catalogue, see ``seqrsm catalog``; ``unit`` ("") of measured scores and of your own
+    functions.
 ``[application.prior]``, below its ``[[application]]``
     Prior knowledge: ``utility = [low, high]``: the mean score at a random setting lies in this interval with
     ``probability`` (0.95); ``repeat_sd``: standard deviation of repeated runs (a tenth of that range), with the weight

@@ -184,6 +184,8 @@ class ApplicationSpec(Table):
         Score from which on a sensor suffices; None: that of the optimum, less the half-width of ``[stop]``.
     catalog : str
         Words that the catalogue knows it by; "": those of its name, or of the campaign's description.
+    unit : str
+        Of the scores, where the utility does not define it: of measured scores and of your own functions.
     prior : KnowledgeSpec or None
     """
 
@@ -195,9 +197,10 @@ class ApplicationSpec(Table):
     ideal: Number | None = None
     sufficient: Number | None = None
     catalog: str = ""
+    unit: str = ""
     prior: KnowledgeSpec | None = None
 
-    LATER = ("sufficient",)
+    LATER = ("sufficient", "unit")
 
     @model_validator(mode="before")
     @classmethod
@@ -224,9 +227,9 @@ class ApplicationSpec(Table):
         return self._row.is_percent
 
     @property
-    def unit(self) -> str:
-        """Unit of the scores, "" where the utility tells none."""
-        return self._row.unit
+    def score_unit(self) -> str:
+        """Unit of the scores; "" where they have none."""
+        return self._row.unit or self.unit
 
 
 class ConsiderationSpec(Table):

@@ -249,7 +249,7 @@ def test_an_error_is_made_small_and_has_a_unit(folder):
     text = TOML.replace('utility = "soil_moisture_error"\ngoal = "minimize"', 'utility = "soil_moisture_error"')
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     spec = load_spec(folder)
-    assert [(one.goal, one.unit) for one in spec.applications] == [("minimize", "m3/m3"), ("minimize", "percent")]
+    assert [(one.goal, one.score_unit) for one in spec.applications] == [("minimize", "m3/m3"), ("minimize", "percent")]
     wrong = text.replace('utility = "soil_moisture_error"', 'utility = "soil_moisture_error"\ngoal = "maximize"')
     (folder / "campaign.toml").write_text(wrong, encoding="utf-8")
     line = wrong[: wrong.index('goal = "maximize"')].count("\n") + 1

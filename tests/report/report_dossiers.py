@@ -207,6 +207,8 @@ def make_analysis(spec, runs, *, unit="", draws=800, blocks=False) -> Analysis:
         score_se=np.array([np.nan if run.scores[0].se is None else run.scores[0].se for run in runs]),
         sources=tuple(run.source for run in runs),
         blocks=tuple(run.block for run in runs),
+        batches=np.array([run.batch for run in runs]),
+        purposes=tuple(run.purpose for run in runs),
     )
     return Analysis(
         application=application.name,

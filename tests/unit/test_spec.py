@@ -110,7 +110,7 @@ def test_the_contract_is_read(load, tmp_path):
     (application,) = spec.applications
     assert (application.utility, application.goal, application.weight) == ("percent_correct", "maximize", 1.0)
     assert application.is_percent
-    assert application.unit == "percent"
+    assert application.score_unit == "percent"
     assert (spec.model.order, spec.model.response, spec.model.block) == (2, "logit", "block")
     assert spec.model.prior.noise_runs == 3
     assert (spec.simulator.engine, spec.simulator.tolerance) == ("psm", 0.5)
@@ -146,7 +146,7 @@ def test_the_least_file_has_the_defaults(load):
     )
     assert (spec.stop.interval, spec.stop.level, spec.stop.max_runs) == ("prediction", 0.95, 80)
     assert (spec.cost.simulation, spec.cost.flight, spec.seed) == (1.0, 1.0, 0)
-    assert spec.applications[0].unit == ""
+    assert spec.applications[0].score_unit == ""
 
 
 def test_the_specification_cannot_be_changed(load):
@@ -398,3 +398,15 @@ def test_faults_of_candidates(load, old, new, line, field, says):
     assert line in text.splitlines()[problem.line - 1]
     assert problem.field.endswith(field)
     assert says in f"{problem.message}. {problem.remedy}"
+
+
+def test_a_measured_score_has_the_units_of_its_own_that_it_is_given(load):
+    text = GOOD.replace('utility = "percent_correct"', 'utility = "measured"\nunit = "dB"')
+    text = text.replace('response = "logit"', 'response = "identity"')
+    assert load(text).applications[0].score_unit == "dB"
+
+
+def test_a_utility_that_has_a_unit_keeps_it(load):
+    with pytest.raises(SpecError, match=r"application 'crop-classification': unit: scores .* in percent .*'dB'"):
+        load(GOOD.replace('utility = "percent_correct"', 'utility = "percent_correct"\nunit = "dB"'))
+    load(GOOD.replace('utility = "percent_correct"', 'utility = "percent_correct"\nunit = "percent"'))

@@ -35,7 +35,7 @@ def test_the_specification_knows_goal_and_unit_by_the_row(name: str) -> None:
     assert (application.is_error, application.goal) == (is_error, "minimize" if is_error else "maximize")
     bounded = ("percent_correct", "class_mean_correct", "worst_class_correct", "f1", "detection")
     assert application.is_percent == (name in bounded)
-    assert (application.unit == "percent") == (name in (*bounded, "area_error", "water_fraction_error"))
+    assert (application.score_unit == "percent") == (name in (*bounded, "area_error", "water_fraction_error"))
 
 
 def test_a_utility_is_asked_for_in_words() -> None:

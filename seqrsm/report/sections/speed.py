@@ -35,7 +35,7 @@ def speed_section(dossier: Dossier) -> Section | None:
     simulator, measured = dossier.spec.simulator, dossier.tradeoff
     if simulator is None:
         return None
-    unit = dossier.spec.applications[0].unit
+    unit = dossier.spec.applications[0].score_unit
     how = "on the full scene"
     if simulator.tolerance > 0.0:
         accepted = with_unit(format_plain(simulator.tolerance), unit)

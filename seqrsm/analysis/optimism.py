@@ -1,0 +1,138 @@
+"""By how much the mean at the recommended settings is too high for having been chosen by the scores that tell it.
+
+Chance that favours some settings is told with them. This is the bootstrap of the bias (Efron & Tibshirani 1993, An
+introduction to the bootstrap, ch. 10): new scores are drawn about a surface that is taken to be true, and each set of
+them chooses and tells anew. A fitted surface varies more than the true one, since error adds to it, so the surface is
+first brought nearer to its mean over the runs, until its variance there is what is left of it less that of the error
+(as in James and Stein's estimate, Efron & Morris 1973, J. Am. Stat. Assoc. 68, 117).
+
+Runs that were proposed for the optimum lie where the scores before them had it: they measure the chosen settings anew,
+and take most of the bias away (Nie et al. 2018, Why adaptively collected data have negative bias and how to correct for
+it, AISTATS). For the quadratic they are replayed: each new set of scores puts them where it has its own optimum.
+Measured: ``reports/statistics``, "at the recommended settings", and ``reports/peers``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seqrsm.analysis.belief import Belief
+from seqrsm.analysis.surfaces import Surface
+from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.fit.optimum import sign_of
+from seqrsm.fit.process import Process
+from seqrsm.store.records import CONFIRMATION
+
+_SETS, _COVER, _NEAR = 200, 500, 300
+"""New sets of scores, and settings among which each set chooses."""
+
+_FOR_THE_OPTIMUM = ("optimum", "regret", CONFIRMATION)
+"""Purposes of runs that lie where the scores before them had the optimum."""
+
+
+def optimism(belief: Belief, point: FloatArray, rng: np.random.Generator) -> float:
+    """By how much the mean at the recommended settings is too high, too low where minimized, for having been chosen.
+
+    That of the quadratic and that of the process, by their probabilities; what the process rests on stays.
+
+    Parameters
+    ----------
+    belief : Belief
+    point : ndarray (k,)
+        Recommended settings, coded.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    float
+        What is to be taken off, on the scale of the fit: >= 0, <= 0 where minimized; 0 without an estimate of error.
+    """
+    surface, region, sign = belief.surface, belief.region, sign_of(belief.goal)
+    process, share, made = belief.departure.believed, belief.departure.probability, surface.data.points
+    if not surface.s > 0.0:
+        return 0.0
+    near = np.vstack([region.jitter(np.repeat(point[None, :], _NEAR, axis=0), radius, rng) for radius in (0.4, 0.15)])
+    at = np.vstack([made, point[None, :], region.sample(_COVER, rng), near[region.feasible(near)]])
+    noise = np.empty((_SETS, len(made)))
+    noise[:, np.lexsort(made.T)] = sign * _normal(len(made), rng)  # whatever the order of the runs
+    found = (1.0 - share) * _of_quadratic(surface, at, sign, noise, rng) if share < 1.0 else 0.0
+    if process is not None:
+        found += share * _of_process(process, surface.fit.weights, at, sign, noise)
+    return float(sign * max(sign * found, 0.0))
+
+
+def _of_quadratic(surface: Surface, at: FloatArray, sign: float, noise: FloatArray, rng: np.random.Generator) -> float:
+    """Mean (told less true) where each set has its best of the places ``at`` (m, k), the runs first."""
+    rows, n = surface.rows(at), noise.shape[1]
+    apart = rows[:n] - rows[:n].mean(axis=0)
+    error = float(np.mean(np.sum((apart @ surface.error_covariance) * apart, axis=1)))
+    mean = rows @ surface.estimate
+    true, _ = _shrunk(mean, n, error)
+    later = np.isin(surface.data.purposes, _FOR_THE_OPTIMUM)
+    if later.any():
+        return _above(_replayed(surface, rows, true, later, sign, noise), true, n, sign)
+    size, axes = np.linalg.eigh(surface.error_covariance)
+    root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T  # symmetric: the same, whatever the order of the runs
+    return _above(true + sign * _normal(len(size), rng) @ (rows @ root).T, true, n, sign)
+
+
+def _replayed(
+    surface: Surface, rows: FloatArray, true: FloatArray, later: BoolArray, sign: float, noise: FloatArray
+) -> FloatArray:
+    """Means told (sets, m) at places with these ``rows`` (m, c) and ``true`` means, by least squares.
+
+    The ``later`` of the runs are made at the best place by the batches before theirs, the others where they were.
+    """
+    fit, c, n = surface.fit, rows.shape[1], noise.shape[1]
+    of_model = float(np.trace(surface.error_covariance) / np.trace(fit.covariance_unscaled[:c, :c]))
+    scatter = noise * np.sqrt(of_model / fit.weights)
+    size = fit.Z.shape[1]
+    gram, moment = np.zeros((_SETS, size, size)), np.zeros((_SETS, size))
+    for batch in np.unique(surface.data.batches):
+        runs = np.flatnonzero(surface.data.batches == batch)
+        places, Z = np.tile(runs, (_SETS, 1)), np.tile(fit.Z[runs], (_SETS, 1, 1))
+        if later[runs].any() and gram.any():
+            best = n + np.argmax(sign * _told(gram, moment, rows)[:, n:], axis=1)
+            places[:, later[runs]] = best[:, None]
+            Z[:, later[runs], :c] = rows[best][:, None, :]
+        weighted = np.swapaxes(Z * fit.weights[runs, None], 1, 2)
+        gram += weighted @ Z
+        moment += (weighted @ (true[places] + scatter[:, runs])[..., None])[..., 0]
+    return _told(gram, moment, rows)
+
+
+def _told(gram: FloatArray, moment: FloatArray, rows: FloatArray) -> FloatArray:
+    """Means (sets, m) by normal equations; of least norm where terms cannot be told apart yet."""
+    tiny = 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    coefficients = np.linalg.solve(gram + tiny, moment[..., None])[:, : rows.shape[1], 0]
+    return np.asarray(coefficients @ rows.T)
+
+
+def _of_process(process: Process, weights: FloatArray, at: FloatArray, sign: float, noise: FloatArray) -> float:
+    """The same of the process, with all runs where they were."""
+    n = noise.shape[1]
+    mean = process.mean(at)
+    sd = np.sqrt(np.mean(process.noise_variance(process.means(at[:n])), axis=0) / weights)
+    told = process.means_of(np.vstack([mean[None, :n], np.full((1, n), np.mean(mean[:n])), mean[:n] + sd * noise]), at)
+    same, flat, errors = told[0], told[1], told[2:] - told[0]
+    true, kept = _shrunk(mean, n, float(np.mean(np.var(errors[:, :n], axis=1))))
+    return _above(flat + kept * (same - flat) + errors, true, n, sign)
+
+
+def _shrunk(mean: FloatArray, n: int, error: float) -> tuple[FloatArray, float]:
+    """Means (m,) nearer to that over the first ``n``, the runs, whose variance includes ``error``; and the factor."""
+    level, varies = float(np.mean(mean[:n])), float(np.var(mean[:n]))
+    kept = max(1.0 - error / varies, 0.0) if varies > 0.0 else 0.0
+    return level + kept * (mean - level), kept
+
+
+def _above(told: FloatArray, true: FloatArray, n: int, sign: float) -> float:
+    """Mean of told less true where each set (a row of ``told``) has its best place; the first ``n`` are runs."""
+    chosen = n + np.argmax(sign * told[:, n:], axis=1)
+    return float(np.mean(told[np.arange(len(told)), chosen] - true[chosen]))
+
+
+def _normal(n: int, rng: np.random.Generator) -> FloatArray:
+    """Standard normal numbers (sets, n), each half of the sets the other's negative: their mean is exactly 0."""
+    half = rng.standard_normal((_SETS // 2, n))
+    return np.vstack([half, -half])
