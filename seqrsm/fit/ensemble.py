@@ -12,12 +12,12 @@ Foreman-Mackey et al. (2013), emcee: the MCMC hammer, PASP 125, 306-312.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import emcee
 import numpy as np
 
 from seqrsm.arrays import FloatArray
@@ -34,21 +34,6 @@ from seqrsm.fit.target import (
 )
 from seqrsm.progress import tell
 
-
-def _imported() -> Any:
-    """The sampler without scipy.stats, a third of a fit's imports, which only a move needs that is not used here."""
-    absent = "scipy.stats" not in sys.modules
-    if absent:
-        sys.modules["scipy.stats"] = None  # type: ignore[assignment]  # emcee does without it where it is not found
-    try:
-        import emcee
-    finally:
-        if absent:
-            del sys.modules["scipy.stats"]
-    return emcee
-
-
-emcee = _imported()
 _FIRST_BLOCK = 200
 _PILOT = 300  # steps that tune the independence proposal and are then forgotten
 _TAUS = 50.0  # steps kept must exceed this many autocorrelation times
