@@ -28,9 +28,8 @@ from seqrsm.fit.optimum import Goal, Optimum
 
 @dataclass(frozen=True, slots=True)
 class BlockResponse:
-    """The recommended settings in one block: mean, its interval, and that of one future run there."""
+    """The recommended settings in a block not yet run: mean of the average block, its interval, that of one run."""
 
-    block: str
     mean: float
     confidence: Interval
     prediction: Interval
@@ -44,8 +43,6 @@ class BlockStudy:
     ----------
     effect : str
         "fixed" or "random", of the fit.
-    same : tuple of BlockResponse
-        In each block that was run.
     new : BlockResponse or str
         In a block not yet run: the average block for the mean, one more draw of the block effect for the run.
     sigma, sigma_block : float
@@ -58,7 +55,6 @@ class BlockStudy:
     """
 
     effect: str
-    same: tuple[BlockResponse, ...]
     new: BlockResponse | str
     sigma: float
     sigma_block: float

@@ -23,7 +23,7 @@ from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem, UserError
 from seqrsm.fit.canonical import steepest_path
-from seqrsm.fit.intervals import FTest, Prediction
+from seqrsm.fit.intervals import FTest
 from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.spec.read import CampaignSpec
@@ -59,15 +59,8 @@ def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
 def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:
     surface, scale, level = fitted.surface, fitted.scale, spec.stop.level
     labels = block_labels(spec, fitted.data)
-    names = list(dict.fromkeys(labels))
-    if len(names) < 2 or (spec.model.block is None and not fitted.occasions):
+    if len(set(labels)) < 2 or (spec.model.block is None and not fitted.occasions):
         return None
-    weight = float(scale.weight_at(surface.predict(row).mean)[0])
-
-    def response(name: str, found: Prediction) -> BlockResponse:
-        ends = (_in_scores(fitted, found.confidence), _in_scores(fitted, found.prediction))
-        return BlockResponse(name, float(scale.to_score(found.mean)[0]), *ends)
-
     sigma = sigma_block = low = high = float("nan")
     note = ""
     try:
@@ -77,13 +70,13 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
     else:
         if days is None:
             return None
-        new = response("new", days.predict(row, level, weight=weight))
+        found = days.predict(row, level, weight=float(scale.weight_at(surface.predict(row).mean)[0]))
+        ends = (_in_scores(fitted, found.confidence), _in_scores(fitted, found.prediction))
+        new = BlockResponse(float(scale.to_score(found.mean)[0]), *ends)
         sigma, sigma_block, note = days.sigma, days.sigma_day, days.reason
         low, high = days.sigma_ratio_interval(level)
-    known = [(name, surface.in_block(name, labels, row, level, weight)) for name in names]
     return BlockStudy(
         effect="fixed" if surface.fixed_blocks else "random",
-        same=tuple(response(name, found) for name, found in known if found is not None),
         new=new,
         sigma=sigma,
         sigma_block=sigma_block,

@@ -187,17 +187,6 @@ class Surface:
         """Its blocks as a random effect, fitted for this where they are constants; None where errors know none."""
         return random_blocks(spec, self.model, self.data, self.scale) if self.errors.random_blocks else None
 
-    def in_block(
-        self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
-    ) -> Prediction | None:
-        """Prediction at a row (1, c) in a block that was run; None where a block like it never comes again.
-
-        Here by the block's constant.
-        """
-        contrast = self.fit.Z[labels.index(block), self.model.p :]
-        here = np.hstack([row, contrast[None, :]])
-        return self.fit.predict(here, level, weight)
-
     def _runs(self, Z: FloatArray, weights: FloatArray, prior: Prior, stated: NormalInverseGamma | None) -> LinearRuns:
         fit, p = self.fit, self.model.p
         correct = trials = None
@@ -287,15 +276,6 @@ class RandomBlocks(Surface):
         """Those of the fit."""
         del spec
         return self.posterior
-
-    def in_block(
-        self, block: str, labels: list[str], row: FloatArray, level: float, weight: float
-    ) -> Prediction | None:
-        """By the block's effect; what an occasion was like tells of none to come."""
-        del labels
-        if self.apart:
-            return None
-        return self.posterior.predict(row, level, day=block, weight=weight)
 
 
 @dataclass(frozen=True, slots=True)

@@ -273,7 +273,7 @@ def tests_to_json(tests: Sequence[TermTest]) -> list[dict[str, Any]]:
 
 def _blocks(found: BlockStudy) -> dict[str, Any]:
     return {
-        **_of(found, "effect", "same"),
+        **_of(found, "effect"),
         "new": _or_reason(found.new),
         "s": found.sigma,
         "s_block": found.sigma_block,

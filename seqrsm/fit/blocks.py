@@ -39,8 +39,6 @@ class RandomBlockPosterior:
 
     Attributes
     ----------
-    days : tuple
-        Names, in order of first appearance.
     ratios, shares : ndarray (c,)
         Grid of variance ratios and their posterior probabilities.
     mean : ndarray (c, p)
@@ -56,11 +54,8 @@ class RandomBlockPosterior:
         that is most likely.
     reason : str
         Why intervals for a new day rest on the prior; empty when there are days enough.
-    varying : bool
-        Effects vary with the settings within a day; single days cannot be asked for.
     """
 
-    days: tuple[object, ...]
     ratios: FloatArray
     shares: FloatArray
     mean: FloatArray
@@ -70,11 +65,6 @@ class RandomBlockPosterior:
     sigma: float
     sigma_day: float
     reason: str
-    Z: FloatArray
-    y: FloatArray
-    weights: FloatArray
-    index: IntArray
-    varying: bool = False
 
     def sigma_ratio_interval(self, level: float = 0.95) -> tuple[float, float]:
         """Credible interval of sigma_day / sigma."""
@@ -117,20 +107,16 @@ class RandomBlockPosterior:
         rows: FloatArray,
         level: float = 0.95,
         *,
-        day: object | None = None,
         weight: float = 1.0,
         replicates: float = 1,
         apart: bool = False,
     ) -> Prediction:
-        """Mean response and future runs, on a new day or on one of the days flown.
+        """Mean response of the average day, and future runs on a new day, which brings its own effect.
 
         Parameters
         ----------
         rows : ndarray (m, p)
         level : float
-        day : optional
-            One of ``days``: the response includes that day's effect. None: ``confidence`` is of the response of the
-            average day, ``prediction`` of runs on a new day, which brings its own effect.
         weight, replicates
             As in ``LeastSquaresFit.predict``; all replicates fall on one day.
         apart : bool
@@ -142,22 +128,13 @@ class RandomBlockPosterior:
             Its standard errors are root mean squares over the ratios, with the scatter of the centres.
         """
         rows = np.atleast_2d(np.asarray(rows, dtype=np.float64))
-        centre, h, extra = (np.empty((rows.shape[0], len(self.ratios))) for _ in range(3))
-        assert day is None or not self.varying
-        where = None if day is None else self.days.index(day)
-        for c, ratio in enumerate(self.ratios):
-            shifted, centre[:, c], extra[:, c] = rows, rows @ self.mean[c], ratio
-            if where is not None:
-                inside = self.index == where
-                share = ratio / (1.0 + ratio * float(np.sum(self.weights[inside])))
-                k = share * self.weights[inside]
-                shifted = rows - k @ self.Z[inside]
-                centre[:, c] += float(k @ (self.y[inside] - self.Z[inside] @ self.mean[c]))
-                extra[:, c] = share
-            h[:, c] = np.sum(np.square(shifted @ self.factor[c]), axis=1)
-        own = 1.0 / (replicates * weight)
-        mean_scale = self.s * np.sqrt(h if where is None else h + extra)
-        new_scale = self.s * np.sqrt(h + (extra / replicates if apart and where is None else extra) + own)
+        centre, h = (np.empty((rows.shape[0], len(self.ratios))) for _ in range(2))
+        for c in range(len(self.ratios)):
+            centre[:, c] = rows @ self.mean[c]
+            h[:, c] = np.sum(np.square(rows @ self.factor[c]), axis=1)
+        of_day = self.ratios / replicates if apart else self.ratios
+        mean_scale = self.s * np.sqrt(h)
+        new_scale = self.s * np.sqrt(h + of_day + 1.0 / (replicates * weight))
         mean = centre @ self.shares
         between = np.square(centre - mean[:, None])
         se = [np.sqrt((np.square(scale) + between) @ self.shares) for scale in (mean_scale, new_scale)]
@@ -221,7 +198,6 @@ def fit_random_blocks(
         else ""
     )
     return RandomBlockPosterior(
-        names,
         ratios[keep],
         shares,
         mean[keep],
@@ -230,11 +206,6 @@ def fit_random_blocks(
         float(n - p),
         *_reml(runs, ratios, log_likelihood),
         reason,
-        Z,
-        y,
-        w,
-        index,
-        similarity is not None,
     )
 
 

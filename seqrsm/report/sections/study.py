@@ -52,22 +52,18 @@ def _path_table(analysis: Analysis, path: Sequence[PathPoint], title: str) -> Ta
 
 
 def by_block(analysis: Analysis) -> list[Block]:
-    """The recommended settings in each block, folded away; empty without a study, or without blocks."""
-    blocks = None if analysis.study is None else analysis.study.blocks
-    return [] if blocks is None else [Details("The recommended settings by block", _block_blocks(analysis, blocks))]
-
-
-def _block_blocks(analysis: Analysis, found: BlockStudy) -> tuple[Block, ...]:
-    rows = [(one.block, one) for one in found.same]
+    """How blocks differ, and what a new one would give, folded away; empty without a study, or without blocks."""
+    found = None if analysis.study is None else analysis.study.blocks
+    if found is None:
+        return []
+    blocks: list[Block] = [Paragraph(_block_text(found))]
     if isinstance(found.new, BlockResponse):
-        rows.append(("a new block", found.new))
-    level = level_phrase(analysis)
-    cells = (
-        (name, score_text(analysis, one.mean), *(interval_text(analysis, x) for x in (one.confidence, one.prediction)))
-        for name, one in rows
-    )
-    columns = ("Block", "Mean", f"{level} confidence", f"{level} prediction, one run")
-    return (table("The recommended settings by block", columns, cells), Paragraph(_block_text(found)))
+        level, new = level_phrase(analysis), found.new
+        ends = (interval_text(analysis, new.confidence), interval_text(analysis, new.prediction))
+        columns = ("Mean", f"{level} confidence", f"{level} prediction, one run")
+        title = "The recommended settings in a new block"
+        blocks.insert(0, table(title, columns, [(score_text(analysis, new.mean), *ends)]))
+    return [Details("Differences between blocks", tuple(blocks))]
 
 
 def _block_text(found: BlockStudy) -> str:
