@@ -22,9 +22,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaln, stdtr
+from scipy.optimize.elementwise import find_root
+from scipy.special import stdtr, stdtrit
 
-from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.arrays import BoolArray, FloatArray, IntArray
 from seqrsm.errors import FitError, Problem
 from seqrsm.fit import linear_system
 from seqrsm.fit.intervals import Interval
@@ -101,46 +102,28 @@ def bounded_draws(
     return together, found / made
 
 
-_STEPS = 100
-
-
-def mixture_cdf(x: FloatArray, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray) -> FloatArray:
-    """P(X <= x) (m,) of m mixtures with ``shares`` (c,), degrees of freedom (c,), centres and scales (m, c)."""
-    return np.asarray(np.sum(shares * stdtr(df, (x[:, None] - centre) / scale), axis=1))
-
-
 def mixture_quantile(
     probability: float, shares: FloatArray, df: FloatArray, centre: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Quantile (m,) of each mixture, by Newton steps inside a shrinking bracket.
+    """Quantile (m,) of m mixtures of Student's t.
 
-    Arguments as in :func:`mixture_cdf`, scales > 0; ``probability`` in (0, 1).
+    Parameters
+    ----------
+    probability : float
+        In (0, 1).
+    shares, df : ndarray (c,), (c,) or ()
+        Of the parts, in every mixture.
+    centre, scale : ndarray (m, c)
+        Scales > 0.
     """
-    far = 10.0 * scale
-    low, high = np.min(centre - far, axis=1), np.max(centre + far, axis=1)
-    for _ in range(200):  # heavy tails: widen until the quantile is bracketed
-        short = mixture_cdf(low, shares, df, centre, scale) > probability
-        long = mixture_cdf(high, shares, df, centre, scale) < probability
-        if not np.any(short | long):
-            break
-        width = high - low
-        low, high = np.where(short, low - width, low), np.where(long, high + width, high)
-    x = 0.5 * (low + high)
-    tiny = 4.0 * np.finfo(np.float64).eps * np.maximum(np.abs(low) + np.abs(high), np.max(scale, axis=1))
-    log_constant = gammaln(0.5 * (df + 1.0)) - gammaln(0.5 * df) - 0.5 * np.log(df * np.pi)
-    for _ in range(_STEPS):
-        excess = mixture_cdf(x, shares, df, centre, scale) - probability
-        low, high = np.where(excess < 0.0, x, low), np.where(excess < 0.0, high, x)
-        log_kernel = log_constant - 0.5 * (df + 1.0) * np.log1p(np.square((x[:, None] - centre) / scale) / df)
-        density = np.sum(shares * np.exp(log_kernel) / scale, axis=1)
-        with np.errstate(divide="ignore", over="ignore"):
-            newton = x - excess / density
-        new = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
-        done = bool(np.all(np.abs(new - x) <= tiny))
-        x = new
-        if done:
-            break
-    return np.asarray(x)
+    each = centre + scale * stdtrit(df, probability)
+    margin = 1e-9 * (np.abs(each).max(axis=1) + scale.max(axis=1))
+
+    def above(x: FloatArray, k: IntArray) -> FloatArray:
+        return np.asarray(stdtr(df, (x[:, None] - centre[k]) / scale[k]) @ shares - probability)
+
+    found = find_root(above, (each.min(axis=1) - margin, each.max(axis=1) + margin), args=(np.arange(len(each)),))
+    return np.asarray(found.x)
 
 
 def mixture_interval(
