@@ -280,28 +280,41 @@ class _Found:
 
 def _evaluate(curve: Curve, channel: str, state: _State, world: World | OneAway | None) -> _Found:
     """One curve at one state."""
+    if curve.wind_m_s.size == 1:
+        state = replace(state, wind_m_s=0.0)
+    if curve.soil_rms_height_m is None:
+        state = replace(state, soil_moisture=0.0)
+    values, sds, statuses, notes = _of_all_channels(curve, state)
+    c = POLARIZATIONS.index(channel)
+    at_channel, sd = values[c], sds[c]
+    if np.isnan(at_channel).any():
+        raise ScatteringDataError(
+            Problem(f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization")
+        )
+    if world is not None and sd > 0.0:
+        at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
+    return _Found(at_channel, sd, statuses[c], curve.kin, notes)
+
+
+@lru_cache(maxsize=256)  # the channels of a run, and runs of one frequency, ask for the same
+def _of_all_channels(
+    curve: Curve, state: _State
+) -> tuple[FloatArray, tuple[float, ...], tuple[str, ...], tuple[str, ...]]:
+    """Values (3, 91) of a curve at a state [dB], standard deviations of their means [dB], statuses and notes."""
     notes = list(curve.notes)
-    values = _at_wind(curve, state.wind_m_s)
-    value, sd, status = _at_frequency(curve, values, state.frequency_ghz, POLARIZATIONS.index(channel), notes)
+    value, sd, statuses = _at_frequency(curve, _at_wind(curve, state.wind_m_s), state.frequency_ghz, notes)
     if curve.soil_rms_height_m is not None and state.soil_moisture != curve.reference_moisture:
         value = value + _moisture(curve, state, notes)
-        status = "assumed"  # the roughness is
+        statuses = ("assumed",) * 3  # the roughness is
     if curve.wind_m_s.size > 1:
         notes.append(f"wind {state.wind_m_s:.3g} m/s")
     if state.snow != "none" and curve.category not in _ABOVE_SNOW:
         value, note = under_snow(value, state.frequency_ghz, state.snow, state.snow_depth_m)
         notes.append(note)
-        status = weakest((status, "computed"))
+        statuses = tuple(weakest((status, "computed")) for status in statuses)
     limited = value if curve.as_given else limit_db(value, surface=curve.surface, water=curve.water)
-    at_channel = limited[POLARIZATIONS.index(channel)]
-    if np.isnan(at_channel).any():
-        raise ScatteringDataError(
-            Problem(f"the table has no {channel} of {curve.category}", "Add its rows", field="polarization")
-        )
-    sd = math.hypot(_mean_sd_db(curve, channel, state.frequency_ghz), sd)
-    if world is not None and sd > 0.0:
-        at_channel = at_channel + sd * world.departure(curve.category, curve.kin, state.frequency_ghz, channel)
-    return _Found(at_channel, sd, status, curve.kin, tuple(notes))
+    sds = tuple(math.hypot(_mean_sd_db(curve, channel, state.frequency_ghz), sd) for channel in POLARIZATIONS)
+    return limited, sds, statuses, tuple(notes)
 
 
 def _mean_sd_db(curve: Curve, channel: str, frequency_ghz: float) -> float:
@@ -332,9 +345,9 @@ def _at_wind(curve: Curve, wind_m_s: float) -> FloatArray:
 
 
 def _at_frequency(
-    curve: Curve, value_db: FloatArray, frequency_ghz: float, channel: int, notes: list[str]
-) -> tuple[FloatArray, float, str]:
-    """Values (3, 91) at a frequency from those at the nodes (n_frequency, 3, 91), error [dB] and status."""
+    curve: Curve, value_db: FloatArray, frequency_ghz: float, notes: list[str]
+) -> tuple[FloatArray, float, tuple[str, ...]]:
+    """Values (3, 91) at a frequency from those at the nodes (n_frequency, 3, 91), error [dB] and statuses (3,)."""
     nodes = curve.frequency_ghz
     low, high = float(nodes[0]) / _OCTAVE, float(nodes[-1]) * _OCTAVE
     if not low <= frequency_ghz <= high:
@@ -344,7 +357,7 @@ def _at_frequency(
     position = np.log2(nodes / frequency_ghz)
     near = int(np.argmin(np.abs(position)))
     if abs(position[near]) < _AT_NODE_OCTAVES:
-        return value_db[near], 0.0, curve.status[near][channel]
+        return value_db[near], 0.0, curve.status[near]
     if nodes[0] < frequency_ghz < nodes[-1]:
         upper = int(np.searchsorted(nodes, frequency_ghz))
         share = -position[upper - 1] / (position[upper] - position[upper - 1])
@@ -353,10 +366,10 @@ def _at_frequency(
             f"{frequency_ghz:g} GHz interpolated between {nodes[upper - 1]:g} and {nodes[upper]:g} GHz "
             f"(rms error {INTERPOLATION_SD_DB:g} dB)"
         )
-        status = weakest(node[channel] for node in curve.status[upper - 1 : upper + 1])
-        return value, INTERPOLATION_SD_DB, status
+        return value, INTERPOLATION_SD_DB, tuple(map(weakest, zip(*curve.status[upper - 1 : upper + 1], strict=True)))
     notes.append(f"{frequency_ghz:g} GHz extrapolated beyond the node at {nodes[near]:g} GHz (assumed)")
-    return value_db[near] - position[near] * _end_slope(position, value_db, near), _EXTRAPOLATION_SD_DB, "assumed"
+    value = value_db[near] - position[near] * _end_slope(position, value_db, near)
+    return value, _EXTRAPOLATION_SD_DB, ("assumed",) * 3
 
 
 def _end_slope(position: FloatArray, value_db: FloatArray, end: int) -> FloatArray:

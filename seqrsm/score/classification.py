@@ -12,7 +12,7 @@ import numpy as np
 from seqrsm.arrays import AnyArray, FloatArray, IntArray
 from seqrsm.errors import Problem, SceneError, UserError
 from seqrsm.score import kernels_classify
-from seqrsm.score.evidence import Evidence
+from seqrsm.score.evidence import Evidence, holds_cells
 
 TRAINING_PURITY = 0.8
 """Least share of one class in a pixel that trains it: training fields are chosen inside fields, not across borders."""
@@ -191,7 +191,7 @@ def classify_by_forest(evidence: Evidence) -> Classified:
 
 def _halves_of(evidence: Evidence) -> tuple[AnyArray, IntArray]:
     """Tiles (n_tiles,) that hold scored cells, and the half that each belongs to."""
-    seen = np.bincount(evidence.tile[evidence.counts.any(axis=1)], minlength=len(evidence.keys)) > 0
+    seen = np.bincount(evidence.tile[holds_cells(evidence.counts)], minlength=len(evidence.keys)) > 0
     if not seen.any():
         raise SceneError(
             Problem("no scored cell lies in the image", "Give cells with a known category", field="scored")

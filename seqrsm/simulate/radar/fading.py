@@ -79,9 +79,12 @@ def gamma_tables(looks: FloatArray) -> tuple[FloatArray, IntArray]:
     float64 array (n_tables, k), int64 array (n_range,)
         A table for each number of looks, and which of them each row takes.
     """
-    if looks.size and bool((looks == looks[0]).all()):
-        return _basis(looks[:1]) @ _series(), np.zeros(looks.size, dtype=np.int64)
-    different, which = np.unique(looks, return_inverse=True)
+    return _tables(looks.tobytes())
+
+
+@lru_cache(maxsize=1)  # the channels of an image ask for the same
+def _tables(looks: bytes) -> tuple[FloatArray, IntArray]:
+    different, which = np.unique(np.frombuffer(looks), return_inverse=True)
     return _basis(different) @ _series(), which
 
 

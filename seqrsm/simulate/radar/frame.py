@@ -52,6 +52,8 @@ class RadarFrame:
         For headings not along the grid: place of each cell of the scene in the frame's layers.
     lowest_m, highest_m : float array (rows,)
         Extremes of each row of `elevation_m` [m].
+    edge_m : tuple of float
+        Medians of the elevations' rise where trees or buildings begin, and of the height of these [m].
     column_m : float64 array (n,) or None
         Distance between columns on each ring of a plan-position indicator [m]; None: `cell_m`.
     wrapped : int
@@ -75,6 +77,7 @@ class RadarFrame:
     cell_of_scene: IntArray | None
     lowest_m: AnyArray
     highest_m: AnyArray
+    edge_m: tuple[float, float] = (0.0, 0.0)
     column_m: FloatArray | None = None
     wrapped: int = 0
 
@@ -132,9 +135,10 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
     # Mirrored at the edges of the scene: -1 is row 0 again, n is row n - 1. ~k is -1 - k.
     mirrored = np.maximum(steps, ~steps)
     np.minimum(mirrored, 2 * n_rows - 1 - mirrored, out=mirrored)
+    top, edge = _tops(layers, scene.categories, radar.tree_height_m, radar.building_height_m)
     return RadarFrame(
         elevation_m=layers.elevation_m,
-        top_m=_tops(layers, scene.categories, radar.tree_height_m, radar.building_height_m),
+        top_m=top,
         cover=layers.cover,
         field=layers.field,
         source=mirrored,
@@ -150,6 +154,7 @@ def make_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Radar
         cell_of_scene=layers.cell_of_scene,
         lowest_m=layers.lowest_m,
         highest_m=layers.highest_m,
+        edge_m=edge,
     )
 
 
@@ -163,9 +168,10 @@ def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Rad
     if (polar.cover == NO_COVER).all():
         text = "the antenna does not see the scene"
         raise SceneError(Problem(text, "Move it closer", field="antenna_east_m", value=east))
+    top, edge = _tops(polar, scene.categories, radar.tree_height_m, radar.building_height_m)
     return RadarFrame(
         elevation_m=polar.elevation_m,
-        top_m=_tops(polar, scene.categories, radar.tree_height_m, radar.building_height_m),
+        top_m=top,
         cover=polar.cover,
         field=polar.field,
         source=np.arange(n_rings),
@@ -181,6 +187,7 @@ def _polar_frame(scene: Scene, radar: RadarConfiguration, precision: str) -> Rad
         cell_of_scene=polar.cell_of_scene,
         lowest_m=polar.elevation_m.min(axis=1),
         highest_m=polar.elevation_m.max(axis=1),
+        edge_m=edge,
         column_m=y * polar.column_rad,
         wrapped=polar.columns_a_pixel,
     )
@@ -200,13 +207,22 @@ def to_scene(layer: AnyArray, frame: RadarFrame, scene_shape: tuple[int, int], m
 
 # The layers do not depend on the run, so the runs of a campaign share them.
 @lru_cache(maxsize=2)
-def _tops(layers: _Turned | PolarLayers, categories: tuple[str, ...], trees_m: float, buildings_m: float) -> AnyArray:
-    """Height of the top of what stands on each cell."""
+def _tops(
+    layers: _Turned | PolarLayers, categories: tuple[str, ...], trees_m: float, buildings_m: float
+) -> tuple[AnyArray, tuple[float, float]]:
+    """Height of the top of what stands on each cell, and ``edge_m`` of `RadarFrame`."""
     height = np.zeros(NO_COVER + 1, dtype=layers.elevation_m.dtype)
     for name, own in (("Trees", trees_m), ("Buildings", buildings_m)):
         if name in categories:
             height[categories.index(name)] = own
-    return layers.elevation_m + height[layers.cover] if height.any() else layers.elevation_m
+    ground, tall = layers.elevation_m, height[layers.cover]
+    stands = tall > 0.0
+    if not stands.any():
+        return ground, (0.0, 0.0)
+    one, other = np.s_[:, :-2], np.s_[:, 2:]
+    edge = stands[one] != stands[other]
+    rise = np.where(stands[other][edge], 1.0, -1.0) * (ground[other][edge] - ground[one][edge])
+    return ground + tall, (float(np.median(rise)) if rise.size else 0.0, float(np.median(tall[stands])))
 
 
 @lru_cache(maxsize=2)

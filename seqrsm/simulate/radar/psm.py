@@ -277,15 +277,8 @@ def tops_counted_twice(frame: RadarFrame) -> list[str]:
 
     They do where, two cells across an edge, the ground rises by half their height or more in the median.
     """
-    height = frame.top_m - frame.elevation_m
-    stands = height > 0.0
-    one, other = np.s_[:, :-2], np.s_[:, 2:]
-    edge = stands[one] != stands[other]
-    if not edge.any():
-        return []
-    rise = np.where(stands[other], 1.0, -1.0)[edge] * (frame.elevation_m[other] - frame.elevation_m[one])[edge]
-    found, tall = float(np.median(rise)), float(np.median(height[stands]))
-    if found < 0.5 * tall:
+    found, tall = frame.edge_m
+    if tall == 0.0 or found < 0.5 * tall:
         return []
     remedy = "set tree_height_m and building_height_m to 0 if these are the elevations of tops"
     what = f"the ground rises by {found:.1f} m where trees or buildings of {tall:g} m begin"

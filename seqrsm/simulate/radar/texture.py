@@ -75,11 +75,13 @@ def with_texture(
     if radar.texture_db == 0.0:
         return occasion
     _, parent = pieces(scene, radar.texture_m)
-    shape = (1 + len(POLARIZATIONS), len(parent))
+    # One for all channels and one for each, as far as there are any: a row's draws do not depend on those after it.
+    place = [1 + POLARIZATIONS.index(GROUND_OF[channel]) for channel in radar.channels]
+    shape = (1 + max(place), len(parent))
     draws = half_lasting(visit, "texture", shape, radar.frequency_ghz, seed=seed, run_id=run_id)
     offset = occasion.field_offset_db[:, parent]
-    for c, (channel, lookup) in enumerate(zip(radar.channels, lookups, strict=True)):
+    for c, lookup in enumerate(lookups):
         shared = float(np.mean(lookup.channel_correlation))
-        own = draws[1 + POLARIZATIONS.index(GROUND_OF[channel])]
+        own = draws[place[c]]
         offset[c] += radar.texture_db * (np.sqrt(shared) * draws[0] + np.sqrt(1.0 - shared) * own)
     return replace(occasion, field_offset_db=offset)
