@@ -92,12 +92,17 @@ def retrieved_moisture(
     spread = region_spread(scene, radiometer)
     low, high = radiometer.soil_moisture_low, radiometer.soil_moisture_high
     centre, sd = 0.5 * (low + high), math.hypot((high - low) / math.sqrt(12.0), spread)
-    middle = float(posterior_mean(_costs(image, ground, np.ones((1, n_pixels)) / n_pixels, None), GRID, centre, sd)[0])
+    slopes = [_slope(image, ground, s) for s in range(len(ground.samples))]
+    together, apart = (
+        [_covariance(image, ground, s, slope, common=both) for s, slope in enumerate(slopes)] for both in (True, False)
+    )
+    costs = _costs(image, ground, np.ones((1, n_pixels)) / n_pixels, None, together)
+    middle = float(posterior_mean(costs, GRID, centre, sd)[0])
     away = np.empty((n_channels, n_pixels))
+    k = min(int(np.searchsorted(GRID, middle, side="right")), len(GRID) - 1) - 1
     for s, own in enumerate(ground.samples):
-        expected = _expected_k(image, ground, s)
-        at = [[np.interp(middle, GRID, line) for line in layer] for layer in expected]
-        away[:, own] = image.brightness_k[:, s] - np.array(at)
+        low, high = np.moveaxis(_expected_k(image, ground, s, GRID[k : k + 2]), -1, 0)
+        away[:, own] = image.brightness_k[:, s] - ((high - low) / (GRID[k + 1] - GRID[k]) * (middle - GRID[k]) + low)
     seen = np.isfinite(away).all(axis=0) & (ground.share.sum(axis=1) > 0.0)
     # What the table has wrong of a cover changes with the angle.
     angle = np.repeat(np.abs(image.scan.look_rad), image.brightness_k.shape[2])[:, None] / image.scan.half_angle_rad
@@ -105,24 +110,24 @@ def retrieved_moisture(
     # A footprint's weight keeps rare covers near what the table says.
     gram = covers[seen].T @ covers[seen] + np.eye(covers.shape[1])
     level_k = (covers @ np.linalg.solve(gram, covers[seen].T @ away[:, seen].T)).T
-    costs = _costs(image, ground, _weights(pixel, block, n_pixels, n_blocks), level_k)
-    scatter = _scatter(image, ground, away - level_k, seen, spread) if seen.any() else 1.0
+    costs = _costs(image, ground, _weights(pixel, block, n_pixels, n_blocks), level_k, apart)
+    scatter = 1.0
+    if seen.any():
+        wetted = [
+            own + spread**2 * slope.T[:, :, None] * slope.T[:, None, :]
+            for own, slope in zip(apart, slopes, strict=True)
+        ]
+        scatter = _scatter(ground, away - level_k, seen, wetted)
     return posterior_mean(costs / max(scatter, 1.0), GRID, middle, spread if spread > 0.0 else 1e-6)
 
 
-def _scatter(
-    image: RadiometerImage, ground: ExpectedGround, away_k: FloatArray, seen: AnyArray, spread: float
-) -> float:
+def _scatter(ground: ExpectedGround, away_k: FloatArray, seen: AnyArray, covariances: list[FloatArray]) -> float:
     """Variance of the brightness (n_channels, n_pixels) about what is expected at the date's mean, over the stated one.
 
     Above 1 where footprints scatter by more than is accounted for: covers within them that beams weigh otherwise.
     """
     found = np.zeros(away_k.shape[1])
-    for s, own in enumerate(ground.samples):
-        expected = _expected_k(image, ground, s)
-        slope = _slope(expected)
-        covariance = _covariance(image, ground, s, slope, common=False)
-        covariance += spread**2 * slope.T[:, :, None] * slope.T[:, None, :]
+    for own, covariance in zip(ground.samples, covariances, strict=True):
         found[own] = mahalanobis(np.nan_to_num(away_k[:, own, None]), covariance)[:, 0]
     return float(found[seen].mean()) / len(away_k)
 
@@ -143,28 +148,28 @@ def _costs(
     ground: ExpectedGround,
     weights: FloatArray | sparse.csr_array,
     level_k: FloatArray | None,
+    covariances: list[FloatArray],
 ) -> FloatArray:
     """Sums (n, n_grid) of footprints' squared distances from what they would show at each moisture, by their weights.
 
     Brightness is higher than expected by ``level_k`` (n_channels, n_pixels); None: what footprints have in common is
-    not known, and part of the distance.
+    not known, and part of the distance, as the ``covariances`` of each sample's footprints have it.
     """
     total = np.zeros((weights.shape[0], len(GRID)))
     for s, own in enumerate(ground.samples):
-        expected = _expected_k(image, ground, s)
-        away = image.brightness_k[:, s, :, None] - expected - (0.0 if level_k is None else level_k[:, own, None])
-        cost = mahalanobis(away, _covariance(image, ground, s, _slope(expected), common=level_k is None))
+        away = image.brightness_k[:, s, :, None] - _expected_k(image, ground, s, GRID)
+        cost = mahalanobis(away - (0.0 if level_k is None else level_k[:, own, None]), covariances[s])
         total += weights[:, own] @ np.where(np.isfinite(cost), cost, 0.0)
     return total
 
 
-def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int) -> FloatArray:
-    """Brightness (n_channels, n_lines, n_grid) of the footprints of a sample at each moisture of `GRID` [K]."""
-    place = (GRID - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
+def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int, moisture: FloatArray) -> FloatArray:
+    """Brightness (n_channels, n_lines, n) of the footprints of a sample at some moistures [K]."""
+    place = (moisture - MOISTURE_NODES[0]) / (MOISTURE_NODES[1] - MOISTURE_NODES[0])
     k = np.minimum(place.astype(np.int64), len(MOISTURE_NODES) - 2)
     share, warm = ground.share[ground.samples[sample]], ground.temperature_k[ground.samples[sample]]
-    up, through, sky = ground.air_at(image.scan.look_rad[sample], image.scan.height_m)
-    out = np.empty((len(ground.lookups), len(share), len(GRID)))
+    up, through, sky = ground.air[sample]
+    out = np.empty((len(ground.lookups), len(share), len(moisture)))
     for layer, lookup in zip(out, ground.lookups, strict=True):
         e = share @ _at_angle(lookup, math.degrees(abs(image.scan.look_rad[sample])))
         if e.shape[1] > 1:
@@ -173,9 +178,10 @@ def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int) -> 
     return ground.planck_k / np.log1p(ground.planck_k / out) if ground.planck_k > 0.0 else out
 
 
-def _slope(expected_k: FloatArray) -> FloatArray:
+def _slope(image: RadiometerImage, ground: ExpectedGround, sample: int) -> FloatArray:
     """Change of brightness (n_channels, n_lines) by moisture, over all of `GRID` [K / (m3/m3)]."""
-    return np.asarray((expected_k[:, :, -1] - expected_k[:, :, 0]) / (GRID[-1] - GRID[0]))
+    dry, wet = np.moveaxis(_expected_k(image, ground, sample, GRID[[0, -1]]), -1, 0)
+    return np.asarray((wet - dry) / (GRID[-1] - GRID[0]))
 
 
 def _at_angle(lookup: EmissivityLookup, theta_deg: float) -> FloatArray:
@@ -197,7 +203,7 @@ def _covariance(
     """
     radiometer = image.radiometer
     share, warm = ground.share[ground.samples[sample]], ground.temperature_k[ground.samples[sample]]
-    _, through, sky = ground.air_at(image.scan.look_rad[sample], image.scan.height_m)
+    _, through, sky = ground.air[sample]
     own = np.square(share).sum(axis=1)
     heat = radiometer.temperature_field_sd_k**2 + (radiometer.temperature_date_sd_k**2 if common else 0.0)
     out = np.empty((len(share), len(ground.lookups), len(ground.lookups)))

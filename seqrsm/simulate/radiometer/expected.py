@@ -9,7 +9,6 @@ import numpy as np
 from scipy import ndimage
 
 from seqrsm.arrays import AnyArray, FloatArray
-from seqrsm.scattering.atmosphere import Atmosphere
 from seqrsm.scattering.emissivity import EmissivityLookup
 from seqrsm.simulate.radiometer.frame import make_radiometer_frame, surface_temperature_k
 from seqrsm.simulate.radiometer.occasion import nominal_radiometer_occasion
@@ -32,7 +31,9 @@ class ExpectedGround:
         Physical temperature [K], without what the date and the fields add.
     lookups : list of EmissivityLookup
         The table's own means, one for each channel.
-    air : Atmosphere
+    air : tuple of tuple of float
+        For each sample emission [K] and transmission [1] of the air below the antenna, and the sky that the ground
+        reflects [K].
     planck_k : float
         As of `seqrsm.simulate.radiometer.prm.Meeting`.
     footprints_a_field : float
@@ -44,19 +45,10 @@ class ExpectedGround:
     share: FloatArray
     temperature_k: FloatArray
     lookups: list[EmissivityLookup]
-    air: Atmosphere
+    air: tuple[tuple[float, float, float], ...]
     planck_k: float
     footprints_a_field: float
     samples: tuple[slice, ...]
-
-    def air_at(self, look_rad: float, height_m: float) -> tuple[float, float, float]:
-        """Emission [K] and transmission [1] of the air below the antenna, and the sky that the ground reflects [K]."""
-        look = abs(float(look_rad))
-        return (
-            float(self.air.upwelling_k(look, height_m)),
-            float(self.air.transmission(look, height_m)),
-            float(self.air.sky_k(look)),
-        )
 
 
 def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> ExpectedGround:
@@ -89,7 +81,12 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     total = np.maximum(spread[:, :-1].sum(axis=1), 1e-9)
     kelvin_of = np.where(spread[:, -1] > 0.0, spread[:, -1] / total, 300.0)
     planck_k = radiometer.planck_used_k
-    share, air = spread[:, :-1] / total[:, None], air_over(radiometer, planck_k)
+    share, sky = spread[:, :-1] / total[:, None], air_over(radiometer, planck_k)
+    looks, height = np.abs(scan.look_rad).tolist(), scan.height_m
+    air = tuple(
+        (float(sky.upwelling_k(look, height)), float(sky.transmission(look, height)), float(sky.sky_k(look)))
+        for look in looks
+    )
     n_samples, n_lines = image.brightness_k.shape[1:]
     samples = tuple(slice(s * n_lines, (s + 1) * n_lines) for s in range(n_samples))
     sizes = np.bincount(scene.field_id[known]).astype(np.float64)
