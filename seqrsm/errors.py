@@ -14,7 +14,7 @@
     │   ├── FitError               too few or unusable scores
     │   └── StoreError             the campaign's data base
     ├── OvertakenError             another process decided meanwhile; look again
-    └── ConvergenceError           the sampler did not reach its rule; carries what was reached
+    └── ConvergenceError           the sampler did not reach its rule
 """
 
 from __future__ import annotations
@@ -116,23 +116,4 @@ class OvertakenError(SeqrsmError):
 
 
 class ConvergenceError(SeqrsmError):
-    """The sampler ended before its convergence rule held.
-
-    Attributes
-    ----------
-    steps : int
-        Steps made in each ensemble.
-    tau : float
-        Largest integrated autocorrelation time estimated, in steps.
-    r_hat : float
-        Largest rank-normalised R-hat over ensembles.
-    ess : float
-        Smallest effective sample size reached.
-    """
-
-    def __init__(self, message: str, *, steps: int, tau: float, r_hat: float, ess: float) -> None:
-        super().__init__(message)
-        self.steps = steps
-        self.tau = tau
-        self.r_hat = r_hat
-        self.ess = ess
+    """The sampler ended before its convergence rule held; the message tells what was reached."""

@@ -194,7 +194,7 @@ class Campaign:
         UserError
             There is none, or the file exists or cannot be written.
         """
-        from seqrsm.campaign.form import write_form
+        from seqrsm.campaign.export import write_form
 
         wanted = self.store.runs("issued", source="flight") if runs is None else runs
         if not wanted:
@@ -254,12 +254,8 @@ class Campaign:
             waiting = [run for run in active if run.state in WAITING]
             if len(active) <= model.p or not waiting:
                 return start_batch(self.spec, model, start_source, active, failed)
-            raise StoreError(
-                Problem(
-                    f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting",
-                    "Complete them first (`seqrsm simulate` or `seqrsm ingest`).",
-                )
-            )
+            message = f"{fitted} scored runs are too few to propose from, and {len(waiting)} runs are waiting"
+            raise StoreError(Problem(message, "Complete them first (`seqrsm simulate` or `seqrsm ingest`)."))
         if not analyses:
             analyses = self.analyse_all()
             self._record_looks(analyses)  # whoever proposes and ingests only has looked, too

@@ -20,7 +20,6 @@ from seqrsm.analysis.conclude import stop_rule
 from seqrsm.analysis.ground import MOST_SHARE, OCCASIONS, ground_of_scores
 from seqrsm.analysis.posterior import draw_coefficients
 from seqrsm.analysis.results import Analysis
-from seqrsm.arrays import FloatArray
 from seqrsm.campaign.budget import N_CAMPAIGNS, Budget, Plan, Surfaces, random_surfaces, way_out
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.engines import frame_limits, frame_swath
@@ -306,18 +305,9 @@ def _cost(spec: CampaignSpec) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """What is known of the scatter of a run and of the surface.
+    """What is known of the scatter of a run and of the surface; nan and 0 where nothing tells it, see `CheckResult`.
 
-    Attributes
-    ----------
-    noise, ground_share, df, noise_source :
-        As of `CheckResult`, with the degrees of freedom behind them; nan and 0 where nothing tells them.
-    seconds : float
-        Of a simulated run here [s]; nan without a simulator.
-    notes : tuple of str
-        What the simulation rests on.
-    surfaces : Surfaces
-        With the scatter that budgets are found from: that of the scores, where there are some.
+    ``surfaces`` have the scatter that budgets are found from: that of the scores, where there are some.
     """
 
     noise: float
@@ -369,14 +359,11 @@ def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str
             if sensor.scan == "slar":
                 bits = f"{sensor.adc_bits} bits" if sensor.adc_bits else f"{ASSUMED_BITS} bits (assumed)"
                 rate = 1e-6 * data_rate_bit_s(sensor, *frame_swath(frame))
-                found.append(f"data rate, {rate:.3g} Mbit/s of this swath at {bits} of I and of Q: {_downlinks()}")
+                known = {one.name: one.values.get("downlink_mbit_s") for one in named_sensors()}
+                sent = ", ".join(f"{value:g} from {name}" for name, value in known.items() if value is not None)
+                data_rate = f"data rate, {rate:.3g} Mbit/s of this swath at {bits} of I and of Q"
+                found.append(f"{data_rate}: to the ground go {sent}")
     return tuple(dict.fromkeys(found))
-
-
-def _downlinks() -> str:
-    """What named sensors send to the ground, as far as it is known."""
-    known = {one.name: one.values["downlink_mbit_s"] for one in named_sensors() if "downlink_mbit_s" in one.values}
-    return f"to the ground go {', '.join(f'{rate:g} from {name}' for name, rate in known.items())}"
 
 
 def _by_flights(rule: StopRule, noise: float) -> str:
@@ -395,8 +382,10 @@ def _probe_noise(
     spec: CampaignSpec, progress: Callable[[int, int], None]
 ) -> tuple[float, float, int, float, tuple[str, ...]]:
     """Noise, the ground's share of its variance, degrees of freedom, seconds of a simulated run, and notes."""
-    points = [_with_levels(spec, levels) for levels in spec.region.level_combinations()]
-    settings = [spec.region.decode(point)[0] for point in points if spec.region.feasible(point)[0]][:8]
+    levels_of = list(spec.region.level_combinations())
+    points = np.tile(spec.region.centre(), (len(levels_of), 1))
+    points[:, list(spec.region.categorical)] = levels_of
+    settings = spec.region.decode(points[spec.region.feasible(points)])[:8]
     # Ids far beyond any campaign's: their occasions are no run's.
     probes = PROBE_WORLDS * OCCASIONS
     tasks = [
@@ -426,12 +415,6 @@ def _probe_noise(
         found.append((float(np.sqrt(ground + chance)), float(ground / max(ground + chance, 1e-300))))
     noise, share = max(found)
     return noise, min(share, MOST_SHARE), len(settings) * (PROBE_WORLDS - 1), seconds, tuple(notes)
-
-
-def _with_levels(spec: CampaignSpec, levels: tuple[int, ...]) -> FloatArray:
-    point = spec.region.centre()
-    point[list(spec.region.categorical)] = levels
-    return point
 
 
 def _so_far(spec: CampaignSpec) -> tuple[Analysis | None, list[Mapping[str, float | str]]]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from seqrsm.errors import Problem, SpecError, UserError
 from seqrsm.own_code import own_function
-from seqrsm.scattering.emissivity import EmissivityTable, load_emissivity_table
+from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import Sigma0Table, load_sigma0_table
 from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import UtilityScore
@@ -94,12 +94,8 @@ def _loaded(load: Callable[..., Any], path: str, modified_ns: int, *more: Any) -
 
 def loaded(load: Callable[..., Any], path: str, *more: Any) -> Any:
     """What ``load`` makes of a file, "" for the shipped one, and of ``more``; once as long as the file stays."""
-    return _loaded(load, path, modified_ns(path), *more)
-
-
-def modified_ns(path: str) -> int:
-    """When a file was last changed [ns]; 0 where there is none."""
-    return Path(path).stat().st_mtime_ns if path and Path(path).exists() else 0
+    modified_ns = Path(path).stat().st_mtime_ns if path and Path(path).exists() else 0
+    return _loaded(load, path, modified_ns, *more)
 
 
 def _radar_image(scene: Scene, sensor: RadarConfiguration, table: Sigma0Table, **how: Any) -> RadarImage:
@@ -136,24 +132,14 @@ def frame_swath(frame: RadarFrame) -> tuple[float, float]:
     return frame.near_edge_m, frame.near_edge_m + frame.n_rows * frame.cell_m
 
 
-def _examine_radiometer(
-    scene: Scene, sensor: RadiometerConfiguration, table: EmissivityTable, day: float | None
-) -> tuple[str, ...]:
-    return check_radiometer(scene, sensor, table, day).notes
-
-
-def _radar_detail_m(sensor: RadarConfiguration) -> float:
-    # Cultural targets lie in cells of the data base as it is.
-    return 0.0 if sensor.targets_file else sensor.pixel_spacing_m
-
-
 ENGINES: Mapping[str, Engine] = {
     "psm": Engine(
         configure=radar.from_settings,
         table=partial(loaded, load_sigma0_table),
         simulate=_radar_image,
         examine=_examine_radar,
-        detail_m=_radar_detail_m,
+        # Cultural targets lie in cells of the data base as it is.
+        detail_m=lambda sensor: 0.0 if sensor.targets_file else sensor.pixel_spacing_m,
         parameters=SENSORS["psm"],
         threads=True,
         masks=("shadow", "layover"),
@@ -162,7 +148,7 @@ ENGINES: Mapping[str, Engine] = {
         configure=radiometer.from_settings,
         table=partial(loaded, load_emissivity_table),
         simulate=simulate_radiometer,
-        examine=_examine_radiometer,
+        examine=lambda *of: check_radiometer(*of).notes,
         detail_m=attrgetter("resolution_m"),
         parameters=SENSORS["prm"],
         masks=("blocked",),

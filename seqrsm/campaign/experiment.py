@@ -70,15 +70,12 @@ def see_experiment(store: Store, spec: CampaignSpec, *, accept: bool = False) ->
     apart = factors | {key for key in fresh if key.startswith("utility of ")}
     if apart - factors:  # with code of its own
         apart |= {key for key in fresh if key.startswith("file ")}
-    apart |= {f"utility of {name}" for name in _names(before) - {one.name for one in spec.applications}}
+    wanted = {f"utility of {one.name}" for one in spec.applications}
+    apart |= {key for key in before if key.startswith("utility of ") and key not in wanted}
     changed = sorted(key for key in {*before, *now} - apart if before.get(key) != now.get(key))
     if told and changed and not accept and store.runs("scored", source="simulation"):
         raise StoreError(*(_problem(spec, key, before.get(key, ""), now.get(key, "")) for key in changed))
     store.add_event(EXPERIMENT, {EXPERIMENT: now})
-
-
-def _names(experiment: dict[str, str]) -> set[str]:
-    return {key.removeprefix("utility of ") for key in experiment if key.startswith("utility of ")}
 
 
 def _problem(spec: CampaignSpec, key: str, before: str, now: str) -> Problem:

@@ -93,27 +93,17 @@ def _scores(spec: CampaignSpec, file: ScoresFile, known: Mapping[str, Sequence[f
         values = np.array([*new, *known.get(application.name, ())])
         far = _far(values) & (not application.is_percent)  # a percentage has bounds, and near them scores crowd
         for row, is_far in zip(rows, far, strict=False):
-            alone = len(values) < _LEAST_SCORES
+            alone, found = len(values) < _LEAST_SCORES, None
             if is_sentinel(row.score) and (is_far or alone) and not application.is_percent:
-                yield (
-                    row,
-                    "score",
-                    row.score,
-                    "usually marks a missing value",
-                    "Leave the cell empty if there is none.",
-                )
+                found = "usually marks a missing value", "Leave the cell empty if there is none."
             elif application.is_percent and 0.0 < row.score <= 1.0 and float(np.median(values)) > 5.0:
-                yield (
-                    row,
-                    "score",
-                    row.score,
-                    "a fraction among percentages",
-                    f"Did you mean {100 * row.score:g} percent?",
-                )
+                found = "a fraction among percentages", f"Did you mean {100 * row.score:g} percent?"
             elif is_far:
                 others = np.delete(values, np.flatnonzero(far))
                 ends = f"{others.min():g} to {others.max():g}"
-                yield row, "score", row.score, f"far from all other scores, {ends}", _slip(row.score, others)
+                found = f"far from all other scores, {ends}", _slip(row.score, others)
+            if found is not None:
+                yield row, "score", row.score, *found
         for row in rows:
             if row.se is not None and is_sentinel(row.se):
                 yield row, "se", row.se, "usually marks a missing value", "Leave the cell empty if it is unknown."

@@ -160,7 +160,8 @@ def simulated(
     """Simulate what `write_image` writes; arguments and errors are as there."""
     spec = campaign.spec
     settings = _settings(campaign, assignments)
-    task = task_of(spec, run_id, settings, occasion=_occasion(campaign, run_id))
+    runs = (run for run in campaign.store.runs() if run.run_id == run_id)
+    task = task_of(spec, run_id, settings, next((occasion_of(run.source, run.block) for run in runs), None))
     try:
         made = task.acquisitions
         if not 1 <= number <= len(made):
@@ -195,11 +196,6 @@ def _remarks(picture: Picture, out: Path) -> list[str]:
     return remarks
 
 
-def _occasion(campaign: Campaign, run_id: int) -> int | None:
-    """Number of the occasion that a run shares; None where it has its own."""
-    return next((occasion_of(run.source, run.block) for run in campaign.store.runs() if run.run_id == run_id), None)
-
-
 def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float | str]:
     spec, region = campaign.spec, campaign.spec.region
     look = latest_look(spec, spec.applications[0], campaign.store.runs(), campaign.store.looks())["last_look"]
@@ -207,14 +203,8 @@ def _settings(campaign: Campaign, assignments: Sequence[str]) -> dict[str, float
     for assignment in assignments:
         name, sign, value = assignment.partition("=")
         if not sign or name not in region.names:
-            raise UserError(
-                Problem(
-                    "not a valid setting",
-                    f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml.",
-                    field="--set",
-                    value=assignment,
-                )
-            )
+            remedy = f"Write NAME=VALUE with one of {', '.join(region.names)}; other parameters stand in campaign.toml."
+            raise UserError(Problem("not a valid setting", remedy, field="--set", value=assignment))
         settings[name] = value
     try:
         point = region.code([settings])

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from seqrsm.campaign.form import factor_columns
+from seqrsm.campaign.export import factor_columns
 from seqrsm.campaign.guards import suspects
 from seqrsm.errors import Problem, RegionError, ScoresFileError
 from seqrsm.plain import shallow

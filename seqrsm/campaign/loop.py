@@ -1,4 +1,4 @@
-"""The closed loop: simulate, fit, decide and propose until the stop rule holds or there is no point in going on."""
+"""The closed loop: simulate, fit, decide and propose until the stop rule holds or the budget is spent."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from seqrsm.errors import OvertakenError, Problem, StoreError, UserError
 from seqrsm.simulate.runner import start_workers
 from seqrsm.store.records import CONFIRMATION, WAITING, NewRun, RunRecord
 
-Ending = Literal["stop", "budget spent", "futility"]
+Ending = Literal["stop", "budget spent"]
 WAIT_S = 1.0
 """How often runs in the hands of another process are looked at [s]."""
 
@@ -35,9 +35,7 @@ class Outcome:
     Attributes
     ----------
     held : bool
-        The stop rule holds; otherwise the budget is spent, or
-    futile : bool
-        going on was found useless and ``[stop] futility = "stop"``.
+        The stop rule holds; otherwise the budget is spent.
     analyses : tuple of Analysis
         One for each application.
     seconds : dict
@@ -56,14 +54,12 @@ class Outcome:
     seconds: dict[str, float]
     n_scored: int
     compromise: CompromiseEstimate | None = None
-    futile: bool = False
     rests: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Outcome as a JSON document."""
         return {
             "held": self.held,
-            "futile": self.futile,
             "n_scored": self.n_scored,
             "seconds": self.seconds,
             "rests_on": {name: dict(shares) for name, shares in self.rests.items()},
@@ -83,7 +79,7 @@ def run_campaign(
     on_look: Callable[[Analysis], None] = silent,
     say: Callable[[str], None] = silent,
 ) -> Outcome:
-    """Simulate, fit, decide and propose until the stop rule holds, the budget is spent, or going on is useless.
+    """Simulate, fit, decide and propose until the stop rule holds or the budget is spent.
 
     Parameters
     ----------
@@ -110,20 +106,7 @@ def run_campaign(
 
 @dataclass(frozen=True, slots=True)
 class _ClosedLoop:
-    """One call of `run_campaign`.
-
-    Attributes
-    ----------
-    campaign : Campaign
-    simulate : callable
-        Carries out what is issued, where the user wants it; returns the runs it carried out.
-    rank : callable
-        Simulates what each cover's mean does to the score at what is recommended.
-    on_look, say : callables
-        Told of every look, and of every step in words.
-    seconds : dict
-        Time spent so far by stage [s].
-    """
+    """One call of `run_campaign`; ``simulate`` and ``rank`` do so where the user wants it, ``seconds``: by stage."""
 
     campaign: Campaign
     simulate: Callable[[], Sequence[RunRecord]]
@@ -194,8 +177,6 @@ class _ClosedLoop:
             return None
         if left <= 0:
             return "budget spent"
-        if spec.stop.futility == "stop" and self._futile(analyses):
-            return "futility"
         with self._timed("propose"):
             campaign.decide(batch, budget=budget, analyses=analyses)
         return None
@@ -230,12 +211,9 @@ class _ClosedLoop:
         flights = [run.run_id for run in runs if run.state in WAITING and run.source == "flight"]
         if fitted > terms or not flights:
             return fitted <= terms
-        raise StoreError(
-            Problem(
-                f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights have no scores yet",
-                "Add their scores with `seqrsm ingest`, or cancel them with `seqrsm void`; `run` only simulates.",
-            )
-        )
+        message = f"{fitted} scores cannot determine {terms} terms, and {len(flights)} flights have no scores yet"
+        remedy = "Add their scores with `seqrsm ingest`, or cancel them with `seqrsm void`; `run` only simulates."
+        raise StoreError(Problem(message, remedy))
 
     def _refuse_less_than_a_start(self, budget: int) -> None:
         """A smaller budget for one call ends the campaign early, and nothing else; the initial design is made whole."""
@@ -265,15 +243,6 @@ class _ClosedLoop:
                 *(Problem(f"every run of the last {len(batches)} batches failed: {reason}") for reason in reasons[:5])
             )
 
-    def _futile(self, analyses: Sequence[Analysis]) -> bool:
-        """Whether this look and the one before found going on useless for every application that does not hold yet."""
-        for analysis in analyses:
-            looks = self.campaign.store.looks(analysis.application)
-            before = looks[-2].summary.get("futility") if len(looks) > 1 else None
-            if not analysis.decision.held and not (analysis.decision.futility and before):
-                return False
-        return True
-
     def _confirmed(self, analyses: tuple[Analysis, ...]) -> tuple[Analysis, ...]:
         """The analyses, with fresh runs at what they recommend where there are none yet."""
         if self.campaign.spec.simulator is None or all(a.confirmation is not None for a in analyses):
@@ -299,7 +268,7 @@ class _ClosedLoop:
                     self.rank(analyses)
             rests = {one.application: rests_on(campaign.spec, one.optimum.settings) for one in analyses}
         compromise = campaign.compromise(analyses)
-        return Outcome(held, analyses, self.seconds, n_scored, compromise, kind == "futility", rests)
+        return Outcome(held, analyses, self.seconds, n_scored, compromise, rests)
 
     def _add_confirmation(self, analyses: Sequence[Analysis]) -> None:
         """Fresh runs at the recommended settings; several applications each get their own."""

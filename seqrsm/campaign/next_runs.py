@@ -47,15 +47,10 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
     """
     least = _with_occasions(model.p + CENTRE_REPEATS - 1, spec.runs_an_occasion)
     if spec.stop.max_runs < least:
-        raise SpecError(
-            Problem(
-                f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise",
-                f"Raise max_runs to {least} or more, use fewer factors or levels, or set [model] order = 1.",
-                file=str(spec.folder / SPEC_NAME),
-                field="[stop] max_runs",
-                value=spec.stop.max_runs,
-            )
-        )
+        message = f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise"
+        remedy = f"Raise max_runs to {least} or more, use fewer factors or levels, or set [model] order = 1."
+        file = str(spec.folder / SPEC_NAME)
+        raise SpecError(Problem(message, remedy, file, field="[stop] max_runs", value=spec.stop.max_runs))
     return min(_with_occasions(model.p + EXTRA_RUNS, spec.runs_an_occasion), spec.stop.max_runs)
 
 
@@ -285,7 +280,8 @@ def next_batch(
     made: list[NewRun] = []
     for index, share in _shares(spec, n):
         chooser = _Chooser(spec, analyses[index])
-        pure = _pure_error_df(analyses[index], active)
+        repeats = sum(run.state != "scored" and run.purpose == "repeat" for run in active)
+        pure = analyses[index].fit.df_pure_error + repeats
         batch: Iterable[tuple[Proposal, str]]
         if source == "best":
             batch = (_best_source(chooser, done, pure, barred, ties) for _ in range(share))
@@ -370,11 +366,6 @@ def _shares(spec: CampaignSpec, n: int) -> list[tuple[int, int]]:
     for index in np.argsort(counts - wanted, kind="stable")[: n - int(counts.sum())]:
         counts[index] += 1
     return [(index, int(count)) for index, count in enumerate(counts) if count]
-
-
-def _pure_error_df(analysis: Analysis, active: Sequence[RunRecord]) -> int:
-    """Degrees of freedom of pure error that scored runs have and pending repeats will bring."""
-    return analysis.fit.df_pure_error + sum(run.state != "scored" and run.purpose == "repeat" for run in active)
 
 
 def rounded_settings(region: Region, points: FloatArray) -> list[dict[str, float | str]]:

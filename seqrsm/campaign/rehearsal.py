@@ -41,18 +41,6 @@ class _Truth:
     best: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Ended:
-    """How one rehearsed campaign ended."""
-
-    stopped: bool
-    runs: int
-    covers_rule: float
-    covers_new_run: float
-    covers_mean: float
-    regret: float
-
-
 def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[int, int], None]) -> dict[str, Any]:
     """Rehearse the first application's campaign from what is believed now.
 
@@ -180,8 +168,8 @@ def scored_run(number: int, batch: int, run: NewRun, score: NewScore) -> RunReco
     )
 
 
-def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> _Ended:
-    """How one campaign on one truth ends."""
+def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.random.Generator) -> dict[str, float]:
+    """How one campaign on one truth ends: whether it stops, runs, loss, and by interval the share that it covers."""
     name = spec.applications[0].name
 
     def score(points: FloatArray) -> list[NewScore]:
@@ -189,10 +177,6 @@ def _rehearsed(spec: CampaignSpec, known: Analysis, truth: _Truth, rng: np.rando
         return [NewScore(name, float(one)) for one in known.scale.to_score(values)]
 
     analysis, runs = make_campaign(spec, known.data.sources[0], score, n_draws=_DRAWS, ground=known.fitted.ground)
-    return _end(spec, analysis, truth, len(runs), rng)
-
-
-def _end(spec: CampaignSpec, analysis: Analysis, truth: _Truth, n_runs: int, rng: np.random.Generator) -> _Ended:
     best, to_score = analysis.optimum, analysis.scale.to_score
     at = best.point[None, :]
     mean, sd = truth.mean(at), truth.sd(at)
@@ -208,36 +192,34 @@ def _end(spec: CampaignSpec, analysis: Analysis, truth: _Truth, n_runs: int, rng
         "prediction_mean": _share(several, best.prediction_mean),
     }
     loss = abs(float(to_score(np.array([truth.best]))[0]) - float(true[0]))
-    return _Ended(
-        analysis.decision.held,
-        n_runs,
-        covered[spec.stop.interval],
-        covered["prediction"],
-        covered["confidence"],
-        loss,
-    )
+    return {
+        **covered,
+        "rule": covered[spec.stop.interval],
+        "held": analysis.decision.held,
+        "runs": len(runs),
+        "loss": loss,
+    }
 
 
 def _share(values: FloatArray, interval: Interval) -> float:
     return float(np.mean((values >= interval.low) & (values <= interval.high)))
 
 
-def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequence[_Ended]) -> dict[str, Any]:
-    runs = np.array([one.runs for one in ended])
+def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequence[dict[str, float]]) -> dict[str, Any]:
+    found = {name: np.array([one[name] for one in ended]) for name in ended[0]}
     cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
-    low, middle, high = (int(x) for x in np.quantile(runs, [0.1, 0.5, 0.9]))
-    regret = np.array([one.regret for one in ended])
+    low, middle, high = (int(x) for x in np.quantile(found["runs"], [0.1, 0.5, 0.9]))
     numbers = {
-        "stopped": float(np.mean([one.stopped for one in ended])),
+        "stopped": float(np.mean(found["held"])),
         "runs_p10": low,
         "runs_median": middle,
         "runs_p90": high,
-        "cost_median": float(np.median(runs * cost)),
-        "coverage_rule": float(np.mean([one.covers_rule for one in ended])),
-        "coverage_new_run": float(np.mean([one.covers_new_run for one in ended])),
-        "coverage_mean": float(np.mean([one.covers_mean for one in ended])),
-        "regret_median": float(np.median(regret)),
-        "regret_p95": float(np.quantile(regret, 0.95)),
+        "cost_median": float(np.median(found["runs"] * cost)),
+        "coverage_rule": float(np.mean(found["rule"])),
+        "coverage_new_run": float(np.mean(found["prediction"])),
+        "coverage_mean": float(np.mean(found["confidence"])),
+        "regret_median": float(np.median(found["loss"])),
+        "regret_p95": float(np.quantile(found["loss"], 0.95)),
     }
 
     def share(name: str) -> str:

@@ -7,20 +7,25 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
 from seqrsm.analysis.runs import STREAM_0
-from seqrsm.arrays import FloatArray
-from seqrsm.campaign.acquisitions import Acquisition, acquisitions_of
-from seqrsm.campaign.engines import ENGINES, Image, check_utility, loaded, modified_ns, score_by
+from seqrsm.campaign.engines import (
+    ENGINES,
+    Image,
+    Sensor,
+    Settings,
+    check_utility,
+    loaded,
+    score_by,
+)
 from seqrsm.design.factors import setting_text
-from seqrsm.errors import Problem, SpecError, UserError
+from seqrsm.errors import ConfigurationError, Problem, SpecError, UserError
 from seqrsm.own_code import file_of, located
+from seqrsm.scattering.sigma0 import DEFAULT_SEASON
 from seqrsm.scattering.worlds import OneAway, World
 from seqrsm.scene.coarse import cells_in_one, coarse_scene
 from seqrsm.scene.file import load_scene
@@ -28,13 +33,90 @@ from seqrsm.scene.scene import Scene
 from seqrsm.score.classification import ENDS, UtilityScore
 from seqrsm.score.known_map import load_known_map
 from seqrsm.score.utilities import utility_of
+from seqrsm.sensor.radar import RadarConfiguration
+from seqrsm.sensor.sets import Member, members_of
 from seqrsm.simulate.cluster import local_file
+from seqrsm.simulate.visits import Visit
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, fixed_problem
 from seqrsm.store.records import NewScore
 
 _BUNDLE = 2**30  # ids beyond any run's
 NO_RUN = 0
 """Run id of pictures that belong to no run; scored runs count from 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acquisition:
+    """One image of a run.
+
+    Attributes
+    ----------
+    member : str
+        Name of the sensor in its set, "" where it is alone.
+    engine : str
+    sensor : RadarConfiguration or RadiometerConfiguration
+    visit : Visit
+        Its date.
+    """
+
+    member: str
+    engine: str
+    sensor: Sensor
+    visit: Visit
+
+    @property
+    def label(self) -> str:
+        """Member and day in words, "" where there is but one image."""
+        day = "" if self.visit.day is None else f"day {self.visit.day:g}"
+        return ", ".join(part for part in (self.member, day) if part)
+
+    def record(self) -> dict[str, Any]:
+        """What is kept with a score."""
+        return {"member": self.member, "engine": self.engine, "day": self.visit.day}
+
+
+def acquisitions_of(
+    engine: str, settings: Settings, fixed: Settings, members: Mapping[str, Settings]
+) -> tuple[Acquisition, ...]:
+    """All images of a run, sensor by sensor and date by date; parameters as of `seqrsm.sensor.sets.members_of`.
+
+    Raises
+    ------
+    ConfigurationError
+        Parameters that contradict each other or physics, of any member; dates of some members only; a season besides
+        the dates.
+    """
+    found = members_of(engine, settings, fixed, members)
+    dated = [bool(member.dates.on) for member in found]
+    if any(dated) and not all(dated):
+        name = found[dated.index(False)].name
+        text = f"the sensor {name} of the set has no date, others have"
+        raise ConfigurationError(Problem(text, "Give first_day to all of them, or to none", field="first_day"))
+    days = tuple(sorted({day for member in found for day in member.dates.on}))
+    return tuple(one for number, member in enumerate(found) for one in _of_member(number, member, days))
+
+
+def _of_member(number: int, member: Member, days: tuple[float, ...]) -> list[Acquisition]:
+    try:
+        sensor = ENGINES[member.engine].configure(member.settings, member.fixed)
+    except ConfigurationError as error:
+        if not member.name:
+            raise
+        told = (replace(p, message=f"sensor {member.name} of the set: {p.message}") for p in error.problems)
+        raise ConfigurationError(*told) from error
+    if not days:
+        return [Acquisition(member.name, member.engine, sensor, Visit(member=number))]
+    if isinstance(sensor, RadarConfiguration):
+        if sensor.season != DEFAULT_SEASON or sensor.snow != "none":
+            text = "the season follows from the dates"
+            remedy = "Leave season and snow out, or first_day"
+            raise ConfigurationError(Problem(text, remedy, field="season", value=sensor.season))
+        on = dict.fromkeys(member.dates.on, sensor)
+    else:
+        on = {day: replace(sensor, day_of_year=day) for day in member.dates.on}
+    return [
+        Acquisition(member.name, member.engine, own, Visit(days, days.index(day), number)) for day, own in on.items()
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,15 +264,10 @@ def one_away_tasks(
     return [replace(task_of(spec, i, settings, cells=cells), world=world) for world in worlds for i in ids]
 
 
-@lru_cache(maxsize=4)
-def _scene(path: str, modified_ns: int) -> Scene:
-    del modified_ns  # part of the key: a rebuilt scene is read again
-    return load_scene(Path(path))
-
-
 def scene_at(path: str) -> Scene:
     """The data base at ``path``, read once per process."""
-    return _scene(path, modified_ns(path))
+    found: Scene = loaded(load_scene, path)
+    return found
 
 
 def simulate_images(task: SimulationTask, scene: Scene, threads: int = 1) -> list[Image]:
@@ -344,7 +421,7 @@ def _check_sensors(spec: CampaignSpec) -> tuple[str, ...]:
         The settings that cannot be flown, with the numbers.
     """
     scene = scene_at(str(spec.scene_path))
-    points = _corners(spec)
+    points = spec.region.candidates(n_continuous_levels=3, limit=3000)[:3000]
     found: dict[str, tuple[Problem, list[str]]] = {}
     met: dict[str, list[str]] = {}
     for settings in spec.region.decode(points):
@@ -385,8 +462,3 @@ def _sensor_problem(spec: CampaignSpec, problem: Problem, where: Sequence[str], 
         return fixed_problem(spec, problem)
     text = f"{str(problem).rstrip('.')}. This happens at {where[0]}"
     return Problem(text, "Narrow the factor's range, or add a [[constraint]].", file=str(spec.folder / SPEC_NAME))
-
-
-def _corners(spec: CampaignSpec) -> FloatArray:
-    corners = spec.region.candidates(n_continuous_levels=3, limit=3000)
-    return corners[:3000]

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from seqrsm import __version__
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
 from seqrsm.analysis.runs import sharing
-from seqrsm.errors import FitError, SeqrsmError, UserError
-from seqrsm.files import put_json
+from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
+from seqrsm.remember import remembered
 from seqrsm.spec.read import SPEC_NAME, CampaignSpec, load_spec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import CONFIRMATION, EventRecord, LookRecord, RunRecord
+from seqrsm.store.records import CONFIRMATION, LookRecord, RunRecord
 from seqrsm.store.store import Store
 
 
@@ -44,7 +42,10 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         store.verify()
         runs, looks = store.runs(), store.looks()
         events = store.events() if history else ()
-        applications = _remembered_looks(spec, runs, looks, store.last_event(), store.events(kind=MEASURED))
+        bundles = store.events(kind=MEASURED)
+    applications = [
+        latest_look(spec, one, runs, looks, measured_ground(bundles, one.name)) for one in spec.applications
+    ]
     last = {one["name"]: one["last_look"] for one in applications}
     result: dict[str, Any] = {
         "campaign": spec.name,
@@ -111,38 +112,6 @@ def overview(folders: Sequence[Path], on_campaign: Callable[[int, int], None]) -
     return found
 
 
-def _remembered_looks(
-    spec: CampaignSpec,
-    runs: Sequence[RunRecord],
-    looks: Sequence[LookRecord],
-    last_event: int,
-    bundles: Sequence[EventRecord],
-) -> list[dict[str, Any]]:
-    """Latest look of every application; one that is taken here is kept in ``fits/status.json`` until anything changes.
-
-    Every change of the store is an event, so specification, program and last event tell whether it is still so.
-    """
-    place = spec.folder / "fits" / "status.json"
-    key = [
-        __version__,
-        spec.spec_hash,
-        last_event,
-        looks[-1].looked_at if looks else "",
-        runs[-1].proposed_at if runs else "",
-    ]
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        kept = json.loads(place.read_text(encoding="utf-8"))
-        if kept["key"] == key:
-            return list(kept["applications"])
-    found = [
-        latest_look(spec, application, runs, looks, measured_ground(bundles, application.name))
-        for application in spec.applications
-    ]
-    with suppress(UserError):  # a folder that may not be written: take the look again next time
-        put_json(place, {"key": key, "applications": found})
-    return found
-
-
 def latest_look(
     spec: CampaignSpec,
     application: ApplicationSpec,
@@ -150,7 +119,7 @@ def latest_look(
     looks: Sequence[LookRecord],
     ground: Ground | None = None,
 ) -> dict[str, Any]:
-    """The last look of an application, or a fresh one where there are newer scores.
+    """The last look of an application, or a fresh one where there are newer scores, which is remembered.
 
     Returns
     -------
@@ -169,8 +138,10 @@ def latest_look(
     newest = max((score.scored_at for run in scored if (score := run.score_of(application.name))), default="")
     # Rankings change scores without adding any.
     if scored and (not mine or mine[-1].after_run != len(scored) or mine[-1].looked_at < newest):
+        look = partial(analyse, spec, application, runs, ground=ground, n_draws=200)
+        made_of = (spec.spec_hash, application.name, runs, ground)
         try:
-            found["last_look"] = plain(look_summary(analyse(spec, application, runs, ground=ground, n_draws=200)))
+            found["last_look"] = remembered(lambda: plain(look_summary(look())), made_of)
         except FitError as error:
             found["reason"] = f"{len(scored)} scored runs: {error}"
     return found

@@ -27,6 +27,7 @@ from seqrsm.cli.console import (
     line,
     print_json,
     say,
+    show_table,
     stop_on_signals,
 )
 from seqrsm.cli.scene import scene_app
@@ -151,9 +152,7 @@ def init(
     from seqrsm.spec.templates import copy_template, templates
 
     if list_templates:
-        from seqrsm.cli.show import show_templates
-
-        show_templates(templates())
+        show_table(["template", "question"], list(templates().items()), sides=("left",))
         return
     if more and len(application or ()) != 1:
         raise UserError(
@@ -259,7 +258,7 @@ def run(
             batch=batch,
             workers=workers,
             cluster=cluster,
-            on_progress=shown.simulated,
+            on_progress=partial(shown.count, "simulating"),
             on_look=on_look,
             say=on_step,
         )
@@ -312,7 +311,8 @@ def simulate(
 
     campaign = _opened(folder, accept=accept)
     with display("simulating") as shown:
-        runs = campaign.carry_out(workers=workers, cluster=cluster, on_progress=shown.simulated)
+        told = partial(shown.count, "simulating")
+        runs = campaign.carry_out(workers=workers, cluster=cluster, on_progress=told)
     print_json([run_row(run) for run in runs]) if as_json else show_runs(campaign.spec, runs)
 
 
@@ -555,7 +555,7 @@ def plan_page(
     """
     from seqrsm.campaign.check import plan_campaign
     from seqrsm.files import put
-    from seqrsm.report.plan import render_plan
+    from seqrsm.report.html import render_plan
 
     campaign = _opened(folder).opened
     with display("planning", inner=False) as shown:

@@ -372,10 +372,6 @@ class Display:
         if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=total)
 
-    def simulated(self, done: int, total: int) -> None:
-        """Runs simulated of those waiting."""
-        self.count("simulating", done, total)
-
 
 @contextmanager
 def display(label: str, *, inner: bool = True) -> Iterator[Display]:

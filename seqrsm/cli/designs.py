@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
 from seqrsm.arrays import FloatArray
-from seqrsm.campaign.form import factor_columns
+from seqrsm.campaign.export import factor_columns
 from seqrsm.design import classical
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.evaluate import DesignReport, evaluate_design
@@ -27,47 +26,6 @@ from seqrsm.rng import generator
 from seqrsm.score.cells import read_settings
 
 _MAX_FACTORS = 8
-
-
-@dataclass(frozen=True, slots=True)
-class DesignRequest:
-    """What is wanted.
-
-    Attributes
-    ----------
-    factors : int or None
-        Number of coded continuous factors x1, x2 ...; None where they are declared.
-    declared : tuple of str
-        ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log``, or ``NAME=LEVEL,LEVEL,...``: numbers are discrete levels, words are
-        categories.
-    constraints : tuple of str
-    runs : int or None
-        Runs to choose; None for classical designs that have their own number.
-    kind : str
-        "optimal", or a classical one by its name.
-    criterion : str
-    order : int
-        1 or 2.
-    centre : int
-        Runs at the centre.
-    prior_runs : Path or None
-        CSV of runs already made, a column for each factor.
-    seed : int
-    random_order : bool
-        Rows in random order; else as the design is made.
-    """
-
-    factors: int | None = None
-    declared: tuple[str, ...] = ()
-    constraints: tuple[str, ...] = ()
-    runs: int | None = None
-    kind: str = "optimal"
-    criterion: str = "D"
-    order: int = 2
-    centre: int | None = None
-    prior_runs: Path | None = None
-    seed: int = 1979
-    random_order: bool = False
 
 
 def _wrong(message: str, remedy: str, field: str, value: object = None) -> UserError:
@@ -105,27 +63,19 @@ def parse_factor(text: str) -> Factor:
         return CategoricalFactor(name, tuple(levels))
 
 
-def _criterion(text: str) -> Criterion:
-    for criterion in get_args(Criterion):
-        if text.upper() == criterion:
-            found: Criterion = criterion
-            return found
-    raise _wrong("unknown criterion", f"Use one of {', '.join(get_args(Criterion))}.", "--criterion", text)
-
-
-def _factors(request: DesignRequest) -> tuple[Factor, ...]:
-    if request.declared and request.factors is not None:
+def _factors(number: int | None, declared: Sequence[str]) -> tuple[Factor, ...]:
+    if declared and number is not None:
         raise _wrong(
             "both a number of factors and factors are given", "Give --factors or --factor, not both.", "--factors"
         )
-    if request.declared:
-        found = tuple(parse_factor(text) for text in request.declared)
+    if declared:
+        found = tuple(parse_factor(text) for text in declared)
         if len(found) > _MAX_FACTORS:
             raise _wrong("too many factors", f"Use {_MAX_FACTORS} at most.", "--factor", len(found))
         return found
-    if request.factors is None:
+    if number is None:
         raise _wrong("no factors", "Give their number (--factors) or each of them (--factor).", "--factors")
-    return tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(request.factors))
+    return tuple(ContinuousFactor(f"x{i + 1}", -1.0, 1.0) for i in range(number))
 
 
 def read_prior_runs(path: Path, region: Region) -> FloatArray:
@@ -147,13 +97,12 @@ def read_prior_runs(path: Path, region: Region) -> FloatArray:
     return region.code([settings for _, settings in rows])
 
 
-def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | None) -> FloatArray:
+def _classical(kind: str, factors: tuple[Factor, ...], runs: int | None, centre: int | None) -> FloatArray:
     """Coded points of a classical design; levels of discrete factors are the nearest ones."""
-    k, kind = len(factors), request.kind
+    k = len(factors)
     if any(isinstance(factor, CategoricalFactor) for factor in factors):
         remedy = "Use an optimal design."
         raise _wrong("classical designs are for numeric factors", remedy, "--design", kind)
-    centre = request.centre
     made: dict[str, Callable[[], FloatArray]] = {
         "factorial": lambda: np.vstack([classical.full_factorial([2] * k), np.zeros((centre or 0, k))]),
         "factorial3": lambda: np.vstack([classical.full_factorial([3] * k), np.zeros((centre or 0, k))]),
@@ -174,33 +123,69 @@ def _classical(request: DesignRequest, factors: tuple[Factor, ...], runs: int | 
 
 
 def _optimal(
-    request: DesignRequest, model: QuadraticModel, region: Region, prior: FloatArray
+    model: QuadraticModel,
+    region: Region,
+    prior: FloatArray,
+    runs: int | None,
+    centre: int,
+    criterion: str,
+    seed: int,
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Points, and what the search tells."""
-    if request.runs is None:
+    if runs is None:
         raise _wrong("the number of runs is missing", f"Give --runs, {model.p} or more.", "--runs")
-    if (request.centre or 0) >= request.runs:
+    if centre >= runs:
         remedy = "Give fewer, or more --runs, which include those at the centre."
-        raise _wrong("no runs remain besides those at the centre", remedy, "--centre", request.centre)
-    repeats = np.tile(region.centre(), (request.centre or 0, 1))
-    design = optimal_design(
-        model,
-        region,
-        request.runs - len(repeats),
-        _criterion(request.criterion),
-        seed=request.seed,
-        fixed=np.vstack([prior, repeats]),
-    )
+        raise _wrong("no runs remain besides those at the centre", remedy, "--centre", centre)
+    repeats = np.tile(region.centre(), (centre, 1))
+    fixed = np.vstack([prior, repeats])
+    known: dict[str, Criterion] = {name: name for name in get_args(Criterion)}
+    if criterion.upper() not in known:
+        raise _wrong("unknown criterion", f"Use one of {', '.join(known)}.", "--criterion", criterion)
+    design = optimal_design(model, region, runs - centre, known[criterion.upper()], seed=seed, fixed=fixed)
     told = {"searches": design.starts, "searches_that_ended_here": design.hits, "seed": design.seed}
     return np.vstack([repeats, design.points]), told
 
 
-def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[str, Any]:
+def standalone_design(
+    factors: int | None = None,
+    declared: Sequence[str] = (),
+    constraints: Sequence[str] = (),
+    *,
+    runs: int | None = None,
+    kind: str = "optimal",
+    criterion: str = "D",
+    order: int = 2,
+    centre: int | None = None,
+    prior_runs: Path | None = None,
+    seed: int = 1979,
+    random_order: bool = False,
+    out: Path | None = None,
+) -> dict[str, Any]:
     """Make a design and tell how good it is.
 
     Parameters
     ----------
-    request : DesignRequest
+    factors : int or None
+        Number of coded continuous factors x1, x2 ...; None where they are declared.
+    declared : sequence of str
+        ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log``, or ``NAME=LEVEL,LEVEL,...``: numbers are discrete levels, words are
+        categories.
+    constraints : sequence of str
+    runs : int or None
+        Runs to choose; None for classical designs that have their own number.
+    kind : str
+        "optimal", or a classical one by its name.
+    criterion : str
+    order : int
+        1 or 2.
+    centre : int
+        Runs at the centre.
+    prior_runs : Path or None
+        CSV of runs already made, a column for each factor.
+    seed : int
+    random_order : bool
+        Rows in random order; else as the design is made.
     out : Path, optional
         CSV of the new runs, natural settings.
 
@@ -216,33 +201,43 @@ def standalone_design(request: DesignRequest, out: Path | None = None) -> dict[s
     UserError
         Options that do not go together; a file that cannot be read or written.
     """
-    if request.order not in (1, 2):
-        raise _wrong("unknown order of the model", "Use 1 or 2.", "--order", request.order)
-    factors = _factors(request)
-    region = Region(factors, tuple(Constraint(text) for text in request.constraints))
-    model = QuadraticModel(factors, 1 if request.order == 1 else 2)
-    prior = read_prior_runs(request.prior_runs, region) if request.prior_runs else np.empty((0, region.k))
-    told: dict[str, Any] = {"seed": request.seed}
-    if request.kind == "optimal":
-        points, told = _optimal(request, model, region, prior)
+    if order not in (1, 2):
+        raise _wrong("unknown order of the model", "Use 1 or 2.", "--order", order)
+    made = _factors(factors, declared)
+    region = Region(made, tuple(Constraint(text) for text in constraints))
+    model = QuadraticModel(made, order)
+    prior = read_prior_runs(prior_runs, region) if prior_runs else np.empty((0, region.k))
+    told: dict[str, Any] = {"seed": seed}
+    if kind == "optimal":
+        points, told = _optimal(model, region, prior, runs, centre or 0, criterion, seed)
     else:
-        points = _classical(request, factors, request.runs)
-        out_of_region = np.flatnonzero(~region.feasible(points)) if request.constraints else np.empty(0)
+        points = _classical(kind, made, runs, centre)
+        out_of_region = np.flatnonzero(~region.feasible(points)) if constraints else np.empty(0)
         if len(out_of_region):
-            raise DesignError(
-                Problem(
-                    f"{len(out_of_region)} of {len(points)} runs of this design violate a constraint",
-                    "Use an optimal design, which stays within the region.",
-                    field="--design",
-                    value=request.kind,
-                )
-            )
-    if request.random_order:
-        points = points[generator(request.seed, 0, "order of runs").permutation(len(points))]
+            message = f"{len(out_of_region)} of {len(points)} runs of this design violate a constraint"
+            remedy = "Use an optimal design, which stays within the region."
+            raise DesignError(Problem(message, remedy, field="--design", value=kind))
+    if random_order:
+        points = points[generator(seed, 0, "order of runs").permutation(len(points))]
     if out is not None:
         _write(out, region, points)
     report = evaluate_design(model, region, np.vstack([prior, points]))
-    return _document(request, model, region, points, prior, report, told)
+    return {
+        "factors": region.k,
+        "names": list(region.names),
+        "runs": len(points),
+        "prior_runs": len(prior),
+        "terms": model.p,
+        "design": kind,
+        "criterion": criterion.upper() if kind == "optimal" else None,
+        "run_order": "random" if random_order else "standard",
+        "points": points.tolist(),
+        "settings": region.decode(points),
+        **plain({name: getattr(report, name) for name in _QUALITY}),
+        "aliases": list(report.aliases),
+        "warnings": _warnings(region, points, report),
+        **told,
+    }
 
 
 _QUALITY = (
@@ -252,15 +247,7 @@ _QUALITY = (
 """Of `DesignReport`."""
 
 
-def _document(
-    request: DesignRequest,
-    model: QuadraticModel,
-    region: Region,
-    points: FloatArray,
-    prior: FloatArray,
-    report: DesignReport,
-    told: dict[str, Any],
-) -> dict[str, Any]:
+def _warnings(region: Region, points: FloatArray, report: DesignReport) -> list[str]:
     warnings = [f"cannot be estimated: {alias}" for alias in report.aliases]
     outside = int(np.count_nonzero(np.any(np.abs(points[:, list(region.numeric)]) > 1.0 + 1e-9, axis=1)))
     if outside:
@@ -271,22 +258,7 @@ def _document(
         warnings.append("as many runs as terms: the scatter cannot be estimated")
     elif not report.df_pure_error:
         warnings.append("no settings are repeated, so lack of fit cannot be tested")
-    return {
-        "factors": region.k,
-        "names": list(region.names),
-        "runs": len(points),
-        "prior_runs": len(prior),
-        "terms": model.p,
-        "design": request.kind,
-        "criterion": request.criterion.upper() if request.kind == "optimal" else None,
-        "run_order": "random" if request.random_order else "standard",
-        "points": points.tolist(),
-        "settings": region.decode(points),
-        **plain({name: getattr(report, name) for name in _QUALITY}),
-        "aliases": list(report.aliases),
-        "warnings": warnings,
-        **told,
-    }
+    return warnings
 
 
 def _write(out: Path, region: Region, points: FloatArray) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -197,7 +197,7 @@ class Campaign:
         """The form for some runs, by default for all that await a measurement."""
         import pandas as pd
 
-        from seqrsm.campaign.form import form_rows
+        from seqrsm.campaign.export import form_rows
 
         wanted = self.opened.store.runs("issued", source="flight") if runs is None else runs
         header, rows = form_rows(self.spec, wanted)
@@ -365,11 +365,11 @@ class Campaign:
         return write_report(assemble(self.opened, step), **files, step=step)
 
 
+@dataclass(repr=False, eq=False)
 class Ingested(Shown):
     """The outcome for each table of scores: ``reports``."""
 
-    def __init__(self, reports: Sequence[IngestReport]) -> None:
-        self.reports = tuple(reports)
+    reports: tuple[IngestReport, ...]
 
     def show(self) -> None:
         """Print it as ``seqrsm ingest`` does."""
@@ -383,12 +383,12 @@ class Ingested(Shown):
         return [asdict(report) for report in self.reports]
 
 
+@dataclass(repr=False, eq=False)
 class Status(Shown):
     """Where a campaign stands; ``result`` as of ``seqrsm status --json``."""
 
-    def __init__(self, spec: CampaignSpec, result: Mapping[str, Any]) -> None:
-        self.spec = spec
-        self.result = result
+    spec: CampaignSpec
+    result: Mapping[str, Any]
 
     def show(self) -> None:
         """Print it as ``seqrsm status`` does."""
@@ -430,11 +430,14 @@ class Candidates(Sections):
         return pd.DataFrame(rows)
 
 
+@dataclass(repr=False, eq=False)
 class Fit(Sections):
     """The fitted model and what follows from it.
 
     Attributes
     ----------
+    campaign : Campaign
+        As opened.
     analyses : tuple of Analysis
         One for each application, with every number.
     tests : sequence of sequence of TermTest
@@ -443,30 +446,23 @@ class Fit(Sections):
         Over several applications and considerations.
     """
 
-    def __init__(
-        self,
-        campaign: Opened,
-        analyses: Sequence[Analysis],
-        tests: Sequence[Sequence[TermTest]],
-        compromise: CompromiseEstimate | None,
-    ) -> None:
-        self._campaign = campaign
-        self.analyses = tuple(analyses)
-        self.tests = tests
-        self.compromise = compromise
+    campaign: Opened
+    analyses: tuple[Analysis, ...]
+    tests: Sequence[Sequence[TermTest]]
+    compromise: CompromiseEstimate | None
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:  # type: ignore[override]
         """The summary: recommendation, intervals and decision."""
         from seqrsm.report.sections.summary import summary_section
 
-        return (summary_section(self._campaign.spec, self.analyses, self.compromise, self._campaign.store.runs()),)
+        return (summary_section(self.campaign.spec, self.analyses, self.compromise, self.campaign.store.runs()),)
 
     def show_all(self) -> None:
         """Print everything that ``seqrsm fit`` prints, the summary last."""
         from seqrsm.cli.show_fit import show_fit
 
-        show_fit(self._campaign, self.analyses, self.tests, self.compromise)
+        show_fit(self.campaign, self.analyses, self.tests, self.compromise)
 
     def to_json(self) -> dict[str, Any]:
         """As ``seqrsm fit --json``."""
@@ -500,14 +496,14 @@ class Fit(Sections):
         """The fitted surface: contours over the most important factors, and slices through the optimum."""
         from seqrsm.report.sections.optimum import surface_section
 
-        return Plot([surface_section(analysis, f"plot-{i}") for i, analysis in enumerate(self.analyses)])
+        return Plot(tuple(surface_section(analysis, f"plot-{i}") for i, analysis in enumerate(self.analyses)))
 
 
+@dataclass(repr=False, eq=False)
 class Plot(Sections):
     """Figures for a notebook; `Campaign.report` writes all of a campaign's figures to files."""
 
-    def __init__(self, sections: Sequence[Section]) -> None:
-        self.sections = tuple(sections)
+    sections: tuple[Section, ...]
 
     def show(self) -> None:
         """Print the caption of each figure, since a terminal shows no pictures."""

@@ -46,11 +46,6 @@ def known_text(value: float | None) -> str:
     return "-" if value is None else format_significant(value, 3)
 
 
-def show_templates(found: Mapping[str, str]) -> None:
-    """Templates of `seqrsm init`."""
-    show_table(["template", "question"], [[name, text] for name, text in found.items()], sides=("left",))
-
-
 def run_row(run: RunRecord) -> dict[str, Any]:
     """A run as JSON."""
     return {

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.analysis.ground import RANKED
 from seqrsm.cli.blocks import show_blocks, show_sections
 from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
+from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import setting_with_unit
+from seqrsm.report.content import application_sections, method_sections
 from seqrsm.report.rounding import format_significant
-from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
-from seqrsm.report.wording import ground_name, interval_names, parts_of_width, watched_interval
+from seqrsm.report.wording import ground_name, parts_of_width, watched_interval
 
 if TYPE_CHECKING:
     from seqrsm.analysis.compromise import CompromiseEstimate
@@ -65,7 +66,7 @@ def show_outcome(campaign: Campaign, outcome: Outcome) -> None:
     show_sections([section for section in measure if section is not None])
     line()
     if not outcome.held:
-        line("Stopped for futility." if outcome.futile else "The budget was spent before the stop rule was met.")
+        line("The budget was spent before the stop rule was met.")
     split = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in outcome.seconds.items())
     line(f"{outcome.n_scored} runs scored in total; time: {split}")
 
@@ -95,7 +96,8 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
         ],
     ]
     if result["simulated_by"]:
-        rows.append(["simulated on", _simulated_by(result["simulated_by"])])
+        scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
+        rows.append(["simulated on", ", ".join(scenes)])
     if (shared := result["common_random_numbers"])["runs"]:
         text = f"shared by {shared['runs']} runs in {shared['occasions']} occasions (blocks of the fit)"
         rows.append(["random numbers", text])
@@ -109,17 +111,9 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     for event in result.get("history", ()):
         run_id = "" if event["run_id"] is None else f" run {event['run_id']}"
         stamp = f"{str(event['at'])[:19].replace('T', ' ')} {event['version']} seed {event['seed']}"
-        detail = ", ".join(f"{name} {value}" for name, value in _told(event["detail"] or {}))
+        told = (event["detail"] or {}).items()
+        detail = ", ".join(f"{name} {value}" for name, value in told if not name.endswith("_digest"))
         line(f"{stamp}  {event['kind']}{run_id}" + (f": {detail}" if detail else ""))
-
-
-def _told(detail: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    return ((name, value) for name, value in detail.items() if not name.endswith("_digest"))
-
-
-def _simulated_by(found: Sequence[Mapping[str, Any]]) -> str:
-    """Runs on each scene resolution."""
-    return ", ".join(f"{one['runs']} on {ground_name(one['averaged'])}" for one in found)
 
 
 def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application: Mapping[str, Any]) -> None:

@@ -28,11 +28,14 @@ _RUNS_PER_TERM = 3.0  # of the guard "runs"
 _MIN_DF_PURE_ERROR = 4
 _MOST_FLIGHTS = 1000
 
-_INTERVAL_NAMES = {
-    "prediction": "prediction interval of one future run",
-    "prediction_mean": "prediction interval of the mean of {m} future runs",
-    "confidence": "confidence interval of the mean",
-}
+
+def interval_names(replicates: int) -> dict[str, str]:
+    """Return the three intervals at the optimum, in words."""
+    return {
+        "prediction": "prediction interval of one future run",
+        "prediction_mean": f"prediction interval of the mean of {replicates} future runs",
+        "confidence": "confidence interval of the mean",
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,7 @@ class StopRule:
     @property
     def interval_name(self) -> str:
         """The interval in words."""
-        return _INTERVAL_NAMES[self.interval].format(m=self.replicates)
+        return interval_names(self.replicates)[self.interval]
 
     def replicates_of(self, interval: IntervalKind | None = None) -> float:
         """Independent runs whose mean scatters as what an interval foretells; inf for a mean without scatter.

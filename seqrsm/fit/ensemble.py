@@ -300,11 +300,7 @@ def _run(target: Target, effort: Effort, seed: int) -> Sampled:
         if chain.steps >= effort.max_steps or time.monotonic() > deadline:
             raise ConvergenceError(
                 f"the sampler made {chain.steps} steps: autocorrelation time {tau:.3g} steps (the rule asks for more "
-                f"than {_TAUS:.0f} of them), {ess:.0f} of {effort.min_ess:.0f} effective draws, R-hat {r_hat:.4f}",
-                steps=chain.steps,
-                tau=tau,
-                r_hat=r_hat,
-                ess=ess,
+                f"than {_TAUS:.0f} of them), {ess:.0f} of {effort.min_ess:.0f} effective draws, R-hat {r_hat:.4f}"
             )
         # Straight to the length that the present estimate of tau asks for, with a margin, but no leaps of faith.
         wanted = int(1.1 * (_TAUS + _BURN_TAUS) * tau) - chain.steps if np.isfinite(tau) else block

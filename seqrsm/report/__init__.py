@@ -1,10 +1,67 @@
 """The report of a campaign: one dossier, two faces (HTML and PDF) with the same numbers.
 
-``content`` turns the dossier into blocks, ``html`` and ``pdf`` render them, ``write`` puts them into files.
+``content`` turns the dossier into blocks, ``html`` and ``pdf`` render them, `write_report` puts them into files.
 """
 
 from __future__ import annotations
 
-from seqrsm.report.write import write_report
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["write_report"]
+from seqrsm.files import put
+from seqrsm.progress import tell
+
+if TYPE_CHECKING:
+    from seqrsm.campaign.dossier import Dossier
+
+
+def write_report(
+    dossier: Dossier,
+    html: Path | None = None,
+    pdf: Path | None = None,
+    figures: Path | None = None,
+    step: Callable[[str], None] = lambda text: None,
+) -> tuple[Path, ...]:
+    """Write the report of a campaign.
+
+    Parameters
+    ----------
+    dossier : Dossier
+        The campaign as it stands.
+    html, pdf : Path, optional
+        Files to be written; their folders are made. A face whose path is None is not rendered.
+    figures : Path, optional
+        Folder for every picture as SVG, PDF, PNG and CSV.
+    step : callable
+        Told what is being done.
+
+    Returns
+    -------
+    tuple of Path
+        The files written, each put in place at once: a reader never sees half a file.
+    """
+    from seqrsm.report.content import build_report
+    from seqrsm.report.figures.files import named_panels, write_figures
+
+    step("drawing")
+    report = build_report(dossier)
+    panels = [panel for *_, panel in named_panels(report)]
+    for count, panel in enumerate(panels):
+        tell("drawing", count, len(panels))
+        assert panel.svg or panel.png, panel.name  # drawn here, where progress can be told, and kept
+    written = []
+    if html is not None:
+        from seqrsm.report.html import render_html
+
+        step("writing HTML")
+        written.append(put(html, render_html(report).encode("utf-8"), make_folder=True))
+    if pdf is not None:
+        from seqrsm.report.pdf import render_pdf
+
+        step("typesetting PDF")
+        written.append(put(pdf, render_pdf(report), make_folder=True))
+    if figures is not None:
+        step("writing figures")
+        written += write_figures(report, figures)
+    return tuple(written)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import seqrsm
+from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.report.blocks import Report, Section
-from seqrsm.report.numbering import numbered
+from seqrsm.report.blocks import Block, Details, FigureBlock, Paragraph, Report, Section, Table
 from seqrsm.report.profile import profile_text
-from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.data import question_section, run_section
+from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.literature import literature_section, printed_section
 from seqrsm.report.sections.measure import measure_section
+from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
+from seqrsm.report.sections.optimum import optimum_section, shape_section
 from seqrsm.report.sections.sources import (
     assumption_section,
     calendar_section,
@@ -23,7 +27,11 @@ from seqrsm.report.sections.sources import (
     provenance_section,
 )
 from seqrsm.report.sections.speed import speed_section
+from seqrsm.report.sections.study import paths_section
 from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
+from seqrsm.report.wording import listing
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.store.records import LookRecord
 
 
 def build_report(dossier: Dossier) -> Report:
@@ -77,26 +85,55 @@ def build_report(dossier: Dossier) -> Report:
         provenance_section(dossier),
         run_section(dossier) if runs else None,
     )
-    appendix = Section("appendix", "Appendix: methods and all runs", (), _there(methods))
+    shown = [*_there(sections), Section("appendix", "Appendix: methods and all runs", (), _there(methods))]
+    if alone:
+        shown[1] = replace(shown[1], new_page=True)  # the summary of one application fills a page
     return Report(
         title=f"Campaign {spec.name}",
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
         state=_state_text(dossier),
         version=seqrsm.__version__,
-        sections=numbered((*(_on_new_page(_there(sections)) if alone else _there(sections)), appendix)),
+        sections=numbered(tuple(shown)),
         profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
 
 
+def application_sections(
+    spec: CampaignSpec, looks: Sequence[LookRecord], analysis: Analysis, key: str
+) -> tuple[Section, ...]:
+    """Return the findings on one application.
+
+    Parameters
+    ----------
+    spec : CampaignSpec
+    looks : sequence of LookRecord
+        Of any application of the campaign.
+    analysis : Analysis
+    key : str
+        With which the keys of the sections begin.
+    """
+    sections = (
+        optimum_section(analysis, key, spec.stop),
+        importance_section(analysis, key),
+        history_section(spec, looks, analysis, key),
+    )
+    return _there(sections)
+
+
+def method_sections(analysis: Analysis, key: str) -> tuple[Section, ...]:
+    """Return how the findings on one application were found: model, shape, paths, diagnostics."""
+    sections = (
+        model_section(analysis, key),
+        shape_section(analysis, key),
+        paths_section(analysis, key),
+        diagnostics_section(analysis, key),
+    )
+    return _there(sections)
+
+
 def _there(sections: Iterable[Section | None]) -> tuple[Section, ...]:
     return tuple(section for section in sections if section is not None)
-
-
-def _on_new_page(sections: tuple[Section, ...]) -> tuple[Section, ...]:
-    """Let the section after the summary of one application start a page: the summary fills one."""
-    summary, first, *rest = sections
-    return (summary, Section(first.key, first.title, first.blocks, first.sections, new_page=True), *rest)
 
 
 def _state_text(dossier: Dossier) -> str:
@@ -106,3 +143,58 @@ def _state_text(dossier: Dossier) -> str:
         return f"no score yet; specification {dossier.spec.spec_hash[:12]}"
     last = max(run.run_id for run in dossier.runs)
     return f"{scored} scored runs, up to run {last}; specification {dossier.spec.spec_hash[:12]}"
+
+
+def numbered(sections: tuple[Section, ...]) -> tuple[Section, ...]:
+    """Number figures and tables in their order; the paragraph before them refers to them.
+
+    Where none stands before them in their section, one is put there.
+    """
+    return tuple(_numbered(sections, itertools.count(1), itertools.count(1)))
+
+
+def _numbered(sections: tuple[Section, ...], figures: Iterator[int], tables: Iterator[int]) -> Iterator[Section]:
+    for section in sections:
+        blocks: list[Block] = [Paragraph(""), *section.blocks]
+        found: dict[int, list[str]] = {}
+        before = 0
+        for place, block in enumerate(blocks):
+            if isinstance(block, Paragraph):
+                before = place
+            blocks[place], names = _captioned(block, figures, tables)
+            if names:
+                found.setdefault(before, []).extend(names)
+        for place, names in found.items():
+            paragraph = blocks[place]
+            assert isinstance(paragraph, Paragraph)
+            see = f"See {_together(names)}."
+            joined = f"{paragraph.method} {see}" if paragraph.text or paragraph.method else see
+            blocks[place] = replace(paragraph, method=joined)
+        shown = blocks if 0 in found else blocks[1:]
+        yield replace(section, blocks=tuple(shown), sections=tuple(_numbered(section.sections, figures, tables)))
+
+
+def _together(names: list[str]) -> str:
+    """Names by kind: ``"Figures 3 and 4 and Table 2"``."""
+    parts = []
+    for kind in ("Figure", "Table"):
+        numbers = [name.removeprefix(f"{kind} ") for name in names if name.startswith(kind)]
+        if numbers:
+            run = len(numbers) > 2 and int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
+            shown = f"{numbers[0]} to {numbers[-1]}" if run else listing(numbers)
+            parts.append(f"{kind}{'s' if len(numbers) > 1 else ''} {shown}")
+    return " and ".join(parts)
+
+
+def _captioned(block: Block, figures: Iterator[int], tables: Iterator[int]) -> tuple[Block, list[str]]:
+    """Block with its number in its caption, and the names of what it holds."""
+    if isinstance(block, Table):
+        name = f"Table {next(tables)}"
+        return replace(block, caption=f"{name}. {block.caption}"), [name]
+    if isinstance(block, FigureBlock):
+        name = f"Figure {next(figures)}"
+        return replace(block, caption=f"{name}. {block.caption}"), [name]
+    if isinstance(block, Details):
+        pairs = [_captioned(one, figures, tables) for one in block.blocks]
+        return replace(block, blocks=tuple(one for one, _ in pairs)), [name for _, names in pairs for name in names]
+    return block, []

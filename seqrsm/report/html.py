@@ -9,19 +9,24 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from html import escape
 from importlib.resources import files
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
+from seqrsm.decide.stopping import interval_names
 from seqrsm.report.blocks import Equation, Report, Section, unfolded
 from seqrsm.report.figures.drawing import svg_for_html
+from seqrsm.report.profile import profile_text
+from seqrsm.report.wording import readable
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
+    from jinja2 import Template
     from markupsafe import Markup
+
+    from seqrsm.analysis.results import Analysis
 
 
 # The text passes as data; only ``math``, a constant of this package, is evaluated.
@@ -67,9 +72,7 @@ def render_html(report: Report) -> str:
     """
     from markupsafe import Markup
 
-    script = template_text("report.js") + template_text("profiler.js")
     profiles = [{"name": name, "data": Markup(data)} for name, data in report.profiles]  # escaped by its maker
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     numbers = count()
 
     def drawing(svg: str, alt: str) -> Markup:
@@ -77,17 +80,42 @@ def render_html(report: Report) -> str:
         # Own drawing: made by matplotlib from numbers; user text in it is glyph outlines.
         return Markup(svg_for_html(svg, f"f{next(numbers)}-").replace("<svg", str(label), 1))
 
-    return (
-        environment()
-        .get_template("report.html.j2")
-        .render(
-            report=report,
-            profiles=profiles,
-            style=Markup(template_text("style.css")),
-            script=Markup(script),
-            script_hash=digest,
-            **_for_blocks(report.sections, numbers, drawing),
-        )
+    return render_page("report", report=report, profiles=profiles, **_for_blocks(report.sections, numbers, drawing))
+
+
+def render_plan(document: dict[str, Any], analyses: Sequence[Analysis]) -> str:
+    """Render the plan of a campaign as one HTML page, with the profilers of what is fitted so far.
+
+    Parameters
+    ----------
+    document : dict
+        From `seqrsm.campaign.check.plan_campaign`.
+    analyses : sequence of Analysis
+        Empty before the first scores.
+    """
+    from markupsafe import Markup
+
+    words = interval_names(document["replicates"])[document["interval"]]
+    shown = {**document, "labels": [readable(name) for name in document["factors"]], "words": words}
+    return render_page(
+        "plan",
+        plan=document,
+        words=words,
+        data=Markup(json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")),
+        profiles=[{"name": one.application, "data": Markup(profile_text(one))} for one in analyses],
+    )
+
+
+def render_page(name: str, **context: Any) -> str:
+    """Fill the template of a whole page, with style and scripts inside and the hash by which the scripts may run."""
+    from markupsafe import Markup
+
+    script = _template_text(f"{name}.js") + _template_text("profiler.js")
+    return _template(f"{name}.html.j2").render(
+        style=Markup(_template_text("style.css")),
+        script=Markup(script),
+        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        **context,
     )
 
 
@@ -99,7 +127,7 @@ def render_sections(sections: tuple[Section, ...]) -> str:
         return Markup('<img src="{}" alt="{}">').format(_data_uri("svg+xml", svg.encode()), alt)
 
     context = _for_blocks(sections, count(), drawing)
-    return environment().get_template("cell.html.j2").render(listed=sections, between=Markup("<br>"), **context)
+    return _template("cell.html.j2").render(listed=sections, between=Markup("<br>"), **context)
 
 
 def _for_blocks(
@@ -129,21 +157,22 @@ def _equations(sections: tuple[Section, ...]) -> Iterator[Equation]:
         yield from _equations(section.sections)
 
 
-def template_text(name: str) -> str:
+def _template_text(name: str) -> str:
     """Text of a file of the templates."""
     return files("seqrsm.report").joinpath("templates").joinpath(name).read_text(encoding="utf-8")
 
 
-@lru_cache(maxsize=1)
-def environment() -> Environment:
-    """Jinja environment with autoescape on and undefined names as errors."""
+@lru_cache
+def _template(name: str) -> Template:
+    """A template with autoescape on and undefined names as errors."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-    return Environment(
-        loader=FunctionLoader(template_text),
+    environment = Environment(
+        loader=FunctionLoader(_template_text),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    return environment.get_template(name)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
+import io
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -59,7 +59,7 @@ def grey_png(grey: AnyArray, pixel_m: float, factor: int) -> bytes:
     """Encode a greytone image (rows, columns) of uint8, reduced by ``factor``, with a scale bar under it."""
     small = reduce_grey(grey, factor)
     bar = _scale_bar(small.shape[1], pixel_m * factor, background=255, ink=0)
-    return _png(np.vstack([small, bar]), color_type=0)
+    return _png(np.vstack([small, bar]))
 
 
 def cover_png(cover: AnyArray, cell_m: float, factor: int) -> bytes:
@@ -67,12 +67,8 @@ def cover_png(cover: AnyArray, cell_m: float, factor: int) -> bytes:
     small = reduce_cover(cover, factor)
     # 254 is the bar's ink: no scene has that many categories.
     bar = _scale_bar(small.shape[1], cell_m * factor, background=NO_DATA, ink=NO_DATA - 1)
-    palette = np.empty((256, 3), dtype=np.uint8)
-    for index in range(256):
-        palette[index] = _rgb(category_color(index))
-    palette[NO_DATA - 1] = 0
-    palette[NO_DATA] = _rgb(NO_DATA_COLOR)
-    return _png(np.vstack([small, bar]), color_type=3, palette=palette)
+    palette = [category_color(index) for index in range(NO_DATA - 1)]
+    return _png(np.vstack([small, bar]), [*palette, "#000000", NO_DATA_COLOR])
 
 
 def bar_length_m(columns: int, pixel_m: float) -> float:
@@ -89,22 +85,14 @@ def _scale_bar(columns: int, pixel_m: float, background: int, ink: int) -> AnyAr
     return strip
 
 
-def _rgb(color: str) -> tuple[int, int, int]:
-    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+def _png(pixels: AnyArray, palette: Sequence[str] = ()) -> bytes:
+    """Encode 8-bit grey levels, or indices of colours, as PNG: no metadata, so equal input gives equal bytes."""
+    from PIL import Image, ImageColor
 
-
-def _png(pixels: AnyArray, color_type: int, palette: AnyArray | None = None) -> bytes:
-    """Encode 8-bit pixels as PNG (ISO/IEC 15948): no metadata, so equal input gives equal bytes."""
-    rows, columns = pixels.shape
-    filtered = np.empty((rows, columns + 1), dtype=np.uint8)
-    # The filter helps grey levels; palette indices have no order, so they stay as they are.
-    filtered[:, 0] = 2 if color_type == 0 else 0
-    filtered[:, 1:] = np.diff(pixels, axis=0, prepend=np.zeros((1, columns), np.uint8)) if color_type == 0 else pixels
-    chunks = [(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, color_type, 0, 0, 0))]
-    if palette is not None:
-        chunks.append((b"PLTE", palette.tobytes()))
-    chunks += [(b"IDAT", zlib.compress(filtered.tobytes(), 9)), (b"IEND", b"")]
-    body = b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + body
+    image = Image.fromarray(pixels)
+    if palette:
+        image = image.convert("P")
+        image.putpalette([part for color in palette for part in ImageColor.getrgb(color)])
+    stream = io.BytesIO()
+    image.save(stream, "PNG", compress_level=9)
+    return stream.getvalue()

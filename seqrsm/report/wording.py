@@ -12,6 +12,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis, EffectBound, SettingPosterior
 from seqrsm.analysis.scale import Interval
+from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, NumericFactor, span
 from seqrsm.report.blocks import Cell, Column, right
 from seqrsm.report.rounding import (
@@ -69,12 +70,8 @@ def readable_term(name: str) -> str:
             parts.append(name[start:index])
             start = index + 1
     parts.append(name[start:])
-    return " \u00d7 ".join(_readable_part(part) for part in parts)
-
-
-def _readable_part(part: str) -> str:
-    head, bracket, tail = part.partition("[")
-    return readable(head) + bracket + tail
+    split = (part.partition("[") for part in parts)
+    return " \u00d7 ".join(readable(head) + bracket + tail for head, bracket, tail in split)
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -341,11 +338,6 @@ def level_probabilities(analysis: Analysis, factor: Factor) -> dict[str, float]:
     return {label: float(np.mean(np.abs(draws - c) < 1e-6)) for label, c in zip(labels, coded, strict=True)}
 
 
-def settings_sentence(analysis: Analysis) -> str:
-    """Return the recommended settings: ``"frequency 9.4 GHz, resolution 12 m and polarization HV"``."""
-    return listing([f"{readable(f.name)} {optimum_setting_text(analysis, f)}" for f in analysis.region.factors])
-
-
 def level_phrase(analysis: Analysis) -> str:
     """Return the level of the campaign's intervals, such as ``"95 %"``."""
     return level_text(analysis.optimum.level)
@@ -384,15 +376,6 @@ def ground_sentence(analysis: Analysis, stop: StopSpec) -> str:
         f"{best.ground.n_simulations} simulations in {best.ground.n_worlds} draws of the tables). Flights reduce "
         f"table uncertainty; simulations do not.{left}"
     )
-
-
-def interval_names(replicates: int) -> dict[str, str]:
-    """Return the three intervals at the optimum, in words."""
-    return {
-        "prediction": "prediction interval of one future run",
-        "prediction_mean": f"prediction interval of the mean of {replicates} future runs",
-        "confidence": "confidence interval of the mean",
-    }
 
 
 def loss_text(analysis: Analysis, loss: float) -> str:

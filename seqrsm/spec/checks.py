@@ -15,9 +15,10 @@ from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteF
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
 from seqrsm.fit.error_models import ERROR_MODELS, NORMAL
+from seqrsm.sensor.named import nearest_names, sensors_called
 from seqrsm.sensor.parameters import Parameter, find
 from seqrsm.sensor.sets import SENSORS, set_problem
-from seqrsm.spec.tables import ApplicationSpec, ConsiderationSpec, ModelSpec, Table
+from seqrsm.spec.tables import ApplicationSpec, CandidateSpec, ConsiderationSpec, ModelSpec, Table
 from seqrsm.spec.toml_lines import Path, line_of
 
 #: Columns of a scores file, which no factor may be named after.
@@ -319,7 +320,8 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
             factor = ContinuousFactor(name, table["low"], table["high"], unit, scale)
     except RegionError as error:
         for problem in error.problems:
-            key = _key_of(problem, given)
+            last = (problem.field or "").rpartition(".")[2]
+            key = last if last in ("name", "low", "high", "values", "levels", "scale") else given[0]
             report.add((*path, key), problem.message, problem.remedy, problem.value)
         return None
     if parameter is not None and parameter.name == name.rpartition(".")[2] and not parameter.why_fixed:
@@ -328,11 +330,6 @@ def _make_factor(path: Path, table: Mapping[str, Any], instruments: Sensors, rep
         elif instruments.engine is not None:
             _check_levels(path, table, parameter, report)
     return factor
-
-
-def _key_of(problem: Problem, given: Sequence[str]) -> str:
-    last = (problem.field or "").rpartition(".")[2]
-    return last if last in ("name", "low", "high", "values", "levels", "scale") else given[0]
 
 
 def constraints(expressions: Sequence[str | None], report: Reporter) -> list[Constraint | None]:
@@ -506,7 +503,10 @@ def knowledge(
         if prior.utility is not None:
             if model is not None and model.prior is not None:
                 report.add(path, "there is also a prior in [model]", "Give it in one place only.")
-            _check_utility(path, prior.utility, application.is_percent, report)
+            low, high = prior.utility
+            if not low < high or (application.is_percent and not 0.0 <= low < high <= 100.0):
+                remedy = f"Give [low, high]{', between 0 and 100' if application.is_percent else ''}."
+                report.add((*path, "utility"), "this is not a range of scores", remedy, [low, high])
         elif prior.optimum or prior.repeat_sd is not None or not prior.effect:
             remedy = "Give utility = [low, high]: the mean score at a setting taken at random."
             report.add(path, "the range of the utility is missing", remedy)
@@ -534,9 +534,51 @@ def knowledge(
                 report.add(place, "the bounds of the effect are no signs", remedy, [least, most])
 
 
-def _check_utility(path: Path, stated: Sequence[float], is_percent: bool, report: Reporter) -> None:
-    low, high = stated
-    inside = not is_percent or (low >= 0.0 and high <= 100.0)
-    if not (low < high and inside):
-        limits = ", between 0 and 100" if is_percent else ""
-        report.add((*path, "utility"), "this is not a range of scores", f"Give [low, high]{limits}.", [low, high])
+def candidates(
+    tables: Sequence[CandidateSpec | None], instruments: Sensors, factors: Sequence[str], report: Reporter
+) -> None:
+    """Note every fault of the candidates; ``factors``: names of the campaign's."""
+    names: set[str] = set()
+    for index, table in enumerate(tables):
+        if table is None:
+            continue
+        path = ("candidate", index)
+        own = table.name or f"{table.sensor} {table.polarization}".strip()
+        if own in names:
+            report.add(path, "this candidate is listed twice", "Remove one.", own)
+        names.add(own)
+        if table.sensor:
+            _check_named(path, table, instruments, report)
+        elif not table.name or not table.parameters:
+            remedy = 'Give sensor = "Sentinel-1 IW GRDH", or name and parameters = { frequency = 5.4 }.'
+            report.add(path, "a candidate is a known sensor, or a name with parameters", remedy)
+        for key, value in table.parameters.items():
+            place, row = (*path, "parameters", key), instruments.parameter(key)
+            if instruments.engine is None and key not in factors:
+                remedy = f"Factors are {', '.join(factors)}."
+                report.add(place, "without a simulator a candidate is defined by its factors", remedy, value)
+            elif instruments.engine is not None and row is None:
+                report.unknown_key(place, instruments.table(""))
+            elif instruments.engine is not None and row is not None and row.kind != "file" and key != "frequency":
+                for problem in row.level_problems(value):
+                    report.add(place, problem.message, f"{problem.remedy}.", value)
+
+
+def _check_named(path: tuple[str, int], table: CandidateSpec, instruments: Sensors, report: Reporter) -> None:
+    found = sensors_called(table.sensor)
+    place = (*path, "sensor")
+    if not found:
+        near = nearest_names(table.sensor)
+        known = f"Did you mean {' or '.join(near)}?" if near else "`seqrsm catalog NAME` lists them."
+        report.add(place, "no sensor has this name", known, table.sensor)
+        return
+    fitting = [one for one in found if instruments.engine in (None, one.engine)]
+    if not fitting:
+        kind = "radars" if instruments.engine == "psm" else "radiometers"
+        report.add(place, f"the engine '{instruments.engine}' simulates {kind}", "Name one of these.", table.sensor)
+        return
+    asked = table.polarization
+    if asked and not any(set(asked.split("+")) == set(own.split("+")) for one in fitting for own in one.channels):
+        there = dict.fromkeys(own for one in fitting for own in one.channels)
+        remedy = f"It has {', or '.join(there)}."
+        report.add((*path, "polarization"), "the sensor has no such set of channels", remedy, asked)

@@ -67,9 +67,8 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     ``replicates`` (5): m of "prediction_mean", the mean of m future runs; ``level`` (0.95): probability content of the
     intervals; ``max_runs`` (80): budget of runs; ``guard`` ("runs": n >= 3 p; or "confirmation": confirmation runs
     decide); ``confirmation_runs`` (5): runs made at the optimum to confirm it, at least 2; ``lack_of_fit_alpha``
-    (0.05): significance level of lack of fit; ``futility`` ("tell", the default, or "stop": `run` ends when two
-    analyses in a row find no significant factor or that the budget cannot reach the target); ``worlds`` ("count", the
-    default: the target applies to the whole interval; or "ignore": to sampling error only, without table uncertainty).
+    (0.05): significance level of lack of fit; ``worlds`` ("count", the default: the target applies to the whole
+    interval; or "ignore": to sampling error only, without table uncertainty).
 ``[store]``
     ``url``: an SQLAlchemy address; by default the file ``campaign.db`` in the campaign folder. A relative
     ``sqlite:///`` path starts from that folder; put passwords of a server into ``PGPASSWORD`` or ``~/.pgpass``.
@@ -81,7 +80,7 @@ import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
@@ -95,7 +94,6 @@ from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.sensor.parameters import find
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
-from seqrsm.spec.candidates import check_candidates
 from seqrsm.spec.checks import Reporter
 from seqrsm.spec.tables import (
     ApplicationSpec,
@@ -317,7 +315,8 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     applications = repeated["application"]
     tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
     sensors = spec_checks.sensors(raw.get("simulator"))
-    factors = spec_checks.factors(tables, _as_list(raw.get("factor")), sensors, report)
+    written = raw.get("factor")
+    factors = spec_checks.factors(tables, written if isinstance(written, list) else [], sensors, report)
     constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
     for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
@@ -338,7 +337,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
         if simulator is not None and simulator.common_random_numbers is not None:
             spec_checks.shared_occasions(single["model"], simulator.common_random_numbers, report)
-    check_candidates(repeated["candidate"], sensors, names, report)
+    spec_checks.candidates(repeated["candidate"], sensors, names, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None
@@ -363,7 +362,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         seed=campaign.seed,
         batch=campaign.batch,
         region=region,
-        applications=_all_present(applications),
+        applications=tuple(table for table in applications if table is not None),
         model=model,
         simulator=simulator,
         cost=cost,
@@ -374,14 +373,6 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         store_url=single["store"].url,
         spec_hash=hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest(),
     )
-
-
-def _as_list(value: object) -> list[object]:
-    return value if isinstance(value, list) else []
-
-
-def _all_present(applications: Sequence[ApplicationSpec | None]) -> tuple[ApplicationSpec, ...]:
-    return tuple(application for application in applications if application is not None)
 
 
 def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:

@@ -354,10 +354,9 @@ class StopSpec(Table):
     guard: Literal["runs", "confirmation"] = "runs"
     confirmation_runs: Annotated[int, Field(ge=2)] = 5
     lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
-    futility: Literal["tell", "stop"] = "tell"
     worlds: Literal["count", "ignore"] = "count"
 
-    LATER = ("futility", "worlds")
+    LATER = ("worlds",)
 
 
 class StoreTable(Table):

@@ -16,7 +16,7 @@ import time
 import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,9 +39,9 @@ MIGRATIONS = Path(__file__).parent / "migrations"
 _APPLICATION_ID = 0x52534D31
 
 
-def utc_now() -> str:
-    """The time as ISO 8601 text, UTC, microseconds."""
-    return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+def utc_now(ago_s: float = 0.0) -> str:
+    """The time, ``ago_s`` [s] before now, as ISO 8601 text, UTC, microseconds."""
+    return (datetime.now(UTC) - timedelta(seconds=ago_s)).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 def _to_json(value: Any) -> str:
@@ -176,14 +176,8 @@ class Database:
                 logging.getLogger("psycopg").addHandler(logging.NullHandler())  # what it says is in the errors
                 engine = sa.create_engine(url, json_serializer=_to_json, pool_pre_ping=True, connect_args=limits)
             except (exc.ArgumentError, exc.NoSuchModuleError, ValueError):
-                raise StoreError(
-                    Problem(
-                        "the address of the database is not usable",
-                        'Write url = "postgresql+psycopg://user@host/name".',
-                        field="[store] url",
-                        value=self.label,
-                    )
-                ) from None
+                message, remedy = "the address of the database is not usable", f'Write url = "{_SERVER}user@host/name".'
+                raise StoreError(Problem(message, remedy, field="[store] url", value=self.label)) from None
             except ImportError as error:
                 raise StoreError(
                     Problem(f"the driver of the database is missing ({error})", 'Run: pip install "seqrsm[postgres]"')
@@ -207,14 +201,9 @@ class Database:
                 )
             self._create(campaign)
         elif version not in self._revisions:
-            raise StoreError(
-                Problem(
-                    f"the database was written by a newer seqrsm than this one (schema {version}, known up to"
-                    f" {self._revisions[-1]}, program {__version__})",
-                    "Upgrade seqrsm: pip install --upgrade seqrsm",
-                    file=self.label,
-                )
-            )
+            known = f"schema {version}, known up to {self._revisions[-1]}, program {__version__}"
+            message = f"the database was written by a newer seqrsm than this one ({known})"
+            raise StoreError(Problem(message, "Upgrade seqrsm: pip install --upgrade seqrsm", file=self.label))
         elif version != self._revisions[-1]:
             self._migrate(version)
         with self._engine.connect() as connection:
@@ -222,13 +211,9 @@ class Database:
         if name is None:
             raise StoreError(Problem("the database has no campaign name", "Restore it from a copy.", file=self.label))
         if campaign and name != campaign:
-            raise StoreError(
-                Problem(
-                    f"the database belongs to the campaign '{name}', not '{campaign}'",
-                    "Give each campaign a folder or database of its own, or restore the name in campaign.toml.",
-                    file=self.label,
-                )
-            )
+            message = f"the database belongs to the campaign '{name}', not '{campaign}'"
+            remedy = "Give each campaign a folder or database of its own, or restore the name in campaign.toml."
+            raise StoreError(Problem(message, remedy, file=self.label))
         self.campaign = name
 
     def _create(self, campaign: str) -> None:
@@ -296,6 +281,7 @@ class Database:
             ) from error
 
 
+_SERVER = "postgresql+psycopg://"
 _LOST = "Whether the last change was kept is not known: see what `seqrsm status` tells, then give the command again."
 _RIGHTS = "Obtain write permission for the file and its folder, or copy the folder to a writable place."
 _ABSENT_REMEDY = "Make a campaign with `seqrsm init`, or start this one with `seqrsm run`."
@@ -421,12 +407,9 @@ def _prepare_sqlite(mode: str, connection: sqlite3.Connection, _record: object) 
     finally:
         cursor.close()
     if found.upper() != mode:
-        raise StoreError(
-            Problem(
-                f"the file system does not support SQLite's journal {mode} (journal mode '{found}')",
-                'Keep the campaign on a local disk, or share it by [store] url = "postgresql+psycopg://...".',
-            )
-        )
+        message = f"the file system does not support SQLite's journal {mode} (journal mode '{found}')"
+        remedy = f'Keep the campaign on a local disk, or share it by [store] url = "{_SERVER}...".'
+        raise StoreError(Problem(message, remedy))
 
 
 def _enter(cursor: sqlite3.Cursor, mode: str) -> str:

@@ -1,31 +1,26 @@
-"""The changes of the campaign's tables, and an export put back, each within a transaction that the store opened."""
+"""The changes of the campaign's tables, each within a transaction that the store opened."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import sqlalchemy as sa
 
 from seqrsm import __version__
 from seqrsm.errors import Problem, StoreError
-from seqrsm.plain import plain
+from seqrsm.plain import plain, shallow
 from seqrsm.store.chain import event_hash, run_digest, score_digest
 from seqrsm.store.database import utc_now
 from seqrsm.store.records import (
     CONFIRMATION,
     WAITING,
-    EventRecord,
-    FileRecord,
-    LookRecord,
     NewRun,
     NewScore,
-    RankingRecord,
     RunRecord,
     ScoreRecord,
 )
-from seqrsm.store.schema import EVENTS, FILES, LOOKS, META, METADATA, RANKINGS, RUNS, SCORES, SOURCES, TRANSITIONS
+from seqrsm.store.schema import EVENTS, RUNS, SCORES, SOURCES, TRANSITIONS
 
 _RUN_FIELDS = tuple(column.name for column in RUNS.c if column.name != "id")
 MAX_SCORE = 1e12
@@ -49,23 +44,26 @@ class Ledger:
 
     # -- reading --------------------------------------------------------------------------------------------------
 
+    def _number(self, query: sa.Select[Any]) -> int:
+        """The number that a query gives, 0 where it gives none."""
+        return int(self.connection.execute(query).scalar_one() or 0)
+
     def next_id(self) -> int:
         """Id of the next run: one more than the last."""
-        return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.id), 0))).scalar_one()) + 1
+        return self._number(sa.select(sa.func.max(RUNS.c.id))) + 1
 
     def last_event(self, apart: Sequence[str] = ()) -> int:
         """Number of the latest event, those of some kinds apart; 0 before the first."""
-        query = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.id), 0)).where(EVENTS.c.kind.not_in(apart))
-        return int(self.connection.execute(query).scalar_one())
+        return self._number(sa.select(sa.func.max(EVENTS.c.id)).where(EVENTS.c.kind.not_in(apart)))
 
     def n_used(self) -> int:
         """Runs that count against the budget: scored or to be scored, confirmation runs apart."""
         counts = (RUNS.c.state.in_((*WAITING, "scored")), RUNS.c.purpose != CONFIRMATION)
-        return int(self.connection.execute(sa.select(sa.func.count()).select_from(RUNS).where(*counts)).scalar_one())
+        return self._number(sa.select(sa.func.count()).select_from(RUNS).where(*counts))
 
     def last_batch(self) -> int:
         """Number of the latest batch, 0 before the first."""
-        return int(self.connection.execute(sa.select(sa.func.coalesce(sa.func.max(RUNS.c.batch), 0))).scalar_one())
+        return self._number(sa.select(sa.func.max(RUNS.c.batch)))
 
     def states(self, run_ids: Iterable[int]) -> dict[int, str]:
         """State of each run; StoreError for those that do not exist."""
@@ -218,33 +216,14 @@ def unusable(run_id: int, new: NewScore) -> Problem | None:
 def _run_row(run: NewRun) -> dict[str, Any]:
     if run.source not in SOURCES:
         raise StoreError(Problem("no such source of scores", f"Sources: {', '.join(SOURCES)}", value=run.source))
-    return {
-        "purpose": run.purpose,
-        "why": run.why,
-        "source": run.source,
-        "proposed": plain(run.settings),
-        "executed": None,
-        "block": run.block,
-        "cost": float(run.cost),
-        "reason": "",
-        "fault": "",
-        "attempts": 0,
-        "owner": "",
-        "replaces": None,
-    }
+    told = {"proposed" if name == "settings" else name: value for name, value in shallow(run).items()}
+    fresh = {"executed": None, "reason": "", "fault": "", "attempts": 0, "owner": "", "replaces": None}
+    return {**plain(told), "cost": float(run.cost), **fresh}
 
 
 def _score_row(score: NewScore) -> dict[str, Any]:
-    return {
-        "application": score.application,
-        "score": float(score.score),
-        "se": None if score.se is None else float(score.se),
-        "n": None if score.n is None else int(score.n),
-        "correct": None if score.correct is None else int(score.correct),
-        "metadata": plain(score.metadata),
-        "source_file": score.source_file,
-        "source_row": score.source_row,
-    }
+    # As the database gives them back: a digest tells 1 from 1.0.
+    return {**plain(shallow(score)), "score": float(score.score), "se": None if score.se is None else float(score.se)}
 
 
 def _scored_detail(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -256,50 +235,3 @@ def _scored_detail(row: Mapping[str, Any]) -> dict[str, Any]:
 def _illegal(run_id: int, old: str, new: str) -> Problem:
     allowed = ", ".join(sorted(TRANSITIONS[old])) or "nothing else"
     return Problem(f"run {run_id} is {old} and cannot become {new}", f"From {old} it can become: {allowed}.")
-
-
-_CHUNK = 500
-
-
-def restore(
-    ledger: Ledger,
-    meta: Mapping[str, str],
-    runs: Sequence[RunRecord],
-    looks: Sequence[LookRecord],
-    events: Sequence[EventRecord],
-    files: Sequence[FileRecord],
-    rankings: Sequence[RankingRecord],
-) -> None:
-    """Insert everything; StoreError when the store is not empty or the records contradict each other."""
-    connection = ledger.connection
-    if connection.execute(sa.select(RUNS.c.id).limit(1)).first() or connection.execute(sa.select(EVENTS.c.id)).first():
-        raise StoreError(Problem("the database holds a campaign already", "Give this one a database of its own."))
-    rows: dict[sa.Table, list[dict[str, Any]]] = {
-        # A replacement comes after what it replaces.
-        RUNS: [_renamed(run, run_id="id", scores=None) for run in sorted(runs, key=lambda run: run.run_id)],
-        SCORES: [asdict(score) for run in runs for score in run.scores],
-        LOOKS: [_renamed(look, look="id") for look in looks],
-        EVENTS: [_renamed(event, event="id") for event in events],
-        FILES: [asdict(file) for file in files],
-        RANKINGS: [asdict(rank) for rank in rankings],
-    }
-    for key, value in meta.items():
-        connection.execute(sa.update(META).where(META.c.key == key).values(value=value))
-    try:
-        for table, values in rows.items():
-            for start in range(0, len(values), _CHUNK):
-                connection.execute(sa.insert(table), values[start : start + _CHUNK])
-    except sa.exc.IntegrityError as error:
-        raise StoreError(Problem(f"the records of the export contradict each other ({error.orig})")) from error
-    if connection.dialect.name == "postgresql":
-        for table in METADATA.sorted_tables:
-            if "id" in table.c and table is not RUNS:
-                top = sa.select(sa.func.coalesce(sa.func.max(table.c.id), 0) + 1).scalar_subquery()
-                name = sa.func.pg_get_serial_sequence(table.name, "id")
-                connection.execute(sa.select(sa.func.setval(name, top, False)))
-
-
-def _renamed(record: Any, **names: str | None) -> dict[str, Any]:
-    """Columns of a record; some under another name, some (None) left out."""
-    columns = ((names.get(key, key), value) for key, value in asdict(record).items())
-    return {name: value for name, value in columns if name is not None}

@@ -19,7 +19,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime, timedelta
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -30,7 +30,7 @@ from seqrsm.errors import OvertakenError, Problem, StoreError
 from seqrsm.plain import plain
 from seqrsm.store.chain import changes, look_digest
 from seqrsm.store.database import Database, utc_now
-from seqrsm.store.ledger import Ledger, restore
+from seqrsm.store.ledger import Ledger
 from seqrsm.store.records import (
     EventRecord,
     FileRecord,
@@ -42,7 +42,7 @@ from seqrsm.store.records import (
     RankingRecord,
     RunRecord,
 )
-from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RUNS, STATES
+from seqrsm.store.schema import EVENTS, FAULTS, FILES, LOOKS, META, RANKINGS, RUNS, SCORES, STATES
 from seqrsm.store.take_in import DERIVED, ingest_files, rescore_without, stored_rankings, void_ranking
 
 STORE_NAME = "campaign.db"
@@ -314,7 +314,7 @@ class Store:
         tuple of int
             Ids of the runs released.
         """
-        limit = _isoformat(datetime.now(UTC) - timedelta(seconds=older_than_s))
+        limit = utc_now(older_than_s)
         with self._write() as ledger:
             columns = (RUNS.c.id, RUNS.c.owner, RUNS.c.started_at, RUNS.c.seen_at)
             query = sa.select(*columns).where(RUNS.c.state == "running")
@@ -373,8 +373,33 @@ class Store:
         StoreError
             It holds runs already, or the records contradict each other; nothing was changed.
         """
+        rows: dict[sa.Table, list[dict[str, Any]]] = {
+            # A replacement comes after what it replaces.
+            RUNS: [_renamed(run, run_id="id", scores=None) for run in sorted(runs, key=lambda run: run.run_id)],
+            SCORES: [asdict(score) for run in runs for score in run.scores],
+            LOOKS: [_renamed(look, look="id") for look in looks],
+            EVENTS: [_renamed(event, event="id") for event in events],
+            FILES: [asdict(file) for file in files],
+            RANKINGS: [asdict(rank) for rank in rankings],
+        }
         with self._write() as ledger:
-            restore(ledger, meta, runs, looks, events, files, rankings)
+            connection = ledger.connection
+            if any(connection.execute(sa.select(table.c.id).limit(1)).first() for table in (RUNS, EVENTS)):
+                message = "the database holds a campaign already"
+                raise StoreError(Problem(message, "Give this one a database of its own."))
+            for key, value in meta.items():
+                connection.execute(sa.update(META).where(META.c.key == key).values(value=value))
+            try:
+                for table, values in rows.items():
+                    for start in range(0, len(values), _CHUNK):
+                        connection.execute(sa.insert(table), values[start : start + _CHUNK])
+            except sa.exc.IntegrityError as error:
+                raise StoreError(Problem(f"the records of the export contradict each other ({error.orig})")) from error
+            for table in rows if connection.dialect.name == "postgresql" else ():
+                if table is not RUNS:
+                    top = sa.select(sa.func.coalesce(sa.func.max(table.c.id), 0) + 1).scalar_subquery()
+                    name = sa.func.pg_get_serial_sequence(table.name, "id")
+                    connection.execute(sa.select(sa.func.setval(name, top, False)))
 
     # -- looks and events -----------------------------------------------------------------------------------------
 
@@ -425,12 +450,6 @@ class Store:
             conditions.append(RUNS.c.source == source)
         with self._read() as ledger:
             return ledger.runs(sa.and_(sa.true(), *conditions))
-
-    def run(self, run_id: int) -> RunRecord:
-        """One run; StoreError when there is none."""
-        with self._read() as ledger:
-            ledger.states([run_id])
-            return ledger.runs(RUNS.c.id == run_id)[0]
 
     def looks(self, application: str | None = None) -> tuple[LookRecord, ...]:
         """Looks in order; only those of one application."""
@@ -514,13 +533,18 @@ class Store:
             self._mark = made
 
 
+_CHUNK = 500
+
+
+def _renamed(record: Any, **names: str | None) -> dict[str, Any]:
+    """Columns of a record; some under another name, some (None) left out."""
+    columns = ((names.get(key, key), value) for key, value in asdict(record).items())
+    return {name: value for name, value in columns if name is not None}
+
+
 def _need_reason(why: str) -> None:
     if not why.strip():
         raise StoreError(Problem("voiding needs a reason", 'Give one: --why "..."', field="why"))
-
-
-def _isoformat(moment: datetime) -> str:
-    return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 def _this_process() -> str:

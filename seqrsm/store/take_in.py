@@ -62,7 +62,7 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
     known = _KnownRuns(ledger.runs(sa.true())) if any(run.run_id is None for run in file.runs) else None
     fresh: list[tuple[IngestedRun, RunRecord | None]] = []
     first = ledger.next_id()
-    ranked_already = _ranked_applications(ledger)
+    ranked_already = set(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
     for run in file.runs:
         twin = known.take(run) if known is not None and run.run_id is None else None
         wanted = run.run_id if twin is None else twin.run_id
@@ -74,7 +74,9 @@ def _ingest(ledger: Ledger, file: IngestedFile, problems: list[Problem]) -> Inge
         if twin is not None and twin.state == "void":
             unchanged.append(twin.run_id)
         elif wanted is not None and old is None:
-            problems.append(_unknown_run(wanted, file.name, run.scores[0].source_row))
+            remedy = "Give the id of a proposed run, or leave the cell empty for a run nobody proposed."
+            line = run.scores[0].source_row
+            problems.append(Problem("there is no such run", remedy, file.name, line, "run_id", wanted))
         elif old is None or old.state == "void":
             created.append(first + len(fresh))
             fresh.append((run, old))
@@ -184,28 +186,13 @@ def _create(ledger: Ledger, fresh: Sequence[tuple[IngestedRun, RunRecord | None]
     ledger.insert_scores([(run_id, score) for run_id, (run, _) in zip(ids, fresh, strict=True) for score in run.scores])
 
 
-def _ranked_applications(ledger: Ledger) -> frozenset[str]:
-    return frozenset(ledger.connection.execute(sa.select(RANKINGS.c.application).distinct()).scalars())
-
-
-def _refuse_ranked(ranked: frozenset[str], run: IngestedRun, name: str, problems: list[Problem]) -> None:
+def _refuse_ranked(ranked: set[str], run: IngestedRun, name: str, problems: list[Problem]) -> None:
     """An application's scores are measured, or come from rankings; they cannot be both."""
     for score in run.scores:
         if score.application in ranked:
             message = f"the scores of '{score.application}' come from rankings"
             remedy = "Give rankings: run_id, interpreter, rank."
             problems.append(Problem(message, remedy, file=name, line=score.source_row, field="score"))
-
-
-def _unknown_run(run_id: int, name: str, line: int | None) -> Problem:
-    return Problem(
-        "there is no such run",
-        "Give the id of a proposed run, or leave the cell empty for a run nobody proposed.",
-        file=name,
-        line=line,
-        field="run_id",
-        value=run_id,
-    )
 
 
 _FIELDS = tuple(column for column in RANKINGS.c if column.name != "id")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seqrsm.campaign.acquisitions import acquisitions_of
+from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.file import load_scene
 from seqrsm.scene.scene import Scene

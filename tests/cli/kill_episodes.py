@@ -269,7 +269,7 @@ def _has_taken_effect(command: str, step: list[object], folder: Path) -> bool:
     if command != "void":
         return False
     with Store.open(folder) as store:
-        return store.run(int(str(step[2]))).state == "void"
+        return store.runs()[int(str(step[2])) - 1].state == "void"
 
 
 def check_reports(folder: Path) -> None:

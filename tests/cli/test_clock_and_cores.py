@@ -37,11 +37,12 @@ def test_a_clock_that_jumps_back_and_forth_changes_no_result(tmp_path, tiny_scen
     """Every fifth reading lies two hours back, every seventh a day ahead."""
     read = 0
 
-    def jumping() -> str:
+    def jumping(ago_s: float = 0.0) -> str:
         nonlocal read
         read += 1
         hours = -2.0 if read % 5 == 0 else 24.0 if read % 7 == 0 else 0.0
-        return (datetime.now(UTC) + timedelta(hours=hours)).isoformat(timespec="microseconds").replace("+00:00", "Z")
+        told = datetime.now(UTC) + timedelta(hours=hours, seconds=-ago_s)
+        return told.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
     for module in (database, ledger, store, take_in):
         monkeypatch.setattr(module, "utc_now", jumping)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from seqrsm.campaign import rehearsal
 from seqrsm.cli.app import app
-from seqrsm.cli.json_schemas import output_schema
+from seqrsm.cli.standalone import output_schema
 
 jsonschema = pytest.importorskip("jsonschema")
 EXAMPLES = Path(__file__).parents[2] / "campaigns"
@@ -163,7 +163,7 @@ def test_several_applications_and_their_compromise(tmp_path: Path) -> None:
 
 
 def test_rehearse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ended = rehearsal._Ended(stopped=True, runs=20, covers_rule=1.0, covers_new_run=0.95, covers_mean=1.0, regret=0.1)
+    ended = {"held": True, "runs": 20, "loss": 0.1, "rule": 1.0, "prediction": 0.95, "confidence": 1.0}
     monkeypatch.setattr(rehearsal, "_rehearsed", lambda *_: ended)
     found = document("rehearse", make(tmp_path / "c", X, quadratic()), "--campaigns", 10)
     assert found["campaigns"] == 10

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from seqrsm.cli.app import app
 from seqrsm.cli.console import line, show_table
-from seqrsm.report.assumptions import group_notes, summarise_notes
+from seqrsm.report.sections.sources import group_notes
 
 NOTES = (
     "Wheat: short vegetation (computed: flevoland)",
@@ -137,9 +137,6 @@ def test_notes_are_grouped_by_what_they_are_about():
     assert dict(grouped.about_covers)["2.6 GHz interpolated between 1.25 and 3 GHz"] == ("Wheat", "Corn")
     assert [(cover, channel) for cover, channel, _ in grouped.about_channels] == [("Corn", "HH"), ("Corn", "HV")]
     assert grouped.others == ("antenna gain is the same over the swath",)
-    lines = summarise_notes(NOTES, ("Wheat", "Corn"))
-    assert lines[0] == "mean backscatter of 2 covers: 1 computed, 2 derived"
-    assert lines[1] == "scatter among fields and dates, 2 pairs of cover and channel: 2 assumed"
 
 
 def test_status_fits_a_terminal_and_honours_no_color(tiny: Path) -> None:
@@ -158,7 +155,7 @@ def test_check_groups_its_statements_and_tells_all_when_asked(tmp_path, tiny_sce
     long = CliRunner().invoke(app, ["check", str(folder), "-v"])
     assert short.exit_code == long.exit_code == 0, short.output + long.output
     assert short.stdout.count("\n- ") < 15 < long.stdout.count("\n- ")
-    assert "mean backscatter of 3 covers" in short.stdout
+    assert "with those on single covers" in short.stdout
     assert short.stdout.rstrip().endswith("No problems found.")
 
 

@@ -9,7 +9,7 @@ import prm_cases
 import pytest
 from scipy.stats import multivariate_normal
 
-from seqrsm.campaign.acquisitions import acquisitions_of
+from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scene.scene import Scene

@@ -113,8 +113,7 @@ def test_slug_is_a_safe_file_name():
 
 
 def test_marks_tell_their_run_without_any_script():
-    def paint(figure):
-        axes = figure.add_subplot()
+    def paint(axes):
         tell(axes.scatter([1, 2, 3], [3, 1, 2], clip_on=False), ["run 1 <b>", 'run 2 & "c"', "run 3"])
         tell(axes.scatter([1], [1]), ["a", "b"])  # the number does not match: no texts, no harm
 

@@ -8,8 +8,7 @@ import pytest
 from report_dossiers import simulated_dossier
 
 from seqrsm.analysis.results import SettingPosterior
-from seqrsm.report.literature import catalogue_words, literature
-from seqrsm.report.sections.literature import literature_section
+from seqrsm.report.sections.literature import catalogue_words, literature, literature_section
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 from report_dossiers import flight_dossier, simulated_dossier
 
 from seqrsm.campaign.tradeoff import COARSENED
-from seqrsm.report.blocks import FigureBlock, Paragraph, Table
+from seqrsm.report.blocks import Paragraph, Table
 from seqrsm.report.sections.speed import speed_section
 from seqrsm.store.records import EventRecord
 
@@ -57,9 +57,6 @@ def test_data_bases_and_tradeoff_are_told(tmp_path: Path) -> None:
     assert "0.31" in text_of(section)
     assert [line[0].text for line in tables[1].rows] == ["all", "2 cells"]
     assert tables[1].rows[1][1].text == "1 x 1 and 2 x 2"
-    (figure,) = [block for block in section.blocks if isinstance(block, FigureBlock)]
-    assert "<svg" in figure.panels[0].svg
-    assert figure.panels[0].data().rows[1][:2] == (2, 0.1)
 
 
 def test_no_section_without_a_simulator(tmp_path: Path) -> None:

@@ -142,7 +142,8 @@ def test_numbers_of_a_rehearsal_by_hand(tmp_path: Path) -> None:
     assert rehearsal._share(np.array([1.0, 1.5, 2.0, 3.5, 4.0]), Interval(1.5, 3.5)) == 0.6
     spec, analysis = known(tmp_path, hill)
     draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=10)
-    ended = [rehearsal._Ended(i < 8, 20 + i, 1.0, 0.5, float(i < 9), float(i)) for i in range(11)]
+    covered = {"rule": 1.0, "prediction": 0.5}
+    ended = [{**covered, "confidence": i < 9, "held": i < 8, "runs": 20 + i, "loss": float(i)} for i in range(11)]
     numbers = rehearsal._summary(spec, analysis, draws, ended)["numbers"]
     assert numbers == {
         "stopped": 8 / 11,

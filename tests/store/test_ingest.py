@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from seqrsm.campaign.form import write_form
+from seqrsm.campaign.export import write_form
 from seqrsm.campaign.ingest import ingest_files
 from seqrsm.errors import ScoresFileError, StoreError
 from seqrsm.spec.read import load_spec
@@ -86,10 +86,10 @@ def test_proposed_runs_keep_both_settings(campaign, store):
     store.issue(ids[:1])
     report = campaign("run_id," + HEADER + "\n1,2.1,4,HH,70\n2,2,4,HH,71\n3,2,4,HH,\n")
     assert (report.matched, report.created, report.unscored) == ((1, 2), (), (4,))
-    run = store.run(1)
+    run = store.runs()[0]
     assert (run.proposed, run.executed) == (proposed, {**proposed, "frequency": 2.1})
     assert (run.purpose, run.block, run.source) == ("optimum", "day 1", "flight")
-    assert store.run(3).state == "proposed"
+    assert store.runs()[2].state == "proposed"
 
 
 def test_the_form_goes_out_and_comes_back(campaign, store, tmp_path):
@@ -141,7 +141,7 @@ def test_a_file_that_has_grown(campaign, store):
     campaign(text)
     report = campaign(text + "2,2,4,HH,71\n")
     assert (report.matched, report.unchanged) == ((2,), (1,))
-    assert len(store.run(1).scores) == 1
+    assert len(store.runs()[0].scores) == 1
 
 
 def test_doubles_without_run_id_are_remarked(campaign):
@@ -210,7 +210,7 @@ def test_second_application_later(campaign, store):
     store.add_batch([NewRun({"frequency": 2.0, "looks": 4.0, "polarization": "HH"})])
     campaign("run_id," + HEADER + ",application\n1,2,4,HH,70,crops\n", SECOND)
     campaign("run_id," + HEADER + ",application\n1,2,4,HH,-5,ice\n", SECOND)
-    assert [score.score for score in store.run(1).scores] == [70.0, -5.0]
+    assert [score.score for score in store.runs()[0].scores] == [70.0, -5.0]
 
 
 def test_one_run_with_two_settings_in_a_file(campaign, store):
@@ -229,7 +229,7 @@ def test_block_column(campaign, store, column):
 
 def test_simulated_scores_of_another_program(campaign, store):
     campaign(HEADER + ",source\n2,4,HH,70,simulation\n")
-    assert (store.run(1).source, store.run(1).cost) == ("simulation", 2.0)
+    assert (store.runs()[0].source, store.runs()[0].cost) == ("simulation", 2.0)
 
 
 def test_flevoland(store):

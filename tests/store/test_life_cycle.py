@@ -70,9 +70,9 @@ def test_the_heart_beats_while_runs_are_held(store):
     (claimed,) = store.claim()
     with heartbeat(store, every_s=0.01):
         deadline = time.monotonic() + 30.0
-        while store.run(run_id).seen_at == claimed.seen_at and time.monotonic() < deadline:
+        while store.runs()[run_id - 1].seen_at == claimed.seen_at and time.monotonic() < deadline:
             time.sleep(0.01)
-    seen = store.run(run_id).seen_at
+    seen = store.runs()[run_id - 1].seen_at
     assert seen > claimed.seen_at
     assert len(store.events()) == 3  # a beat is no event
 
@@ -165,7 +165,7 @@ def test_an_interrupt_gives_the_runs_back(campaign, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         opened.simulate()
     with Store.open(opened.folder) as store:
-        assert store.run(1).state == "issued"
+        assert store.runs()[0].state == "issued"
 
 
 def test_an_interrupt_before_the_first_simulation_gives_them_back_too(campaign, monkeypatch):
@@ -181,4 +181,4 @@ def test_an_interrupt_before_the_first_simulation_gives_them_back_too(campaign, 
     with pytest.raises(KeyboardInterrupt):
         opened.simulate()
     with Store.open(opened.folder) as store:
-        assert store.run(1).state == "issued"
+        assert store.runs()[0].state == "issued"

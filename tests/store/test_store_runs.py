@@ -30,7 +30,7 @@ def bring(store: Store, state: str) -> int:
         store.record_scores(run_id, [NewScore("crops", 50.0)])
     elif state == "void":
         store.void(run_id, "wrong day")
-    assert store.run(run_id).state == state
+    assert store.runs()[run_id - 1].state == state
     return run_id
 
 
@@ -47,10 +47,10 @@ def test_ids_count_from_one_and_repeats_stay_apart(store):
 def test_settings_come_back_as_the_same_numbers(store):
     values = {"a": 0.1 + 0.2, "b": 1e-300, "c": math.pi, "d": -0.0, "name": "HH+HV \u00fc '\";--"}
     (run_id,) = store.add_batch([NewRun(values)])
-    assert store.run(run_id).settings == values
-    assert list(store.run(run_id).settings) == list(values)
+    assert store.runs()[run_id - 1].settings == values
+    assert list(store.runs()[run_id - 1].settings) == list(values)
     (run_id,) = store.add_batch([NewRun({"a": np.float64(0.1), "b": np.str_("x")})])
-    assert store.run(run_id).settings == {"a": 0.1, "b": "x"}
+    assert store.runs()[run_id - 1].settings == {"a": 0.1, "b": "x"}
 
 
 def test_the_ordinary_way(store):
@@ -61,7 +61,7 @@ def test_the_ordinary_way(store):
     assert store.record_scores(
         run_id, [NewScore("crops", 71.5, se=1.5, n=10, correct=7, metadata={"a": [1, math.nan]})]
     )
-    run = store.run(run_id)
+    run = store.runs()[run_id - 1]
     assert (run.state, run.purpose, run.why, run.cost, run.block) == (
         "scored",
         "optimum",
@@ -84,7 +84,7 @@ def test_the_ordinary_way(store):
 @pytest.mark.parametrize("target", ["issued", "scored", "failed", "void"])
 def test_only_legal_transitions(store, state, target):
     run_id = bring(store, state)
-    before = store.run(run_id), store.events()
+    before = store.runs()[run_id - 1], store.events()
     action = {
         "issued": lambda: store.issue([run_id]),
         "scored": lambda: store.record_scores(run_id, [NewScore("ice", 1.0)]),
@@ -94,21 +94,21 @@ def test_only_legal_transitions(store, state, target):
     # A scored run takes the score of another application.
     if target in TRANSITIONS[state] or state == target == "scored":
         action()
-        assert store.run(run_id).state == target
+        assert store.runs()[run_id - 1].state == target
     else:
         with pytest.raises(StoreError, match=f"run {run_id} is {state} and cannot become {target}"):
             action()
-        assert (store.run(run_id), store.events()) == before
+        assert (store.runs()[run_id - 1], store.events()) == before
 
 
 def test_one_illegal_run_stops_the_whole_change(store):
     good, bad = bring(store, "proposed"), bring(store, "void")
     with pytest.raises(StoreError, match=f"run {bad} is void"):
         store.issue([good, bad])
-    assert store.run(good).state == "proposed"
+    assert store.runs()[good - 1].state == "proposed"
     with pytest.raises(StoreError, match="no such run"):
         store.issue([good, 99])
-    assert store.run(good).state == "proposed"
+    assert store.runs()[good - 1].state == "proposed"
 
 
 def test_a_score_is_recorded_once(store):
@@ -116,7 +116,7 @@ def test_a_score_is_recorded_once(store):
     assert not store.record_scores(run_id, [NewScore("crops", 50.0)])
     with pytest.raises(StoreError, match="scored already"):
         store.record_scores(run_id, [NewScore("crops", 50.5)])
-    assert len(store.run(run_id).scores) == 1
+    assert len(store.runs()[run_id - 1].scores) == 1
 
 
 @pytest.mark.parametrize("score", [NewScore("a", math.nan), NewScore("a", math.inf), NewScore("a", 1.0, 0.0)])
@@ -124,12 +124,12 @@ def test_numbers_that_are_no_scores(store, score):
     run_id = bring(store, "issued")
     with pytest.raises(StoreError, match="not a usable number"):
         store.record_scores(run_id, [score])
-    assert store.run(run_id).state == "issued"
+    assert store.runs()[run_id - 1].state == "issued"
 
 
 def test_a_failed_run_can_be_tried_again(store):
     run_id = bring(store, "failed")
-    assert store.run(run_id).reason == "no fuel"
+    assert store.runs()[run_id - 1].reason == "no fuel"
     store.issue([run_id])
     (run,) = store.claim()
     assert (run.run_id, run.reason, run.attempts) == (run_id, "", 1)
@@ -140,7 +140,7 @@ def test_void_needs_a_reason_and_keeps_the_score(store):
     with pytest.raises(StoreError, match="voiding needs a reason"):
         store.void(run_id, "  ")
     store.void(run_id, "cloud")
-    assert (store.run(run_id).reason, len(store.run(run_id).scores)) == ("cloud", 1)
+    assert (store.runs()[run_id - 1].reason, len(store.runs()[run_id - 1].scores)) == ("cloud", 1)
 
 
 def test_claim_takes_waiting_simulations_only(store):
@@ -150,7 +150,7 @@ def test_claim_takes_waiting_simulations_only(store):
     assert [run.run_id for run in store.claim([ids[0], ids[3]])] == [ids[3]]
     assert [run.run_id for run in store.claim()] == [ids[1], later]
     assert store.claim() == ()
-    assert store.run(ids[2]).state == "issued"
+    assert store.runs()[ids[2] - 1].state == "issued"
     with pytest.raises(StoreError, match="no such run"):
         store.claim([99])
 
@@ -186,7 +186,7 @@ def test_selection_of_runs(store):
     with pytest.raises(StoreError, match="no such state"):
         store.runs("done")
     with pytest.raises(StoreError, match="no such run"):
-        store.run(99)
+        store.void(99, "clouds")
 
 
 def test_unknown_source_is_refused(store):

@@ -22,7 +22,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from seqrsm.campaign.acquisitions import acquisitions_of
+from seqrsm.campaign.simulation import acquisitions_of
 from seqrsm.scattering.calendar import DAYS
 from seqrsm.scattering.sigma0 import load_sigma0_table
 from seqrsm.scattering.worlds import World

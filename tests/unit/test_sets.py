@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from seqrsm.campaign.acquisitions import acquisitions_of
-from seqrsm.campaign.simulation import SimulationTask
+from seqrsm.campaign.simulation import SimulationTask, acquisitions_of
 from seqrsm.errors import ConfigurationError, ScatteringDataError, SpecError
 from seqrsm.scattering.emissivity import load_emissivity_table
 from seqrsm.sensor.sets import BANDS, Dates, members_of

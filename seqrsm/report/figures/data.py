@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures.optimum import thinned
-from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor, to_score
-from seqrsm.report.history import Look
+from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
+from seqrsm.store.records import LookRecord
 
 if TYPE_CHECKING:
     from seqrsm.campaign.rests_on import CropCalendar
@@ -116,11 +116,6 @@ def optimum_draws_data(analysis: Analysis, index: int) -> PanelData:
     return PanelData((factor_column(factor),), tuple((value,) for value in _natural(factor, natural)))
 
 
-def intervals_data(intervals: Sequence[tuple[str, Interval]]) -> PanelData:
-    """Ends of intervals by their names."""
-    return PanelData(("interval", "low", "high"), tuple((name, one.low, one.high) for name, one in intervals))
-
-
 def coefficient_data(analysis: Analysis) -> PanelData:
     """Coded coefficients with confidence and credible intervals."""
     fit, draws = analysis.fit, analysis.posterior.term_draws
@@ -141,9 +136,60 @@ def residual_data(analysis: Analysis) -> PanelData:
     """Observed and fitted score, residual and leverage of every run."""
     fit = analysis.fit
     columns = ("run", score_column(analysis, "observed"), score_column(analysis, "fitted"))
-    fitted = to_score(analysis, fit.fitted)
+    fitted = analysis.scale.to_score(fit.fitted)
     values = (analysis.data.run_ids, analysis.data.scores, fitted, fit.residuals, fit.studentised, fit.leverage)
-    return columns_data((*columns, "residual", "studentised residual", "leverage"), *values)
+    rows = zip(*(value.tolist() for value in values), strict=True)
+    return PanelData((*columns, "residual", "studentised residual", "leverage"), tuple(rows))
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One look.
+
+    Attributes
+    ----------
+    n_runs : int
+        Scored runs it was based on.
+    half_width : float
+        Of the interval that the stop rule watches, score units; nan where it was not defined yet.
+    confidence_half_width, prediction_half_width : float
+        At the optimum of that look, score units.
+    mean : float
+        Estimated score at that optimum.
+    settings : Mapping
+        Optimum of that look, natural units.
+    held : bool
+        Whether the stop rule held.
+    """
+
+    n_runs: int
+    half_width: float
+    confidence_half_width: float
+    prediction_half_width: float
+    mean: float
+    settings: Mapping[str, float | str]
+    held: bool
+
+
+def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, ...]:
+    """Read the looks of one application, in order; of two at the same number of runs the later one counts.
+
+    Their summaries are those of `seqrsm.analysis.to_json.look_summary`.
+    """
+    looks: dict[int, Look] = {}
+    for record in sorted((r for r in records if r.application == application), key=lambda r: r.look):
+        summary, best = record.summary, record.summary["optimum"]
+        found = (
+            summary["half_width"],
+            best["confidence"]["half_width"],
+            best["prediction"]["half_width"],
+            best["mean"],
+        )
+        width, confidence, prediction, mean = (math.nan if number is None else number for number in found)
+        looks[record.after_run] = Look(
+            record.after_run, width, confidence, prediction, mean, dict(best["settings"]), summary["held"]
+        )
+    return tuple(looks[n] for n in sorted(looks))
 
 
 def look_data(analysis: Analysis, looks: Sequence[Look]) -> PanelData:
@@ -170,8 +216,3 @@ def picture_data(pixels: AnyArray, pixel_m: float) -> PanelData:
     columns = ("across track [m] \\ along track [m]", *(f"{pixel_m * j:.10g}" for j in range(pixels.shape[1])))
     rows = tuple((pixel_m * i, *line) for i, line in enumerate(pixels.tolist()))
     return PanelData(columns, rows)
-
-
-def columns_data(columns: tuple[str, ...], *values: Iterable[float]) -> PanelData:
-    """Data from one sequence of numbers for each column."""
-    return PanelData(columns, tuple(zip(*(np.asarray(value).tolist() for value in values), strict=True)))

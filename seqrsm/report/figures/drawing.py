@@ -9,12 +9,15 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
+
+from seqrsm.report.blocks import Panel, PanelData
+from seqrsm.report.wording import slug
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 INK = "#1b1f24"
 MUTED = "#5c6670"
@@ -96,13 +99,13 @@ _BETWEEN = "\u241f"
 _NAMESPACE = re.compile(r'\sxmlns(?::\w+)?="[^"]*"')
 
 
-def draw(paint: Callable[[Figure], None], width_in: float = PANEL_WIDTH_IN, height_in: float = PANEL_HEIGHT_IN) -> str:
-    """Let ``paint`` fill an empty figure and return it as SVG.
+def draw(paint: Callable[[Axes], None], width_in: float = PANEL_WIDTH_IN, height_in: float = PANEL_HEIGHT_IN) -> str:
+    """Let ``paint`` fill the empty axes of a figure and return it as SVG.
 
     Parameters
     ----------
     paint : callable
-        Adds axes and artists to the figure it is given.
+        Adds artists to the axes it is given.
     width_in, height_in : float
         Size [in].
 
@@ -118,12 +121,26 @@ def draw(paint: Callable[[Figure], None], width_in: float = PANEL_WIDTH_IN, heig
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         canvas = FigureCanvasSVG(figure)
-        paint(figure)
+        paint(figure.add_subplot())
         buffer = io.StringIO()
         # Not by savefig, which draws once more before, for boxes that nobody asks for.
         metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
         canvas.print_svg(buffer, metadata=metadata)  # type: ignore[no-untyped-call]
     return _TIPS.sub(_write_tips, _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue()))).strip()
+
+
+def panel(
+    title: str,
+    alt: str,
+    paint: Callable[[Axes], None],
+    name: str,
+    data: Callable[[], PanelData],
+    *,
+    width_in: float = PANEL_WIDTH_IN,
+    height_in: float = PANEL_HEIGHT_IN,
+) -> Panel:
+    """Return a picture that `draw` makes when it is first asked for; ``name``, in words, names its files."""
+    return Panel(title, alt, partial(draw, paint, width_in, height_in), name=slug(name), data=data)
 
 
 def tell(marks: Artist, texts: Sequence[str]) -> None:

@@ -13,26 +13,20 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.optimum import run_texts, score_label
-from seqrsm.report.figures.surfaces import to_score
-from seqrsm.report.history import Look
 from seqrsm.report.wording import readable_term, shortened
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
 
     from seqrsm.campaign.rests_on import CropCalendar
+    from seqrsm.report.figures.data import Look
 
 MAX_COEFFICIENTS = 24
 
 
-def calendar_panel(calendar: CropCalendar, channel: int) -> str:
+def paint_calendar(calendar: CropCalendar, channel: int, axes: Axes) -> None:
     """Draw backscatter of crops over the year in one channel, with the days on which they are looked at."""
-    return drawing.draw(partial(_paint_calendar, calendar, channel))
-
-
-def _paint_calendar(calendar: CropCalendar, channel: int, figure: Figure) -> None:
-    axes = figure.add_subplot()
     day = np.arange(1.0, 366.0)
     for k, crop in enumerate(calendar.crops):
         style = "-" if k < len(drawing.SERIES) else ":"
@@ -56,14 +50,8 @@ def drawn_coefficients(analysis: Analysis) -> list[int]:
     return indices
 
 
-def coefficient_panel(analysis: Analysis, indices: Sequence[int]) -> str:
+def paint_coefficients(analysis: Analysis, indices: Sequence[int], axes: Axes) -> None:
     """Draw some coded coefficients with their confidence and credible intervals."""
-    height = 0.8 + 0.15 * len(indices)
-    return drawing.draw(partial(_paint_coefficients, analysis, indices), width_in=4.0, height_in=height)
-
-
-def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figure) -> None:
-    axes = figure.add_subplot()
     fit = analysis.fit
     chosen = np.array(indices, dtype=np.intp)
     position = np.arange(len(indices), dtype=np.float64)[::-1]
@@ -86,8 +74,8 @@ def _paint_coefficients(analysis: Analysis, indices: Sequence[int], figure: Figu
     axes.grid(visible=True, axis="x")
 
 
-def residual_panels(analysis: Analysis) -> tuple[tuple[str, Callable[[], str]], ...]:
-    """Titles and drawings of studentised residuals against fitted score, normal quantile and run number.
+def residual_paints(analysis: Analysis) -> tuple[tuple[str, Callable[[Axes], None]], ...]:
+    """Titles and painters of studentised residuals against fitted score, normal quantile and run number.
 
     Empty where studentised residuals do not exist.
     """
@@ -95,20 +83,18 @@ def residual_panels(analysis: Analysis) -> tuple[tuple[str, Callable[[], str]], 
     known = np.isfinite(studentised)
     if np.count_nonzero(known) < 3:
         return ()
-    fitted, label = to_score(analysis, analysis.fit.fitted), score_label(analysis)
+    fitted, label = analysis.scale.to_score(analysis.fit.fitted), score_label(analysis)
     texts = [text for text, shown in zip(run_texts(analysis, studentised, "residual"), known, strict=True) if shown]
     runs = analysis.data.run_ids[known].astype(np.float64)
     y = studentised[known]
-    paints = (
+    return (
         ("Residuals against fitted score", partial(_paint_residuals, fitted[known], y, f"fitted {label}", texts)),
         ("Residuals against normal quantiles", partial(_paint_normal, y)),
         ("Residuals against run", partial(_paint_residuals, runs, y, "run", texts)),
     )
-    return tuple((title, partial(drawing.draw, paint)) for title, paint in paints)
 
 
-def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: list[str], figure: Figure) -> None:
-    axes = figure.add_subplot()
+def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: list[str], axes: Axes) -> None:
     axes.axhline(0.0, color=drawing.MUTED, linewidth=0.8)
     for height in (-2.0, 2.0):
         axes.axhline(height, color=drawing.MUTED, linewidth=0.8, linestyle=":")
@@ -118,8 +104,7 @@ def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: li
     axes.set_ylabel("studentised residual")
 
 
-def _paint_normal(residuals: FloatArray, figure: Figure) -> None:
-    axes = figure.add_subplot()
+def _paint_normal(residuals: FloatArray, axes: Axes) -> None:
     n = residuals.size
     # Blom's plotting positions.
     quantiles = ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
@@ -130,46 +115,35 @@ def _paint_normal(residuals: FloatArray, figure: Figure) -> None:
     axes.set_ylabel("studentised residual")
 
 
-def half_width_panel(analysis: Analysis, looks: Sequence[Look], target: float) -> str:
+def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, axes: Axes) -> None:
     """Draw the watched half-width against the number of runs with the target and the noise floor."""
-
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        runs = np.array([look.n_runs for look in looks], dtype=np.float64)
-        widths = np.array([look.half_width for look in looks])
-        axes.plot(runs, widths, marker="o", markersize=4, color=drawing.BLUE, label="half-width")
-        axes.axhline(target, color=drawing.GREEN, linestyle="--", linewidth=1.3, label="target")
-        if np.isfinite(analysis.decision.noise_floor) and analysis.decision.noise_floor > 0.0:
-            axes.axhline(
-                analysis.decision.noise_floor, color=drawing.MUTED, linestyle=":", linewidth=1.3, label="noise floor"
-            )
-        top = np.nanmax(np.append(widths[np.isfinite(widths)], target))
-        axes.set_ylim(0.0, 1.12 * top)
-        _whole_numbers(axes.xaxis)
-        axes.set_xlabel("scored runs")
-        axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
-        axes.legend(loc="best")
-        drawing.light_grid(axes)
-
-    return drawing.draw(paint)
+    widths, floor = np.array([look.half_width for look in looks]), analysis.decision.noise_floor
+    axes.plot(_runs(looks), widths, marker="o", markersize=4, color=drawing.BLUE, label="half-width")
+    axes.axhline(target, color=drawing.GREEN, linestyle="--", linewidth=1.3, label="target")
+    if np.isfinite(floor) and floor > 0.0:
+        axes.axhline(floor, color=drawing.MUTED, linestyle=":", linewidth=1.3, label="noise floor")
+    axes.set_ylim(0.0, 1.12 * np.nanmax(np.append(widths[np.isfinite(widths)], target)))
+    _whole_numbers(axes.xaxis)
+    axes.set_xlabel("scored runs")
+    axes.set_ylabel(score_label(analysis).replace("score", "half-width", 1))
+    axes.legend(loc="best")
+    drawing.light_grid(axes)
 
 
-def mean_history_panel(analysis: Analysis, looks: Sequence[Look]) -> str:
+def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) -> None:
     """Draw the estimated score at the optimum of every look with its confidence interval."""
+    mean = np.array([look.mean for look in looks])
+    half = np.array([look.confidence_half_width for look in looks])
+    axes.fill_between(_runs(looks), mean - half, mean + half, color=drawing.BLUE, alpha=0.25, linewidth=0)
+    axes.plot(_runs(looks), mean, marker="o", markersize=4, color=drawing.BLUE)
+    _whole_numbers(axes.xaxis)
+    axes.set_xlabel("scored runs")
+    axes.set_ylabel(score_label(analysis))
+    drawing.light_grid(axes)
 
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        runs = np.array([look.n_runs for look in looks], dtype=np.float64)
-        mean = np.array([look.mean for look in looks])
-        half = np.array([look.confidence_half_width for look in looks])
-        axes.fill_between(runs, mean - half, mean + half, color=drawing.BLUE, alpha=0.25, linewidth=0)
-        axes.plot(runs, mean, marker="o", markersize=4, color=drawing.BLUE)
-        _whole_numbers(axes.xaxis)
-        axes.set_xlabel("scored runs")
-        axes.set_ylabel(score_label(analysis))
-        drawing.light_grid(axes)
 
-    return drawing.draw(paint)
+def _runs(looks: Sequence[Look]) -> FloatArray:
+    return np.array([look.n_runs for look in looks], dtype=np.float64)
 
 
 def _whole_numbers(axis: Axis) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from seqrsm.analysis.scale import Interval
     from seqrsm.spec.tables import StopSpec
@@ -31,7 +29,7 @@ _WHITE = "#ffffff"
 _BLACK = "#000000"
 
 
-def contour_panel(analysis: Analysis, surface: Surface, limits: tuple[float, float]) -> str:
+def paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], axes: Axes) -> None:
     """Draw contours of the fitted mean over two factors with runs, posterior cloud and optimum.
 
     Parameters
@@ -41,19 +39,15 @@ def contour_panel(analysis: Analysis, surface: Surface, limits: tuple[float, flo
         Of the same analysis.
     limits : (float, float)
         Scores at the ends of the colour scale, the same for all pairs so that panels can be compared.
+    axes : Axes
     """
-    return drawing.draw(partial(_paint_contours, analysis, surface, limits), height_in=2.0)
-
-
-def _paint_contours(analysis: Analysis, surface: Surface, limits: tuple[float, float], figure: Figure) -> None:
-    axes = figure.add_subplot()
     x_factor, y_factor = numeric_factor(analysis, surface.x_index), numeric_factor(analysis, surface.y_index)
     levels = np.linspace(limits[0], limits[1], 17)
     if np.all(np.isfinite(surface.mean)):
         filled = axes.contourf(
             surface.x, surface.y, surface.mean, levels=levels, cmap=drawing.SURFACE_COLORS, extend="both"
         )
-        bar = figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
+        bar = axes.figure.colorbar(filled, ax=axes, pad=0.02, aspect=28)
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=7)
         bar.set_ticks(_round_ticks(limits))
@@ -105,20 +99,15 @@ def run_texts(analysis: Analysis, values: FloatArray, what: str) -> list[str]:
     return [f"run {run}: {what} {value:.4g}" for run, value in zip(analysis.data.run_ids.tolist(), values, strict=True)]
 
 
-def slice_panel(analysis: Analysis, line: Line) -> str:
+def paint_slice(analysis: Analysis, line: Line, axes: Axes) -> None:
     """Draw mean, confidence and prediction band along one factor through the optimum, with the runs moved there."""
     factor = analysis.region.factors[line.index]
     stepwise = isinstance(factor, (CategoricalFactor, DiscreteFactor))
-    return drawing.draw(partial(_paint_levels if stepwise else _paint_bands, analysis, line))
+    (_paint_levels if stepwise else _paint_bands)(analysis, line, axes)
 
 
-def levels_panel(analysis: Analysis, category: int, lines: tuple[Line, ...]) -> str:
+def paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], axes: Axes) -> None:
     """Draw the fitted mean along a numeric factor with its confidence intervals, a line for each level of another."""
-    return drawing.draw(partial(_paint_lines, analysis, category, lines))
-
-
-def _paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], figure: Figure) -> None:
-    axes = figure.add_subplot()
     factor = numeric_factor(analysis, lines[0].index)
     levels = analysis.region.factors[category]
     assert isinstance(levels, CategoricalFactor)
@@ -144,29 +133,14 @@ def _paint_lines(analysis: Analysis, category: int, lines: tuple[Line, ...], fig
     drawing.light_grid(axes)
 
 
-def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
-    axes = figure.add_subplot()
+def _paint_bands(analysis: Analysis, line: Line, axes: Axes) -> None:
     factor = numeric_factor(analysis, line.index)
-    hidden = ~line.allowed
-    mean = np.where(hidden, np.nan, line.mean)
-    axes.fill_between(
-        line.x,
-        line.prediction_low,
-        line.prediction_high,
-        where=line.allowed,
-        color=drawing.BLUE,
-        alpha=0.14,
-        linewidth=0,
-    )
-    axes.fill_between(
-        line.x,
-        line.confidence_low,
-        line.confidence_high,
-        where=line.allowed,
-        color=drawing.BLUE,
-        alpha=0.32,
-        linewidth=0,
-    )
+    mean = np.where(line.allowed, line.mean, np.nan)
+    for low, high, alpha in (
+        (line.prediction_low, line.prediction_high, 0.14),
+        (line.confidence_low, line.confidence_high, 0.32),
+    ):
+        axes.fill_between(line.x, low, high, where=line.allowed, color=drawing.BLUE, alpha=alpha, linewidth=0)
     axes.plot(line.x, mean, color=drawing.BLUE)
     marks = axes.scatter(line.run_x, line.run_score, s=9, color=drawing.MUTED, linewidths=0, zorder=3)
     drawing.tell(marks, run_texts(analysis, line.run_score, "score here"))
@@ -177,8 +151,7 @@ def _paint_bands(analysis: Analysis, line: Line, figure: Figure) -> None:
     drawing.light_grid(axes)
 
 
-def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
-    axes = figure.add_subplot()
+def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
     factor = analysis.region.factors[line.index]
     assert isinstance(factor, (CategoricalFactor, DiscreteFactor))
     position = np.arange(line.x.size, dtype=np.float64)
@@ -210,13 +183,8 @@ def _paint_levels(analysis: Analysis, line: Line, figure: Figure) -> None:
     drawing.light_grid(axes)
 
 
-def optimum_posterior_panel(analysis: Analysis, index: int) -> str:
+def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
     """Draw the posterior of one factor's optimal setting: histogram, or probabilities of its levels."""
-    return drawing.draw(partial(_paint_optimum_posterior, analysis, index), height_in=1.7)
-
-
-def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> None:
-    axes = figure.add_subplot()
     factor = analysis.region.factors[index]
     draws = analysis.posterior.optimum_points[:, index]
     if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
@@ -241,35 +209,30 @@ def _paint_optimum_posterior(analysis: Analysis, index: int, figure: Figure) -> 
     drawing.light_grid(axes)
 
 
-def intervals_panel(analysis: Analysis, intervals: Sequence[tuple[str, Interval]], stop: StopSpec) -> str:
+def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]], stop: StopSpec, axes: Axes) -> None:
     """Draw intervals at the optimum, each a bar, with the mean and the target about it."""
-
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        mean = analysis.optimum.mean
-        widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
-        near = stop.half_width < _FAR * widest
-        for place, (_, one) in enumerate(intervals):
-            y = len(intervals) - 1 - place
-            axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
-            axes.scatter([mean], [y], s=22, color=drawing.INK, zorder=3)
-            # Over a long bar the numbers have room, and do not run into the target's lines.
-            long = one.half_width > 0.6 * max(widest, stop.half_width if near else 0.0)
-            sides = ("left", "right") if long else ("right", "left")
-            for end, side in zip((one.low, one.high), sides, strict=True):
-                if np.isfinite(end):
-                    text = format_number(end, score_decimals(analysis))
-                    axes.annotate(text, (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points")
-        for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
-            axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
-        names = [name.replace(", ", ",\n") for name, _ in intervals]
-        axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
-        axes.set_ylim(-0.6, len(intervals) - 0.3)
-        axes.margins(x=0.2)
-        axes.set_xlabel(score_label(analysis))
-        axes.grid(visible=True, axis="x")
-
-    return drawing.draw(paint, height_in=2.0)
+    mean = analysis.optimum.mean
+    widest = max((one.half_width for _, one in intervals if np.isfinite(one.half_width)), default=stop.half_width)
+    near = stop.half_width < _FAR * widest
+    for place, (_, one) in enumerate(intervals):
+        y = len(intervals) - 1 - place
+        axes.hlines(y, one.low, one.high, color=drawing.BLUE, linewidth=5, alpha=0.9 if place == 0 else 0.5)
+        axes.scatter([mean], [y], s=22, color=drawing.INK, zorder=3)
+        # Over a long bar the numbers have room, and do not run into the target's lines.
+        long = one.half_width > 0.6 * max(widest, stop.half_width if near else 0.0)
+        sides = ("left", "right") if long else ("right", "left")
+        for end, side in zip((one.low, one.high), sides, strict=True):
+            if np.isfinite(end):
+                text = format_number(end, score_decimals(analysis))
+                axes.annotate(text, (end, y), ha=side, va="bottom", xytext=(0, 4), textcoords="offset points")
+    for end in (mean - stop.half_width, mean + stop.half_width) if near else ():
+        axes.axvline(end, color=drawing.GREEN, linestyle="--", linewidth=1.3)
+    names = [name.replace(", ", ",\n") for name, _ in intervals]
+    axes.set_yticks(range(len(intervals) - 1, -1, -1), names)
+    axes.set_ylim(-0.6, len(intervals) - 0.3)
+    axes.margins(x=0.2)
+    axes.set_xlabel(score_label(analysis))
+    axes.grid(visible=True, axis="x")
 
 
 def score_label(analysis: Analysis) -> str:

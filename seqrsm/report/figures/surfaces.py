@@ -17,11 +17,6 @@ LINE_POINTS = 81
 MAX_PAIRS = 6
 
 
-def to_score(analysis: Analysis, values: FloatArray) -> FloatArray:
-    """Turn values on the scale of the fit into score units (the logit of a percentage back into percent)."""
-    return analysis.scale.to_score(values)
-
-
 @dataclass(frozen=True, slots=True)
 class Surface:
     """Fitted mean over two numeric factors, the others at the optimum.
@@ -110,7 +105,7 @@ def surface(analysis: Analysis, x_index: int, y_index: int) -> Surface:
         y_index,
         numeric_factor(analysis, x_index).decode(coded),
         numeric_factor(analysis, y_index).decode(coded),
-        to_score(analysis, analysis.belief.mean(points)).reshape(shape),
+        analysis.scale.to_score(analysis.belief.mean(points)).reshape(shape),
         analysis.region.slack(points).reshape(shape),
     )
 
@@ -135,7 +130,7 @@ def line(analysis: Analysis, index: int) -> Line:
         natural = factor.decode(coded)
         run_natural = factor.decode(analysis.data.points[:, index])
     runs = predict(analysis, _along(analysis, index, analysis.data.points[:, index]))
-    moved = to_score(analysis, runs.mean + analysis.fit.residuals)
+    moved = analysis.scale.to_score(runs.mean + analysis.fit.residuals)
     return _line(analysis, index, natural, _along(analysis, index, coded), run_natural, moved)
 
 
@@ -161,11 +156,11 @@ def _line(
     return Line(
         index,
         natural,
-        to_score(analysis, shown.mean),
-        to_score(analysis, shown.confidence.low),
-        to_score(analysis, shown.confidence.high),
-        to_score(analysis, shown.prediction.low),
-        to_score(analysis, shown.prediction.high),
+        analysis.scale.to_score(shown.mean),
+        analysis.scale.to_score(shown.confidence.low),
+        analysis.scale.to_score(shown.confidence.high),
+        analysis.scale.to_score(shown.prediction.low),
+        analysis.scale.to_score(shown.prediction.high),
         np.asarray(analysis.region.slack(points) >= -1e-9),
         run_x,
         run_score,

@@ -12,7 +12,6 @@ from seqrsm.report.blocks import (
     Cell,
     FigureBlock,
     Head,
-    Panel,
     PanelData,
     Paragraph,
     Section,
@@ -25,7 +24,7 @@ from seqrsm.report.wording import level_text, listing, number_cell, slug, with_u
 from seqrsm.sensor.exchange import PROPERTIES
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 _NAMES = {
     "frequency_ghz": "frequency", "bandwidth_mhz": "bandwidth", "resolution_range_m": "range resolution",
@@ -176,11 +175,10 @@ def _note(row: Mapping[str, Any]) -> str:
 
 
 def _picture(name: str, rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> FigureBlock:
-    height = 0.9 + 0.32 * len(rows)
-    draw = partial(drawing.draw, partial(_paint, rows, found), 2.0 * drawing.PANEL_WIDTH_IN, height)
+    size = {"width_in": 2.0 * drawing.PANEL_WIDTH_IN, "height_in": 0.9 + 0.32 * len(rows)}
     alt = "; ".join(f"{row['name']}: {row['difference']:.3g}" for row in rows)
     title = f"Candidates against the optimum, {name}"
-    panel = Panel(title, alt, draw, name=slug(f"candidates {name}"), data=partial(_data, rows))
+    panel = drawing.panel(title, alt, partial(_paint, rows, found), f"candidates {name}", partial(_data, rows), **size)
     under = (
         "Each candidate's score minus the optimum's: interval of the mean over all grounds (thick) and of one ground "
         "(thin). In brackets: probability of sufficing. Dashed: sufficient."
@@ -198,8 +196,7 @@ def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
     )
 
 
-def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], figure: Figure) -> None:
-    axes = figure.add_subplot()
+def _paint(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], axes: Axes) -> None:
     for k, row in enumerate(reversed(rows)):
         axes.plot(_ends(row, "one_ground"), (k, k), color=drawing.MUTED, linewidth=1.0)
         axes.plot(_ends(row), (k, k), color=drawing.BLUE, linewidth=4.0, solid_capstyle="butt")

@@ -8,9 +8,9 @@ from typing import Any
 
 from seqrsm.campaign.budget import Plan
 from seqrsm.campaign.check import CheckResult
-from seqrsm.report.assumptions import summarise_notes
 from seqrsm.report.blocks import Bullets, Definitions, Paragraph, Section, right, table
 from seqrsm.report.rounding import format_plain, format_significant
+from seqrsm.report.sections.sources import group_notes
 
 
 def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, ...]:
@@ -39,9 +39,9 @@ def check_sections(result: CheckResult, *, every_note: bool) -> tuple[Section, .
         text = "Feasibility of the radar recommended so far (margins below 1 cannot be built)"
         sections.append(Section("hardware", text, (Bullets(result.hardware),)))
     if result.notes:
-        more = "" if every_note else "; -v or --json shows all"
+        more = "" if every_note else "; -v or --json shows all, with those on single covers"
         title = f"Assumptions of the simulation ({len(result.notes)}{more})"
-        notes = result.notes if every_note else summarise_notes(result.notes, result.covers)
+        notes = result.notes if every_note else group_notes(result.notes, result.covers).others
         sections.append(Section("notes", title, (Bullets(notes),)))
     return tuple(sections)
 

@@ -16,7 +16,6 @@ from seqrsm.report.blocks import (
     Entry,
     FigureBlock,
     Head,
-    Panel,
     PanelData,
     Paragraph,
     Section,
@@ -34,12 +33,11 @@ from seqrsm.report.wording import (
     number_cell,
     readable,
     shortened,
-    slug,
     with_unit,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 MAX_FRONT_ROWS = 10
 MAX_FRONT_PANELS = 3
@@ -63,7 +61,10 @@ def compromise_section(factors: Sequence[Factor], found: CompromiseEstimate) -> 
 def compromise_summary(factors: Sequence[Factor], found: CompromiseEstimate) -> tuple[Block, ...]:
     """Return what a summary says of several applications: the settings that serve them all, and their price."""
     drawn = (_front_figure(found),) if len(found.front_settings) > 1 and len(found.given_up) > 1 else ()
-    return (_settings_sentence(factors, found), *drawn, _loss_table(found))
+    settings = listing(
+        [f"{readable(f.name)} {format_setting(f, found.settings[f.name], _spread(found, f.name))}" for f in factors]
+    )
+    return (Paragraph(f"Recommended compromise: {settings}.", "lead"), *drawn, _loss_table(found))
 
 
 def _front_figure(found: CompromiseEstimate) -> FigureBlock:
@@ -79,7 +80,7 @@ def _front_figure(found: CompromiseEstimate) -> FigureBlock:
         )
         rows = tuple(tuple(row) for row in found.front_values[:, [i, j]].tolist())
         data = partial(PanelData, (_axis(x), _axis(y)), rows)
-        panels.append(Panel(title, alt, partial(_front_panel, found, i, j), name=slug(f"pareto {title}"), data=data))
+        panels.append(drawing.panel(title, alt, partial(_paint_front, found, i, j), f"pareto {title}", data))
     caption = "Pareto front: settings that no other setting improves on in every objective. Star: the compromise."
     return FigureBlock(tuple(panels), caption, columns=3 if len(panels) > 2 else 2)
 
@@ -88,31 +89,14 @@ def _axis(item: GivenUp) -> str:
     return f"{item.name} [{item.unit}]" if item.unit else item.name
 
 
-def _front_panel(found: CompromiseEstimate, i: int, j: int) -> str:
-    def paint(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        x, y = found.given_up[i], found.given_up[j]
-        axes.scatter(found.front_values[:, i], found.front_values[:, j], s=16, color=drawing.BLUE, linewidths=0)
-        star: dict[str, Any] = {
-            "s": 130,
-            "marker": "*",
-            "facecolor": drawing.ORANGE,
-            "edgecolor": drawing.INK,
-            "zorder": 5,
-        }
-        axes.scatter([x.value], [y.value], **star)
-        axes.set_xlabel(shortened(_axis(x), 44))
-        axes.set_ylabel(shortened(_axis(y), 36))
-        drawing.light_grid(axes)
-
-    return drawing.draw(paint)
-
-
-def _settings_sentence(factors: Sequence[Factor], found: CompromiseEstimate) -> Paragraph:
-    settings = listing(
-        [f"{readable(f.name)} {format_setting(f, found.settings[f.name], _spread(found, f.name))}" for f in factors]
-    )
-    return Paragraph(f"Recommended compromise: {settings}.", "lead")
+def _paint_front(found: CompromiseEstimate, i: int, j: int, axes: Axes) -> None:
+    x, y = found.given_up[i], found.given_up[j]
+    axes.scatter(found.front_values[:, i], found.front_values[:, j], s=16, color=drawing.BLUE, linewidths=0)
+    star: dict[str, Any] = {"s": 130, "marker": "*", "facecolor": drawing.ORANGE, "edgecolor": drawing.INK, "zorder": 5}
+    axes.scatter([x.value], [y.value], **star)
+    axes.set_xlabel(shortened(_axis(x), 44))
+    axes.set_ylabel(shortened(_axis(y), 36))
+    drawing.light_grid(axes)
 
 
 def _spread(found: CompromiseEstimate, name: str) -> float:

@@ -54,8 +54,14 @@ def question_section(dossier: Dossier) -> Section:
     spec, region = dossier.spec, dossier.spec.region
     blocks: list[Block] = [Paragraph(_stop_text(dossier))]
     if len(spec.applications) > 1:
-        blocks.append(_applications(dossier))
-    blocks.append(_factor_table(region.factors))
+        rows = (
+            (one.name, readable(one.utility), one.goal, number_cell(format_plain(one.weight), one.weight))
+            for one in spec.applications
+        )
+        blocks.append(table("Applications", ("Application", "Score", "Goal", right("Weight")), rows))
+    coded = "Factors; the model uses each coded from \u22121 to 1 on its scale"
+    described = ((axis_label(factor), *describe_factor(factor)) for factor in region.factors)
+    blocks.append(table(coded, ("Factor", "Kind and scale", "Range or levels"), described))
     if region.constraints:
         blocks.append(Paragraph("Constraints on the settings, in natural units:"))
         blocks.append(Bullets(tuple(constraint.expr for constraint in region.constraints)))
@@ -66,25 +72,6 @@ def question_section(dossier: Dossier) -> Section:
         )
         blocks.append(Paragraph(f"Sensor parameters held fixed: {'; '.join(fixed)}."))
     return Section("question", "Question and region", (*blocks, *_data_blocks(dossier)))
-
-
-def _applications(dossier: Dossier) -> Table:
-    rows = (
-        (
-            application.name,
-            readable(application.utility),
-            application.goal,
-            number_cell(format_plain(application.weight), application.weight),
-        )
-        for application in dossier.spec.applications
-    )
-    return table("Applications", ("Application", "Score", "Goal", right("Weight")), rows)
-
-
-def _factor_table(factors: Sequence[Factor]) -> Table:
-    rows = ((axis_label(factor), *describe_factor(factor)) for factor in factors)
-    caption = "Factors; the model uses each coded from \u22121 to 1 on its scale"
-    return table(caption, ("Factor", "Kind and scale", "Range or levels"), rows)
 
 
 def _stop_text(dossier: Dossier) -> str:
@@ -126,7 +113,8 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
     blocks: list[Block] = [Paragraph(f"{text} Purposes: {whys}. The report's last table lists them all.")]
     left_out = [run for run in runs if run.state in ("void", "failed")]
     if left_out:
-        blocks.append(_left_out_table(left_out))
+        rows = ((whole_cell(run.run_id), run.state, run.reason or "no reason recorded") for run in left_out)
+        blocks.append(table("Runs excluded from the fit", (right("Run"), "State", "Reason"), rows))
     return blocks
 
 
@@ -142,11 +130,6 @@ def run_section(dossier: Dossier) -> Section:
     )
     note = Paragraph(f"The last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
     return Section("runs", "The last runs", (note, block))
-
-
-def _left_out_table(runs: Sequence[RunRecord]) -> Table:
-    rows = ((whole_cell(run.run_id), run.state, run.reason or "no reason recorded") for run in runs)
-    return table("Runs excluded from the fit", (right("Run"), "State", "Reason"), rows)
 
 
 def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:

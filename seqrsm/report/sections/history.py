@@ -1,4 +1,4 @@
-"""How interval and optimum moved with the runs, and the confirmation."""
+"""How interval and optimum moved with the runs."""
 
 from __future__ import annotations
 
@@ -8,30 +8,24 @@ from functools import partial
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.report.blocks import (
-    Block,
     Details,
     Entry,
     FigureBlock,
     Head,
-    Panel,
-    Paragraph,
     Section,
     Table,
     right,
     table,
 )
-from seqrsm.report.figures.data import look_data
-from seqrsm.report.figures.fit import half_width_panel, mean_history_panel
-from seqrsm.report.history import Look, read_looks
-from seqrsm.report.rounding import decimals_for, format_number, format_plain, format_significant
+from seqrsm.report.figures import drawing
+from seqrsm.report.figures.data import Look, look_data, read_looks
+from seqrsm.report.figures.fit import paint_half_widths, paint_mean_history
+from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.wording import (
     decimal_cell,
     factor_column,
     format_setting,
     half_width_text,
-    interval_text,
-    level_phrase,
-    listing,
     number_cell,
     score_decimals,
     score_text,
@@ -45,17 +39,13 @@ from seqrsm.store.records import LookRecord
 
 
 def history_section(spec: CampaignSpec, records: Sequence[LookRecord], analysis: Analysis, key: str) -> Section | None:
-    """Return how interval and optimum moved with the runs, and the fresh runs; None where there is neither."""
+    """Return how interval and optimum moved with the runs; None before the first interim analysis."""
     looks = read_looks(records, analysis.application)
-    blocks: list[Block] = []
-    if looks:
-        blocks.append(_history_figure(analysis, looks, spec.stop.half_width))
-        blocks.append(Details(f"All {len(looks)} interim analyses", (_look_table(analysis, looks),), long=True))
-    if analysis.confirmation is not None:
-        blocks.append(_confirmation(analysis))
-    if not blocks:
+    if not looks:
         return None
-    return Section(f"{key}-history", "Progress of interval and optimum", tuple(blocks))
+    every = Details(f"All {len(looks)} interim analyses", (_look_table(analysis, looks),), long=True)
+    figure = _history_figure(analysis, looks, spec.stop.half_width)
+    return Section(f"{key}-history", "Progress of interval and optimum", (figure, every))
 
 
 def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) -> FigureBlock:
@@ -69,12 +59,12 @@ def _history_figure(analysis: Analysis, looks: Sequence[Look], target: float) ->
             f"{known[0].n_runs} runs, {half_width_text(analysis, known[-1].half_width)} after "
             f"{known[-1].n_runs}; the target is {target_text}."
         )
-        draw = partial(half_width_panel, analysis, looks, target)
-        panels.append(Panel("Stop-rule half-width", alt, draw, name="history-of-half-width", data=data))
+        paint = partial(paint_half_widths, analysis, looks, target)
+        panels.append(drawing.panel("Stop-rule half-width", alt, paint, "history of half-width", data))
     if any(math.isfinite(look.mean) for look in looks):
         alt = f"Mean score at the optimum of each interim analysis, last {score_text(analysis, looks[-1].mean)}."
-        draw = partial(mean_history_panel, analysis, looks)
-        panels.append(Panel("Mean score at the optimum", alt, draw, name="history-of-mean-score", data=data))
+        paint = partial(paint_mean_history, analysis, looks)
+        panels.append(drawing.panel("Mean score at the optimum", alt, paint, "history of mean score", data))
     caption = (
         "Results of each interim analysis. Dashed green: target of the stop rule; dotted grey: noise floor, which more "
         "runs cannot lower. Band: confidence interval of the mean."
@@ -108,17 +98,3 @@ def _look_table(analysis: Analysis, looks: Sequence[Look]) -> Table:
         "Rule met",
     )
     return table("Interval and optimum at each interim analysis", columns, rows, sortable=True)
-
-
-def _confirmation(analysis: Analysis) -> Paragraph:
-    confirmation = analysis.confirmation
-    assert confirmation is not None
-    places = max(decimals_for(confirmation.interval.half_width), score_decimals(analysis))
-    runs = listing([str(run) for run in confirmation.run_ids])
-    scores = ", ".join(format_number(score, places) for score in confirmation.scores)
-    text = (
-        f"Confirmation runs {runs} at the recommended settings scored {scores}. Their mean is "
-        f"{with_unit(format_number(confirmation.mean, places), analysis.score_unit)}, with a {level_phrase(analysis)} "
-        f"interval, independent of the model, of {interval_text(analysis, confirmation.interval)}."
-    )
-    return Paragraph(text)

@@ -1,15 +1,35 @@
-"""Check against the literature: the optimum beside the rows of Tables A.1 to A.20 on the application."""
+"""Check against the literature: the optimum beside the rows of Tables A.1 to A.20 on the application.
+
+Which words to look up, what is printed, and what agrees.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
-from seqrsm.catalog import summary
-from seqrsm.report.blocks import Block, Paragraph, Section, Table, table
-from seqrsm.report.literature import Literature, literature, system_of
-from seqrsm.report.wording import counted, listing, readable
+from seqrsm.catalog import StartLevels, StartRange, StartRanges, search, start_ranges, summary
+from seqrsm.catalog.search import words_of
+from seqrsm.design.factors import CategoricalFactor, Factor, span
+from seqrsm.report.blocks import Block, Paragraph, Section, table
+from seqrsm.report.rounding import NOTHING, format_plain
+from seqrsm.report.wording import (
+    counted,
+    describe_factor,
+    listing,
+    optimum_setting_text,
+    readable,
+    setting_posterior,
+    setting_range_text,
+    with_unit,
+)
+from seqrsm.sensor.parameters import RADAR, RADIOMETER
+from seqrsm.spec.read import CampaignSpec
+from seqrsm.units import unit_factor
 
 MAX_NAMED = 2
 
@@ -19,10 +39,223 @@ _LATER = (
 )
 
 
+#: What campaigns and the tables of 1979 call differently.
+SAME_IN_THE_TABLES = {"ground cover": "land use", "land cover": "land use"}
+
+#: Words that tell nothing of an application when they stand alone.
+_GENERIC = frozenset(
+    (
+        "a", "an", "airborne", "and", "area", "best", "by", "cover", "data", "for", "from", "ground", "image",
+        "imaging", "in", "is", "it", "map", "mapping", "measured", "of", "on", "one", "percent", "radar", "radiometer",
+        "real", "remote", "scene", "score", "sensing", "sensor", "simulated", "site", "surface", "system", "test",
+        "that", "the", "to", "which", "with",
+    )
+)  # fmt: skip
+
+_CHANNELS = frozenset({"HH", "HV", "VH", "VV", "H", "V"})
+#: Names that tell a radiometer where no simulator does.
+_PASSIVE = {row.name for row in RADIOMETER.values() if row.name != row.field} - RADAR.keys()
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One sensor parameter: what is printed, what this campaign found, and whether the two agree.
+
+    Attributes
+    ----------
+    parameter, printed, tables, agreed, found : str
+        Texts for a table.
+    verdict : str
+        "agrees", "not excluded", "differs", "not comparable" or "nothing printed".
+    why : str
+        The verdict in a few words more.
+    """
+
+    parameter: str
+    printed: str
+    tables: str
+    agreed: str
+    found: str
+    verdict: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Literature:
+    """What the catalogue holds on an application.
+
+    Attributes
+    ----------
+    asked : str
+        Words that were looked up.
+    reason : str
+        Where they come from.
+    start : StartRanges
+    comparisons : tuple of Comparison
+    """
+
+    asked: str
+    reason: str
+    start: StartRanges
+    comparisons: tuple[Comparison, ...]
+
+
+def literature(spec: CampaignSpec, analysis: Analysis) -> Literature | None:
+    """Look an application up and compare; None where no entry of the catalogue is about it."""
+    application = next((one for one in spec.applications if one.name == analysis.application), None)
+    system = system_of(spec)
+    wanted = "" if application is None else application.catalog
+    # The description of a campaign of several applications may be about another of them.
+    description = spec.description if len(spec.applications) == 1 else ""
+    found = catalogue_words(analysis.application, description, system, wanted)
+    if found is None:
+        return None
+    asked, reason = found
+    start = start_ranges(asked, system=system)
+    rows = [_compare_range(spec, analysis, item) for item in start.ranges]
+    rows.append(_compare_levels(spec, analysis, start.polarization))
+    return Literature(asked, reason, start, tuple(row for row in rows if row is not None))
+
+
+def system_of(spec: CampaignSpec) -> str:
+    """Kind of sensor, "active" or "passive"."""
+    passive = spec.simulator is not None and spec.simulator.engine == "prm"
+    return "passive" if passive or _PASSIVE & set(spec.region.names) else "active"
+
+
+def catalogue_words(name: str, description: str, system: str, wanted: str = "") -> tuple[str, str] | None:
+    """Words of an application that the catalogue knows, and where they come from.
+
+    The longest run of words of the application's name, then of the campaign's description, that some entry holds; a
+    single word only if it says something alone.
+    """
+    if wanted and search(wanted, system=system):
+        return wanted, "named in campaign.toml"
+    for text, reason in ((name, "the application's name"), (description, "the campaign's description")):
+        for words in _phrases(words_of(text.replace("_", " "))):
+            asked = SAME_IN_THE_TABLES.get(words, words)
+            if search(asked, system=system):
+                same = "" if asked == words else f", which says \u201c{words}\u201d"
+                return asked, reason + same
+    return None
+
+
+def _phrases(words: tuple[str, ...], longest: int = 4) -> Iterator[str]:
+    for length in range(min(longest, len(words)), 0, -1):
+        for first in range(len(words) - length + 1):
+            phrase = words[first : first + length]
+            if not set(phrase) <= _GENERIC or " ".join(phrase) in SAME_IN_THE_TABLES:
+                yield " ".join(phrase)
+
+
+def _compare_range(spec: CampaignSpec, analysis: Analysis, item: StartRange) -> Comparison | None:
+    factor = next((f for f in analysis.region.factors if f.name == item.name), None)
+    if isinstance(factor, CategoricalFactor):
+        return None
+    tables = ", ".join(item.tables)
+    printed = NOTHING if item.low is None or item.high is None else _ends(item.low, item.high, item.unit)
+    agreed = (
+        NOTHING if item.agreed_low is None or item.agreed_high is None
+        else _ends(item.agreed_low, item.agreed_high, item.unit)
+    )  # fmt: skip
+    found, value, low, high = _found(spec, analysis, item, factor)
+    if not found:
+        return None
+    if item.low is None or item.high is None:
+        verdict, why = "nothing printed", "the tables print no number"
+    elif math.isnan(value):
+        verdict, why = "not comparable", "in another unit"
+    elif item.low <= value <= item.high:
+        inside = item.agreed_low is not None and item.agreed_high is not None
+        most = inside and item.n_agreeing > 1 and item.agreed_low <= value <= item.agreed_high  # type: ignore[operator]
+        verdict, why = "agrees", "within the range most sources share" if most else "within the printed range"
+    elif low <= item.high and high >= item.low:
+        verdict, why = "not excluded", "the credible interval overlaps the printed range"
+    elif factor is not None and _apart(item, factor):
+        verdict, why = "not comparable", "the campaign's region lies outside the printed range"
+    else:
+        verdict, why = "differs", "outside the printed range" + ("" if factor is not None else ", held fixed")
+    return Comparison(item.name, printed, tables, agreed, found, verdict, why)
+
+
+def _found(
+    spec: CampaignSpec, analysis: Analysis, item: StartRange, factor: Factor | None
+) -> tuple[str, float, float, float]:
+    """What the campaign says: text, and value with the ends of its credible interval in the table's unit."""
+    if factor is None:
+        fixed = _fixed(spec, item.name)
+        if fixed is None or isinstance(fixed, str):
+            return "", math.nan, math.nan, math.nan
+        return f"{with_unit(format_plain(fixed), item.unit)}, held fixed", fixed, fixed, fixed
+    assert not isinstance(factor, CategoricalFactor)
+    text = f"{optimum_setting_text(analysis, factor)} ({setting_range_text(analysis, factor)})"
+    posterior = setting_posterior(analysis, factor)
+    best = float(analysis.optimum.settings[factor.name])
+    ends = (best, best) if posterior is None else (posterior.low, posterior.high)
+    scale = unit_factor(factor.unit or item.unit, item.unit)
+    if scale is None:
+        return text, math.nan, math.nan, math.nan
+    return text, scale * best, scale * ends[0], scale * ends[1]
+
+
+def _fixed(spec: CampaignSpec, name: str) -> float | str | None:
+    """Value of a parameter that the campaign holds fixed, by its name or its field's; None where it does not."""
+    given = {} if spec.simulator is None else spec.simulator.fixed
+    return given.get(name, given.get((RADAR.get(name) or RADIOMETER[name]).field))
+
+
+def _apart(item: StartRange, factor: Factor) -> bool:
+    assert not isinstance(factor, CategoricalFactor)
+    scale = unit_factor(factor.unit or item.unit, item.unit) or math.nan
+    low, high = (scale * x for x in span(factor))
+    return item.low is not None and item.high is not None and (high < item.low or low > item.high)
+
+
+def _compare_levels(spec: CampaignSpec, analysis: Analysis, item: StartLevels) -> Comparison | None:
+    factor = next((f for f in analysis.region.factors if f.name == "polarization"), None)
+    if isinstance(factor, CategoricalFactor):
+        best = str(analysis.optimum.settings["polarization"])
+        found = f"{best} (of {describe_factor(factor)[1]})"
+    else:
+        fixed = _fixed(spec, "polarization")
+        if not isinstance(fixed, str):
+            return None
+        best, found = fixed, f"{fixed}, held fixed"
+    printed = ", ".join(item.levels) or NOTHING
+    channels = {channel for level in item.levels for channel in level.split("+")}
+    missing = [channel for channel in best.split("+") if channel not in channels]
+    if not set(best.split("+")) <= _CHANNELS:
+        verdict, why = "not comparable", "not a plain set of channels"
+    elif not item.levels:
+        verdict, why = "nothing printed", "the tables name no channel"
+    elif any(set(level.split("+")) == set(best.split("+")) for level in item.levels):
+        verdict, why = "agrees", "required in this combination"
+    elif not missing:
+        verdict, why = "agrees", "every channel is required, though not together"
+    elif len(missing) < len(best.split("+")):
+        verdict, why = "not excluded", f"no source requires {', '.join(missing)}"
+    else:
+        verdict, why = "differs", f"no source requires {', '.join(missing)}"
+    return Comparison("polarization", printed, ", ".join(item.tables), NOTHING, found, verdict, why)
+
+
+def _ends(low: float, high: float, unit: str) -> str:
+    """A printed range; wavelengths turned into frequencies keep three digits."""
+    first, last = (format_plain(float(f"{end:.3g}")) for end in (low, high))
+    return with_unit(first if first == last else f"{first} to {last}", unit)
+
+
 def printed_section(dossier: Dossier) -> Section | None:
     """Return what the catalogue's tables print on each application; None where they print nothing."""
-    found = [literature(dossier.spec, analysis) for analysis in dossier.analyses]
-    blocks: list[Block] = [_statement_table(one) for one in found if one is not None]
+    blocks: list[Block] = []
+    columns = ("Parameter", "As printed", "Read as", "Tables", "Application")
+    for found in (literature(dossier.spec, analysis) for analysis in dossier.analyses):
+        if found is not None:
+            rows = (
+                (one.parameter, one.printed, one.read_as, ", ".join(one.tables), _some(one.applications))
+                for one in summary(found.start.entries)
+            )
+            blocks.append(table(f"Entries for \u201c{found.asked}\u201d, as printed", columns, rows))
     if not blocks:
         return None
     return Section("printed", "Literature entries as printed", (Paragraph(_LATER), *blocks))
@@ -54,7 +287,13 @@ def _application(dossier: Dossier, analysis: Analysis) -> list[Block]:
         f"{analysis.application}: {counted(count, f'{kind} entry', f'{kind} entries')} in Tables A.1 to A.20 of "
         f"RSL TR 380-1 for \u201c{found.asked}\u201d ({found.reason}). "
     )
-    return [Paragraph(text + _agreement(found)), _comparison_table(found, analysis)]
+    rows = (
+        (readable(row.parameter), row.printed, row.agreed, row.found, f"{row.verdict}: {row.why}", row.tables)
+        for row in found.comparisons
+    )
+    columns = ("Parameter", "Literature", "Most sources", "This campaign", "Agreement", "Tables")
+    caption = f"{analysis.application}: recommended settings (with credible interval or levels) and the literature"
+    return [Paragraph(text + _agreement(found)), table(caption, columns, rows)]
 
 
 def _agreement(found: Literature) -> str:
@@ -72,27 +311,8 @@ def _agreement(found: Literature) -> str:
     return f"{counts['agrees']} of {comparable} comparable parameters agree: {listing(words)}."
 
 
-def _comparison_table(found: Literature, analysis: Analysis) -> Table:
-    rows = (
-        (readable(row.parameter), row.printed, row.agreed, row.found, f"{row.verdict}: {row.why}", row.tables)
-        for row in found.comparisons
-    )
-    columns = ("Parameter", "Literature", "Most sources", "This campaign", "Agreement", "Tables")
-    caption = f"{analysis.application}: recommended settings (with credible interval or levels) and the literature"
-    return table(caption, columns, rows)
-
-
 def _some(applications: tuple[str, ...]) -> str:
     """The first applications of a statement; the catalogue command lists all."""
     if len(applications) <= MAX_NAMED:
         return "; ".join(applications)
     return f"{'; '.join(applications[:MAX_NAMED])}; {len(applications) - MAX_NAMED} more"
-
-
-def _statement_table(found: Literature) -> Table:
-    rows = (
-        (one.parameter, one.printed, one.read_as, ", ".join(one.tables), _some(one.applications))
-        for one in summary(found.start.entries)
-    )
-    columns = ("Parameter", "As printed", "Read as", "Tables", "Application")
-    return table(f"Entries for \u201c{found.asked}\u201d, as printed", columns, rows)

@@ -19,20 +19,20 @@ from seqrsm.report.blocks import (
     Equation,
     FigureBlock,
     Head,
-    Panel,
     Paragraph,
     Section,
     Table,
     right,
     table,
 )
+from seqrsm.report.figures import drawing
 from seqrsm.report.figures.data import coefficient_data, residual_data
 from seqrsm.report.figures.fit import (
     MAX_COEFFICIENTS,
-    coefficient_panel,
     drawn_coefficients,
     outliers,
-    residual_panels,
+    paint_coefficients,
+    residual_paints,
 )
 from seqrsm.report.figures.surfaces import ranked_factors
 from seqrsm.report.rounding import (
@@ -58,7 +58,6 @@ from seqrsm.report.wording import (
     readable_text,
     share_cell,
     significant_cell,
-    slug,
     whole_cell,
     with_unit,
 )
@@ -210,8 +209,8 @@ def _coefficient_figure(analysis: Analysis) -> FigureBlock:
     if shown < total:
         caption += f" {MAX_COEFFICIENTS} of {total} coefficients are drawn, those with the largest |t|."
     alt = f"Dot plot of {shown} coefficients with their intervals; the table of coefficients gives the numbers."
-    draw = partial(coefficient_panel, analysis, indices)
-    panel = Panel("", alt, draw, name="coefficients", data=partial(coefficient_data, analysis))
+    paint, data = partial(paint_coefficients, analysis, indices), partial(coefficient_data, analysis)
+    panel = drawing.panel("", alt, paint, "coefficients", data, width_in=4.0, height_in=0.8 + 0.15 * shown)
     return FigureBlock((panel,), caption, columns=2)
 
 
@@ -286,14 +285,14 @@ def importance_section(analysis: Analysis, key: str) -> Section:
 def diagnostics_section(analysis: Analysis, key: str) -> Section:
     """Return residual plots and what stands out in them."""
     blocks: list[Block] = []
-    panels = residual_panels(analysis)
-    if panels:
+    paints = residual_paints(analysis)
+    if paints:
         blocks.append(Bullets(_findings(analysis)))
         alt = "Scatter plot of {}; the list above it names what stands out."
         data = partial(residual_data, analysis)
         drawn = tuple(
-            Panel(title, alt.format(title[:1].lower() + title[1:]), draw, name=slug(title), data=data)
-            for title, draw in panels
+            drawing.panel(title, alt.format(title[:1].lower() + title[1:]), paint, title, data)
+            for title, paint in paints
         )
         caption = "Externally studentised residuals; about 95 % should lie between the dotted lines at \u22122 and 2."
         blocks.append(FigureBlock(drawn, caption, columns=3))

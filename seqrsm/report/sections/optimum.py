@@ -19,25 +19,25 @@ from seqrsm.report.blocks import (
     Details,
     Equation,
     FigureBlock,
-    Panel,
+    PanelData,
     Paragraph,
     Section,
     right,
     table,
 )
+from seqrsm.report.figures import drawing
 from seqrsm.report.figures.data import (
     contour_data,
-    intervals_data,
     levels_data,
     optimum_draws_data,
     slice_data,
 )
 from seqrsm.report.figures.optimum import (
-    contour_panel,
-    intervals_panel,
-    levels_panel,
-    optimum_posterior_panel,
-    slice_panel,
+    paint_contours,
+    paint_intervals,
+    paint_lines,
+    paint_optimum_posterior,
+    paint_slice,
 )
 from seqrsm.report.figures.surfaces import (
     MAX_PAIRS,
@@ -66,7 +66,6 @@ from seqrsm.report.wording import (
     score_decimals,
     score_text,
     setting_range_text,
-    slug,
     watched_interval,
     with_unit,
 )
@@ -99,12 +98,13 @@ def first_panels(analysis: Analysis, stop: StopSpec) -> FigureBlock:
     pairs = chosen_pairs(analysis)
     found = intervals_at(analysis, stop)
     told = "; ".join(f"{name} {interval_text(analysis, one)}" for name, one in found)
-    intervals = Panel(
+    intervals = drawing.panel(
         "Intervals at the recommended settings",
         f"Intervals at the recommended settings: {told}.",
-        partial(intervals_panel, analysis, found, stop),
-        name="intervals",
-        data=partial(intervals_data, found),
+        partial(paint_intervals, analysis, found, stop),
+        "intervals",
+        lambda: PanelData(("interval", "low", "high"), tuple((name, one.low, one.high) for name, one in found)),
+        height_in=2.0,
     )
     if pairs:
         surfaces = _contours(analysis, slice(1))
@@ -285,12 +285,13 @@ def _contours(analysis: Analysis, which: slice) -> FigureBlock:
     every = [surface(analysis, x, y) for x, y in chosen_pairs(analysis)]
     limits, surfaces = _limits(every), every[which]
     panels = tuple(
-        Panel(
+        drawing.panel(
             f"{_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
             _contour_alt(analysis, s),
-            partial(contour_panel, analysis, s, limits),
-            name=slug(f"surface {_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}"),
-            data=partial(contour_data, analysis, s),
+            partial(paint_contours, analysis, s, limits),
+            f"surface {_name(analysis, s.y_index)} against {_name(analysis, s.x_index)}",
+            partial(contour_data, analysis, s),
+            height_in=2.0,
         )
         for s in surfaces
     )
@@ -344,8 +345,8 @@ def _slices(analysis: Analysis, indices: Iterable[int]) -> FigureBlock:
             f"Fitted mean score along {readable(factor.name)} through the optimum{spread}; best at "
             f"{optimum_setting_text(analysis, factor)}."
         )
-        draw, data = partial(slice_panel, analysis, here), partial(slice_data, analysis, here)
-        panels.append(Panel(readable(factor.name), alt, draw, name=slug(f"slice {factor.name}"), data=data))
+        paint, data = partial(paint_slice, analysis, here), partial(slice_data, analysis, here)
+        panels.append(drawing.panel(readable(factor.name), alt, paint, f"slice {factor.name}", data))
     level = level_phrase(analysis)
     caption = (
         f"Slices through the optimum (dashed line). Line or diamonds: fitted mean; dark band: {level} confidence "
@@ -375,8 +376,8 @@ def _by_level(analysis: Analysis) -> list[Block]:
         title = f"{readable(factors[i].name)} by {readable(factors[j].name)}"
         best = max(lines, key=lambda one: float(np.max(one.mean)))
         alt = f"Fitted mean score against {title}, up to {score_text(analysis, float(np.max(best.mean)))}."
-        draw, data = partial(levels_panel, analysis, j, lines), partial(levels_data, analysis, j, lines)
-        panels.append(Panel(title, alt, draw, name=slug(title), data=data))
+        paint, data = partial(paint_lines, analysis, j, lines), partial(levels_data, analysis, j, lines)
+        panels.append(drawing.panel(title, alt, paint, title, data))
     if not panels:
         return []
     caption = (
@@ -418,8 +419,8 @@ def _posterior_figure(analysis: Analysis) -> FigureBlock:
     panels = []
     for index, factor in enumerate(analysis.region.factors):
         alt = f"Posterior of the optimal {readable(factor.name)}: {setting_range_text(analysis, factor)}."
-        draw, data = partial(optimum_posterior_panel, analysis, index), partial(optimum_draws_data, analysis, index)
-        name = slug(f"posterior of optimal {factor.name}")
-        panels.append(Panel(readable(factor.name), alt, draw, name=name, data=data))
+        paint, data = partial(paint_optimum_posterior, analysis, index), partial(optimum_draws_data, analysis, index)
+        name = f"posterior of optimal {factor.name}"
+        panels.append(drawing.panel(readable(factor.name), alt, paint, name, data, height_in=1.7))
     caption = "Posterior of the optimal setting of each factor. Dashed: recommended setting."
     return FigureBlock(tuple(panels), caption, columns=3)

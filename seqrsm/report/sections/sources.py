@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.images import ImagePanel
-from seqrsm.report.assumptions import GroupedNotes, group_notes
 from seqrsm.report.blocks import (
     Block,
     Bullets,
@@ -26,8 +27,9 @@ from seqrsm.report.blocks import (
     right,
     table,
 )
+from seqrsm.report.figures import drawing
 from seqrsm.report.figures.data import calendar_data, picture_data
-from seqrsm.report.figures.fit import calendar_panel
+from seqrsm.report.figures.fit import paint_calendar
 from seqrsm.report.images import (
     NO_DATA,
     bar_length_m,
@@ -38,8 +40,8 @@ from seqrsm.report.images import (
     reduce_grey,
     reduction,
 )
-from seqrsm.report.literature import system_of
 from seqrsm.report.rounding import format_plain, format_plus_minus
+from seqrsm.report.sections.literature import system_of
 from seqrsm.report.wording import (
     capital,
     format_settings,
@@ -50,6 +52,8 @@ from seqrsm.report.wording import (
     with_unit,
 )
 from seqrsm.scene.scene import Scene
+
+_CHANNELS = ("HH", "HV", "VH", "VV")
 
 LIMITS = (
     "The fitted surface is valid inside the region only.",
@@ -66,12 +70,12 @@ def calendar_section(dossier: Dossier) -> Section | None:
         return None
     days = listing([f"{day:.0f}" for day in calendar.days])
     panels = tuple(
-        Panel(
+        drawing.panel(
             channel,
             f"{channel} of {listing(list(calendar.crops))} over the days of the year; dates on days {days}.",
-            partial(calendar_panel, calendar, k),
-            name=slug(f"calendar {channel}"),
-            data=partial(calendar_data, calendar, k),
+            partial(paint_calendar, calendar, k),
+            f"calendar {channel}",
+            partial(calendar_data, calendar, k),
         )
         for k, channel in enumerate(calendar.channels)
     )
@@ -106,7 +110,8 @@ def image_section(dossier: Dossier) -> Section | None:
     legend: tuple[LegendEntry, ...] = ()
     if dossier.scene is not None:
         panels.append(_truth_panel(dossier.scene, dossier.quarter_turns, count))
-        legend = _legend(dossier.scene)
+        names = dossier.scene.categories
+        legend = tuple(LegendEntry(category_color(i), readable(names[i])) for i in sorted(_covers(dossier.scene)))
         captions.append(f"Ground truth: {dossier.scene.name} (source and licence under Provenance).")
     for image in dossier.images:
         panels += _image_panels(dossier, image, unit, count)
@@ -121,10 +126,6 @@ def _covers(scene: Scene) -> list[int]:
     index, count = np.unique(scene.cover, return_counts=True)
     known = [(int(c), int(i)) for i, c in zip(index, count, strict=True) if i != NO_DATA and i < len(scene.categories)]
     return [i for _, i in sorted(known, key=lambda pair: (-pair[0], pair[1]))]
-
-
-def _legend(scene: Scene) -> tuple[LegendEntry, ...]:
-    return tuple(LegendEntry(category_color(i), readable(scene.categories[i])) for i in sorted(_covers(scene)))
 
 
 def _truth_panel(scene: Scene, quarter_turns: int, count: int) -> Panel:
@@ -243,6 +244,53 @@ def _grouped(dossier: Dossier) -> GroupedNotes:
     return group_notes(dossier.assumptions, () if dossier.scene is None else dossier.scene.categories)
 
 
+@dataclass(frozen=True, slots=True)
+class GroupedNotes:
+    """Statements by subject.
+
+    Attributes
+    ----------
+    about_covers : tuple of (str, tuple of str)
+        A statement and the cover categories it is made on, in the order of their first mention.
+    about_channels : tuple of (str, str, str)
+        Category, channel, and a statement on both.
+    others : tuple of str
+        Statements on the whole simulation.
+    """
+
+    about_covers: tuple[tuple[str, tuple[str, ...]], ...]
+    about_channels: tuple[tuple[str, str, str], ...]
+    others: tuple[str, ...]
+
+
+def group_notes(notes: Iterable[str], categories: Sequence[str]) -> GroupedNotes:
+    """Sort statements of the form "category: ..." and "category channel: ..." from the others.
+
+    Parameters
+    ----------
+    notes : iterable of str
+        As `RadarImage.notes` has them; repeated ones count once.
+    categories : sequence of str
+        Names of the scene's cover categories.
+    """
+    known = set(categories)
+    covers: dict[str, list[str]] = {}
+    channels: list[tuple[str, str, str]] = []
+    others: list[str] = []
+    for note in dict.fromkeys(notes):
+        subject, colon, text = note.partition(": ")
+        head, _, tail = subject.rpartition(" ")
+        if colon and subject in known:
+            covers.setdefault(text, []).append(subject)
+        elif colon and head in known and tail in _CHANNELS:
+            channels.append((head, tail, text))
+        else:
+            others.append(note)
+    return GroupedNotes(
+        tuple((text, tuple(dict.fromkeys(names))) for text, names in covers.items()), tuple(channels), tuple(others)
+    )
+
+
 def _cover_table(grouped: GroupedNotes) -> Table:
     rows = []
     for text, names in grouped.about_covers:
@@ -285,19 +333,11 @@ def provenance_section(dossier: Dossier) -> Section:
             )
         )
     if dossier.analyses:
-        blocks.append(_exact_settings(dossier))
+        rows = (
+            (one.application, readable(name), format_value(value if isinstance(value, str) else float(f"{value:.6g}")))
+            for one in dossier.analyses
+            for name, value in one.optimum.settings.items()
+        )
+        caption = "Recommended settings to six digits, for repeating the run exactly"
+        blocks.append(table(caption, ("Application", "Factor", right("Setting")), rows))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))
-
-
-def _exact_settings(dossier: Dossier) -> Table:
-    rows = (
-        (analysis.application, readable(factor.name), _exact(analysis.optimum.settings[factor.name]))
-        for analysis in dossier.analyses
-        for factor in analysis.region.factors
-    )
-    caption = "Recommended settings to six digits, for repeating the run exactly"
-    return table(caption, ("Application", "Factor", right("Setting")), rows)
-
-
-def _exact(value: float | str) -> str:
-    return format_value(value if isinstance(value, str) else float(f"{value:.6g}"))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from seqrsm.campaign.dossier import Dossier
@@ -13,21 +12,17 @@ from seqrsm.report.blocks import (
     Block,
     Bullets,
     Cell,
-    FigureBlock,
     Head,
-    Panel,
-    PanelData,
     Paragraph,
     Section,
     right,
     table,
 )
-from seqrsm.report.figures import drawing
 from seqrsm.report.rounding import format_number, format_plain, format_significant
-from seqrsm.report.wording import ground_name, listing, number_cell, significant_cell, slug, whole_cell, with_unit
+from seqrsm.report.wording import ground_name, listing, number_cell, significant_cell, whole_cell, with_unit
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 def speed_section(dossier: Dossier) -> Section | None:
@@ -70,15 +65,8 @@ def tradeoff_blocks(measured: Mapping[str, Any], unit: str) -> list[Block]:
         Of the scores.
     """
     simulation = measured["simulation"]
-    blocks: list[Block] = []
-    for name, rows in simulation["applications"].items():
-        if rows:
-            blocks += _tradeoff_blocks(name, rows, simulation["tolerance"], unit)
-    notes = [f"A configuration could not be simulated: {reason}" for reason in simulation["failures"]]
-    return [*blocks, Bullets(tuple(notes))] if notes else blocks
-
-
-def _tradeoff_blocks(name: str, rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str) -> list[Block]:
+    tolerance = simulation["tolerance"]
+    accepted = f" (accepted: {with_unit(format_plain(tolerance), unit)})" if tolerance > 0.0 else ""
     columns: tuple[Head, ...] = (
         right("Minimum cells per pixel side"),
         right("Cells averaged"),
@@ -88,33 +76,23 @@ def _tradeoff_blocks(name: str, rows: Sequence[Mapping[str, Any]], tolerance: fl
         right("Rank correlation"),
         right("Utility lost \u00b1 s.e.", unit),
     )
-    accepted = f" (accepted: {with_unit(format_plain(tolerance), unit)})" if tolerance > 0.0 else ""
-    caption = (
-        f"Coarsened scenes against the full scene for {name}{accepted}, {rows[-1]['configurations']} configurations "
-        f"and {rows[-1]['occasions']} occasions. Cells are averaged while the minimum number per pixel side remains. "
-        "Time: CPU time. Utility lost: by choosing the configuration that scores best on the coarsened scene"
-    )
-    alt = "; ".join(
-        f"{_label(row)}: {100 * row['time_ratio']:.3g} % of the time, rms error {row['rms_error']:.2g}" for row in rows
-    )
-    draw = partial(drawing.draw, partial(_paint, rows, tolerance, unit))
-    title = f"Speed and accuracy, {name}"
-    panel = Panel(title, alt, draw, name=slug(f"speed against accuracy {name}"), data=partial(_data, rows))
-    under = (
-        "Error of the score against time per run, by minimum cells per pixel side. Dotted: tolerance, if any. The full "
-        "simulation has no error and is drawn at the bottom."
-    )
-    return [FigureBlock((panel,), under), table(caption, columns, map(_row, rows))]
-
-
-def _label(row: Mapping[str, Any]) -> str:
-    return f"{row['cells']} cells" if row["cells"] else "all"
+    blocks: list[Block] = []
+    for name, rows in ((name, rows) for name, rows in simulation["applications"].items() if rows):
+        caption = (
+            f"Coarsened scenes against the full scene for {name}{accepted}, {rows[-1]['configurations']} "
+            f"configurations and {rows[-1]['occasions']} occasions. Cells are averaged while the minimum number per "
+            "pixel side remains. Time: CPU time. Utility lost: by choosing the configuration that scores best on the "
+            "coarsened scene"
+        )
+        blocks.append(table(caption, columns, map(_row, rows)))
+    notes = [f"A configuration could not be simulated: {reason}" for reason in simulation["failures"]]
+    return [*blocks, Bullets(tuple(notes))] if notes else blocks
 
 
 def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
     rank = row["rank_correlation"]
     return (
-        Cell(_label(row)),
+        Cell(f"{row['cells']} cells" if row["cells"] else "all"),
         Cell(listing([f"{k} x {k}" for k in row["averaged"]])),
         significant_cell(1000.0 * row["seconds"]),
         number_cell(format_significant(100.0 * row["time_ratio"], 3), row["time_ratio"]),
@@ -124,31 +102,3 @@ def _row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
         Cell("none") if rank is None else number_cell(format_number(rank, 2), rank),
         Cell(f"{format_number(row['utility_lost'], 2)} \u00b1 {format_number(row['utility_lost_se'], 2)}"),
     )
-
-
-def _data(rows: Sequence[Mapping[str, Any]]) -> PanelData:
-    names = ("cells", "time_ratio", "bias", "bias_se", "rms_error", "largest_error")
-    return PanelData(names, tuple(tuple(row[name] for name in names) for row in rows))
-
-
-def _paint(rows: Sequence[Mapping[str, Any]], tolerance: float, unit: str, figure: Figure) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    axes = figure.add_subplot()
-    least = 0.5 * min([row["rms_error"] for row in rows if row["rms_error"] > 0.0], default=tolerance or 1.0)
-    if tolerance > 0.0:
-        axes.axhline(tolerance, color=drawing.MUTED, linestyle=":", linewidth=1.0)
-    for row in rows:
-        x, y = 100.0 * row["time_ratio"], max(row["rms_error"], least)
-        axes.scatter([x], [y], s=26, color=drawing.BLUE, zorder=3, linewidths=0)
-        axes.annotate(_label(row), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=8)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        axis.set_minor_locator(NullLocator())
-    axes.set_xlabel("time per run [% of full simulation]")
-    axes.set_ylabel(f"rms error of the score [{unit}]" if unit else "rms error of the score")
-    axes.grid(visible=True)
-    axes.margins(x=0.18, y=0.18)

@@ -41,13 +41,11 @@ from seqrsm.report.wording import (
     readable_text,
     score_text,
     setting_range_text,
-    settings_sentence,
     source_counts,
     watched_interval,
     with_unit,
 )
 from seqrsm.spec.read import CampaignSpec
-from seqrsm.spec.tables import CostSpec
 from seqrsm.store.records import RunRecord
 
 _TIES = 3
@@ -151,7 +149,8 @@ def _question(spec: CampaignSpec, analyses: Sequence[Analysis]) -> str:
 def recommendation(analysis: Analysis) -> str:
     """Return the recommended settings in a sentence; their score stands in the key figures."""
     best = "highest" if analysis.goal == "maximize" else "lowest"
-    settings, what = settings_sentence(analysis), f"the settings with the {best} estimated mean score in the region"
+    settings = listing([f"{readable(f.name)} {optimum_setting_text(analysis, f)}" for f in analysis.region.factors])
+    what = f"the settings with the {best} estimated mean score in the region"
     if any(check.name == "guess" and check.holds is False for check in analysis.decision.checks):
         return (
             f"No setting is shown to do better than guessing for {analysis.application}. Best of the fitted surface: "
@@ -274,15 +273,11 @@ def _next_steps(spec: CampaignSpec, analysis: Analysis) -> Iterator[str]:
     else:
         yield f"Continue: the stop rule is not met yet. {_loss_sentence(analysis)}".strip()
     if best.at_bound:
-        edges = listing([_edge(text) for text in best.at_bound])
+        # The text of a constraint stays as the user wrote it.
+        edges = listing([text if text.startswith("constraint ") else readable(text) for text in best.at_bound])
         yield f"Consider widening the region: the optimum lies on its edge, {edges}."
     if best.ground is not None and best.of_ground > best.by_chance.half_width:
         yield "Fly, or measure the ground: table uncertainty makes up most of the half-width."
-
-
-def _edge(text: str) -> str:
-    """Return a bound in words; the text of a constraint stays as the user wrote it."""
-    return text if text.startswith("constraint ") else readable(text)
 
 
 def _loss_sentence(analysis: Analysis) -> str:
@@ -313,13 +308,9 @@ def _rests(
 
 
 def _made(spec: CampaignSpec, scored: Sequence[RunRecord]) -> Paragraph:
-    costs = _cost_text(spec.cost, sum(run.cost for run in scored))
-    return Paragraph(f"{capital(source_counts(scored))}.{f' They cost {costs}.' if costs else ''}")
-
-
-def _cost_text(cost: CostSpec, spent: float) -> str:
-    """What runs cost so far; "" where a run is the unit."""
-    if not cost.unit and cost.simulation == cost.flight == 1.0:
-        return ""
-    each = f"a simulation {format_plain(cost.simulation)}, a flight {format_plain(cost.flight)}"
-    return f"{with_unit(format_plain(float(f'{spent:.6g}')), cost.unit)} ({each})"
+    text, cost = f"{capital(source_counts(scored))}.", spec.cost
+    if cost.unit or not cost.simulation == cost.flight == 1.0:  # else a run is the unit
+        spent = with_unit(format_plain(float(f"{sum(run.cost for run in scored):.6g}")), cost.unit)
+        each = f"a simulation {format_plain(cost.simulation)}, a flight {format_plain(cost.flight)}"
+        text += f" They cost {spent} ({each})."
+    return Paragraph(text)
