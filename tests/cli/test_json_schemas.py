@@ -82,7 +82,6 @@ def test_an_unknown_command_is_told_which_there_are() -> None:
     "words",
     [
         "design --factors 2 --runs 10",
-        "design --factors 5 --design fractional --runs 16 --order 1",
         "design --factors 2 --design factorial",  # squares cannot be told apart
         "design --factor x=1:10 --factor pol=HH,HV --runs 9 --seed 3",
         "catalog",
