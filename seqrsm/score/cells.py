@@ -313,7 +313,8 @@ class CellReader:
 
     def free_columns(self) -> list[str]:
         """Columns that are the user's own, or that bear a name we do not know."""
-        return [name for name in self.columns if name not in self.optional]
+        known = {*self.optional, *(factor.name for factor in self.factors)}
+        return [name for name in self.columns if name not in known]
 
 
 def read_settings(path: Path, factors: Sequence[FactorColumn]) -> list[tuple[int, dict[str, float | str]]]:

@@ -101,6 +101,11 @@ HELD = [
 REFUSED = [
     # what is an error whatever is accepted
     (PERCENT, text(*GOOD, "3,12,HH,-9999"), "Leave the cell empty if there is no score."),
+    (
+        NUMBERS,
+        text(*GOOD, header=HEADER.replace("score", "time")),
+        "Rename the column that contains them to 'score'; unknown columns: time.",
+    ),
     (NUMBERS, text(*GOOD, "3,12,HH,NA"), "Leave the cell empty if there is no value."),
     (NUMBERS, text(*GOOD, "3,12,HH,3.4e38"), "Numbers up to 1e+12 are"),
     (NUMBERS, text(*GOOD, "3,12,HH,n/a"), "Leave the cell empty if there is no value."),
