@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from seqrsm.cli.console import heading, line, show_table
 from seqrsm.design.factors import settings_text
-from seqrsm.report.rounding import format_significant
-from seqrsm.report.wording import counted
+from seqrsm.report.rounding import format_plain, format_significant
+from seqrsm.report.wording import counted, with_unit
 
 if TYPE_CHECKING:
     from seqrsm.campaign.ingest import IngestReport
@@ -23,14 +23,15 @@ def show_overview(found: Sequence[Mapping[str, Any]]) -> None:
     for one in found:
         if "error" in one:
             continue
-        states, target = one["runs"], f"\u00b1 {one['target_half_width']:g}"
+        states = one["runs"]
         waiting = sum(states.get(state, 0) for state in ("proposed", "issued", "running"))
         counts = [str(states.get("scored", 0)), str(waiting), str(states.get("failed", 0))]
         for application in one["applications"]:
             look = application["last_look"]
             unit = application["unit"]
-            mean = "-" if look is None else f"{known_text(look['optimum']['mean'])} {unit}".rstrip()
-            width = "-" if look is None else f"\u00b1 {known_text(look['half_width'])}"
+            mean = "-" if look is None else with_unit(known_text(look["optimum"]["mean"]), unit)
+            width = "-" if look is None else f"\u00b1 {with_unit(known_text(look['half_width']), unit)}"
+            target = f"\u00b1 {with_unit(format_plain(one['target_half_width']), unit)}"
             decision = "-" if look is None else "stop" if look["held"] else "continue"
             rows.append([one["folder"], *counts, application["name"], mean, width, target, decision])
     heads = ["campaign", "scored", "waiting", "failed", "application", "optimum", "half-width", "target", "decision"]

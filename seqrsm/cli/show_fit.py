@@ -18,7 +18,7 @@ from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section
 from seqrsm.report.sections.study import term_test_table
 from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
-from seqrsm.report.wording import ground_name, parts_of_width, watched_interval
+from seqrsm.report.wording import ground_name, parts_of_width, watched_interval, with_unit
 
 if TYPE_CHECKING:
     from seqrsm.analysis.compromise import CompromiseEstimate
@@ -77,7 +77,7 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
     name = f"{analysis.application}: " if len(spec.applications) > 1 else ""
     missing = [check.name.replace("_", " ") for check in decision.checks if check.holds is not True]
     rest = "stop rule met" if decision.held else f"not met: {', '.join(missing)}" if missing else "to be confirmed"
-    mean = f"{format_significant(analysis.optimum.mean, 3)} {analysis.score_unit}".rstrip()
+    mean = with_unit(format_significant(analysis.optimum.mean, 3), analysis.score_unit)
     say(
         f"{name}{analysis.fit.n_runs:4d} runs  {mean}  \u00b1 {format_significant(decision.half_width, 3)} "
         f"(target {spec.stop.half_width:g}{parts_of_width(analysis)})  {rest}"
@@ -87,13 +87,12 @@ def show_look(spec: CampaignSpec, analysis: Analysis) -> None:
 def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
+    units = {application["unit"] for application in result["applications"]}
+    target = with_unit(f"{result['target_half_width']:g}", units.pop() if len(units) == 1 else "")
     rows = [
         ["runs", states],
         ["budget", f"{result['max_runs']} runs; cost spent {result['cost_spent']:g}"],
-        [
-            "target",
-            f"{watched_interval(spec.stop)}, \u00b1 {result['target_half_width']:g} at {100 * result['level']:g} %",
-        ],
+        ["target", f"{watched_interval(spec.stop)}, \u00b1 {target} at {100 * result['level']:g} %"],
     ]
     if result["simulated_by"]:
         scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
@@ -125,11 +124,13 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     best, unit = look["optimum"], application["unit"]
     rows = [[factor.name, setting_with_unit(factor, best["settings"][factor.name])] for factor in spec.factors]
     show_table((), rows, title=f"{application['name']}: optimum after {look['n_runs']} runs", sides=("left",))
-    line(f"mean score {known_text(best['mean'])} {unit}".rstrip())
+    line(f"mean score {with_unit(known_text(best['mean']), unit)}")
     for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
         if kind in best:
-            watched = f", target \u00b1 {result['target_half_width']:g}" if kind == result["interval"] else ""
-            line(f"{words}: \u00b1 {known_text(best[kind]['half_width'])}{watched}", 2)
+            width = with_unit(known_text(best[kind]["half_width"]), unit)
+            target = with_unit(f"{result['target_half_width']:g}", unit)
+            watched = f", target \u00b1 {target}" if kind == result["interval"] else ""
+            line(f"{words}: \u00b1 {width}{watched}", 2)
     heading("Decision: stop" if look["held"] else "Decision: continue")
     for reason in look["reasons"]:
         line(f"- {reason}", 2)
