@@ -68,7 +68,7 @@ def water_fraction_error(
     seen = np.bincount(pixels.tile[used], minlength=len(pixels.keys)) > 0
     tile, keys = (np.cumsum(seen) - 1)[pixels.tile[used]], pixels.keys[seen]
     layers = layers_of(image)[:, used]
-    retrieved = retrieve(layers[:-1].T, layers[-1], mean, cells, tile, keys)
+    retrieved = _crossed_fit(_polynomial(layers[:-1].T, layers[-1]), mean, cells, tile, keys)
     block_m = min(scene.shape) * scene.cell_m / 40.0
     error, weight, of_tile = _blocks(scene, known, np.clip(retrieved, 0.0, 100.0)[index] - truth, tile[index], block_m)
     away, *_ = _blocks(scene, known, truth - truth.mean(), tile[index], block_m)
@@ -85,27 +85,8 @@ def water_fraction_error(
     )
 
 
-def retrieve(
-    brightness: FloatArray, angle: FloatArray, target: FloatArray, cells: FloatArray, tile: IntArray, keys: FloatArray
-) -> FloatArray:
-    """Quantity of each footprint, from the polynomial that the other half of the tiles teaches.
-
-    Parameters
-    ----------
-    brightness : float64 array (n, n_channels)
-        [K]
-    angle : float64 array (n,)
-        Square of the look angle.
-    target, cells : float64 array (n,)
-        Mean of the quantity over each footprint, and the cells that tell of it.
-    tile, keys
-        Of `seqrsm.score.evidence.tiles`.
-    """
-    return _crossed_fit(_polynomial(brightness, angle), target, cells, tile, keys)
-
-
 def _polynomial(brightness: FloatArray, angle: FloatArray) -> FloatArray:
-    """Columns 1, T, T**2, phi**2, T phi**2 of each channel, scaled to the order of one."""
+    """Columns 1, T, T**2, phi**2, T phi**2 of brightness (n, n_channels) [K] and angles phi**2 (n,), scaled to one."""
     scaled = (brightness - brightness.mean(axis=0)) / np.maximum(brightness.std(axis=0), 1e-6)
     spread = (angle - angle.mean()) / max(float(angle.std()), 1e-9)
     columns = [np.ones(len(angle)), spread]

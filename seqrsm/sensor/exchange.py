@@ -16,27 +16,8 @@ Sensor = RadarConfiguration | RadiometerConfiguration
 S = TypeVar("S", RadarConfiguration, RadiometerConfiguration)
 
 PROPERTIES: Final = ("frequency", "channels", "cell and looks", "angle", "noise")
-"""What a sensor's image is owed to; dates are the sixth."""
+"""What a sensor's image is owed to, each a part of its parameters (`Parameter.part`); dates are the sixth."""
 
-_RADAR: Final[Mapping[str, tuple[str, ...]]] = {
-    "frequency": ("frequency_ghz",),
-    "channels": ("channels",),
-    "cell and looks": (
-        *("resolution_m", "pixel_m", "looks", "antenna_length_m", "aperture", "azimuth_beamwidth_deg", "scan"),
-        *("antenna_east_m", "antenna_north_m"),
-    ),
-    "angle": (
-        *("depression_angle_deg", "altitude_m", "elevation_pattern", "boresight_depression_deg", "pattern_table"),
-        *("elevation_beamwidth_deg", "near_incidence_deg", "far_incidence_deg", "earth", "speed_m_s"),
-    ),
-    "noise": ("calibration_sd_db", "peak_power_w"),
-}
-_RADIOMETER: Final[Mapping[str, tuple[str, ...]]] = {
-    "frequency": ("frequency_ghz",),
-    "channels": ("channels",),
-    "cell and looks": ("resolution_m",),
-    "angle": ("altitude_m", "speed_m_s", "scan_half_angle_deg", "conical_incidence_deg"),
-}
 _GROUND_K: Final = 300.0
 
 
@@ -70,7 +51,7 @@ def exchanged(base: S, other: S, properties: Collection[str]) -> S:
 
 
 def _radar(base: RadarConfiguration, of: Mapping[str, RadarConfiguration]) -> RadarConfiguration:
-    taken: dict[str, Any] = {field: getattr(of[name], field) for name, fields in _RADAR.items() for field in fields}
+    taken: dict[str, Any] = {row.field: getattr(of[row.part], row.field) for row in RADAR.values() if row.part}
     angle, cell = of["angle"], of["cell and looks"]
     across_m = float(cell.ground_resolution_m(cell.centre_incidence_rad))
     taken["bandwidth_mhz"] = SPEED_OF_LIGHT_M_S / (2e6 * across_m * float(_sine(angle)))
@@ -84,9 +65,9 @@ def _radiometer(
     base: RadiometerConfiguration, other: RadiometerConfiguration, properties: Collection[str]
 ) -> RadiometerConfiguration:
     taken: dict[str, Any] = {
-        field: getattr(other if name in properties else base, field)
-        for name, fields in _RADIOMETER.items()
-        for field in fields
+        row.field: getattr(other if row.part in properties else base, row.field)
+        for row in RADIOMETER.values()
+        if row.part
     }
     angle = other if "angle" in properties else base
     taken["scan_period_s"] = angle.scan_period_s * taken["resolution_m"] / angle.resolution_m

@@ -52,6 +52,8 @@ class Parameter:
         Why a campaign cannot vary it, "" where it can.
     said : str
         Its name in a report, "" for `name` without underscores and without the suffix that tells the unit.
+    part : str
+        Of `seqrsm.sensor.exchange.PROPERTIES`, that which it belongs to; "" for none.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Parameter:
     values: tuple[float, ...] = ()
     why_fixed: str = ""
     said: str = ""
+    part: str = ""
 
     @property
     def numeric(self) -> bool:
@@ -176,6 +179,7 @@ def _table(sensor: str) -> Mapping[str, Parameter]:
             values=tuple(float(value) for value in row["values"].split()),
             why_fixed=row["why_fixed"],
             said=row["said"],
+            part=row["part"],
         )
         for row in rows
     }

@@ -29,9 +29,6 @@ GROUND_OF: Final = {"HH": "HH", "HV": "HV", "VV": "VV", "VH": "HV", "RH": "HH", 
 """Channel of the scattering tables that each channel's draws are those of: VH is HV, a circular wave's echo mostly the
 like-polarized one."""
 
-GAUSSIAN_LOOKS: Final = 16.0
-"""Least looks for eq. (3-12): there it is negative with probability Phi(-4) = 3e-5."""
-
 _CALIBRATIONS: Final = (("i_min_w",), ("i_c_w", "i_qc"), ("p_rc_w", "g_rc"))
 
 _Real = TypeVar("_Real", float, FloatArray)
@@ -109,8 +106,8 @@ class RadarConfiguration:
         Edges of the swath, incidence angles on flat ground [deg]; ground outside is not imaged.
     earth : {"curved", "flat"}
         Sphere or plane under the elevations.
-    fading : {"gamma", "gaussian", "none"}
-        Eq. (3-11) with any real N; eq. (3-12), refused below 16 looks, where it goes negative too often; or none.
+    fading : {"gamma", "none"}
+        Eq. (3-11) with any real N, or none.
     receiver : str
         M of eq. (3-1): linear, square_law, saturation, compression, agc, or ``package.module:function`` of a power
         array (`seqrsm.simulate.radar.receiver`).
@@ -194,7 +191,7 @@ class RadarConfiguration:
     near_incidence_deg: float = 0.0
     far_incidence_deg: float = 90.0
     earth: Literal["curved", "flat"] = "curved"
-    fading: Literal["gamma", "gaussian", "none"] = "gamma"
+    fading: Literal["gamma", "none"] = "gamma"
     receiver: str = "linear"
     receiver_level_db: float = 0.0
     agc_length_m: float = 500.0
@@ -449,10 +446,6 @@ def _excluded_choices(radar: RadarConfiguration) -> Iterator[Problem]:
     if {"HV", "VH"} <= set(radar.channels):
         text = "HV and VH carry the same information"
         yield at_fault(radar, "polarization", text, "Omit one: HH+HV+VV is complete")
-    if radar.fading == "gaussian" and radar.looks is not None and radar.looks < GAUSSIAN_LOOKS:
-        share = 50.0 * math.erfc(math.sqrt(0.5 * radar.looks))
-        text = f"the Gaussian form of fading is negative in {share:.2g} percent of pixels of {radar.looks:g} looks"
-        yield at_fault(radar, "fading", text, f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"')
     if radar.scan == "ppi":
         if radar.aperture != "real":
             yield at_fault(radar, "aperture", "a rotating antenna forms no synthetic aperture", 'Add aperture = "real"')

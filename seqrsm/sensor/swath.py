@@ -67,21 +67,7 @@ def _imaged(radar: RadarConfiguration, y: FloatArray, cell_m: float, height_m: f
 
 
 def _swath_rows(radar: RadarConfiguration, y: FloatArray, height_m: float) -> slice:
-    """Rows between the near and the far edge of the swath.
-
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    y : float64 array (n_rows,)
-        Ground range of each row's centre [m].
-    height_m : float
-        Flight line above the mean elevation [m].
-
-    Raises
-    ------
-    ConfigurationError
-        No row lies between them.
-    """
+    """Rows between the edges of the swath, by the ground range (n_rows,) [m] of each; refused where there are none."""
     if radar.near_incidence_deg == 0.0 and radar.far_incidence_deg == 90.0:
         return slice(0, len(y))
     incidence = np.rad2deg(range_geometry(y, height_m, radar.curved).incidence_rad)
@@ -102,20 +88,7 @@ def _swath_rows(radar: RadarConfiguration, y: FloatArray, height_m: float) -> sl
 def _swath_problems(
     radar: RadarConfiguration, y: FloatArray, cell_m: float, height_m: float, highest_m: float
 ) -> list[Problem]:
-    """Every contradiction between the radar and the extent of a scene.
-
-    Parameters
-    ----------
-    radar : RadarConfiguration
-    y : float64 array (n_rows,)
-        Ground range of each row's centre [m].
-    cell_m, height_m, highest_m : float
-        Side of a cell; flight line above the mean elevation; highest elevation of the scene [m].
-
-    Returns
-    -------
-    list of Problem
-    """
+    """Every contradiction between the radar and a scene of rows at ground ranges (n_rows,) [m], and so high [m]."""
     if radar.altitude_m <= highest_m:
         text, remedy = "the flight line is not above the ground", f"Fly above {rounded_up(highest_m)} m"
         return [at_fault(radar, "altitude_m", text, remedy)]

@@ -414,16 +414,6 @@ def test_an_image_of_fine_pixels():
     assert any("correlated" in note for note in image.notes)
 
 
-def test_gaussian_fading_is_refused_where_it_goes_negative():
-    s = scene(np.zeros((60, 60)), 5.0)
-    with pytest.raises(ConfigurationError, match="negative too often"):
-        quiet(s, radar(resolution_m=6.0, fading="gaussian"))
-    image = quiet(s, radar(fading="gaussian", looks=50.0))
-    ratio = image.intensity[0] / (image.mean_power[0] + image.noise_power_w[:, None])
-    assert ratio.mean() == pytest.approx(1.0, abs=4 / math.sqrt(50 * ratio.size))
-    assert stats.kstest(((ratio - 1.0) * math.sqrt(50.0)).ravel(), "norm").pvalue > 1e-3
-
-
 def test_extremes_have_finite_images():
     rng = np.random.default_rng(1)
     orbit = quiet(

@@ -53,7 +53,7 @@ def test_fading_is_gamma_with_any_real_number_of_looks(looks):
 def test_fading_has_the_probability_of_its_normal_variate(looks):
     z = np.concatenate([np.linspace(-6.3, 6.3, 4001), np.linspace(-0.01, 0.01, 101)])
     got = np.empty((1, z.size))
-    kernels.fade(z[None], *gamma_tables(np.array([looks])), np.array([looks**-0.5]), False, got)
+    kernels.fade(z[None], *gamma_tables(np.array([looks])), np.array([looks**-0.5]), got)
     # Each tail from its own side, in units of the tail itself.
     for side, law, normal in ((z <= 0.0, stats.gamma.cdf, stats.norm.cdf), (z > 0.0, stats.gamma.sf, stats.norm.sf)):
         expected = normal(z[side])

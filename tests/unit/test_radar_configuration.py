@@ -131,7 +131,6 @@ def messages(**changes) -> str:
         ({"wind_low_m_s": 9.0}, ["wind_high_m_s"]),
         ({"peak_power": "much"}, ["not a number", "much"]),
         ({"n_bits": 99}, ["n_bits"]),
-        ({"looks": 10.0, "fading": "gaussian"}, ["0.078 percent", "at least 16 looks"]),
         ({"receiver": "magic"}, ["saturation", "package.module:function"]),
         ({"elevation_pattern": "table"}, ["pattern_table"]),
         ({"pattern_table": "10:0"}, ["not a pattern"]),

@@ -31,7 +31,6 @@ def add_fading(
     key: tuple[np.uint32, np.uint32],
     out: AnyArray,
     *,
-    gaussian: bool = False,
     first_row: int = 0,
 ) -> None:
     """Power with noise and fading of pixels that fade on their own; a pixel's fading does not depend on the others.
@@ -47,15 +46,11 @@ def add_fading(
     key : tuple of uint32
     out : float array, shape of `mean`
         Written [W].
-    gaussian : bool
-        Eq. (3-12), 0 where it is negative.
     first_row : int
         Row of the image in which the arrays begin.
     """
     (tables, which), spread = gamma_tables(looks), 1.0 / np.sqrt(looks)
-    kernels_speckle.add_speckle(
-        mean, noise, tables, which, spread, numbers, normal_table(), *key, gaussian, first_row, out
-    )
+    kernels_speckle.add_speckle(mean, noise, tables, which, spread, numbers, normal_table(), *key, first_row, out)
 
 
 @lru_cache(maxsize=1)
@@ -117,10 +112,8 @@ def correlated_fading(
     numbers: IntArray,
     key: tuple[np.uint32, np.uint32],
     cell_pixels: tuple[float, float],
-    *,
-    gaussian: bool,
 ) -> FloatArray:
-    """Factor X of eq. (3-11) or (3-12) with the autocorrelation of overlapping resolution cells.
+    """Factor X of eq. (3-11) with the autocorrelation of overlapping resolution cells.
 
     White normal variates are averaged over the resolution cell, which correlates two pixels by the share of their cells
     that overlap; each is then turned into the gamma variate of the same probability. The law of one pixel is that of a
@@ -137,8 +130,6 @@ def correlated_fading(
     key : tuple of uint32
     cell_pixels : tuple of float
         Size of the resolution cell in range and azimuth [pixels], >= 1.
-    gaussian : bool
-        Eq. (3-12), 0 where it is negative.
 
     Returns
     -------
@@ -153,7 +144,7 @@ def correlated_fading(
         kernels_speckle.fill_normal(int(numbers[c]), normal_table(), *key, white)
         down = sum(w * white[k : k + n_range] for k, w in enumerate(weights[0]))
         z = sum(w * np.asarray(down)[:, k : k + n_azimuth] for k, w in enumerate(weights[1]))
-        kernels_speckle.fade(np.asarray(z), tables, which, spread, gaussian, out[c])
+        kernels_speckle.fade(np.asarray(z), tables, which, spread, out[c])
     return out
 
 

@@ -112,8 +112,8 @@ def _normal_row(words: AnyArray, table: AnyArray, places: AnyArray, pairs: AnyAr
 
 
 @kernel
-def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, gaussian: bool, out: AnyArray) -> None:
-    """Fading of mean 1 at the probability of normal variates: RSL TR 380-1 eq. (3-11), or (3-12).
+def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, out: AnyArray) -> None:
+    """Fading of mean 1 at the probability of normal variates: RSL TR 380-1 eq. (3-11).
 
     Parameters
     ----------
@@ -124,29 +124,21 @@ def fade(normal: AnyArray, tables: AnyArray, which: AnyArray, spread: AnyArray, 
         Table of each row.
     spread : float64 array (n_range,)
         1 / sqrt(N), at most 1.
-    gaussian : bool
-        Eq. (3-12) in place of (3-11): 1 + Z/sqrt(N), and 0 where that is negative.
     out : float array (n_range, n_azimuth)
         Written: the factor X.
     """
     places, cubic = np.empty(normal.shape[1], dtype=np.int32), np.empty(4 * normal.shape[1])
     factor = np.empty(normal.shape[1])
     for i in range(normal.shape[0]):
-        _fading_row(normal[i], tables[which[i]], spread[i], gaussian, places, cubic, factor)
+        _fading_row(normal[i], tables[which[i]], spread[i], places, cubic, factor)
         for j in range(normal.shape[1]):
             out[i, j] = factor[j]
 
 
 @kernel
-def _fading_row(
-    z: AnyArray, row: AnyArray, spread: float, gaussian: bool, places: AnyArray, cubic: AnyArray, out: AnyArray
-) -> None:
+def _fading_row(z: AnyArray, row: AnyArray, spread: float, places: AnyArray, cubic: AnyArray, out: AnyArray) -> None:
     """Fading at normal variates: the cube of 1 + spread y / 3, y being near z (Wilson and Hilferty 1931)."""
     m = z.shape[0]
-    if gaussian:
-        for j in range(m):
-            out[j] = max(1.0 + spread * z[j], 0.0)
-        return
     for j in range(m):
         place = (min(max(z[j], -CUBE_ROOT_REACH), CUBE_ROOT_REACH) + CUBE_ROOT_REACH) * CUBE_ROOT_STEPS
         places[j] = np.int32(place)
@@ -173,11 +165,10 @@ def add_speckle(
     table: AnyArray,
     k0: np.uint32,
     k1: np.uint32,
-    gaussian: bool,
     first_row: int,
     out: AnyArray,
 ) -> None:
-    """Add the receiver's noise in power, then fading, once per resolution cell: RSL TR 380-1 eqs. (3-11), (3-12).
+    """Add the receiver's noise in power, then fading, once per resolution cell: RSL TR 380-1 eq. (3-11).
 
     Parameters
     ----------
@@ -185,7 +176,7 @@ def add_speckle(
         Mean power of the ground [W].
     noise : float64 array (n_range,)
         Mean power of the receiver noise [W].
-    tables, which, spread, gaussian
+    tables, which, spread
         As in `fade`.
     numbers : int64 array (n_channels,)
         Number of each channel in the counter: a channel fades alike whoever is imaged beside it.
@@ -207,7 +198,7 @@ def add_speckle(
         for i in range(mean.shape[1]):
             _words_row(first_row + i, numbers[c], blocks, k0, k1, words)
             _normal_row(words, table, places, pairs, normal)
-            _fading_row(normal, tables[which[i]], spread[i], gaussian, places, cubic, factor)
+            _fading_row(normal, tables[which[i]], spread[i], places, cubic, factor)
             add = noise[i]
             for j in range(m):
                 out[c, i, j] = (mean[c, i, j] + add) * factor[j]

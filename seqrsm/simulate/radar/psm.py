@@ -18,11 +18,10 @@ import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray, Precision
 from seqrsm.constants import EARTH_RADIUS_M
-from seqrsm.errors import ConfigurationError, Problem
 from seqrsm.rng import stream_key
 from seqrsm.scene.layers import categories_of_fields
 from seqrsm.sensor.earth import range_geometry
-from seqrsm.sensor.radar import CHANNELS, GAUSSIAN_LOOKS, RadarConfiguration
+from seqrsm.sensor.radar import CHANNELS, RadarConfiguration
 from seqrsm.simulate.radar import kernels
 from seqrsm.simulate.radar.echo import EchoGrid, echo_grid, echo_sums, field_factors, sigma0_lut
 from seqrsm.simulate.radar.fading import add_fading, correlated_fading
@@ -191,42 +190,18 @@ def _faded(
     if radar.fading == "none":
         return np.asarray(mean + noise[None, :, None], dtype=mean.dtype)
     numbers = np.array([CHANNELS.index(channel) for channel in radar.channels])
-    refuse_gaussian(radar, looks)
     if radar.finer_pixels:
         cell = (radar.resolution_m / radar.range_spacing_m, radar.resolution_m / radar.pixel_spacing_m)
-        factor = correlated_fading(mean.shape, looks, numbers, key, cell, gaussian=radar.fading == "gaussian")
+        factor = correlated_fading(mean.shape, looks, numbers, key, cell)
         return np.asarray((mean + noise[None, :, None]) * factor, dtype=mean.dtype)
     out = np.empty_like(mean)
-    gaussian = radar.fading == "gaussian"
 
     def fade(k: int) -> None:
         c, rows = block(k, mean.shape[1], threads)
-        add_fading(
-            mean[c, rows],
-            noise[rows],
-            looks[rows],
-            numbers[c],
-            key,
-            out[c, rows],
-            gaussian=gaussian,
-            first_row=rows.start,
-        )
+        add_fading(mean[c, rows], noise[rows], looks[rows], numbers[c], key, out[c, rows], first_row=rows.start)
 
     in_threads(fade, threads * len(mean), threads)
     return out
-
-
-def refuse_gaussian(radar: RadarConfiguration, looks: FloatArray) -> None:
-    """Refuse eq. (3-12) where it goes negative too often.
-
-    Raises
-    ------
-    ConfigurationError
-    """
-    if radar.fading == "gaussian" and float(looks.min()) < GAUSSIAN_LOOKS:
-        text = f"the Gaussian form of fading is negative too often at the {float(looks.min()):.3g} looks of this image"
-        remedy = f'Use at least {GAUSSIAN_LOOKS:g} looks, or fading = "gamma"'
-        raise ConfigurationError(Problem(text, remedy, field="fading", value=radar.fading))
 
 
 def finer_than_cells(radar: RadarConfiguration, cell_m: float) -> str:

@@ -316,29 +316,6 @@ def _radiate_row(
 
 
 @kernel
-def displace_cells(z: AnyArray, across: AnyArray, height: float, cell: float, out: AnyArray) -> None:
-    """Displacement of every element by its height, outward: y z / (h - z).
-
-    Parameters
-    ----------
-    z : float array (n, m)
-        Elevation above the datum [m].
-    across : float64 array (n,)
-        Distance of the rows from nadir, right positive [m].
-    height, cell : float
-        Antenna above the datum; side of a cell [m].
-    out : float array (n, m)
-        Written: towards higher row numbers [cells].
-    """
-    number = z.dtype.type
-    h = number(height)
-    for i in range(z.shape[0]):
-        y = number(across[i] / cell)
-        for j in range(z.shape[1]):
-            out[i, j] = y * z[i, j] / (h - z[i, j])
-
-
-@kernel
 def bin_angle(emitted: AnyArray, offset: AnyArray, state: AnyArray, total: AnyArray, weight: AnyArray) -> None:
     """Put every seen element where the antenna sees it, on rows of flat ground, split by exact overlap.
 
@@ -392,12 +369,6 @@ def _beam_share(integral: AnyArray, u: float, per_width: float) -> float:
 
 
 @kernel
-def line_centre(line: int, part: float, advance: float) -> float:
-    """Place along the track of a sweep's beam where the sweep has gone ``part`` of its way from the left [m]."""
-    return advance * (line + (part if line % 2 == 0 else 1.0 - part))
-
-
-@kernel
 def average_along(
     total: AnyArray,
     weight: AnyArray,
@@ -440,7 +411,8 @@ def average_along(
         reach = middle / per_width * width[i]
         per_cell = cell / width[i] * per_width
         for line in range(n_lines):
-            centre = line_centre(line, part[i], advance)
+            # Odd sweeps come back.
+            centre = advance * (line + (part[i] if line % 2 == 0 else 1.0 - part[i]))
             first = min(max(math.floor((centre - reach) / cell), 0), m)
             past = max(min(math.ceil((centre + reach) / cell), m), first)
             _shares_row(integral, middle - centre / cell * per_cell, per_cell, first, past, below)

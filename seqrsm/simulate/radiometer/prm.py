@@ -89,26 +89,27 @@ def simulate_radiometer(
     SceneError
         No cell has an elevation, or the layer of temperature is asked for and missing.
     """
-    met = meet_radiometer(
-        scene,
-        radiometer,
-        table,
-        seed=seed,
-        run_id=run_id,
-        precision=precision,
-        random_occasion=random_occasion,
-        visit=visit,
-    )
-    ground_k = surface_temperature_k(scene, met.frame, radiometer, met.lookups[0], met.occasion)
+    frame = make_radiometer_frame(scene, radiometer, precision)
+    n, m = frame.elevation_m.shape
+    scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
+    lookups = lookups_of(scene, radiometer, table, visit.day)
+    if random_occasion:
+        occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
+    else:
+        occasion = nominal_radiometer_occasion(radiometer, lookups, scene)
+    planck_k = radiometer.planck_used_k
+    air = air_over(radiometer, planck_k)
+    met = Meeting(frame, scan, lookups, occasion, air, planck_k, table, visit.day)
+    ground_k = surface_temperature_k(scene, frame, radiometer, lookups[0], occasion)
     mapped = radiation_map(met, radiometer, ground_k)
-    law = "Planck's law" if met.planck_k > 0.0 else "Rayleigh-Jeans"
-    notes = dict.fromkeys(note for lookup in met.lookups for note in lookup.notes)
+    law = "Planck's law" if planck_k > 0.0 else "Rayleigh-Jeans"
+    notes = dict.fromkeys(note for lookup in lookups for note in lookup.notes)
     return scan_image(
         met,
         mapped,
         radiometer,
         noise=stream_key(seed, run_id, visit.purpose("receiver noise")),
-        notes=(*notes, *met.air.notes, f"radiation by {law}"),
+        notes=(*notes, *air.notes, f"radiation by {law}"),
     )
 
 
@@ -128,30 +129,6 @@ class Meeting:
     planck_k: float
     table: EmissivityTable
     day: float | None
-
-
-def meet_radiometer(
-    scene: Scene,
-    radiometer: RadiometerConfiguration,
-    table: EmissivityTable,
-    *,
-    seed: int,
-    run_id: int,
-    precision: Precision = "float32",
-    random_occasion: bool = True,
-    visit: Visit = ONCE,
-) -> Meeting:
-    """Everything before the first cell is looked at; parameters and errors as of `simulate_radiometer`."""
-    frame = make_radiometer_frame(scene, radiometer, precision)
-    n, m = frame.elevation_m.shape
-    scan = scan_geometry(radiometer, frame.height_m, n * scene.cell_m, m * scene.cell_m)
-    lookups = lookups_of(scene, radiometer, table, visit.day)
-    if random_occasion:
-        occasion = draw_radiometer_occasion(radiometer, lookups, scene, visit, seed=seed, run_id=run_id)
-    else:
-        occasion = nominal_radiometer_occasion(radiometer, lookups, scene)
-    planck_k = radiometer.planck_used_k
-    return Meeting(frame, scan, lookups, occasion, air_over(radiometer, planck_k), planck_k, table, visit.day)
 
 
 def lookups_of(
@@ -245,9 +222,9 @@ def radiation_map(
         antenna,
         state,
     )
-    offset = np.empty((n, m), dtype=dtype)
-    kernels_prm.displace_cells(frame.elevation_m, frame.away_m, frame.height_m, frame.cell_m, offset)
-    return antenna, offset, state
+    # By y z / (h - z), outward.
+    z, away = frame.elevation_m, (frame.away_m / frame.cell_m).astype(dtype)[:, None]
+    return antenna, away * z / (dtype.type(frame.height_m) - z), state
 
 
 def row_geometry(frame: RadiometerFrame, air: Atmosphere, conical: bool) -> FloatArray:
