@@ -216,7 +216,8 @@ def _choice(analysis: Analysis) -> list[Block]:
     )
     how = (
         "The bias is estimated by a parametric bootstrap: 200 sets of scores are simulated about the fitted surface, "
-        "shrunk towards its mean over the runs by the variance that error adds, and each selects and estimates anew."
+        "shrunk towards its mean over the runs by the variance that error adds, and each selects and estimates anew; "
+        "for the quadratic, with the runs proposed for the optimum at the optimum of its own earlier scores."
     )
     return [Paragraph(text, method=how)]
 
