@@ -360,9 +360,9 @@ def _hardware(spec: CampaignSpec, recommended: Sequence[Mapping[str, float | str
                 bits = f"{sensor.adc_bits} bits" if sensor.adc_bits else f"{ASSUMED_BITS} bits (assumed)"
                 rate = 1e-6 * data_rate_bit_s(sensor, *frame_swath(frame))
                 known = {one.name: one.values.get("downlink_mbit_s") for one in named_sensors()}
-                sent = ", ".join(f"{value:g} from {name}" for name, value in known.items() if value is not None)
-                data_rate = f"data rate, {rate:.3g} Mbit/s of this swath at {bits} of I and of Q"
-                found.append(f"{data_rate}: to the ground go {sent}")
+                sent = ", ".join(f"{name} {value:g}" for name, value in known.items() if value is not None)
+                data_rate = f"data rate, {rate:.3g} Mbit/s over this swath with {bits} each for I and Q"
+                found.append(f"{data_rate}; downlinks of known sensors in Mbit/s: {sent}")
     return tuple(dict.fromkeys(found))
 
 
@@ -445,7 +445,7 @@ def _surfaces(spec: CampaignSpec, noise: float, spread: float, analysis: Analysi
     prior = spec.applications[0].prior
     if analysis is not None and spec.model.response == "identity" and np.isfinite(analysis.fit.s):
         draws = draw_coefficients(spec, analysis.fitted, sampler="exact", n_draws=N_CAMPAIGNS)
-        source = f"surfaces as the {analysis.fit.n_runs} scores so far allow them"
+        source = f"surfaces drawn from the posterior of the {analysis.fit.n_runs} scores so far"
         return Surfaces(analysis.model, draws.terms, float(analysis.fit.s), source)
     if np.isfinite(spread):
         source = f"random quadratics with the variation over the region of {SPREAD_PROBES} simulations"

@@ -16,7 +16,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor
 from seqrsm.report.figures.surfaces import predict
-from seqrsm.report.wording import axis_label, format_setting, level_phrase, score_decimals
+from seqrsm.report.wording import axis_label, format_setting, level_phrase, optimum_setting_text, score_decimals
 
 MOST_NODES = 3000
 """Settings of the table, at most, where the factors allow it: some 60 kB in a page."""
@@ -54,7 +54,10 @@ def profile(analysis: Analysis) -> dict[str, Any]:
     factors = [
         {
             "label": axis_label(factor),
-            "values": [_text(factor, value) for value in coded],
+            # Where the page begins the digits are those of the first page.
+            "values": [
+                optimum_setting_text(analysis, factor) if i == start else _text(factor, x) for i, x in enumerate(coded)
+            ],
             "x": _axis(factor, coded),
             "start": start,
         }

@@ -346,7 +346,7 @@ def test_check_tells_the_margins_of_the_best_so_far(copy) -> None:
     ]
     assert all("margin" in one for one in found[:-1])
     assert "4 bits (assumed)" in found[-1]
-    assert "520 from Sentinel-1" in found[-1]
+    assert "Sentinel-1 520" in found[-1]
     assert "cannot be built" in ok("check", copy)
 
 

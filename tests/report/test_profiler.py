@@ -17,6 +17,7 @@ from seqrsm.design.factors import CategoricalFactor
 from seqrsm.report.content import build_report
 from seqrsm.report.html import render_html
 from seqrsm.report.profile import MOST_NODES, profile, profile_text
+from seqrsm.report.wording import optimum_setting_text
 
 
 @pytest.mark.parametrize("name", ["simulated", "flight", "many", "saturated"])
@@ -70,10 +71,7 @@ def test_the_correction_of_the_first_page_is_in_every_row(simulated, off):
 def test_the_recommended_settings_are_those_of_the_first_page(simulated):
     analysis = simulated.analyses[0]
     for factor, shown in zip(analysis.region.factors, profile(analysis)["factors"], strict=True):
-        setting = analysis.optimum.settings[factor.name]
-        text = shown["values"][shown["start"]]
-        number = text.split("\u00a0")[0]
-        assert number == setting if isinstance(setting, str) else float(number) == pytest.approx(setting, rel=0.02)
+        assert shown["values"][shown["start"]] == optimum_setting_text(analysis, factor)
 
 
 def test_text_cannot_end_its_element(simulated):

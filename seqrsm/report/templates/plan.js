@@ -3,7 +3,9 @@
   document.querySelectorAll(".planner").forEach(function (box) {
     var holder = document.createElement("div");
     holder.innerHTML = "<svg></svg>";
-    var NS = holder.firstChild.namespaceURI, W = 640, H = 300, LEFT = 60, BOTTOM = 40, TOP = 12, RIGHT = 16;
+    // On a narrow screen the drawing is as narrow, so that its words keep their size.
+    var W = Math.max(320, Math.min(640, box.querySelector(".curve").clientWidth || 640));
+    var NS = holder.firstChild.namespaceURI, H = 300, LEFT = 60, BOTTOM = 40, TOP = 12, RIGHT = 16;
     var data = JSON.parse(box.querySelector("script").textContent), unit = data.unit ? " " + data.unit : "", head = data.unit ? " [" + data.unit + "]" : "";
     var most = data.most, controls = box.querySelector(".controls"), fields = {};
     function add(parent, name, attributes, text) {
