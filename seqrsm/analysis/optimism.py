@@ -89,21 +89,24 @@ def _replayed(
     size = fit.Z.shape[1]
     gram, moment = np.zeros((_SETS, size, size)), np.zeros((_SETS, size))
     for batch in np.unique(surface.data.batches):
-        runs = np.flatnonzero(surface.data.batches == batch)
-        places, Z = np.tile(runs, (_SETS, 1)), np.tile(fit.Z[runs], (_SETS, 1, 1))
-        if later[runs].any() and gram.any():
+        now = surface.data.batches == batch
+        placed, kept = np.flatnonzero(now & later), np.flatnonzero(now & ~later)
+        if len(placed):
             best = n + np.argmax(sign * _told(gram, moment, rows)[:, n:], axis=1)
-            places[:, later[runs]] = best[:, None]
-            Z[:, later[runs], :c] = rows[best][:, None, :]
-        weighted = np.swapaxes(Z * fit.weights[runs, None], 1, 2)
-        gram += weighted @ Z
-        moment += (weighted @ (true[places] + scatter[:, runs])[..., None])[..., 0]
+            Z = np.tile(fit.Z[placed], (_SETS, 1, 1))
+            Z[..., :c] = rows[best][:, None, :]
+            weighted = np.swapaxes(Z * fit.weights[placed, None], 1, 2)
+            gram += weighted @ Z
+            moment += (weighted @ (true[best, None] + scatter[:, placed])[..., None])[..., 0]
+        weighted = fit.Z[kept] * fit.weights[kept, None]
+        gram += fit.Z[kept].T @ weighted
+        moment += (true[kept] + scatter[:, kept]) @ weighted
     return _told(gram, moment, rows)
 
 
 def _told(gram: FloatArray, moment: FloatArray, rows: FloatArray) -> FloatArray:
     """Means (sets, m) by normal equations; of least norm where terms cannot be told apart yet."""
-    tiny = 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+    tiny = (1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(gram.shape[1])
     coefficients = np.linalg.solve(gram + tiny, moment[..., None])[:, : rows.shape[1], 0]
     return np.asarray(coefficients @ rows.T)
 
