@@ -93,7 +93,7 @@ def build_report(dossier: Dossier) -> Report:
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
         state=_state_text(dossier),
         version=seqrsm.__version__,
-        sections=numbered(tuple(shown)),
+        sections=_with_numbers(tuple(shown)),
         profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
@@ -145,7 +145,7 @@ def _state_text(dossier: Dossier) -> str:
     return f"{scored} scored runs, up to run {last}; specification {dossier.spec.spec_hash[:12]}"
 
 
-def numbered(sections: tuple[Section, ...]) -> tuple[Section, ...]:
+def _with_numbers(sections: tuple[Section, ...]) -> tuple[Section, ...]:
     """Number figures and tables in their order; the paragraph before them refers to them.
 
     Where none stands before them in their section, one is put there.

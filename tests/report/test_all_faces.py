@@ -367,9 +367,10 @@ BY_NAME = {
 def test_no_builder_of_findings_is_left_out() -> None:
     """A new one joins the report or a test above."""
     found = set()
-    for module in pkgutil.iter_modules(seqrsm.report.sections.__path__, "seqrsm.report.sections."):
-        for name, value in vars(importlib.import_module(module.name)).items():
-            if inspect.isfunction(value) and value.__module__ == module.name and not name.startswith("_"):
+    names = [one.name for one in pkgutil.iter_modules(seqrsm.report.sections.__path__, "seqrsm.report.sections.")]
+    for module in (*names, "seqrsm.report.content"):
+        for name, value in vars(importlib.import_module(module)).items():
+            if inspect.isfunction(value) and value.__module__ == module and not name.startswith("_"):
                 given = str(inspect.signature(value).return_annotation)
                 if re.search(r"\b(?:Section|Block|FigureBlock|Table|Paragraph)\b", given):
                     found.add(name)
