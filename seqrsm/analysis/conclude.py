@@ -324,7 +324,7 @@ def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, 
         found.append(f"Runs outside the region, included in the fit: {outside}.")
     if surface.fixed_blocks and len(set(block_labels(spec, data, with_source=False))) > 1:
         found.append("Blocks differ by fitted constants; the score at the optimum is for their unweighted mean.")
-    if surface.fixed_blocks and (spec.model.block_effect == "random" or fitted.occasions == 1):
+    if surface.fixed_blocks and spec.model.block_effect == "random":
         found.append(
             "Only one block so far: block differences are unknown, and the intervals apply to this block only."
         )

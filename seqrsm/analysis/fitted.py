@@ -13,7 +13,6 @@ from seqrsm.analysis.runs import (
     LISTED_RUNS,
     ScoredRuns,
     block_labels,
-    occasions_shared,
     response_scale,
     scored_runs,
     setting_ids,
@@ -73,11 +72,6 @@ class Fitted:
         """Share of a run's variance that future runs over one ground have in common; 0 where it was not measured."""
         return 0.0 if self.ground is None else self.ground.share
 
-    @property
-    def occasions(self) -> int:
-        """Occasions that simulated runs share (common random numbers), 0 where each has its own."""
-        return occasions_shared(self.data)
-
 
 def fit_application(
     spec: CampaignSpec, application: ApplicationSpec, runs: Sequence[RunRecord], ground: Ground | None = None
@@ -129,7 +123,6 @@ def fit_surface(
         weights=spec.errors.weights(Z, scale.values, scale.weights),
         setting_ids=setting_ids(data.points),
         block_ids=labels,
-        crossed_blocks=occasions_shared(data) > 0,
     )
     if fit.aliased:
         message = f"the runs cannot separate these terms: {', '.join(fit.aliased)}"

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from seqrsm.analysis.runs import ScoredRuns, occasions_shared
+from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.design.quadratic import QuadraticModel
@@ -129,6 +129,6 @@ def measured_ground(events: Sequence[EventRecord], application: str) -> Ground |
 
 
 def ground_in(data: ScoredRuns, ground: Ground | None) -> Ground | None:
-    """The same for what is fitted: None where flights were over the real ground, or shared occasions are blocks."""
+    """The same for what is fitted: None where flights were over the real ground."""
     simulated = all(source == "simulation" for source in data.sources)
-    return ground if simulated and not occasions_shared(data) else None
+    return ground if simulated else None

@@ -59,7 +59,7 @@ def _in_scores(fitted: Fitted, found: ArrayInterval) -> Interval:
 def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy | None:
     surface, scale, level = fitted.surface, fitted.scale, spec.stop.level
     labels = block_labels(spec, fitted.data)
-    if len(set(labels)) < 2 or (spec.model.block is None and not fitted.occasions):
+    if len(set(labels)) < 2 or spec.model.block is None:
         return None
     sigma = sigma_block = low = high = float("nan")
     note = ""

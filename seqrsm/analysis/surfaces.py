@@ -16,10 +16,7 @@ from numpy.random import Generator
 from seqrsm.analysis.runs import (
     ScoredRuns,
     block_labels,
-    columns_within_sources,
     counts_of,
-    occasions_shared,
-    similarity,
 )
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.arrays import FloatArray
@@ -30,7 +27,7 @@ from seqrsm.fit.blocks import RandomBlockPosterior, fit_random_blocks
 from seqrsm.fit.conjugate import Flat, LinearBounds, NormalInverseGamma, Prior, weakly_informative, with_further
 from seqrsm.fit.error_models import Draws, ErrorModel, LinearRuns, Made, Sampler, enough, within
 from seqrsm.fit.intervals import Prediction
-from seqrsm.fit.least_squares import LeastSquaresFit
+from seqrsm.fit.least_squares import LeastSquaresFit, block_columns
 from seqrsm.spec.read import CampaignSpec
 
 
@@ -204,24 +201,18 @@ class RandomBlocks(Surface):
     Attributes
     ----------
     posterior : RandomBlockPosterior
-    apart : bool
-        Blocks are occasions that simulated runs share: each future run meets one of its own, as an occasion never comes
-        again. Else all runs of a future mean are made in one block.
+        All runs of a future mean are made in one block.
     """
 
     posterior: RandomBlockPosterior
-    apart: bool
 
     fixed_blocks: ClassVar[bool] = False
     no_departure: ClassVar[str] = "blocks are random"
 
     @classmethod
     def suits(cls, spec: CampaignSpec, data: ScoredRuns) -> bool:
-        """Asked for, or occasions; there must be two blocks."""
-        # Occasions are a sample of what a flight may meet; with flights in the fit, or wild errors, they are constants.
-        one_source = len(set(data.sources)) < 2
-        sampled = one_source and spec.errors.random_blocks and occasions_shared(data) > 0
-        return (spec.model.block_effect == "random" or sampled) and len(set(block_labels(spec, data))) > 1
+        """Asked for; there must be two blocks."""
+        return spec.model.block_effect == "random" and len(set(block_labels(spec, data))) > 1
 
     @classmethod
     def of(
@@ -241,7 +232,6 @@ class RandomBlocks(Surface):
             n_terms=model.p,  # random blocks are no terms
             note=f"{found.reason[:1].upper()}{found.reason[1:]}." if found.reason else "",
             posterior=found,
-            apart=occasions_shared(data) > 0,
         )
 
     def predict(
@@ -249,7 +239,7 @@ class RandomBlocks(Surface):
     ) -> Prediction:
         """Of the average block, and of runs in a new one."""
         w = float(np.mean(weight))
-        return self.posterior.predict(rows, level, weight=w, replicates=replicates, apart=self.apart)
+        return self.posterior.predict(rows, level, weight=w, replicates=replicates)
 
     def variance_unscaled(self, rows: FloatArray) -> FloatArray:
         """See `Surface`."""
@@ -270,7 +260,7 @@ class RandomBlocks(Surface):
         del stated, sampler
         (beta, sigma, of_blocks), share = within(partial(self.posterior.draws, rng=rng), bounds, n)
         made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
-        return Draws(beta, sigma, made, share, sigma_block=of_blocks, apart=self.apart)
+        return Draws(beta, sigma, made, share, sigma_block=of_blocks)
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""
@@ -308,7 +298,7 @@ class TwoSources(Surface):
             scale.values,
             [source == "flight" for source in data.sources],
             weights=fit.weights,
-            extra=columns_within_sources(spec, data),
+            extra=block_columns(block_labels(spec, data, with_source=False))[0],
             prior_sd=spec.model.discrepancy_sd,
         )
         note = (
@@ -434,10 +424,5 @@ def random_blocks(
     if len(set(data.sources)) > 1:
         remedy = 'Set [model] block_effect = "fixed".'
         raise FitError(Problem("random blocks need scores from one source; here are simulations and flights", remedy))
-    labels, alike = block_labels(spec, data), None
-    if occasions_shared(data):
-        # Runs that share no occasion met one each, as random effects can.
-        each = zip(labels, data.run_ids.tolist(), strict=True)
-        labels = [f"run {run_id}" if label == "all" else label for label, run_id in each]
-        alike = similarity(model.factors, data.points)
-    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights, similarity=alike)
+    labels = block_labels(spec, data)
+    return fit_random_blocks(model.matrix(data.points), scale.values, labels, weights=scale.weights)

@@ -19,7 +19,7 @@ from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
 from seqrsm.analysis.ground import MEASURED, N_WORLDS, OCCASIONS, RANKED, measured_ground
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import block_labels, evidence, occasion_of, occasions_shared, scored_runs, share_occasions
+from seqrsm.analysis.runs import evidence, scored_runs
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
@@ -49,11 +49,8 @@ def silent(*_: object) -> None:
 
 
 def n_fitted(spec: CampaignSpec, runs: Sequence[RunRecord]) -> int:
-    """Scores that can be fitted, of the application that has the fewest; each occasion more takes one."""
-    scored = [scored_runs(spec.region, runs, one.name) for one in spec.applications]
-    return min(
-        len(data.scores) - (occasions_shared(data) > 0) * (len(set(block_labels(spec, data))) - 1) for data in scored
-    )
+    """Scores that can be fitted, of the application that has the fewest."""
+    return min(len(scored_runs(spec.region, runs, one.name).scores) for one in spec.applications)
 
 
 class Campaign:
@@ -234,9 +231,7 @@ class Campaign:
             raise StoreError(Problem(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME)))
         proposed = self._proposals(made, min(n or self.spec.batch, left), source, analyses)[:left]
         runs = in_random_order(proposed, self.spec.seed, len(made))
-        size, region = self.spec.runs_an_occasion, self.spec.region
-        deal = None if size is None else partial(share_occasions, size=size, region=region)
-        ids = self.store.add_batch(runs, issue=True, deal=deal, budget=budget)
+        ids = self.store.add_batch(runs, issue=True, budget=budget)
         return tuple(run for run in self.store.runs() if run.run_id in set(ids))
 
     def _proposals(
@@ -383,9 +378,7 @@ class Campaign:
         from seqrsm.simulate.runner import run_many
 
         cells = self.cells_of_ground()
-        tasks = [
-            task_of(self.spec, run.run_id, run.proposed, occasion_of(run.source, run.block), cells) for run in claimed
-        ]
+        tasks = [task_of(self.spec, run.run_id, run.proposed, cells) for run in claimed]
         files = files_of(tasks[0]) if cluster is not None else ()
         with heartbeat(self.store):
             for index, result in run_many(carry_out, tasks, workers, on_progress, cluster, files):

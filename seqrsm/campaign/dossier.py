@@ -142,14 +142,10 @@ def _measured_assumptions(campaign: Campaign) -> tuple[str, ...]:
         "alternative surface if the report describes one",
     ]
     if spec.simulator is not None:
-        size = spec.runs_an_occasion
-        own = "each simulated run is one occasion with its own draw of the tables"
-        if size is not None:
-            own = f"up to {size} simulated runs share one occasion and are a block of the fit (common random numbers)"
         found.append(
-            f"{own}: table means, backscatter of fields and dates, soil moisture, wind, fading, receiver noise and the "
-            "training sample are drawn from the campaign's seed and the "
-            f"{'run' if size is None else 'occasion'}'s {'id' if size is None else 'number'}"
+            "each simulated run is one occasion with its own draw of the tables: table means, backscatter of fields "
+            "and dates, soil moisture, wind, fading, receiver noise and the training sample are drawn from the "
+            "campaign's seed and the run's id"
         )
     return tuple(found)
 

@@ -36,7 +36,7 @@ def experiment_of(spec: CampaignSpec) -> dict[str, str]:
     # Its tolerance moves no score by more than is accepted; scene and table are files.
     simulator = spec.simulator
     found: dict[str, object] = {"seqrsm": __version__, "[simulator] engine": simulator.engine}
-    found["[simulator] common_random_numbers"] = simulator.common_random_numbers
+    found["[simulator] common_random_numbers"] = None  # earlier versions had it: where it was used scores differ
     found |= {f"[simulator.fixed] {key}": value for key, value in simulator.fixed.items()}
     for member, own in simulator.members.items():
         found |= {f"[simulator.members.{member}] {key}": value for key, value in own.items()}

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from seqrsm.analysis.runs import occasion_of
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.campaign.engines import ENGINES
 from seqrsm.campaign.next_runs import rounded_settings
@@ -160,8 +159,7 @@ def simulated(
     """Simulate what `write_image` writes; arguments and errors are as there."""
     spec = campaign.spec
     settings = _settings(campaign, assignments)
-    runs = (run for run in campaign.store.runs() if run.run_id == run_id)
-    task = task_of(spec, run_id, settings, next((occasion_of(run.source, run.block) for run in runs), None))
+    task = task_of(spec, run_id, settings)
     try:
         made = task.acquisitions
         if not 1 <= number <= len(made):

@@ -45,20 +45,13 @@ def start_size(model: QuadraticModel, spec: CampaignSpec) -> int:
     SpecError
         The budget cannot even determine the model and its noise.
     """
-    least = _with_occasions(model.p + CENTRE_REPEATS - 1, spec.runs_an_occasion)
+    least = model.p + CENTRE_REPEATS - 1
     if spec.stop.max_runs < least:
         message = f"{spec.stop.max_runs} runs cannot determine {model.p} terms and the noise"
         remedy = f"Raise max_runs to {least} or more, use fewer factors or levels, or set [model] order = 1."
         file = str(spec.folder / SPEC_NAME)
         raise SpecError(Problem(message, remedy, file, field="[stop] max_runs", value=spec.stop.max_runs))
-    return min(_with_occasions(model.p + EXTRA_RUNS, spec.runs_an_occasion), spec.stop.max_runs)
-
-
-def _with_occasions(n: int, size: int | None) -> int:
-    """Runs of which ``n`` are left for the model where each occasion but the first takes one to be compared by."""
-    if size is None:
-        return n
-    return max(-(-(n - 1) * size // (size - 1)), n + CENTRE_REPEATS - 1)
+    return min(model.p + EXTRA_RUNS, spec.stop.max_runs)
 
 
 def start_batch(

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
-from seqrsm.analysis.runs import STREAM_0
 from seqrsm.campaign.engines import (
     ENGINES,
     Image,
@@ -138,8 +137,6 @@ class SimulationTask:
         What to score.
     cells : int
         Of a coarser data base that are left along a side of a pixel at least; 0: the data base as it is.
-    occasion : int or None
-        Number of the occasion that runs share; None: one of its own.
     members : Mapping
         What members of a set of sensors have of their own, by name.
     world : int, (str, float) or None
@@ -158,7 +155,6 @@ class SimulationTask:
     table: str
     utilities: tuple[tuple[str, str], ...]
     cells: int = 0
-    occasion: int | None = None
     members: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     world: int | tuple[str, float] | None = None
     known_map: str = ""
@@ -181,11 +177,6 @@ class SimulationTask:
             return table
         return table.in_world(World(self.seed, self.world) if isinstance(self.world, int) else OneAway(*self.world))
 
-    @property
-    def stream(self) -> int:
-        """Key of the run's draws, in the place of a run id."""
-        return self.run_id if self.occasion is None else STREAM_0 + self.occasion
-
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
@@ -203,13 +194,11 @@ def task_of(
     spec: CampaignSpec,
     run_id: int,
     settings: Mapping[str, float | str],
-    occasion: int | None = None,
     cells: int = 0,
 ) -> SimulationTask:
     """Task of one run of a campaign.
 
-    ``occasion``: number of the one that it shares with other runs; ``cells``: see `SimulationTask`. Every occasion
-    lies in a world of its own; what is no run meets the table's own means.
+    ``cells``: see `SimulationTask`. Every run lies in a world of its own; what is no run meets the table's own means.
 
     Raises
     ------
@@ -237,11 +226,10 @@ def task_of(
         str(spec.folder / spec.simulator.table) if spec.simulator.table else "",
         utilities,
         cells,
-        occasion,
         spec.simulator.members,
         known_map=str(spec.folder / spec.simulator.known_map) if spec.simulator.known_map else "",
     )
-    return task if run_id == NO_RUN else replace(task, world=task.stream)
+    return task if run_id == NO_RUN else replace(task, world=run_id)
 
 
 def bundle_tasks(
@@ -278,7 +266,7 @@ def simulate_images(task: SimulationTask, scene: Scene, threads: int = 1) -> lis
         more = {"threads": threads} if engine.threads else {}
         table = task.scattering(one.engine)
         images.append(
-            engine.simulate(scene, one.sensor, table, seed=task.seed, run_id=task.stream, visit=one.visit, **more)
+            engine.simulate(scene, one.sensor, table, seed=task.seed, run_id=task.run_id, visit=one.visit, **more)
         )
     return images
 
@@ -287,9 +275,9 @@ def score_images(task: SimulationTask, utility: str, images: Sequence[Image], sc
     """Score of a task's images by a utility; several are scored together."""
     known = None
     if task.known_map:
-        ground = task.world if isinstance(task.world, int) else task.stream
+        ground = task.world if isinstance(task.world, int) else task.run_id
         known = replace(loaded(load_known_map, task.known_map, scene.categories), key=ground)
-    return score_by(utility, images, scene, seed=task.seed, run_id=task.stream, known=known)
+    return score_by(utility, images, scene, seed=task.seed, run_id=task.run_id, known=known)
 
 
 def detail_of(task: SimulationTask) -> float:
@@ -320,7 +308,6 @@ def carry_out(task: SimulationTask) -> SimulationResult:
     record = {
         **images[0].record(scene.categories),
         **({} if made[0].label == "" else {"images": [one.record() for one in made]}),
-        **({} if task.occasion is None else {"common_random_numbers": task.occasion}),
         "fidelity": {"averaged": averaged, "seconds": round(seconds, 4)},
     }
     return SimulationResult(tuple(_new_score(*one, record) for one in found), "")

@@ -11,7 +11,6 @@ from statistics import median
 from typing import Any
 
 from seqrsm.analysis.ground import MEASURED, Ground, measured_ground
-from seqrsm.analysis.runs import sharing
 from seqrsm.errors import FitError, SeqrsmError
 from seqrsm.plain import plain
 from seqrsm.remember import remembered
@@ -58,7 +57,6 @@ def campaign_status(folder: Path, *, history: bool = False) -> dict[str, Any]:
         "units": {factor.name: getattr(factor, "unit", "") for factor in spec.factors},
         "cost_spent": sum(run.cost for run in runs if run.state == "scored"),
         "simulated_by": simulated_by(runs),
-        "common_random_numbers": dict(zip(("runs", "occasions"), sharing(runs), strict=True)),
         "applications": applications,
         "held": bool(last) and all((last.get(app.name) or {}).get("held", False) for app in spec.applications),
         "failed": [

@@ -97,9 +97,6 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     if result["simulated_by"]:
         scenes = (f"{one['runs']} on {ground_name(one['averaged'])}" for one in result["simulated_by"])
         rows.append(["simulated on", ", ".join(scenes)])
-    if (shared := result["common_random_numbers"])["runs"]:
-        text = f"shared by {shared['runs']} runs in {shared['occasions']} occasions (blocks of the fit)"
-        rows.append(["random numbers", text])
     show_table((), rows, title=f"campaign {result['campaign']}", sides=("left",))
     for application in result["applications"]:
         _show_application(spec, result, application)

@@ -109,7 +109,6 @@ class RandomBlockPosterior:
         *,
         weight: float = 1.0,
         replicates: float = 1,
-        apart: bool = False,
     ) -> Prediction:
         """Mean response of the average day, and future runs on a new day, which brings its own effect.
 
@@ -119,8 +118,6 @@ class RandomBlockPosterior:
         level : float
         weight, replicates
             As in ``LeastSquaresFit.predict``; all replicates fall on one day.
-        apart : bool
-            Each replicate falls on a new day of its own instead.
 
         Returns
         -------
@@ -132,9 +129,8 @@ class RandomBlockPosterior:
         for c in range(len(self.ratios)):
             centre[:, c] = rows @ self.mean[c]
             h[:, c] = np.sum(np.square(rows @ self.factor[c]), axis=1)
-        of_day = self.ratios / replicates if apart else self.ratios
         mean_scale = self.s * np.sqrt(h)
-        new_scale = self.s * np.sqrt(h + of_day + 1.0 / (replicates * weight))
+        new_scale = self.s * np.sqrt(h + self.ratios + 1.0 / (replicates * weight))
         mean = centre @ self.shares
         between = np.square(centre - mean[:, None])
         se = [np.sqrt((np.square(scale) + between) @ self.shares) for scale in (mean_scale, new_scale)]
@@ -150,7 +146,6 @@ def fit_random_blocks(
     days: Sequence[object],
     *,
     weights: FloatArray | None = None,
-    similarity: FloatArray | None = None,
 ) -> RandomBlockPosterior:
     """Fit ``y = Z beta + u_day + e``.
 
@@ -163,9 +158,6 @@ def fit_random_blocks(
         Day of each run.
     weights : ndarray (n,), optional
         Inverse relative variances of the runs' own errors.
-    similarity : ndarray (n, n), optional
-        Correlation of a day's effects on two of its runs, positive semidefinite with ones on its diagonal: the effect
-        then varies with the settings. By default 1: the effect of a day is one number.
 
     Raises
     ------
@@ -185,7 +177,7 @@ def fit_random_blocks(
         raise FitError(Problem(f"{n} runs cannot determine {p} terms and their scatter", "Add runs or drop terms."))
     index = np.array([names.index(day) for day in days], dtype=np.int64)
     ratios = np.exp(2.0 * _LOG_ROOT)
-    runs = _reduce(Z, y, w, index) if similarity is None else _rotated(Z, y, w, index, similarity)
+    runs = _reduce(Z, y, w, index)
     mean, factor, scale, log_likelihood = _given(ratios, runs)
     log_share = log_likelihood + _LOG_ROOT - np.log1p(ratios)  # half-Cauchy on sqrt(rho), times d rho / d log rho
     shares = np.exp(log_share - np.max(log_share))
@@ -246,20 +238,6 @@ def _reduce(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray) -> _Re
     along /= np.sqrt(total)[:, None]
     within = np.asarray(np.linalg.qr(X - (root / np.sqrt(total)[index])[:, None] * along[index], mode="r"))
     return _Reduced(within, along, total, float(np.sum(np.log(w))), Z.shape[0])
-
-
-def _rotated(Z: FloatArray, y: FloatArray, w: FloatArray, index: IntArray, similarity: FloatArray) -> _Reduced:
-    """As `_reduce` for effects that vary within a day: W^(1/2) V W^(1/2) = I + ratio Q diag(total) Q'."""
-    root = np.sqrt(w)
-    X = np.column_stack([Z, y]) * root[:, None]
-    rows, totals = [], []
-    for day in range(int(index.max()) + 1):
-        own = np.flatnonzero(index == day)
-        total, Q = np.linalg.eigh(root[own, None] * similarity[np.ix_(own, own)] * root[own])
-        rows.append(Q.T @ X[own])
-        totals.append(np.maximum(total, 0.0))
-    none = np.zeros((X.shape[1], X.shape[1]))
-    return _Reduced(none, np.vstack(rows), np.concatenate(totals), float(np.sum(np.log(w))), Z.shape[0])
 
 
 def _given(ratios: FloatArray, runs: _Reduced) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -62,8 +62,6 @@ class Draws:
         Bounds of single terms that all draws hold.
     sigma_block : ndarray (m,), optional
         Standard deviation of random blocks.
-    apart : bool
-        Each future run falls into a random block of its own; else all that are averaged into one.
     more : dict
         Other parameters of the errors, (m,) each, by name.
     """
@@ -74,7 +72,6 @@ class Draws:
     share: float | None = None
     bounds: LinearBounds | None = None
     sigma_block: FloatArray | None = None
-    apart: bool = False
     more: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def first(self, n: int) -> Draws:
@@ -83,12 +80,11 @@ class Draws:
         more = {name: values[:n] for name, values in self.more.items()}
         return replace(self, terms=self.terms[:n], sigma=self.sigma[:n], sigma_block=block, more=more)
 
-    def of_blocks(self, replicates: int, rng: np.random.Generator) -> FloatArray:
-        """Effects of the random blocks of future runs, (m, replicates) or (m, 1) where these share one."""
+    def of_blocks(self, rng: np.random.Generator) -> FloatArray:
+        """Effects (m, 1) of the random block that future runs share."""
         if self.sigma_block is None:
             return np.zeros((len(self.terms), 1))
-        size = (len(self.terms), replicates if self.apart else 1)
-        return np.asarray(self.sigma_block[:, None] * rng.standard_normal(size))
+        return np.asarray(self.sigma_block[:, None] * rng.standard_normal((len(self.terms), 1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +196,7 @@ class ErrorModel:
         self, draws: Draws, scale: Scale, here: FloatArray, replicates: int, rng: np.random.Generator
     ) -> FloatArray:
         """What blocks and single future runs (m, replicates) add to the mean response ``here`` (m,)."""
-        block = draws.of_blocks(replicates, rng)
+        block = draws.of_blocks(rng)
         noise = self.noise((len(here), replicates), rng)
         spread = draws.sigma[:, None] / np.sqrt(scale.weight_at(here[:, None] + block))
         return np.asarray(block + spread * noise)

@@ -171,15 +171,12 @@ def sequential_ss(groups: Sequence[FloatArray], y: FloatArray) -> list[tuple[int
 
 
 def pure_error(
-    y: FloatArray, weights: FloatArray, setting_ids: IntArray, block_ids: IntArray | None, *, crossed: bool = False
+    y: FloatArray, weights: FloatArray, setting_ids: IntArray, block_ids: IntArray | None
 ) -> tuple[int, float, int]:
     """Degrees of freedom and sum of squares within repeated settings, and how many means they leave to the model.
 
-    A setting repeated in two blocks counts as two settings: the difference of blocks is no pure error. With ``crossed``
-    blocks it is what repeats leave beyond a constant for each block: for blocks in which no setting can be repeated.
+    A setting repeated in two blocks counts as two settings: the difference of blocks is no pure error.
     """
-    if crossed and block_ids is not None:
-        return _crossed_error(y, weights, setting_ids, block_ids)
     label = setting_ids if block_ids is None else setting_ids * (int(block_ids.max()) + 1) + block_ids
     _, group = np.unique(label, return_inverse=True)
     n_groups = int(group.max()) + 1
@@ -192,22 +189,6 @@ def pure_error(
     return y.shape[0] - n_groups, ss, n_groups
 
 
-def _crossed_error(
-    y: FloatArray, weights: FloatArray, setting_ids: IntArray, block_ids: IntArray
-) -> tuple[int, float, int]:
-    """Residual of a constant for each setting and each block."""
-    _, group = np.unique(setting_ids, return_inverse=True)
-    total = np.bincount(group, weights)
-    both = np.column_stack([(block_ids[:, None] == np.unique(block_ids)[None, :]).astype(np.float64), y - y.mean()])
-    mean = np.stack([np.bincount(group, weights * column) / total for column in both.T], axis=1)
-    both = np.sqrt(weights)[:, None] * (both - mean[group])
-    basis, size, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
-    basis = basis[:, size > _RANK_TOLERANCE * size.max(initial=1.0) * len(y)]
-    left = both[:, -1] - basis @ (basis.T @ both[:, -1])
-    df = len(y) - len(total) - basis.shape[1]
-    return df, float(left @ left) if df else 0.0, len(y) - df
-
-
 def lack_of_fit(
     y: FloatArray,
     weights: FloatArray,
@@ -216,15 +197,13 @@ def lack_of_fit(
     setting_ids: IntArray | None,
     block_ids: IntArray | None,
     df_residual: int,
-    *,
-    crossed: bool = False,
 ) -> LackOfFit | str:
     """Test lack of fit; a sentence instead when the runs do not allow it."""
     if df_residual == 0:
         return "no residual degrees of freedom: as many terms as runs"
     if setting_ids is None:
         return "which runs repeat a setting is not known"
-    df_pe, ss_pe, n_groups = pure_error(y, weights, setting_ids, block_ids, crossed=crossed)
+    df_pe, ss_pe, n_groups = pure_error(y, weights, setting_ids, block_ids)
     df_lof = n_groups - rank
     if df_pe == 0:
         twice = len(np.unique(setting_ids)) < len(setting_ids)

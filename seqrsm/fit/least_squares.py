@@ -96,7 +96,7 @@ class LeastSquaresFit:
         Indices of runs that the model must pass through; PRESS is undefined when there are any.
     reason : str
         Why s, standard errors or tests are undefined; empty when they are not.
-    Z, y, weights, setting_ids, block_ids, crossed_blocks
+    Z, y, weights, setting_ids, block_ids
         The data as fitted.
     basis_estimate, factor, null : ndarray
         Basic solution (p,), L with (Z'WZ)^-1 = LL' on the basis columns (p, rank), null space (p, p - rank).
@@ -135,7 +135,6 @@ class LeastSquaresFit:
     basis_estimate: FloatArray
     factor: FloatArray
     null: FloatArray
-    crossed_blocks: bool = False
 
     @property
     def t(self) -> FloatArray:
@@ -251,15 +250,14 @@ class LeastSquaresFit:
             self.setting_ids,
             self.block_ids,
             self.df_residual,
-            crossed=self.crossed_blocks,
         )
 
     @property
     def df_pure_error(self) -> int:
-        """Degrees of freedom of pure error: runs that repeat a setting (within a block, or across crossed ones)."""
+        """Degrees of freedom of pure error: runs that repeat a setting within a block."""
         if self.setting_ids is None:
             return 0
-        found = pure_error(self.y, self.weights, self.setting_ids, self.block_ids, crossed=self.crossed_blocks)
+        found = pure_error(self.y, self.weights, self.setting_ids, self.block_ids)
         return found[0]
 
     def anova(self) -> tuple[AnovaRow, ...]:
@@ -284,7 +282,6 @@ def fit_least_squares(
     weights: FloatArray | None = None,
     setting_ids: Sequence[object] | IntArray | None = None,
     block_ids: Sequence[object] | IntArray | None = None,
-    crossed_blocks: bool = False,
 ) -> LeastSquaresFit:
     """Fit ``y = Z b + e``, Var e_i = sigma^2 / weight_i, by refined orthogonal factorisation.
 
@@ -302,8 +299,6 @@ def fit_least_squares(
         Equal for runs with the same *executed* settings; needed for pure error.
     block_ids : sequence (n,), optional
         Pure error is taken within blocks; by default those that the block columns tell apart.
-    crossed_blocks : bool
-        No setting can be repeated in a block: pure error is what repeats in several leave beyond the blocks' constants.
 
     Raises
     ------
@@ -379,7 +374,6 @@ def fit_least_squares(
         basis_estimate=basic,
         factor=L,
         null=null * factors.scale[:, None],
-        crossed_blocks=crossed_blocks,
     )
 
 

@@ -391,14 +391,6 @@ def model(
         report.add(("model", "block_effect"), "random blocks need normal errors", remedy, "random")
 
 
-def shared_occasions(table: ModelSpec, size: int, report: Reporter) -> None:
-    """Common random numbers make random blocks."""
-    place: Path = ("simulator", "common_random_numbers")
-    if not ERROR_MODELS[table.errors].random_blocks:
-        remedy = 'Write [model] errors = "normal", or leave common_random_numbers out.'
-        report.add(place, f"runs with common random numbers need normal errors, not {table.errors}", remedy, size)
-
-
 def catalogued(applications: Sequence[ApplicationSpec | None], engine: str | None, report: Reporter) -> None:
     """Words that an application names of the catalogue are in it, for the engine's kind of sensor."""
     kind, system = {"psm": ("radar ", "active"), "prm": ("radiometer ", "passive")}.get(engine or "", ("", None))

@@ -54,12 +54,9 @@ The tables and keys of the file. Keys without a default are required; unknown ke
     your own sigma0 or emissivity, whose categories replace the built-in ones; ``known_map`` (none): a CSV file with the
     confusion table of an existing cover map; ``tolerance`` (0: none): acceptable rms error of a simulated score, in
     score units; cells of the scene are then averaged as far as measured differences allow, see
-    :mod:`seqrsm.campaign.tradeoff`; ``common_random_numbers`` (none: each run has its own occasion): number of runs, at
-    least 2, that share an occasion and all its random numbers, and form a random block of the fit whose effect varies
-    smoothly with the settings (if there are flights, a constant); settings are then compared more precisely, see
-    ``reports/speed-accuracy``; ``fixed``: every sensor parameter that is not a factor; ``members``: if ``frequency``
-    names a set such as "L+C", parameters of one member, including its ``engine``, as in ``[simulator.members.C]``. A
-    factor ``C.resolution`` applies to that member; see :mod:`seqrsm.sensor.sets`.
+    :mod:`seqrsm.campaign.tradeoff`; ``fixed``: every sensor parameter that is not a factor; ``members``: if
+    ``frequency`` names a set such as "L+C", parameters of one member, including its ``engine``, as in
+    ``[simulator.members.C]``. A factor ``C.resolution`` applies to that member; see :mod:`seqrsm.sensor.sets`.
 ``[cost]``
     ``simulation`` (1), ``flight`` (1): cost of a run, in ``unit`` ("").
 ``[stop]``
@@ -183,11 +180,6 @@ class CampaignSpec:
     def errors(self) -> ErrorModel:
         """The model of errors."""
         return ERROR_MODELS[self.model.errors]
-
-    @property
-    def runs_an_occasion(self) -> int | None:
-        """How many simulated runs share an occasion; None where each has its own."""
-        return None if self.simulator is None else self.simulator.common_random_numbers
 
     @property
     def factors(self) -> tuple[Factor, ...]:
@@ -335,8 +327,6 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
-        if simulator is not None and simulator.common_random_numbers is not None:
-            spec_checks.shared_occasions(single["model"], simulator.common_random_numbers, report)
     spec_checks.candidates(repeated["candidate"], sensors, names, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:

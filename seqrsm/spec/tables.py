@@ -89,9 +89,10 @@ class Table(BaseModel):
     def _as_before(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
         """Without later keys that hold their default, with the defaults of those gone: the hash stays what it was."""
         fields = type(self).model_fields
-        unused = {key for key in self.LATER if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
+        later = [key for key in self.LATER if key in fields]
+        unused = {key for key in later if getattr(self, key) == fields[key].get_default(call_default_factory=True)}
         found = {key: value for key, value in serialise(self).items() if key not in unused}
-        return found | {key: default for key, (default, _) in self.GONE.items()}
+        return found | {key: default for key, (default, _) in self.GONE.items() if key not in self.LATER}
 
 
 class CampaignTable(Table):
@@ -325,12 +326,14 @@ class SimulatorSpec(Table):
     table: str = ""
     known_map: str = ""
     tolerance: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
-    common_random_numbers: Annotated[int, Field(ge=2, le=1000)] | None = None
     fixed: dict[str, Number | str] = Field(default_factory=dict)
     members: dict[str, dict[str, Number | str]] = Field(default_factory=dict)
 
     LATER = ("common_random_numbers", "members", "known_map")
-    GONE = {"fidelity": ("auto", "Remove it: every run is simulated in full, or as `tolerance` allows.")}
+    GONE = {
+        "fidelity": ("auto", "Remove it: every run is simulated in full, or as `tolerance` allows."),
+        "common_random_numbers": (None, "Remove it: every run has an occasion and random numbers of its own."),
+    }
 
 
 class CostSpec(Table):

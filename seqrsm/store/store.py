@@ -17,7 +17,7 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -137,7 +137,6 @@ class Store:
         runs: Sequence[NewRun],
         *,
         issue: bool = False,
-        deal: Callable[[Sequence[NewRun], Sequence[RunRecord]], Sequence[NewRun]] | None = None,
         budget: int | None = None,
     ) -> tuple[int, ...]:
         """Store proposals as one batch; all or none. A decision, see `mark`.
@@ -148,8 +147,6 @@ class Store:
             Equal settings are repeats and stay apart.
         issue : bool
             Issue them at once.
-        deal : callable, optional
-            Given the runs and all that are there, returns the runs with their blocks; nobody else writes meanwhile.
         budget : int, optional
             Runs of the whole campaign, confirmation runs apart, that must not be passed.
 
@@ -172,8 +169,6 @@ class Store:
                     f"{ledger.n_used()} of the {budget} runs of the budget are used: there is no room for {len(runs)}"
                 )
                 raise StoreError(Problem(message, "Raise [stop] max_runs.", field="max_runs", value=budget))
-            if deal is not None:
-                runs = deal(runs, ledger.runs(sa.true()))
             return ledger.add_runs(runs, batch=ledger.last_batch() + 1, issue=issue)
 
     def issue(self, run_ids: Iterable[int]) -> None:

@@ -108,14 +108,14 @@ def test_simulated_runs_meet_worlds_of_their_own(copy) -> None:
     levels = [task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in (one, other, none)]
     assert len(set(levels)) == 3
     bundle = bundle_tasks(spec, settings)
-    worlds, streams = [task.world for task in bundle], {task.stream for task in bundle}
+    worlds, streams = [task.world for task in bundle], {task.run_id for task in bundle}
     assert worlds[0::2] == worlds[1::2]
     assert len(set(worlds)) == len(bundle) // 2
     assert len(streams) == len(bundle)
     away = one_away_tasks(spec, settings, ["Wheat"])
     plain, up, down = (task.scattering("psm").lookup(["Wheat"], 3.0, "HH").sigma0[0, 45] for task in away[::2])
     assert down < plain < up
-    assert {task.stream for task in away[::2]} == {away[0].stream}
+    assert {task.run_id for task in away[::2]} == {away[0].run_id}
 
 
 def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, tiny_scene, monkeypatch) -> None:

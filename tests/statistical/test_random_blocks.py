@@ -89,44 +89,10 @@ def test_posterior_of_the_ratio_by_quadrature() -> None:
     assert found.shares[picks[1]] / found.shares[picks[0]] == pytest.approx(masses[1] / masses[0], rel=1e-5)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_effects_that_vary_within_a_day_against_dense_algebra(seed: int) -> None:
-    """Generalised least squares and its restricted likelihood with the whole covariance written out."""
-    Z, y, day = problem(30, 5, 1.2, seed)
-    rng = np.random.default_rng(seed)
-    w, x = rng.uniform(0.5, 2.0, 30), rng.uniform(-1.0, 1.0, (30, 2))
-    similarity = np.exp(-0.5 * np.square(x[:, None] - x[None, :]).sum(axis=2))
-    found = fit_random_blocks(Z, y, day.tolist(), weights=w, similarity=similarity)
-    same = (day[:, None] == day[None, :]) * similarity
-    log_likelihood = []
-    for c, ratio in enumerate(found.ratios):
-        V = np.diag(1.0 / w) + ratio * same
-        inverse = np.linalg.inv(V)
-        precision = Z.T @ inverse @ Z
-        beta = np.linalg.solve(precision, Z.T @ inverse @ y)
-        sse = (y - Z @ beta) @ inverse @ (y - Z @ beta)
-        np.testing.assert_allclose(found.mean[c], beta, rtol=1e-8, atol=1e-8)
-        np.testing.assert_allclose(found.factor[c] @ found.factor[c].T, np.linalg.inv(precision), rtol=1e-7, atol=1e-9)
-        assert found.s[c] == pytest.approx(np.sqrt(sse / (30 - Z.shape[1])), rel=1e-9)
-        terms = np.linalg.slogdet(V)[1] + np.linalg.slogdet(precision)[1] + (30 - Z.shape[1]) * np.log(sse)
-        log_likelihood.append(-0.5 * terms + 0.5 * np.log(ratio) - np.log1p(ratio))
-    shares = np.exp(np.array(log_likelihood) - np.max(log_likelihood))
-    np.testing.assert_allclose(found.shares, shares / shares.sum(), rtol=1e-6)
-    # A future run: its own day's effect has the same variance wherever it is.
-    new, many = (found.predict(Z[:1], 0.9, replicates=m, apart=True) for m in (1, 10**9))
-    assert many.se_prediction[0] == pytest.approx(many.se_mean[0], rel=1e-4)
-    extra = found.shares @ (np.square(found.s) * (1.0 + found.ratios))
-    assert new.se_prediction[0] ** 2 - new.se_mean[0] ** 2 == pytest.approx(extra, rel=1e-9)
-    # One number for all settings of a day is the ordinary model.
-    plain, ones = (fit_random_blocks(Z, y, day.tolist(), weights=w, similarity=s) for s in (None, np.ones((30, 30))))
-    np.testing.assert_allclose(ones.estimate, plain.estimate, rtol=1e-8)
-    assert ones.s_new_day == pytest.approx(plain.s_new_day, rel=1e-8)
-
-
 def test_coverage_of_the_mean_and_on_a_new_day() -> None:
     """Six days of six runs; the plug-in and the fit that forgets days must cover a new day less."""
     sets, level = 300, 0.9
-    hits = dict.fromkeys(("mean", "new", "mean of 3", "3 apart", "forgets"), 0)
+    hits = dict.fromkeys(("mean", "new", "mean of 3", "forgets"), 0)
     row = np.array([[1.0, 0.3, -0.4, -0.12, 0.09, 0.16]])
     for seed in range(sets):
         rng = np.random.default_rng(1000 + seed)
@@ -137,7 +103,6 @@ def test_coverage_of_the_mean_and_on_a_new_day() -> None:
         found = fit_random_blocks(Z, y, day.tolist())
         new = found.predict(row, level)
         several = found.predict(row, level, replicates=3)
-        apart = found.predict(row, level, replicates=3, apart=True)
         tomorrow = truth + 1.5 * rng.normal()
         run = tomorrow + rng.normal()
         plain = fit_least_squares(Z, y, ["intercept"] + ["x"] * 5).predict(row, level)
@@ -145,12 +110,11 @@ def test_coverage_of_the_mean_and_on_a_new_day() -> None:
             ("mean", new.confidence, truth),
             ("new", new.prediction, run),
             ("mean of 3", several.prediction, tomorrow + rng.normal() / np.sqrt(3)),
-            ("3 apart", apart.prediction, truth + np.hypot(1.5, 1.0) * rng.normal() / np.sqrt(3)),
             ("forgets", plain.confidence, truth),
         ):
             hits[key] += bool(interval.low[0] <= value <= interval.high[0])
     error = 4 * np.sqrt(level * (1 - level) / sets)
-    for key in ("mean", "new", "mean of 3", "3 apart"):
+    for key in ("mean", "new", "mean of 3"):
         assert hits[key] / sets == pytest.approx(level, abs=error), key
     assert hits["forgets"] / sets < level - error
 

@@ -15,7 +15,7 @@ from scored_campaigns import analysed, campaign, numeric, specification
 from seqrsm.analysis import compromise
 from seqrsm.analysis.conclude import _within_percent, analyse
 from seqrsm.analysis.results import Analysis, OptimumEstimate
-from seqrsm.analysis.runs import block_labels, evidence, response_scale
+from seqrsm.analysis.runs import evidence, response_scale
 from seqrsm.analysis.scale import Interval
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.rehearsal import scored_run
@@ -138,12 +138,6 @@ def test_confirmation_runs_are_evidence_once_later_runs_are_scored() -> None:
         waiting = replace(later, state=state)
         assert evidence([first, fresh, waiting]) == [first, waiting]
     assert evidence([first, fresh, later]) == [first, fresh, later]
-
-
-def test_a_run_alone_in_its_occasion_is_no_block(made: Campaign, narrow: Analysis) -> None:
-    blocks = ("occasion 1", "occasion 2", "occasion 1", "occasion 3", "")
-    data = replace(narrow.data, sources=("simulation",) * 5, blocks=blocks)
-    assert block_labels(made.spec, data) == ["occasion 1", "all", "occasion 1", "all", "all"]
 
 
 def test_scores_without_a_standard_error_are_named_where_they_would_count_by_it(

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 
 from seqrsm.analysis.results import Analysis
-from seqrsm.analysis.runs import sharing
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.design.factors import CategoricalFactor, Factor
 from seqrsm.report.blocks import (
@@ -102,12 +101,6 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
     text = f"The campaign has {counted(len(runs), 'run')} in {batches}: {counts}."
     if len({run.source for run in scored}) > 1:
         text += f" Sources: {source_counts(scored)}."
-    shared, occasions = sharing(runs)
-    if shared:
-        text += (
-            f" {shared} simulated runs share {counted(occasions, 'occasion')} (common random numbers), which enter the "
-            "fit as blocks."
-        )
     purposes = Counter(run.purpose or "not stated" for run in runs)
     whys = listing([f"{readable(purpose)} ({count})" for purpose, count in purposes.items()])
     blocks: list[Block] = [Paragraph(f"{text} Purposes: {whys}. The report's last table lists them all.")]
