@@ -7,52 +7,18 @@ eq. (2-23), the factor S restored), and inf for the mean response itself.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtr, stdtrit
+from scipy.special import stdtr
 
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem
-from seqrsm.fit.intervals import student_quantile
+from seqrsm.fit.intervals import t_quantile
 from seqrsm.plain import known
 
 IntervalKind = Literal["prediction", "prediction_mean", "confidence"]
-
-
-def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:
-    """Two-sided quantile of Student's t.
-
-    Parameters
-    ----------
-    df : array_like
-        Degrees of freedom; inf gives the normal quantile, values <= 0 give nan.
-    level : array_like
-        Two-sided probability, in (0, 1).
-
-    Returns
-    -------
-    ndarray, broadcast shape of ``df`` and ``level``
-    """
-    degrees, probability = np.asarray(df, dtype=np.float64), np.asarray(level, dtype=np.float64)
-    if degrees.ndim == probability.ndim == 0:
-        return np.asarray(_one_quantile(float(degrees), float(probability)))
-    return _quantiles(degrees, probability)
-
-
-@lru_cache(maxsize=4096)
-def _one_quantile(df: float, level: float) -> float:
-    """Of one number: the same few are asked for again and again, and stdtrit is slow."""
-    return float(_quantiles(np.asarray(df), np.asarray(level)))
-
-
-def _quantiles(degrees: FloatArray, level: FloatArray) -> FloatArray:
-    # stdtrit has no limit at infinity; at 1e12 the difference from the normal quantile is below 1e-12.
-    safe = np.clip(np.where(degrees > 0.0, degrees, 1.0), None, 1e12)
-    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * level), np.nan)
-    return quantile
 
 
 def independent_runs(
@@ -257,7 +223,7 @@ def confirmation_agrees(
     -------
     Agreement
     """
-    se = half_width / float(student_quantile(df, confirmation.level))
+    se = half_width / float(t_quantile(df, confirmation.level))
     difference = confirmation.mean - predicted
     t = float(difference / se) if se > 0.0 else float(np.sign(difference) * np.inf if difference else 0.0)
     p = float(2.0 * stdtr(df, -abs(t)))

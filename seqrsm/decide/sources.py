@@ -19,10 +19,9 @@ from scipy.optimize.elementwise import find_root
 from scipy.special import stdtr
 
 from seqrsm.arrays import BoolArray, FloatArray, IntArray
-from seqrsm.decide.intervals import t_quantile
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.fit.conjugate import ConjugatePosterior, Flat, NormalInverseGamma, posterior, with_further
-from seqrsm.fit.intervals import Interval, Prediction, student_quantile
+from seqrsm.fit.intervals import Interval, Prediction, t_quantile
 
 FEW_FLIGHTS = 4
 """With fewer flights the discrepancy is mostly its prior."""
@@ -190,7 +189,7 @@ class SourceFit:
         full[0, self.model.p : 2 * self.model.p] = row
         mean = float(full[0] @ self.posterior.mean)
         se = self.posterior.scale * float(np.sqrt(self.posterior.variance_unscaled(full)[0]))
-        half = float(student_quantile(self.posterior.df, level)) * se
+        half = float(t_quantile(self.posterior.df, level)) * se
         return mean, mean - half, mean + half
 
     def draws(

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import qr
 from scipy.special import fdtrc, stdtrit
 
@@ -68,11 +70,39 @@ class FTest:
     reason: str = ""
 
 
-def student_quantile(df: float, level: float) -> float:
-    """Two-sided Student-t factor t(df, (1 - level) / 2); nan for df = 0."""
-    if not 0.0 < level < 1.0:
+def t_quantile(df: ArrayLike, level: ArrayLike) -> FloatArray:
+    """Two-sided quantile of Student's t.
+
+    Parameters
+    ----------
+    df : array_like
+        Degrees of freedom; inf gives the normal quantile, values <= 0 give nan.
+    level : array_like
+        Two-sided probability, in (0, 1).
+
+    Returns
+    -------
+    ndarray, broadcast shape of ``df`` and ``level``
+    """
+    degrees, probability = np.asarray(df, dtype=np.float64), np.asarray(level, dtype=np.float64)
+    if degrees.ndim == probability.ndim == 0:
+        return np.asarray(_one_quantile(float(degrees), float(probability)))
+    return _quantiles(degrees, probability)
+
+
+@lru_cache(maxsize=4096)
+def _one_quantile(df: float, level: float) -> float:
+    """Of one number: the same few are asked for again and again, and stdtrit is slow."""
+    return float(_quantiles(np.asarray(df), np.asarray(level)))
+
+
+def _quantiles(degrees: FloatArray, level: FloatArray) -> FloatArray:
+    if not np.all((level > 0.0) & (level < 1.0)):
         raise ValueError(f"level must lie between 0 and 1, got {level}")
-    return float(stdtrit(float(df), 0.5 + 0.5 * level)) if df > 0 else float("nan")
+    # stdtrit has no limit at infinity; at 1e12 the difference from the normal quantile is below 1e-12.
+    safe = np.clip(np.where(degrees > 0.0, degrees, 1.0), None, 1e12)
+    quantile: FloatArray = np.where(degrees > 0.0, stdtrit(safe, 0.5 + 0.5 * level), np.nan)
+    return quantile
 
 
 def f_ratio(ss: float, df: int, sse: float, df_residual: int) -> tuple[float, float, str]:

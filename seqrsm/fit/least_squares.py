@@ -32,7 +32,7 @@ from seqrsm.fit.intervals import (
     lack_of_fit,
     pure_error,
     sequential_ss,
-    student_quantile,
+    t_quantile,
     total_ss,
 )
 from seqrsm.fit.linear_system import check_runs
@@ -150,7 +150,7 @@ class LeastSquaresFit:
 
     def interval(self, level: float = 0.95) -> Interval:
         """Confidence interval of every coefficient at ``level`` in (0, 1)."""
-        half = student_quantile(self.df_residual, level) * self.se
+        half = t_quantile(self.df_residual, level) * self.se
         return Interval(self.estimate - half, self.estimate + half)
 
     def rows_with_mean_block(self, rows: FloatArray) -> FloatArray:
@@ -208,7 +208,7 @@ class LeastSquaresFit:
         h = self.variance_unscaled(rows)
         se_mean = self.s * np.sqrt(h)
         se_prediction = self.s * np.sqrt(1.0 / (replicates * np.asarray(weight, dtype=np.float64)) + h)  # eq. 2-23
-        quantile = student_quantile(self.df_residual, level)
+        quantile = t_quantile(self.df_residual, level)
         return Prediction(
             mean,
             Interval(mean - quantile * se_mean, mean + quantile * se_mean),

@@ -13,7 +13,7 @@ from scipy.special import fdtrc
 from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.intervals import student_quantile
+from seqrsm.fit.intervals import t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.natural import natural_coefficients, natural_transform
 
@@ -70,7 +70,7 @@ def test_the_study_sees_a_wrong_interval() -> None:
     future = ROW[0] @ beta + 2.0 * np.random.default_rng(5).normal(size=SETS)
     gap = np.abs(future - estimates @ ROW[0])
     h = fit.variance_unscaled(ROW)[0]
-    t = student_quantile(6, LEVEL)
+    t = t_quantile(6, LEVEL)
     assert np.mean(gap <= t * s * np.sqrt(1 + h)) == pytest.approx(LEVEL, abs=ERROR)
     for wrong in (t * s * np.sqrt(h), t * np.sqrt(1 + h), 1.96 * s * np.sqrt(1 + h)):
         assert abs(np.mean(gap <= wrong) - LEVEL) > 0.01

@@ -16,7 +16,7 @@ from seqrsm.design.factors import ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
 from seqrsm.fit.blocks import fit_random_blocks
-from seqrsm.fit.intervals import student_quantile
+from seqrsm.fit.intervals import t_quantile
 from seqrsm.fit.least_squares import LeastSquaresFit, block_columns, fit_least_squares
 from seqrsm.fit.natural import natural_coefficients, natural_transform
 
@@ -92,7 +92,7 @@ def fixed_settings(sets: int) -> Iterator[Row]:
     rng = np.random.default_rng(1)
     w, Z = rng.uniform(0.3, 3.0, 18), model.matrix(points)
     fit, _, b, s = many(Z, Z @ beta, list(model.terms), sets, 2.0, rng, w)
-    t, z = student_quantile(fit.df_residual, LEVEL), float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
+    t, z = t_quantile(fit.df_residual, LEVEL), float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
     size = np.sqrt(np.diagonal(fit.covariance_unscaled))
     inside = np.abs(b - beta) <= t * s[:, None] * size
     wrong = np.abs(b - beta) <= z * s[:, None] * size
@@ -158,7 +158,7 @@ def fixed_settings(sets: int) -> Iterator[Row]:
     model, _, points, beta = surface(2, 18)
     Z, effect = np.hstack([model.matrix(points), columns]), np.array([1.5, -0.5, -1.0])
     fit, _, b, s = many(Z, Z[:, :6] @ beta + effect[days], [*model.terms, *names], sets, 1.0, rng)
-    t = student_quantile(fit.df_residual, LEVEL)
+    t = t_quantile(fit.df_residual, LEVEL)
     for name, extra, shift in (
         ("one run in a block already run (fixed)", columns[0], effect[0]),
         ("one run in the mean block (fixed)", np.zeros(2), 0.0),

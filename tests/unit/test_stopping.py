@@ -14,7 +14,6 @@ from seqrsm.decide.intervals import (
     confirmation_agrees,
     confirmation_interval,
     noise_floor,
-    t_quantile,
 )
 from seqrsm.decide.stopping import (
     Adequacy,
@@ -25,6 +24,7 @@ from seqrsm.decide.stopping import (
     target_problem,
 )
 from seqrsm.errors import FitError
+from seqrsm.fit.intervals import t_quantile
 
 RULE = StopRule(interval="prediction", half_width=5.0, max_runs=80)
 GOOD: dict[str, Any] = {
