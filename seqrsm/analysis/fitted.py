@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from seqrsm.analysis.belief import Departure, weigh_departure
-from seqrsm.analysis.ground import Ground, ground_in, prior_of_difference
+from seqrsm.analysis.ground import Ground, prior_of_difference
 from seqrsm.analysis.runs import (
     LISTED_RUNS,
     ScoredRuns,
@@ -93,8 +93,9 @@ def fit_application(
         spec = replace(spec, model=spec.model.model_copy(update=worlds))
     surface = surface_of(spec, model, data, scale, fit)
     departure = weigh_departure(model, data, fit, surface, application.goal, spec.seed, spec.states_prior(application))
-    ground = ground_in(data, ground)
-    if ground is not None and scale.kind == "identity" and fit.df_residual:
+    if "flight" in data.sources:  # over the real ground
+        ground = None
+    elif ground is not None and scale.kind == "identity" and fit.df_residual:
         ground = ground.beside(fit.s, fit.df_residual)
     return Fitted(application, region, model, data, scale, fit, surface, departure, ground)
 

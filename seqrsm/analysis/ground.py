@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from seqrsm.analysis.runs import ScoredRuns
 from seqrsm.arrays import FloatArray
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.design.quadratic import QuadraticModel
@@ -126,9 +125,3 @@ def measured_ground(events: Sequence[EventRecord], application: str) -> Ground |
     """What the last bundle says of an application; None without one."""
     found: list[Any] = [e.detail["scores"] for e in events if e.detail and e.detail.get("application") == application]
     return ground_of_scores(found[-1]) if found else None
-
-
-def ground_in(data: ScoredRuns, ground: Ground | None) -> Ground | None:
-    """The same for what is fitted: None where flights were over the real ground."""
-    simulated = all(source == "simulation" for source in data.sources)
-    return ground if simulated else None
