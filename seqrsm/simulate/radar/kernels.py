@@ -519,11 +519,12 @@ def average_azimuth(sums: AnyArray, beam: AnyArray, cells_a_pixel: float, factor
                     smooth[j] = (_integral(total, high, m) - _integral(total, low, m)) / (high - low)
                 for j in range(m):
                     total[j + 1] = total[j] + smooth[j]
+            low, before = 0.0, 0.0
             for k in range(n_pixels):
-                low = k * cells_a_pixel
                 high = min((k + 1) * cells_a_pixel, float(m))
-                mean = (_integral(total, high, m) - _integral(total, low, m)) / (high - low)
-                out[c, i, k] = max(mean, 0.0) * factor[i]
+                after = _integral(total, high, m)
+                out[c, i, k] = max((after - before) / (high - low), 0.0) * factor[i]
+                low, before = high, after
 
 
 @kernel
