@@ -389,7 +389,6 @@ def test_what_fails_in_a_thread_is_told_to_the_caller():
 def test_fine_pixels_fade_together(looks):
     x = correlated_fading(
         (1, 300, 300), np.full(300, looks), np.zeros(1, dtype=np.int64), (np.uint32(1), np.uint32(2)), (2.5, 4.0),
-        gaussian=False,
     )[0]  # fmt: skip
     sample = x[::5, ::5].ravel()
     assert stats.kstest(sample, stats.gamma(looks, scale=1 / looks).cdf).pvalue > 1e-3
