@@ -158,6 +158,8 @@ class EmissivityTable:
         The user's file, or "".
     mean_sd : Mapping
         Standard deviation of the mean that a user states, by category.
+    mixes : Mapping
+        Shares of other categories, by category, of those that have no curve of their own.
     world : World, OneAway or None
         The world whose means are looked up; None: the table's own.
     """
@@ -167,6 +169,7 @@ class EmissivityTable:
     spread: Mapping[str, tuple[float, float, float]]
     file: str = ""
     mean_sd: Mapping[str, float] = field(default_factory=dict)
+    mixes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     world: World | OneAway | None = None
 
     def in_world(self, world: World | OneAway | None) -> EmissivityTable:
@@ -210,8 +213,10 @@ class EmissivityTable:
             problems.append(Problem("outside the emissivity table", remedy, field="frequency", value=frequency_ghz))
         names = tuple(categories)
         for name in dict.fromkeys(names):
-            if name not in self.curves:
-                remedy = f"Give its rows in a table of your own; the table has: {', '.join(self.curves)}"
+            if name not in self.curves and name not in self.mixes:
+                remedy = (
+                    f"Give its rows in a table of your own; the table has: {', '.join((*self.curves, *self.mixes))}"
+                )
                 message = "no emissivity of this category"
                 problems.append(Problem(message, remedy, self.file or None, field="category", value=name))
         if problems:
@@ -226,7 +231,7 @@ class EmissivityTable:
             raise ScatteringDataError(*problems)
         n_nodes = max((value.shape[0] for value, _ in found.values()), default=1)
         spread = np.array([self.spread.get(name, (_DEFAULT_FIELD_SD, 0.0, 0.0)) for name in names]).reshape(-1, 3)
-        status = {n: "assumed" if len(found[n][1]) > 1 else self.curves[n].status for n in found}
+        status = {n: self.curves[n].status if n in self.curves and len(found[n][1]) == 1 else "assumed" for n in found}
         f = float(frequency_ghz)
         mean_sd = {n: self.mean_sd.get(n, default_mean_sd("emissivity", n, status[n], f, polarization)) for n in found}
         value = {n: np.broadcast_to(found[n][0], (n_nodes, THETA_DEG.size)) for n in found}
@@ -240,7 +245,7 @@ class EmissivityTable:
             theta_deg=THETA_DEG,
             emissivity=np.array([value[n] for n in names]),
             moist=np.array([found[name][0].shape[0] > 1 for name in names]),
-            heating=np.array([self.models[n].heating if n in self.models else 1.0 for n in names]),
+            heating=np.array([self._heating(n) for n in names]),
             field_sd=spread[:, 0] * np.array([factor[n] for n in names]),
             date_sd=spread[:, 1],
             channel_correlation=spread[:, 2],
@@ -249,10 +254,22 @@ class EmissivityTable:
             notes=tuple(dict.fromkeys(note for _, notes in found.values() for note in notes)),
         )
 
+    def _heating(self, name: str) -> float:
+        """Share of the sun's heating of bare ground that a category shows."""
+        if name in self.models:
+            return self.models[name].heating
+        return sum(share * self._heating(part) for part, share in self.mixes.get(name, {}).items()) or 1.0
+
     def _evaluate(
         self, name: str, f: float, polarization: str, day: float | None
     ) -> tuple[FloatArray, tuple[str, ...]]:
         """Emissivity (1 or n_moistures, 91) of a category, and notes; more than one note means a model was used."""
+        if name not in self.curves:
+            parts = {part: self._evaluate(part, f, polarization, day) for part in self.mixes[name]}
+            value = sum(share * parts[part][0] for part, share in self.mixes[name].items())
+            shares = " and ".join(f"{share:.0%} {part}" for part, share in self.mixes[name].items())
+            said = [f"{name} emits as {shares.removeprefix('100% ')} (assumed)"]
+            return np.asarray(value), (*said, *(note for _, notes in parts.values() for note in notes))
         curve = self.curves[name]
         canopy = 1.0 if day is None else canopy_share(name, day, self.file)
         if not curve.printed:
@@ -330,7 +347,7 @@ def load_emissivity_table(path: str | Path | None = None) -> EmissivityTable:
     for name, value in sd.items():
         own = shipped.spread.get(name, (0.0, 0.0, 0.0))
         spread[name] = (value, own[1], own[2])
-    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, str(path), mean_sd)
+    return EmissivityTable({**shipped.curves, **curves}, shipped.models, spread, str(path), mean_sd, shipped.mixes)
 
 
 @lru_cache(maxsize=1)
@@ -356,4 +373,8 @@ def _shipped_table() -> EmissivityTable:
         row.text("category"): (float(row.text(numbers[0])), float(row.text(numbers[1])), float(row.text(numbers[2])))
         for row in read_rows(DATA / "emissivity_variability.csv", ("category", *numbers, "status", "source"))
     }
-    return EmissivityTable(curves, models, spread)
+    mixes = {}
+    for row in read_rows(DATA / "emissivity_mixes.csv", ("category", "mix", "status", "source", "note")):
+        words = row.text("mix").split()
+        mixes[row.text("category")] = dict(zip(words[::2], map(float, words[1::2]), strict=True))
+    return EmissivityTable(curves, models, spread, mixes=mixes)

@@ -13,6 +13,7 @@ from seqrsm.scattering.dielectrics import permittivity_water_ulaby14
 from seqrsm.scattering.emissivity import MOISTURE_NODES, emissivity_mo82, load_emissivity_table
 from seqrsm.scattering.emissivity_curves import interpolated
 from seqrsm.scattering.models import reflectivity_fresnel
+from seqrsm.scattering.sigma0 import load_sigma0_table
 
 TABLE = load_emissivity_table()
 
@@ -143,7 +144,14 @@ def test_assumptions_are_told():
 
 def test_every_shipped_row_has_a_status():
     folder = Path(__file__).parents[2] / "seqrsm" / "scattering" / "data"
-    names = ("emissivity_table3", "emissivity_models", "emissivity_variability", "atmosphere_nodes", "atmosphere_rain")
+    names = (
+        "emissivity_table3",
+        "emissivity_models",
+        "emissivity_mixes",
+        "emissivity_variability",
+        "atmosphere_nodes",
+        "atmosphere_rain",
+    )
     for name in names:
         lines = [line for line in (folder / f"{name}.csv").read_text().splitlines() if not line.startswith("#")]
         rows = list(csv.DictReader(lines))
@@ -201,3 +209,24 @@ def test_user_table_faults_are_told_all_at_once(tmp_path):
 
 def test_two_nodes_are_joined_by_a_straight_line():
     np.testing.assert_allclose(interpolated([0.0, 80.0], [0.9, 0.5])[:81], 0.9 - 0.005 * np.arange(81.0))
+
+
+def test_a_cover_without_a_row_of_table_3_is_an_area_mean_of_covers_that_have_one(tmp_path):
+    """Brightness of parts adds by area; where the parts are known at one moisture, the mixture has those of soil."""
+    table = load_emissivity_table()
+    for frequency_ghz, polarization in ((1.4, "V"), (20.0, "H")):
+        look = table.lookup(["Settlement", "Asphalt", "Grass", "Buildings"], frequency_ghz, polarization)
+        settlement, asphalt, grass, buildings = look.emissivity
+        np.testing.assert_allclose(settlement, 0.45 * asphalt + 0.55 * grass, rtol=1e-12)
+        np.testing.assert_array_equal(buildings, asphalt)
+        assert (look.status[0], look.heating[0]) == ("assumed", pytest.approx(0.45 * 1.0 + 0.55 * 0.5))
+        assert "Settlement emits as 45% Asphalt and 55% Grass (assumed)" in look.notes
+    own = write(tmp_path / "own.csv", *(f"emissivity,Settlement,20,H,{t},0.9,1,measured,mine," for t in (0, 80)))
+    assert load_emissivity_table(own).lookup(["Settlement"], 20.0, "H").status == ("measured",)
+
+
+def test_every_cover_of_the_radars_table_has_an_emissivity():
+    """A scene with towns is imaged by both engines."""
+    table = load_emissivity_table()
+    assert set(load_sigma0_table().categories) <= {*table.curves, *table.mixes}
+    assert {*table.curves, *table.mixes} == set(table.spread)
