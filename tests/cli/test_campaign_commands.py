@@ -94,6 +94,7 @@ def test_covers_are_ranked_at_the_settings_that_are_recommended(copy) -> None:
             "update events set detail = ? where kind = ?", (json.dumps(last.detail | {"settings": {}}), RANKED)
         )
         base.execute("update events set hash = ''")  # as of a version that kept none: else the change is told
+    base.close()  # from Python 3.13 on sqlite3 warns of what is left open
     ok("run", copy)
     *_, again = campaign.store.events(kind=RANKED)
     assert again.detail == last.detail
