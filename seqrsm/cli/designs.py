@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -63,7 +63,14 @@ def parse_factor(text: str) -> Factor:
         return CategoricalFactor(name, tuple(levels))
 
 
-def _factors(number: int | None, declared: Sequence[str]) -> tuple[Factor, ...]:
+def factors_of(number: int | None, declared: Sequence[str]) -> tuple[Factor, ...]:
+    """Coded continuous factors x1, x2 ... of a number, or those that are declared, see `parse_factor`.
+
+    Raises
+    ------
+    UserError
+        Both are given, neither is, or there are too many.
+    """
     if declared and number is not None:
         raise _wrong(
             "both a number of factors and factors are given", "Give --factors or --factor, not both.", "--factors"
@@ -148,8 +155,7 @@ def _optimal(
 
 
 def standalone_design(
-    factors: int | None = None,
-    declared: Sequence[str] = (),
+    factors: tuple[Factor, ...],
     constraints: Sequence[str] = (),
     *,
     runs: int | None = None,
@@ -160,17 +166,13 @@ def standalone_design(
     prior_runs: Path | None = None,
     seed: int = 1979,
     random_order: bool = False,
-    out: Path | None = None,
 ) -> dict[str, Any]:
     """Make a design and tell how good it is.
 
     Parameters
     ----------
-    factors : int or None
-        Number of coded continuous factors x1, x2 ...; None where they are declared.
-    declared : sequence of str
-        ``NAME=LOW:HIGH``, ``NAME=LOW:HIGH:log``, or ``NAME=LEVEL,LEVEL,...``: numbers are discrete levels, words are
-        categories.
+    factors : tuple of Factor
+        See `factors_of`.
     constraints : sequence of str
     runs : int or None
         Runs to choose; None for classical designs that have their own number.
@@ -186,8 +188,6 @@ def standalone_design(
     seed : int
     random_order : bool
         Rows in random order; else as the design is made.
-    out : Path, optional
-        CSV of the new runs, natural settings.
 
     Returns
     -------
@@ -199,19 +199,18 @@ def standalone_design(
     DesignError, RegionError
         Fewer runs than terms, factors or constraints that cannot be.
     UserError
-        Options that do not go together; a file that cannot be read or written.
+        Options that do not go together; a file that cannot be read.
     """
     if order not in (1, 2):
         raise _wrong("unknown order of the model", "Use 1 or 2.", "--order", order)
-    made = _factors(factors, declared)
-    region = Region(made, tuple(Constraint(text) for text in constraints))
-    model = QuadraticModel(made, order)
+    region = Region(factors, tuple(Constraint(text) for text in constraints))
+    model = QuadraticModel(factors, order)
     prior = read_prior_runs(prior_runs, region) if prior_runs else np.empty((0, region.k))
     told: dict[str, Any] = {"seed": seed}
     if kind == "optimal":
         points, told = _optimal(model, region, prior, runs, centre or 0, criterion, seed)
     else:
-        points = _classical(kind, made, runs, centre)
+        points = _classical(kind, factors, runs, centre)
         out_of_region = np.flatnonzero(~region.feasible(points)) if constraints else np.empty(0)
         if len(out_of_region):
             message = f"{len(out_of_region)} of {len(points)} runs of this design violate a constraint"
@@ -219,8 +218,6 @@ def standalone_design(
             raise DesignError(Problem(message, remedy, field="--design", value=kind))
     if random_order:
         points = points[generator(seed, 0, "order of runs").permutation(len(points))]
-    if out is not None:
-        _write(out, region, points)
     report = evaluate_design(model, region, np.vstack([prior, points]))
     return {
         "factors": region.k,
@@ -261,11 +258,18 @@ def _warnings(region: Region, points: FloatArray, report: DesignReport) -> list[
     return warnings
 
 
-def _write(out: Path, region: Region, points: FloatArray) -> None:
+def write_design(out: Path, design: Mapping[str, Any]) -> None:
+    """Write the runs of a design of `standalone_design` as CSV, natural settings.
+
+    Raises
+    ------
+    UserError
+        The file cannot be written.
+    """
     stream = io.StringIO(newline="")
     writer = csv.writer(stream)
-    writer.writerow(region.names)
-    for settings in region.decode(points):
-        cells = [settings[name] for name in region.names]
+    writer.writerow(design["names"])
+    for settings in design["settings"]:
+        cells = [settings[name] for name in design["names"]]
         writer.writerow([cell if isinstance(cell, str) else f"{cell:.12g}" for cell in cells])
     put(out, stream.getvalue().encode("utf-8"))

@@ -51,14 +51,16 @@ def design(
 
     Searches for an optimal design for a polynomial model, or makes a classical one.
     """
-    from seqrsm.cli.designs import standalone_design
+    from seqrsm.cli.designs import factors_of, standalone_design, write_design
     from seqrsm.cli.show import show_design
 
     with display("searching"):
         result = standalone_design(
-            factors, factor or (), constraint or (), runs=runs, kind=kind, criterion=criterion, order=order,
-            centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order, out=csv,
+            factors_of(factors, factor or ()), constraint or (), runs=runs, kind=kind, criterion=criterion,
+            order=order, centre=centre, prior_runs=prior_runs, seed=seed, random_order=random_order,
         )  # fmt: skip
+    if csv is not None:
+        write_design(csv, result)
     print_json(result) if as_json else show_design(result)
 
 
