@@ -359,7 +359,8 @@ class StopSpec(Table):
     lack_of_fit_alpha: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
     worlds: Literal["count", "ignore"] = "count"
 
-    LATER = ("worlds",)
+    LATER = ("futility", "worlds")
+    GONE = {"futility": ("tell", "Remove it: every look says whether going on is futile; stopping is up to you.")}
 
 
 class StoreTable(Table):
