@@ -265,7 +265,7 @@ def outside_messages(outside: Sequence[int]) -> list[str]:
     """Settings outside the region."""
     if not outside:
         return []
-    return [f"Scores outside the campaign's region, kept: {len(outside)} (lines {_few(outside)})."]
+    return [f"Scores kept although outside the campaign's region (lines {_few(outside)}): {len(outside)}."]
 
 
 def outcome_messages(outcome: IngestOutcome) -> list[str]:

@@ -11,8 +11,8 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import setting_with_unit
-from seqrsm.report.content import application_sections, method_sections
 from seqrsm.report.rounding import format_significant
+from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
 from seqrsm.report.sections.model import importance_section

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import seqrsm
-from seqrsm.analysis.results import Analysis
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.report.blocks import Block, Details, FigureBlock, Paragraph, Report, Section, Table
 from seqrsm.report.profile import profile_text
+from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.candidates import candidate_section
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.data import question_section, run_section
-from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.literature import literature_section, printed_section
 from seqrsm.report.sections.measure import measure_section
-from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
-from seqrsm.report.sections.optimum import optimum_section, shape_section
 from seqrsm.report.sections.sources import (
     assumption_section,
     calendar_section,
@@ -27,11 +24,8 @@ from seqrsm.report.sections.sources import (
     provenance_section,
 )
 from seqrsm.report.sections.speed import speed_section
-from seqrsm.report.sections.study import paths_section
 from seqrsm.report.sections.summary import has_one_result, result_section, summary_section
 from seqrsm.report.wording import listing
-from seqrsm.spec.read import CampaignSpec
-from seqrsm.store.records import LookRecord
 
 
 def build_report(dossier: Dossier) -> Report:
@@ -97,39 +91,6 @@ def build_report(dossier: Dossier) -> Report:
         profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
-
-
-def application_sections(
-    spec: CampaignSpec, looks: Sequence[LookRecord], analysis: Analysis, key: str
-) -> tuple[Section, ...]:
-    """Return the findings on one application.
-
-    Parameters
-    ----------
-    spec : CampaignSpec
-    looks : sequence of LookRecord
-        Of any application of the campaign.
-    analysis : Analysis
-    key : str
-        With which the keys of the sections begin.
-    """
-    sections = (
-        optimum_section(analysis, key, spec.stop),
-        importance_section(analysis, key),
-        history_section(spec, looks, analysis, key),
-    )
-    return _there(sections)
-
-
-def method_sections(analysis: Analysis, key: str) -> tuple[Section, ...]:
-    """Return how the findings on one application were found: model, shape, paths, diagnostics."""
-    sections = (
-        model_section(analysis, key),
-        shape_section(analysis, key),
-        paths_section(analysis, key),
-        diagnostics_section(analysis, key),
-    )
-    return _there(sections)
 
 
 def _there(sections: Iterable[Section | None]) -> tuple[Section, ...]:

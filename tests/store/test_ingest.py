@@ -112,7 +112,7 @@ def test_the_form_goes_out_and_comes_back(campaign, store, tmp_path):
 def test_outside_the_region_is_kept_with_a_remark(campaign, store):
     report = campaign(HEADER + "\n2,4,HH,70\n20,4,HH,71\n2,5,HH,72\n1,16,HH,73\n")
     assert report.outside_region == (3, 4, 5)
-    assert "kept: 3 (lines" in report.messages[0]
+    assert "): 3." in report.messages[0]
     assert len(store.runs("scored")) == 4
 
 

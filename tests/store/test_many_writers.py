@@ -99,7 +99,7 @@ def test_a_campaign_lives_in_postgres(postgres, tmp_path):
         more = ["--why", "clouds"] if command[0] == "void" else []
         result = CliRunner().invoke(app, [command[0], str(tmp_path), *rest, *more])
         assert result.exit_code == 0, result.output
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.toml", "fits", "scores.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.toml", "scores.csv"]
     with Store.open(tmp_path, url=postgres, campaign="shared") as store:
         assert Counter(run.state for run in store.runs()) == {"scored": 20, "void": 1, "issued": 4}
     missing = postgres.replace("seqrsm@", "nobody@")
