@@ -128,7 +128,9 @@ def optimum_section(analysis: Analysis, key: str, stop: StopSpec) -> Section:
     blocks: list[Block] = []
     floor = analysis.decision.noise_floor
     if math.isfinite(floor) and floor > 0.0:
-        text = f"Run-to-run scatter alone gives the {watched_interval(stop)} a half-width of"
+        counted = analysis.fitted.ground_share > 0.0 and stop.worlds == "count"
+        cause = "Table uncertainty and run-to-run scatter give" if counted else "Run-to-run scatter alone gives"
+        text = f"{cause} the {watched_interval(stop)} a half-width of"
         blocks.append(Paragraph(f"{text} {half_width_text(analysis, floor)}, a floor that more runs cannot lower."))
     blocks.append(table(f"{level_phrase(analysis)} intervals at the recommended settings", columns, rows))
     blocks += _steps(analysis)
