@@ -11,7 +11,7 @@ from seqrsm.cli.console import heading, line, say, show_table
 from seqrsm.cli.show import known_text
 from seqrsm.decide.stopping import interval_names
 from seqrsm.design.factors import setting_with_unit
-from seqrsm.report.rounding import format_significant
+from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.sections.application import application_sections, method_sections
 from seqrsm.report.sections.compromise import compromise_section
 from seqrsm.report.sections.measure import measure_section
@@ -88,7 +88,7 @@ def show_status(spec: CampaignSpec, result: Mapping[str, Any]) -> None:
     """Where the campaign stands."""
     states = ", ".join(f"{count} {state}" for state, count in result["runs"].items()) or "none yet"
     units = {application["unit"] for application in result["applications"]}
-    target = with_unit(f"{result['target_half_width']:g}", units.pop() if len(units) == 1 else "")
+    target = with_unit(format_plain(result["target_half_width"]), units.pop() if len(units) == 1 else "")
     rows = [
         ["runs", states],
         ["budget", f"{result['max_runs']} runs; cost spent {result['cost_spent']:g}"],
@@ -125,7 +125,7 @@ def _show_application(spec: CampaignSpec, result: Mapping[str, Any], application
     for kind, words in interval_names(best.get("prediction_mean", {}).get("replicates", spec.stop.replicates)).items():
         if kind in best:
             width = with_unit(known_text(best[kind]["half_width"]), unit)
-            target = with_unit(f"{result['target_half_width']:g}", unit)
+            target = with_unit(format_plain(result["target_half_width"]), unit)
             watched = f", target \u00b1 {target}" if kind == result["interval"] else ""
             line(f"{words}: \u00b1 {width}{watched}", 2)
     heading("Decision: stop" if look["held"] else "Decision: continue")

@@ -334,14 +334,17 @@ def _ground_curve(row: Row, own: _Parameters) -> Curve:
 
 
 def _mixed_curve(row: Row, curves: Mapping[tuple[str, str], Curve]) -> Curve:
-    """Several covers in one cell: "name share name share ...", in power."""
-    words = row.text("base").split()
-    parts = [
-        (curves[name, row.text("season")], float(share)) for name, share in zip(words[::2], words[1::2], strict=True)
-    ]
+    """Several covers in one cell, in power."""
+    parts = [(curves[name, row.text("season")], share) for name, share in shares_of(row.text("base")).items()]
     nodes = parts[0][0].frequency_ghz
     value = linear_to_db(sum(share * db_to_linear(at_nodes(curve, nodes)) for curve, share in parts))
     return _curve(row, nodes, np.asarray(value))
+
+
+def shares_of(mix: str) -> dict[str, float]:
+    """Shares of area of the covers in one cell, written as "name share name share ..."."""
+    words = mix.split()
+    return dict(zip(words[::2], map(float, words[1::2]), strict=True))
 
 
 def at_nodes(curve: Curve, frequency_ghz: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
 from seqrsm.scattering.calendar import canopy_share
-from seqrsm.scattering.curves import THETA_DEG
+from seqrsm.scattering.curves import THETA_DEG, shares_of
 from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity_curves import (
     POLARIZATIONS,
@@ -373,8 +373,8 @@ def _shipped_table() -> EmissivityTable:
         row.text("category"): (float(row.text(numbers[0])), float(row.text(numbers[1])), float(row.text(numbers[2])))
         for row in read_rows(DATA / "emissivity_variability.csv", ("category", *numbers, "status", "source"))
     }
-    mixes = {}
-    for row in read_rows(DATA / "emissivity_mixes.csv", ("category", "mix", "status", "source", "note")):
-        words = row.text("mix").split()
-        mixes[row.text("category")] = dict(zip(words[::2], map(float, words[1::2]), strict=True))
+    mixes = {
+        row.text("category"): shares_of(row.text("mix"))
+        for row in read_rows(DATA / "emissivity_mixes.csv", ("category", "mix", "status", "source", "note"))
+    }
     return EmissivityTable(curves, models, spread, mixes=mixes)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from measured_campaign import FREQUENCY, MEASURED, PERCENT, POL, X, counted, days, make, quadratic
+from typer.testing import CliRunner
 
+from seqrsm.analysis.ground import Ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.to_json import analysis_to_json
 from seqrsm.campaign.campaign import Campaign
+from seqrsm.cli.app import app
 from seqrsm.cli.blocks import show_sections
 from seqrsm.report.sections.optimum import optimum_section
 from seqrsm.spec.tables import StopSpec
@@ -179,3 +183,31 @@ def test_a_kind_that_has_nothing_to_tell_apart_is_the_plain_fit(
     found = analysis_to_json(analysed(tmp_path / "c", X + FREQUENCY, rows, model, MEASURED))
     for name in sorted(plain.keys() - {"warnings"}):
         np.testing.assert_equal(found[name], plain[name], err_msg=name)
+
+
+def test_a_floor_is_told_by_its_cause(tmp_path: Path, capsys) -> None:
+    """Scatter alone; with what the tables leave open where the stop rule counts that."""
+    plain = analysed(tmp_path / "c", *KINDS["plain"])
+    beside = replace(plain, fitted=replace(plain.fitted, ground=Ground(2.0, 1.0, 16, 32, 0.7)))
+    for analysis, worlds, cause in (
+        (plain, "count", "Run-to-run scatter alone gives"),
+        (beside, "ignore", "Run-to-run scatter alone gives"),
+        (beside, "count", "Table uncertainty and run-to-run scatter give"),
+    ):
+        show_sections([optimum_section(analysis, "", StopSpec(half_width=5.0, worlds=worlds))])
+        assert f"{cause} the prediction interval" in " ".join(capsys.readouterr().out.split())
+
+
+def test_status_gives_every_width_the_unit_of_the_scores(tmp_path: Path, monkeypatch) -> None:
+    made = make(tmp_path / "c", X, quadratic(), "", MEASURED.replace('"measured"', '"measured"\nunit = "dB"'))
+    campaign = Campaign.open(made)
+    campaign.look()
+    campaign.store.close()
+    monkeypatch.setenv("COLUMNS", "120")
+    for folder in (made, made.parent):  # the campaign, and the table of all below a folder
+        result = CliRunner().invoke(app, ["status", str(folder)])
+        assert result.exit_code == 0
+        told = result.output.replace("\N{NO-BREAK SPACE}", " ").partition("Decision")[0]
+        widths = re.findall(r"\u00b1 [\d.]+ ?(\w*)", told)
+        assert len(widths) >= 2, told
+        assert set(widths) == {"dB"}, told

@@ -317,6 +317,55 @@ def test_runs_proposed_for_the_optimum_measure_the_chosen_end_anew(tmp_path: Pat
     assert np.mean(told) == pytest.approx(sign * bias, abs=4.0 * s / np.sqrt(14.0 * 200.0 * len(told)))
 
 
+@pytest.mark.parametrize("ratio", [0.0, 1.2, 1.8])
+def test_replayed_runs_keep_their_weights_and_follow_the_slope_that_is_left(tmp_path: Path, ratio: float) -> None:
+    """Against campaigns played out here by weighted least squares; the last eight runs weigh four times as much."""
+    text = specification(numeric(1), rest='[model]\norder = 1\nweights = "se"\n')
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    spec = load_spec(tmp_path)
+    x, purposes = np.array([-1.0, 1.0] * 6 + [1.0] * 8), ["start"] * 12 + ["optimum"] * 8
+    se = np.array([2.0] * 12 + [1.0] * 8)
+    line = np.stack([np.ones(20), x], axis=1) / se[:, None]
+    error = NOISE[:20] - line @ np.linalg.lstsq(line, NOISE[:20], rcond=None)[0]
+    error /= np.sqrt(np.sum(error**2) / 18.0)
+    slope = ratio * np.sqrt(np.linalg.inv(line.T @ line)[1, 1])  # in units of its standard error
+    scores = [NewScore("score", 50.0 + slope * x[i] + se[i] * error[i], float(se[i])) for i in range(20)]
+    runs = [scored_run(i + 1, 1 + i // 12, NewRun({"x0": x[i]}, purposes[i]), scores[i]) for i in range(20)]
+    found = analyse(spec, spec.applications[0], runs, n_draws=200)
+    s, w = found.fit.s, found.fit.weights
+    left = slope * (1.0 - 1.0 / ratio**2) if ratio > 1.0 else 0.0
+
+    def fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Level and slope of every set."""
+        middle, level = np.average(x, axis=1, weights=w), np.average(y, axis=1, weights=w)
+        b = np.sum(w * (x - middle[:, None]) * y, axis=1) / np.sum(w * (x - middle[:, None]) ** 2, axis=1)
+        return level - b * middle, b
+
+    sets, rng = 40_000, np.random.default_rng(5)
+    noise, weights = s * rng.normal(size=(sets, 20)) / np.sqrt(w), np.tile(w, (sets, 1))
+    places = np.tile(x, (sets, 1))
+    _, first = fitted(places[:, :12], left * places[:, :12] + noise[:, :12], weights[:, :12])
+    places[:, 12:] = np.where(first > 0.0, 1.0, -1.0)[:, None]
+    level, b = fitted(places, left * places + noise, weights)
+    above = level + np.abs(b) - left * np.sign(b)
+    told = [optimism(found.belief, found.optimum.point, np.random.default_rng(seed)) for seed in range(60)]
+    error = np.std(above) * np.sqrt(1.0 / sets + 1.0 / (200 * len(told)))
+    assert np.mean(told) == pytest.approx(np.mean(above), abs=4.0 * error)
+
+
+def test_optimism_is_the_quadratics_and_the_processes_by_their_probabilities(tmp_path: Path) -> None:
+    points = np.round(spread(40, 2), 3)
+    y = 50.0 + 35.0 / (1.0 + np.exp(8.0 * np.sum(points**2, axis=1) - 8.0)) + 2.0 * NOISE[:40]
+    analysis = analysed(tmp_path / "c", TWO, points, y)
+
+    def found(share: float) -> float:
+        return optimism(believed(analysis, share), analysis.optimum.point, np.random.default_rng(1))
+
+    assert found(0.0) > 0.0
+    assert found(1.0) > 0.0
+    assert found(0.3) == pytest.approx(0.7 * found(0.0) + 0.3 * found(1.0), rel=1e-12)
+
+
 def test_nothing_is_taken_off_without_an_estimate_of_error(tmp_path: Path) -> None:
     points = np.array([[-1.0], [0.0], [1.0]])
     analysis = analysed(tmp_path / "c", specification(numeric(1)), points, [60.0, 70.0, 65.0])
