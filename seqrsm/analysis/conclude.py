@@ -82,7 +82,7 @@ def analyse(
     n_draws : int
         Posterior draws of the optimum.
     thorough : bool
-        Add the study: unusual runs, blocks, ridge analysis, and the steps.
+        Add the study: unusual runs, blocks, and the steps.
 
     Raises
     ------

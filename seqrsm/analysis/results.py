@@ -63,38 +63,11 @@ class BlockStudy:
 
 
 @dataclass(frozen=True, slots=True)
-class PathPoint:
-    """A point of a path over the surface.
-
-    Attributes
-    ----------
-    distance : float
-        Coded, from the start of the path.
-    settings : dict
-        Natural units.
-    coded : ndarray (k,)
-    mean : float
-        Fitted score.
-    inside : bool
-        Whether it belongs to the region.
-    """
-
-    distance: float
-    settings: dict[str, float | str]
-    coded: FloatArray
-    mean: float
-    inside: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Study:
     """Everything that a thorough analysis adds; a string is the reason why something is not there.
 
     Attributes
     ----------
-    terms : TermChoice or str
-    profile : PowerProfile or str
-        On which scale the scores obey the model.
     normal : NormalPlot
     influential : tuple of InfluentialRun
         ``run`` is the place among the fitted runs.
@@ -102,15 +75,12 @@ class Study:
         The recommended settings are further from the runs than any run is.
     blocks : BlockStudy or None
         None where there is one block.
-    ridge : tuple of PathPoint
-        Best settings at growing distance from the centre (R's ``steepest``); empty without numeric factors.
     """
 
     normal: NormalPlot
     influential: tuple[InfluentialRun, ...]
     extrapolated: bool
     blocks: BlockStudy | None
-    ridge: tuple[PathPoint, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What a thorough analysis adds to the fit: which runs, which blocks, which way.
+"""What a thorough analysis adds to the fit: which runs, which blocks.
 
 Each part is made for the model it is right for; a sentence stands for what cannot be had.
 """
@@ -15,20 +15,16 @@ from seqrsm.analysis.results import (
     Analysis,
     BlockResponse,
     BlockStudy,
-    PathPoint,
     Study,
 )
 from seqrsm.analysis.runs import block_labels
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
 from seqrsm.errors import FitError, Problem, UserError
-from seqrsm.fit.canonical import steepest_path
 from seqrsm.fit.intervals import FTest
 from seqrsm.fit.intervals import Interval as ArrayInterval
 from seqrsm.fit.least_squares import extrapolated, influential_runs, normal_plot
 from seqrsm.spec.read import CampaignSpec
-
-_STEP = 0.25  # coded distance between the points of a ridge path
 
 
 def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
@@ -48,7 +44,6 @@ def study_fit(spec: CampaignSpec, fitted: Fitted, point: FloatArray) -> Study:
         influential=influential_runs(fit),
         extrapolated=bool(extrapolated(fit, row)[0]),
         blocks=_blocks(spec, fitted, row),
-        ridge=_ridge(fitted, point),
     )
 
 
@@ -82,32 +77,6 @@ def _blocks(spec: CampaignSpec, fitted: Fitted, row: FloatArray) -> BlockStudy |
         sigma_block=sigma_block,
         ratio=(low, high),
         note=note,
-    )
-
-
-def _ridge(fitted: Fitted, point: FloatArray) -> tuple[PathPoint, ...]:
-    """Best settings on spheres round the centre, the other factors held; the gradient's line for a first order."""
-    region, model = fitted.region, fitted.model
-    numeric = list(region.numeric)
-    if not numeric:
-        return ()
-    levels = tuple(int(point[j]) for j in region.categorical)
-    _, linear, quadratic = model.forms(fitted.surface.estimate, levels)
-    distance = np.arange(0.0, np.sqrt(len(numeric)) + 1e-9, _STEP)
-    path = steepest_path(linear, quadratic, distance, fitted.application.goal)
-    points = np.repeat(point[None, :], len(distance), axis=0)
-    points[:, numeric] = path
-    box = np.all(np.abs(path) <= 1.0 + 1e-9, axis=1)
-    return _path(fitted, points, distance, box & (region.slack(points) >= -1e-9))
-
-
-def _path(fitted: Fitted, points: FloatArray, distance: FloatArray, inside: FloatArray) -> tuple[PathPoint, ...]:
-    means = fitted.scale.to_score(fitted.surface.rows(points) @ fitted.surface.estimate)
-    return tuple(
-        PathPoint(float(d), settings, coded, float(mean), bool(ok))
-        for d, settings, coded, mean, ok in zip(
-            distance, fitted.region.decode(points), points, means, inside, strict=True
-        )
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, PathPoint, Study
+from seqrsm.analysis.results import Analysis, BlockStudy, OptimumEstimate, Study
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.study import TermTest
 from seqrsm.arrays import FloatArray
@@ -21,7 +21,8 @@ def analysis_to_json(analysis: Analysis) -> dict[str, Any]:
     """The whole analysis; undefined numbers are nan (null once written)."""
     document = _document(analysis)
     if analysis.study is not None:
-        document |= study_to_json(analysis, analysis.study)
+        blocks = analysis.study.blocks
+        document["blocks"] = None if blocks is None else _blocks(blocks)
         document["diagnostics"] |= study_diagnostics(analysis, analysis.study)
     return document
 
@@ -248,14 +249,6 @@ def interval_to_json(interval: Interval) -> dict[str, float]:
     return {"low": interval.low, "high": interval.high, "half_width": interval.half_width}
 
 
-def study_to_json(analysis: Analysis, study: Study) -> dict[str, Any]:
-    """Keys of the document, beside those of the fit; ``{"reason": ...}`` where something cannot be had."""
-    return {
-        "blocks": None if study.blocks is None else _blocks(study.blocks),
-        "ridge": _path(analysis, study.ridge),
-    }
-
-
 def study_diagnostics(analysis: Analysis, study: Study) -> dict[str, Any]:
     """Keys of ``diagnostics``."""
     ids = analysis.data.run_ids
@@ -280,16 +273,3 @@ def _blocks(found: BlockStudy) -> dict[str, Any]:
         "ratio": {"low": found.ratio[0], "high": found.ratio[1]},
         "note": found.note,
     }
-
-
-def _path(analysis: Analysis, path: Sequence[PathPoint]) -> list[dict[str, Any]]:
-    return [
-        {
-            "distance": point.distance,
-            "settings": point.settings,
-            "coded": dict(zip(analysis.region.names, point.coded.tolist(), strict=True)),
-            "mean": point.mean,
-            "inside_region": point.inside,
-        }
-        for point in path
-    ]

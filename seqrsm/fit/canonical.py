@@ -16,8 +16,6 @@ References
 ----------
 Sobol (1993), Sensitivity estimates for nonlinear mathematical models, Math. Modelling Comput. Exp. 1, 407-414.
 Saltelli et al. (2008), Global sensitivity analysis: the primer, chapter 4.
-
-Paths over it: ridge analysis, steepest ascent.
 """
 
 from __future__ import annotations
@@ -27,13 +25,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.design.factors import CategoricalFactor, log_ratio, span
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.optimum import Goal, sign_of
 
 Kind = Literal["maximum", "minimum", "saddle", "ridge", "none"]
 
@@ -309,75 +305,3 @@ def variance_shares(model: QuadraticModel, beta: FloatArray) -> tuple[FloatArray
     first = np.stack([form({j}) / scale for j in range(model.k)], axis=-1)
     total = np.stack([1.0 - form(everything - {j}) / scale for j in range(model.k)], axis=-1)
     return first, np.maximum(total, 0.0)
-
-
-def _sphere_multiplier(gaps: FloatArray, projected: FloatArray, radius: float) -> float | None:
-    """Distance s > 0 of mu from the leading eigenvalue so that ``|x| = radius``; None in the hard case.
-
-    ``|x|^2 = 1/4 sum projected_i^2 / (s + gap_i)^2`` with gap_i = l_max - l_i >= 0.
-    """
-    norm = float(np.linalg.norm(projected))
-    if norm == 0.0:
-        return None
-    top = norm / (2.0 * radius)
-    lead = gaps <= 1e-14 * max(float(gaps.max(initial=0.0)), top)
-    low = float(np.linalg.norm(projected[lead])) / (2.0 * radius)
-    if low <= 1e-13 * top:
-        rest = ~lead
-        if 0.5 * float(np.linalg.norm(projected[rest] / gaps[rest])) <= radius:
-            return None
-        low = np.finfo(float).tiny
-
-    def excess(log_s: float) -> float:
-        return float(np.log(0.5 * np.linalg.norm(projected / (np.exp(log_s) + gaps))) - np.log(radius))
-
-    # One part in 1e12 to either side: at the ends the excess is zero but for rounding.
-    low, top = low * (1.0 - 1e-12), top * (1.0 + 1e-12)
-    return float(np.exp(brentq(excess, np.log(low), np.log(top), xtol=1e-15, rtol=8.9e-16)))
-
-
-def steepest_path(
-    linear: FloatArray, quadratic: FloatArray, distances: FloatArray, goal: Goal = "maximize"
-) -> FloatArray:
-    """Path of steepest ascent (or descent) from the centre, as in R's rsm: the best point on spheres around it.
-
-    For a first-order surface it is the straight line along the gradient. Else the maximum on ``|x| = R`` is
-    ``x(mu) = -(B - mu I)^-1 b / 2`` with ``mu`` at or above the largest eigenvalue. When b has no component along the
-    leading eigenvector and R is large (the hard case), ``mu`` equals that eigenvalue and a multiple of the eigenvector
-    is added; of the two equal solutions the one whose largest component of that eigenvector is positive is given.
-
-    Parameters
-    ----------
-    linear, quadratic : ndarray (q,), ndarray (q, q)
-        Of ``c + x'b + x'Bx``, B symmetric; a B of zeros is a first-order surface.
-    distances : ndarray (n,)
-        Coded distances R, >= 0.
-    goal : "maximize" or "minimize"
-
-    Returns
-    -------
-    ndarray (n, q)
-        Coded points.
-    """
-    sign = sign_of(goal)
-    if not np.any(quadratic):
-        norm = float(np.linalg.norm(linear))
-        return distances[:, None] * (np.zeros_like(linear) if norm == 0.0 else sign * linear / norm)
-    values, vectors = np.linalg.eigh(sign * quadratic)
-    values, vectors = values[::-1], vectors[:, ::-1]
-    projected = vectors.T @ (sign * linear)
-    gaps = values[0] - values
-    points = np.zeros((len(distances), len(linear)))
-    for i, radius in enumerate(distances.tolist()):
-        if radius <= 0.0:
-            continue
-        s = _sphere_multiplier(gaps, projected, radius)
-        if s is not None:
-            along = 0.5 * projected / (s + gaps)
-        else:
-            lead = gaps <= 1e-14 * max(float(gaps.max()), 1.0e-300)
-            along = np.where(lead, 0.0, 0.5 * projected / np.where(lead, 1.0, gaps))
-            axis = vectors[:, 0] * np.sign(vectors[np.argmax(np.abs(vectors[:, 0])), 0])
-            along = along + vectors.T @ axis * np.sqrt(max(radius**2 - float(along @ along), 0.0))
-        points[i] = vectors @ along
-    return points

@@ -77,14 +77,9 @@ def test_everything_that_a_thorough_fit_shows(tmp_path: Path) -> None:
         [found["diagnostics"]["vif"][term["name"]] for term in found["terms"][1:]], vif, rtol=1e-8
     )
     assert found["posterior"]["sampler"]["ess_ends"] > 1000
-    means = [point["mean"] for point in found["ridge"]]
-    assert means[0] == pytest.approx(theirs.params[0])
-    top = float(at.predicted_mean[0])
-    assert max(means) <= top + 1e-9
     code, out, _ = command("fit", folder, "--test", "interactions")
     assert code == 0
-    for words in ("Ridge analysis", "Partial F tests"):
-        assert words in out
+    assert "Partial F tests" in out
 
 
 def test_unknown_test_is_refused_with_the_names(tmp_path: Path) -> None:

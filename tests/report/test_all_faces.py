@@ -354,7 +354,7 @@ def test_candidates_are_in_all_faces(capsys) -> None:
 BY_REPORT = {
     "application_sections", "assumption_section", "compromise_section", "compromise_summary", "cover_section",
     "diagnostics_section", "first_panels", "history_section", "image_section", "importance_section",
-    "literature_section", "paths_section", "method_sections", "model_section", "optimum_section",
+    "literature_section", "method_sections", "model_section", "optimum_section",
     "printed_section", "provenance_section", "question_section", "result_section", "run_section",
     "shape_section", "summary_section", "surface_section", "by_block",
 }  # fmt: skip

@@ -1,16 +1,15 @@
-"""Canonical analysis and ridge paths against closed forms and conditions of optimality."""
+"""Canonical analysis against closed forms."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
-from seqrsm.fit.canonical import canonical_form, natural_errors, stationary_point, steepest_path
+from seqrsm.fit.canonical import canonical_form, natural_errors, stationary_point
 from seqrsm.fit.least_squares import fit_least_squares
 
 
@@ -96,51 +95,6 @@ def test_ridge_and_plane_are_told_in_words() -> None:
     assert plane.kind == "none"
     assert not plane.inside_region
     assert "no curvature" in plane.warning
-
-
-@pytest.mark.parametrize("goal", ["maximize", "minimize"])
-def test_path_is_best_on_every_sphere(goal: str) -> None:
-    rng = np.random.default_rng(3)
-    A = rng.normal(size=(4, 4))
-    b, B = rng.normal(size=4), A + A.T
-    radii = np.array([0.0, 0.01, 0.3, 1.0, 4.0, 100.0])
-    points = steepest_path(b, B, radii, goal)  # type: ignore[arg-type]
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), radii, rtol=1e-12)
-    sphere = rng.normal(size=(200_000, 4))
-    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
-    sign = 1.0 if goal == "maximize" else -1.0
-    for radius, x in zip(radii, points, strict=True):
-        trial = radius * sphere
-        assert sign * (x @ b + x @ B @ x) >= (sign * (trial @ b + np.sum((trial @ B) * trial, axis=1))).max()
-        # Lagrange: b + 2Bx = 2 mu x
-        slope = b + 2.0 * B @ x
-        np.testing.assert_allclose(slope * radius**2, (slope @ x) * x, atol=1e-9 * (1 + radius**3))
-
-
-def test_hard_case_adds_the_leading_eigenvector() -> None:
-    # b has no part along the leading axis: |x| = 1 cannot be reached by (B - mu I)^-1 b with mu > l_max.
-    b, B = np.array([0.0, 1.0]), np.diag([2.0, -1.0])
-    points = steepest_path(b, B, np.array([0.1, 1.0]))
-    # below the critical radius 1/6 the ordinary solution, straight along b
-    np.testing.assert_allclose(points[0], [0.0, 0.1], atol=1e-14)
-    np.testing.assert_allclose(points[1], [np.sqrt(1.0 - 1.0 / 36.0), 1.0 / 6.0], atol=1e-14)
-    best = max(
-        -minimize(lambda t: -(np.sin(t[0]) + 2 * np.cos(t[0]) ** 2 - np.sin(t[0]) ** 2), [t0]).fun for t0 in (0.1, 1.4)
-    )
-    assert points[1] @ b + points[1] @ B @ points[1] == pytest.approx(best, abs=1e-8)
-
-
-def test_without_slope_the_path_runs_along_the_leading_axis() -> None:
-    points = steepest_path(np.zeros(3), np.diag([-3.0, -1.0, -2.0]), np.array([0.5]))
-    np.testing.assert_allclose(points[0], [0.0, 0.5, 0.0], atol=1e-15)
-
-
-def test_steepest_ascent_of_a_plane_is_straight() -> None:
-    b = np.array([3.0, -4.0])
-    up = steepest_path(b, np.zeros((2, 2)), np.array([0.0, 2.0]))
-    np.testing.assert_allclose(up, [[0.0, 0.0], [1.2, -1.6]])
-    down = steepest_path(b, np.zeros((2, 2)), np.array([2.0]), "minimize")
-    np.testing.assert_allclose(down, [[-1.2, 1.6]])
 
 
 LOG_AND_LEVELS = (

@@ -9,7 +9,6 @@ from seqrsm.report.blocks import Section
 from seqrsm.report.sections.history import history_section
 from seqrsm.report.sections.model import diagnostics_section, importance_section, model_section
 from seqrsm.report.sections.optimum import optimum_section, shape_section
-from seqrsm.report.sections.study import paths_section
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.store.records import LookRecord
 
@@ -41,7 +40,6 @@ def method_sections(analysis: Analysis, key: str) -> tuple[Section, ...]:
     sections = (
         model_section(analysis, key),
         shape_section(analysis, key),
-        paths_section(analysis, key),
         diagnostics_section(analysis, key),
     )
     return tuple(section for section in sections if section is not None)

@@ -1,4 +1,4 @@
-"""What a thorough analysis adds: ridge analysis, blocks, and tests asked for."""
+"""What a thorough analysis adds: blocks, and tests asked for."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy, PathPoint
+from seqrsm.analysis.results import Analysis, BlockResponse, BlockStudy
 from seqrsm.analysis.study import TermTest
-from seqrsm.report.blocks import Block, Details, Paragraph, Section, Table, right, table
+from seqrsm.report.blocks import Block, Details, Paragraph, Table, right, table
 from seqrsm.report.rounding import format_significant
 from seqrsm.report.wording import (
-    axis_label,
     capital,
     interval_text,
     level_phrase,
@@ -22,33 +21,6 @@ from seqrsm.report.wording import (
     significant_cell,
     whole_cell,
 )
-
-
-def paths_section(analysis: Analysis, key: str) -> Section | None:
-    """Ways over the fitted surface; None without a study, or where there is none."""
-    path = () if analysis.study is None else analysis.study.ridge
-    if len(path) < 2:
-        return None
-    title = "Best settings at each coded distance from the centre"
-    return Section(f"{key}-paths", "Ridge analysis", (Details(title, (_path_table(analysis, path, title),)),))
-
-
-def _path_table(analysis: Analysis, path: Sequence[PathPoint], title: str) -> Table:
-    factors = analysis.region.factors
-    rows = (
-        (
-            f"{point.distance:.2f}",
-            *(
-                value if isinstance(value, str) else format_significant(value, 4)
-                for value in (point.settings[factor.name] for factor in factors)
-            ),
-            score_text(analysis, point.mean, unit=False),
-            "" if point.inside else "outside",
-        )
-        for point in path
-    )
-    columns = (right("Distance"), *(right(axis_label(factor)) for factor in factors))
-    return table(title, (*columns, right("Mean score", analysis.score_unit), ""), rows)
 
 
 def by_block(analysis: Analysis) -> list[Block]:

@@ -99,7 +99,7 @@ def polar_layers(scene: Scene, east_m: float, north_m: float, beamwidth_rad: flo
     # Some rings at a time: whole arrays of positions would take many times the memory of the layers.
     for low in range(0, rings, max(_BLOCK // columns, 1)):
         part = slice(low, min(low + max(_BLOCK // columns, 1), rings))
-        radius = np.arange(part.start + 1, part.stop + 1)[:, None]
+        radius = np.arange(part.start + 1.0, part.stop + 1.0)[:, None]
         col = 0.5 * (cols - 1) + east_m / cell + radius * np.sin(bearing)
         row = 0.5 * (rows - 1) - north_m / cell - radius * np.cos(bearing)
         inside = (row > -0.5) & (row < rows - 0.5) & (col > -0.5) & (col < cols - 0.5)

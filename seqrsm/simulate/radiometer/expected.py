@@ -76,7 +76,7 @@ def expected_ground(image: RadiometerImage, scene: Scene, pixel: AnyArray) -> Ex
     # A beam of half-power width w is a Gaussian of standard deviation 0.42 w.
     scan = image.scan
     reach = 0.42 * np.array([scan.beamwidth_rad / scan.step_rad, radiometer.footprint_m[1] / scan.advance_m])
-    both = np.column_stack([counts, warm]).reshape(*image.brightness_k.shape[1:], -1)
+    both = np.column_stack([counts.astype(np.float64), warm]).reshape(*image.brightness_k.shape[1:], -1)
     spread = ndimage.gaussian_filter(both, (*reach, 0.0)).reshape(n_pixels, -1)
     total = np.maximum(spread[:, :-1].sum(axis=1), 1e-9)
     kelvin_of = np.where(spread[:, -1] > 0.0, spread[:, -1] / total, 300.0)
