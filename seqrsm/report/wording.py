@@ -109,7 +109,7 @@ def setting_decimals(factor: NumericFactor, value: float, spread: float = math.n
     if not math.isfinite(spread) or spread <= 0.0:
         return finest
     # Half of the half-width is about a standard error: it decides the digits, up to those that a sensor can be set to.
-    return min(decimals_for(spread / 2.0), finest + 3)
+    return min(decimals_for(spread / 2.0), finest + 1)
 
 
 def format_setting(factor: Factor, value: float | str, spread: float = math.nan, *, unit: bool = True) -> str:

@@ -43,6 +43,7 @@ from seqrsm.report.images import (
 from seqrsm.report.rounding import format_plain, format_plus_minus
 from seqrsm.report.sections.literature import system_of
 from seqrsm.report.wording import (
+    axis_label,
     capital,
     format_settings,
     format_value,
@@ -333,11 +334,12 @@ def provenance_section(dossier: Dossier) -> Section:
             )
         )
     if dossier.analyses:
+        factors = dossier.spec.factors
+        found = ((one.application, [one.optimum.settings[f.name] for f in factors]) for one in dossier.analyses)
         rows = (
-            (one.application, readable(name), format_value(value if isinstance(value, str) else float(f"{value:.6g}")))
-            for one in dossier.analyses
-            for name, value in one.optimum.settings.items()
+            (name, *(format_value(one if isinstance(one, str) else float(f"{one:.6g}")) for one in settings))
+            for name, settings in found
         )
         caption = "Recommended settings to six digits, for repeating the run exactly"
-        blocks.append(table(caption, ("Application", "Factor", right("Setting")), rows))
+        blocks.append(table(caption, ("Application", *(right(axis_label(f)) for f in factors)), rows))
     return Section("provenance", "Provenance and how to reproduce", tuple(blocks))

@@ -91,9 +91,10 @@ def summary_section(
     blocks.append(_own_table(analyses))
     todo = tuple("{}: {} ({}).".format(one.application, *_decision_words(one)) for one in analyses)
     scored = [run for run in runs if run.state == "scored"]
+    values = (_table_values(f"for {name}", shares) for name, shares in (rests or {}).items() if shares)
     parts = (
         Section("summary-next", "Next steps", (Bullets(todo),)),
-        *((Section("summary-rests", "Basis", (_made(spec, scored),)),) if scored else ()),
+        *((Section("summary-rests", "Basis", (_made(spec, scored), *values)),) if scored else ()),
     )
     return Section("summary", "Summary", tuple(blocks), parts)
 
@@ -301,10 +302,14 @@ def _rests(
     if spec.simulator is not None and (ground := ground_sentence(analysis, spec.stop)):
         yield Paragraph(ground)
     if shares := rests.get(analysis.application):
-        parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
-        yield Paragraph(f"Table values used at these settings, by area of the scene: {parts}.")
+        yield _table_values("at these settings", shares)
     if analysis.confirmation is not None:
         yield Paragraph(analysis.confirmation.text)
+
+
+def _table_values(where: str, shares: Mapping[str, float]) -> Paragraph:
+    parts = listing([f"{100.0 * share:.0f} % {status}" for status, share in shares.items()])
+    return Paragraph(f"Table values used {where}, by area of the scene: {parts}.")
 
 
 def _made(spec: CampaignSpec, scored: Sequence[RunRecord]) -> Paragraph:
