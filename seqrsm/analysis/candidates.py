@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import stdtr, stdtrit
 
 from seqrsm.analysis.belief import Belief, mixed_quantiles
+from seqrsm.analysis.ground import future_sd
 from seqrsm.analysis.scale import Interval, ResponseScale
 from seqrsm.analysis.steps import joint_draws
 from seqrsm.arrays import FloatArray
@@ -88,18 +89,6 @@ def compared(sensor: FloatArray, optimum: FloatArray, rule: Sufficing, level: fl
         one_ground=Interval(mean - half * of_future, mean + half * of_future),
         probability=share,
     )
-
-
-def future_sd(scores: FloatArray, runs: float) -> float:
-    """Standard deviation of the mean of ``runs`` occasions over one ground, of scores or differences of scores.
-
-    ``scores`` (worlds, occasions): the variance of means of a world's occasions is the ground's and a share of chance;
-    with another number of occasions the share changes by what the scores within worlds tell.
-    """
-    of_means = float(np.var(scores.mean(axis=1), ddof=1))
-    occasions = scores.shape[1]
-    within = float(np.mean(np.var(scores, axis=1, ddof=1))) if occasions > 1 else 0.0
-    return math.sqrt(max(of_means + within * (1.0 / runs - 1.0 / occasions), within / runs))
 
 
 def _moments(scores: FloatArray, runs: float) -> tuple[float, float, float]:

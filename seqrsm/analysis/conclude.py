@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.belief import Belief, intervals, intervals_by_draws
 from seqrsm.analysis.fitted import Fitted, confirmation_reason, fit_application
-from seqrsm.analysis.ground import Ground
+from seqrsm.analysis.ground import Ground, sds_of_levels
 from seqrsm.analysis.optimism import optimism
 from seqrsm.analysis.posterior import (
     draw_coefficients,
@@ -34,7 +34,7 @@ from seqrsm.plain import known
 from seqrsm.rng import generator
 from seqrsm.spec.read import CampaignSpec
 from seqrsm.spec.tables import ApplicationSpec
-from seqrsm.store.records import CONFIRMATION, RunRecord
+from seqrsm.store.records import CONFIRMATION, EventRecord, RunRecord
 
 _MIN_DF = 4
 """Residual degrees of freedom from which that test says something."""
@@ -62,6 +62,7 @@ def analyse(
     runs: Sequence[RunRecord],
     *,
     ground: Ground | None = None,
+    ranked: Sequence[EventRecord] = (),
     sampler: Sampler = "exact",
     n_draws: int = 4000,
     thorough: bool = False,
@@ -77,6 +78,8 @@ def analyse(
         All runs; those that do not count are left out here.
     ground : Ground or None
         What part of the scatter of simulated scores is one ground against another, where it was measured.
+    ranked : sequence of EventRecord
+        Of the kind `seqrsm.analysis.ground.RANKED`.
     sampler : "exact" or "emcee"
         How the posterior is drawn; with errors = "student_t" "exact" is a Gibbs sampler of exact conditionals.
     n_draws : int
@@ -122,17 +125,23 @@ def analyse(
             + _other_sampler(sampler, draws)
             + effects_left_out(application, posterior)
         ),
-        steps=_steps(spec, fitted, belief, estimate, draws) if thorough else (),
+        steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
         sources=fitted.surface.compare(best.point, spec.stop.level),
         study=study_fit(spec, fitted, of_quadratic.point) if thorough else None,
     )
 
 
 def _steps(
-    spec: CampaignSpec, fitted: Fitted, belief: Belief, estimate: OptimumEstimate, draws: Draws
+    spec: CampaignSpec,
+    fitted: Fitted,
+    belief: Belief,
+    estimate: OptimumEstimate,
+    draws: Draws,
+    ranked: Sequence[EventRecord],
 ) -> tuple[Step, ...]:
     rng = generator(spec.seed, fitted.fit.n_runs, "steps")
-    return steps_of(belief, fitted.scale, estimate.point, estimate.optimism, spec.stop.level, draws, rng)
+    here = sds_of_levels(ranked, fitted.application.name, estimate.settings)
+    return steps_of(belief, fitted.scale, estimate.point, estimate.optimism, spec.stop.level, draws, here, rng)
 
 
 def _estimate(

@@ -8,6 +8,7 @@ with the scatter of the runs about the surface, which is of more runs, it tells 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,9 +26,11 @@ MEASURED = "worlds"
 """Kind of the event that keeps a bundle's scores."""
 
 RANKED = "values"
-"""Kind of the event that keeps what each cover's mean does to a score."""
+"""Kind of the event that keeps what each cover's mean does to a score, and what the ground does to other levels."""
 
 N_WORLDS, OCCASIONS = 16, 2
+LEVEL_WORLDS = 8
+"""Worlds in which other levels of categorical factors are held against the recommended ones."""
 
 MOST_SHARE = 0.98
 """Of a run's variance, the most that is told to be the ground's."""
@@ -119,6 +122,30 @@ def ranked_values(values: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     total = sum(size) or 1.0
     found = [{**v, "share": s / total} for v, s in zip(values, size, strict=True)]
     return sorted(found, key=lambda v: -v["share"])
+
+
+def future_sd(scores: FloatArray, runs: float) -> float:
+    """Standard deviation of the mean of ``runs`` occasions over one ground, of scores or differences of scores.
+
+    ``scores`` (worlds, occasions): the variance of means of a world's occasions is the ground's and a share of chance;
+    with another number of occasions the share changes by what the scores within worlds tell.
+    """
+    of_means = float(np.var(scores.mean(axis=1), ddof=1))
+    occasions = scores.shape[1]
+    within = float(np.mean(np.var(scores, axis=1, ddof=1))) if occasions > 1 else 0.0
+    return math.sqrt(max(of_means + within * (1.0 / runs - 1.0 / occasions), within / runs))
+
+
+def sds_of_levels(
+    events: Sequence[EventRecord], application: str, settings: Mapping[str, float | str]
+) -> dict[tuple[str, str], float]:
+    """By factor and level, the standard deviation from ground to ground of what it gains over these settings.
+
+    Empty where it was not measured for them. ``events`` are of the kind `RANKED`.
+    """
+    found = [e.detail for e in events if e.detail and e.detail.get("application") == application]
+    of_these = [one["levels"] for one in found if one["settings"] == settings and "levels" in one]
+    return {(one["factor"], one["level"]): one["sd"] for one in of_these[-1]} if of_these else {}
 
 
 def measured_ground(events: Sequence[EventRecord], application: str) -> Ground | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +34,10 @@ class Step:
     interval : Interval
         Of the gain, at the level of ``[stop]``.
     better : float
-        Probability that the score at ``level`` is the better one.
+        Probability that the score at ``level`` is the better one, expected over all grounds.
+    better_here, loss_here : float
+        Probability that it is the better one on the actual ground, one draw of what the tables leave open, and the
+        score that ``over`` is then expected to lose; nan where simulations did not compare the two.
     """
 
     factor: str
@@ -42,6 +47,8 @@ class Step:
     gain: float
     interval: Interval
     better: float
+    better_here: float = math.nan
+    loss_here: float = math.nan
 
 
 def steps_of(
@@ -51,6 +58,7 @@ def steps_of(
     optimism: float,
     level: float,
     draws: Draws,
+    sd_here: Mapping[tuple[str, str], float],
     rng: np.random.Generator,
 ) -> tuple[Step, ...]:
     """Steps of every factor with values or levels, from joint draws of the surface.
@@ -67,6 +75,8 @@ def steps_of(
         Of the intervals.
     draws : Draws
         Of the quadratic.
+    sd_here : Mapping
+        By factor and level, see `seqrsm.analysis.ground.sds_of_levels`.
     rng : Generator
 
     Returns
@@ -98,9 +108,16 @@ def steps_of(
                 gains = [(one[:, i] - one[:, over], share) for one, share in parts]
                 off = float(less[i] - less[over])
                 interval = mixed_quantiles(gains, level).also_less(off)
-                better = sum(share * float(np.mean(sign_of(belief.goal) * (gain - off) > 0.0)) for gain, share in gains)
+                gains = [(sign_of(belief.goal) * (gain - off), share) for gain, share in gains]
+                better, here = sum(share * float(np.mean(gain > 0.0)) for gain, share in gains), (math.nan, math.nan)
+                if sd := sd_here.get((factor.name, str(values[i]))):
+                    there = [(gain + sd * rng.standard_normal(len(gain)), share) for gain, share in gains]
+                    here = (
+                        sum(share * float(np.mean(gain > 0.0)) for gain, share in there),
+                        sum(share * float(np.mean(np.maximum(gain, 0.0))) for gain, share in there),
+                    )
                 gain = float(mean[i] - mean[over])
-                found.append(Step(factor.name, values[i], values[over], float(mean[i]), gain, interval, better))
+                found.append(Step(factor.name, values[i], values[over], float(mean[i]), gain, interval, better, *here))
     return tuple(found)
 
 

@@ -6,6 +6,7 @@ where it was, and ends with the same result as one that was not.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -17,12 +18,13 @@ import numpy as np
 
 from seqrsm.analysis.compromise import CompromiseEstimate, campaign_compromise
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.ground import MEASURED, N_WORLDS, OCCASIONS, RANKED, measured_ground
+from seqrsm.analysis.ground import LEVEL_WORLDS, MEASURED, N_WORLDS, OCCASIONS, RANKED, future_sd, measured_ground
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.runs import evidence, scored_runs
 from seqrsm.analysis.to_json import look_summary
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.next_runs import in_random_order, next_batch, start_batch
+from seqrsm.design.factors import CategoricalFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.errors import OvertakenError, Problem, SpecError, StoreError, UserError
 from seqrsm.fit.error_models import Sampler
@@ -106,15 +108,15 @@ class Campaign:
         FitError, ConvergenceError, SpecError
         """
         wanted = self.spec.applications if application is None else (self.spec.application(application),)
-        runs, bundles = self.store.runs(), self.store.events(kind=MEASURED)
+        runs, bundles, ranked = self.store.runs(), self.store.events(kind=MEASURED), self.store.events(kind=RANKED)
 
         def found(app: ApplicationSpec) -> Analysis:
             ground = measured_ground(bundles, app.name)
             made = partial(analyse, self.spec, app, runs, ground=ground, sampler=sampler, n_draws=n_draws)
             if not thorough:
                 return made()
-            of = (self.spec.spec_hash, app.name, runs, ground, sampler, n_draws)
-            return remembered(partial(made, thorough=True), of)
+            of = (self.spec.spec_hash, app.name, runs, ground, [event.detail for event in ranked], sampler, n_draws)
+            return remembered(partial(made, ranked=ranked, thorough=True), of)
 
         return tuple(found(app) for app in wanted)
 
@@ -318,7 +320,10 @@ class Campaign:
                 self.store.add_event(MEASURED, detail, once=("application",))
 
     def rank_values(self, analyses: Sequence[Analysis], workers: int = 1, cluster: str | None = None) -> None:
-        """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended."""
+        """Simulate what each cover's mean, off by its standard deviation, does to the score at what is recommended.
+
+        And how far other levels of its categorical factors gain more or less from ground to ground.
+        """
         from seqrsm.campaign.rests_on import mean_sds
         from seqrsm.campaign.simulation import one_away_tasks
 
@@ -335,8 +340,40 @@ class Campaign:
                 if np.isfinite(up + down)
             ]
             unit = "dB" if self.spec.simulator is not None and self.spec.simulator.engine == "psm" else ""
-            detail = {"application": analysis.application, "settings": dict(settings), "unit": unit, "values": values}
+            detail = {
+                "application": analysis.application,
+                "settings": dict(settings),
+                "unit": unit,
+                "values": values,
+                "levels": self._other_levels(analysis, workers, cluster),
+            }
             self.store.add_event(RANKED, detail, once=("application", "settings"))
+
+    def _other_levels(self, analysis: Analysis, workers: int, cluster: str | None) -> list[dict[str, float | str]]:
+        """See `seqrsm.analysis.ground.sds_of_levels`: all are simulated on the same occasions of the same worlds."""
+        from seqrsm.campaign.simulation import bundle_tasks
+
+        settings, region = analysis.optimum.settings, self.spec.region
+        others = [
+            (factor.name, level)
+            for factor in self.spec.factors
+            if isinstance(factor, CategoricalFactor)
+            for level in factor.levels
+            if level != settings[factor.name] and region.feasible(region.code([{**settings, factor.name: level}]))[0]
+        ]
+        if not others:
+            return []
+        made = [settings, *({**settings, name: level} for name, level in others)]
+        cells = self.cells_of_ground()
+        tasks = [task for one in made for task in bundle_tasks(self.spec, one, cells, LEVEL_WORLDS)]
+        scores = self.scores_of(tasks, analysis.application, workers, cluster)
+        first, *rest = scores.reshape(-1, LEVEL_WORLDS, OCCASIONS)
+        found: list[dict[str, float | str]] = []
+        for (name, level), one in zip(others, rest, strict=True):
+            gain = (one - first)[np.isfinite(one - first).all(axis=1)]
+            if len(gain) > 1:
+                found.append({"factor": name, "level": level, "sd": round(future_sd(gain, math.inf), 4)})
+        return found
 
     @staticmethod
     def scores_of(tasks: Sequence[SimulationTask], application: str, workers: int, cluster: str | None) -> FloatArray:

@@ -16,8 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from seqrsm.analysis.candidates import Comparison, Sufficing, by_surface, compared, future_sd
-from seqrsm.analysis.ground import N_WORLDS, OCCASIONS
+from seqrsm.analysis.candidates import Comparison, Sufficing, by_surface, compared
+from seqrsm.analysis.ground import N_WORLDS, OCCASIONS, future_sd
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign, silent

@@ -254,19 +254,21 @@ class _ClosedLoop:
     def _finish(self, kind: Ending) -> Outcome:
         """Sample the posterior of the last look."""
         campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
+        rests = {}
+        if campaign.spec.simulator is not None:
+            told = [event.detail["settings"] for event in store.events(kind=RANKED)]
+            analyses = campaign.analyse_all(n_draws=1000)
+            if any(one.optimum.settings not in told for one in analyses):
+                self.say("simulating other grounds at the recommended settings")
+                with self._timed("rank"):
+                    self.rank(analyses)
+            rests = {one.application: rests_on(campaign.spec, one.optimum.settings) for one in analyses}
         self.say("sampling the posterior")
         with self._timed("sample"):
             thorough = campaign.analyse_all(sampler="emcee", thorough=True)  # as `fit` and `report` will ask for it
             analyses = tuple(replace(analysis, steps=(), study=None) for analysis in thorough)
         n_scored = len(store.runs("scored"))
         store.add_event(kind, {"n_scored": n_scored}, once=("n_scored",))
-        rests = {}
-        if campaign.spec.simulator is not None:
-            told = [event.detail["settings"] for event in store.events(kind=RANKED)]
-            if any(one.optimum.settings not in told for one in analyses):
-                with self._timed("rank"):
-                    self.rank(analyses)
-            rests = {one.application: rests_on(campaign.spec, one.optimum.settings) for one in analyses}
         compromise = campaign.compromise(analyses)
         return Outcome(held, analyses, self.seconds, n_scored, compromise, rests)
 

@@ -63,6 +63,8 @@ def test_a_campaign_of_dates_and_sets_runs_and_reports(folder) -> None:
     steps = {(step["factor"], step["level"]) for step in found["steps"]}
     assert {("dates", 2.0), ("dates", 3.0)} <= steps
     assert len([factor for factor, _ in steps if factor == "frequency"]) == 2
+    for step in found["steps"]:  # other sets of sensors are simulated over the same grounds, other dates are not
+        assert (step["better_here"] is None) == (step["factor"] != "frequency")
     out = folder / "all.json"
     assert seqrsm("export", folder, out).exit_code == 0
     runs: list[dict[str, Any]] = json.loads(out.read_text(encoding="utf-8"))["runs"]
@@ -76,6 +78,7 @@ def test_a_campaign_of_dates_and_sets_runs_and_reports(folder) -> None:
     shown = page.read_text(encoding="utf-8")
     assert "Crop calendar" in shown
     assert "Effect of changing one factor" in shown
+    assert "Pr(better here)" in shown
 
 
 def test_any_image_of_a_run_is_written(folder) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seqrsm.analysis.conclude import analyse
-from seqrsm.analysis.ground import Ground, ground_of_scores, prior_of_difference, ranked_values
+from seqrsm.analysis.ground import Ground, future_sd, ground_of_scores, prior_of_difference, ranked_values
 from seqrsm.campaign.rehearsal import make_campaign
 from seqrsm.decide.sources import discrepancy_sd
 from seqrsm.decide.stopping import StopRule, flights_needed, target_problem
@@ -51,6 +51,14 @@ def test_a_bundle_tells_ground_from_chance() -> None:
     assert 0.0 < ground_of_scores(scores).share < 0.35  # 16 worlds cannot say that there is nothing
     assert ground_of_scores(np.repeat(scores[:, :1], 2, axis=1)).share == 0.98
     assert ground_of_scores(np.ones((16, 2))).share == 0.0
+
+
+def test_what_a_ground_does_to_a_mean_of_occasions_is_told_without_bias() -> None:
+    rng = np.random.default_rng(2)
+    for runs, wanted in ((1.0, 25.0), (5.0, 17.8), (np.inf, 16.0)):
+        found = [future_sd(bundle(rng, 4.0, 3.0, 8), runs) ** 2 for _ in range(2000)]
+        # A variance is never told below zero, which lifts its mean a little.
+        assert np.mean(found) == pytest.approx(wanted, abs=4.0 * np.std(found) / np.sqrt(2000) + 0.3)
 
 
 def test_runs_about_the_surface_tell_the_ground_better_than_a_bundle_alone() -> None:

@@ -7,6 +7,9 @@ import pytest
 from scipy import stats
 from scored_campaigns import campaign, specification
 
+from seqrsm.analysis.ground import RANKED
+from seqrsm.campaign.campaign import Campaign
+
 FACTORS = """
 [[factor]]
 name = "dates"
@@ -50,6 +53,31 @@ def test_steps_are_the_t_intervals_of_differences(tmp_path) -> None:
         wanted = gain - half - max(off, 0.0), gain + half - min(off, 0.0)
         assert (step.interval.low, step.interval.high) == pytest.approx(wanted, abs=0.1 * half)
         assert step.better == pytest.approx(float(stats.t.cdf((gain - off) / se, fit.df_residual)), abs=0.04)
+
+
+def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> None:
+    """A gain with a normal ground on top: Phi(gain / sd), and the mean of its part above zero."""
+    found = analysis(tmp_path)
+    fit, best = found.fit, found.optimum
+    assert all(np.isnan(step.better_here) and np.isnan(step.loss_here) for step in found.steps)
+    levels = [{"factor": "bands", "level": "L", "sd": 6.0}, {"factor": "bands", "level": "C", "sd": 0.5}]
+    detail = {"application": found.application, "settings": dict(best.settings), "levels": levels}
+    opened = Campaign.open(tmp_path / "c")
+    opened.store.add_event(RANKED, {**detail, "settings": {**best.settings, "bands": "L"}})
+    assert np.isnan(opened.analyse_all(thorough=True)[0].steps[-1].better_here)  # of other settings
+    opened.store.add_event(RANKED, detail)
+    steps = {step.level: step for step in opened.analyse_all(thorough=True)[0].steps}
+    assert np.isnan(steps[2.0].better_here)
+    for level, sd in (("L", 6.0), ("C", 0.5)):
+        step = steps[level]
+        rows = found.model.matrix(found.region.code([{**best.settings, "bands": one} for one in (level, "L+C")]))
+        row = rows[0] - rows[1]
+        se = float(fit.s * np.sqrt(row @ fit.covariance_unscaled @ row))
+        both = float(np.hypot(sd, se * np.sqrt(fit.df_residual / (fit.df_residual - 2.0))))
+        z = step.gain / both
+        assert step.better_here == pytest.approx(stats.norm.cdf(z), abs=0.03)
+        assert step.loss_here == pytest.approx(both * (stats.norm.pdf(z) + z * stats.norm.cdf(z)), abs=0.1)
+        assert step.better_here >= step.better
 
 
 def test_with_a_process_gains_hold_the_truth(tmp_path) -> None:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from seqrsm.analysis.belief import PRIOR_LOG_ODDS
+from seqrsm.analysis.ground import LEVEL_WORLDS
 from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.arrays import FloatArray
@@ -160,15 +161,18 @@ def _steps(analysis: Analysis) -> list[Block]:
     if not analysis.steps:
         return []
     factors = {factor.name: factor for factor in analysis.region.factors}
+    places = score_decimals(analysis)
+    on_ground = any(math.isfinite(step.better_here) for step in analysis.steps)
     rows = [
         (
             readable(step.factor),
             f"{setting_with_unit(factors[step.factor], step.level)} instead of "
             f"{setting_with_unit(factors[step.factor], step.over)}",
-            decimal_cell(step.mean, score_decimals(analysis)),
-            decimal_cell(step.gain, score_decimals(analysis)),
+            decimal_cell(step.mean, places),
+            decimal_cell(step.gain, places),
             interval_text(analysis, step.interval),
             format_share(step.better),
+            *((format_share(step.better_here), decimal_cell(step.loss_here, places)) if on_ground else ()),
         )
         for step in analysis.steps
     ]
@@ -176,8 +180,15 @@ def _steps(analysis: Analysis) -> list[Block]:
     columns = (
         *("Factor", "Change", right("Mean", unit), right("Gain", unit)),
         *(right(f"{level_phrase(analysis)} interval"), right("Pr(better)")),
+        *((right("Pr(better here)"), right("Loss if kept", unit)) if on_ground else ()),
     )
     caption = "Effect of changing one factor, the others as recommended; interval of the gain"
+    if on_ground:
+        caption += (
+            ". Pr(better): on average over the grounds that the tables allow; Pr(better here): on the actual ground, "
+            f"which is one of them ({LEVEL_WORLDS} paired simulations); loss if kept: what the recommended level is "
+            "expected to lose there"
+        )
     return [table(caption, columns, rows)]
 
 
