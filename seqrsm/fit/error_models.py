@@ -309,25 +309,16 @@ class StudentT(_Additive):
     ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
         """Draws by Gibbs sampling, so many that they are worth ``n`` independent ones."""
         rows = _ROWS_PER_DRAW * n
-        found = student_draws(runs.Z, runs.y, runs.weights, runs.prior, rows, rng)
-        made: Made = {
-            "method": "gibbs",
-            "errors": self.name,
-            "draws": len(found.sigma),
-            "steps": found.sweeps,
-            "ess": found.ess,
-            "ess_ends": found.ess_ends,
-            "r_hat": found.r_hat,
-        }
+        *found, reached = student_draws(runs.Z, runs.y, runs.weights, runs.prior, rows, rng)
+        made: Made = {"method": "gibbs", "errors": self.name, "draws": len(found[1]), **reached}
         if bounds is None:
-            return (found.beta, found.sigma), made, None
-        first = [(found.beta, found.sigma)]
+            return tuple(found), made, None
+        first = [tuple(found)]
 
         def more(m: int) -> tuple[FloatArray, ...]:
             if first:
                 return first.pop()
-            again = student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)
-            return again.beta, again.sigma
+            return student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)[:2]
 
         held, share = bounded_draws(more, bounds, rows, most=_MOST_ROUNDS)
         return held, made | {"draws": len(held[1])}, share
