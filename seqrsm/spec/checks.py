@@ -10,7 +10,7 @@ from math import inf, isfinite
 from pathlib import Path as FilePath
 from typing import Any
 
-from seqrsm.design.constraints import Constraint
+from seqrsm.design.constraints import Constraint, arithmetic
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, Factor, span
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, RegionError
@@ -427,7 +427,7 @@ def expressions(texts: Sequence[str | None], factors: Sequence[Factor], report: 
             continue
         path: Path = ("consideration", index, "expr")
         try:
-            found = Constraint(f"0 <= ({text})")
+            found = arithmetic(text)
         except RegionError as error:
             for problem in error.problems:
                 report.add(path, problem.message, problem.remedy, text)
