@@ -28,14 +28,14 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.data import calendar_data, picture_data
-from seqrsm.report.figures.fit import paint_calendar
+from seqrsm.report.figures.fit import calendar_data, paint_calendar
 from seqrsm.report.images import (
     NO_DATA,
     bar_length_m,
     category_color,
     cover_png,
     grey_png,
+    picture_data,
     reduce_cover,
     reduce_grey,
     reduction,
