@@ -263,8 +263,7 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
     draws = analysis.posterior.optimum_points[:, index]
     if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
         labels = [shortened(label, 20) for label in level_labels(factor)]
-        coded = np.arange(len(labels)) if isinstance(factor, CategoricalFactor) else factor.coded_levels
-        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in coded])
+        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in factor.coded_levels])
         axes.bar(np.arange(len(labels)), share, color=drawing.BLUE, width=0.6)
         axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
         axes.set_ylim(0.0, 1.0)
