@@ -30,8 +30,9 @@ def category_color(index: int) -> str:
     return CATEGORY_COLORS[index % len(CATEGORY_COLORS)]
 
 
-def reduction(rows: int, columns: int, pictures: int = 1) -> int:
-    """Whole factor by which each of so many equal ``pictures`` is reduced to stay within the limits above."""
+def reduction(shape: Sequence[int], pictures: int = 1) -> int:
+    """Whole factor by which each of so many ``pictures`` of one shape is reduced to stay within the limits above."""
+    rows, columns = shape
     crowding = int(np.ceil(np.sqrt(rows * columns * pictures / ALL_PIXELS)))
     return max(1, -(-columns // MAX_WIDTH), -(-rows // MAX_HEIGHT), crowding)
 
