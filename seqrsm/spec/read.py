@@ -80,7 +80,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import ValidationError
 
@@ -186,6 +186,11 @@ class CampaignSpec:
     def factors(self) -> tuple[Factor, ...]:
         """Factors in the order of the file."""
         return self.region.factors
+
+    @property
+    def own_source(self) -> Literal["simulation", "flight"]:
+        """Where the campaign's runs come from, unless another source is asked for."""
+        return "flight" if self.simulator is None else "simulation"
 
     @property
     def scene_path(self) -> FilePath | None:
