@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import elementwise
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from seqrsm.analysis.runs import ScoredRuns
@@ -19,6 +18,7 @@ from seqrsm.analysis.surfaces import Surface
 from seqrsm.arrays import FloatArray, IntArray
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
+from seqrsm.fit.conjugate import where_reached
 from seqrsm.fit.error_models import Draws
 from seqrsm.fit.intervals import Interval as Ends
 from seqrsm.fit.intervals import Prediction
@@ -246,13 +246,11 @@ def _mixture_quantile(
     each = np.vstack([mean + se * stdtrit(df, tail), means + sd * ndtri(tail)])
     margin = 1e-9 * (1.0 + np.abs(mean))
 
-    def above(x: FloatArray, mean: FloatArray, se: FloatArray, k: IntArray) -> FloatArray:
+    def below(x: FloatArray, k: IntArray) -> FloatArray:
         of_process = np.mean(ndtr((x - means[:, k]) / sd[:, k]), axis=0)
-        return np.asarray((1.0 - share) * stdtr(df, (x - mean) / se) + share * of_process - tail)
+        return np.asarray((1.0 - share) * stdtr(df, (x - mean[k]) / se[k]) + share * of_process)
 
-    ends = each.min(axis=0) - margin, each.max(axis=0) + margin
-    found = elementwise.find_root(above, ends, args=(mean, se, np.arange(len(mean))))
-    return np.asarray(found.x)
+    return where_reached(tail, each, margin, below)
 
 
 def intervals_by_draws(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from seqrsm.analysis.results import Analysis
 from seqrsm.analysis.scale import Interval
 from seqrsm.analysis.to_json import fields_to_json
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.constraints import Constraint, _evaluate
+from seqrsm.design.constraints import arithmetic
 from seqrsm.design.region import Region
 from seqrsm.fit.optimum import Goal, sign_of
 from seqrsm.plain import known
@@ -205,14 +206,11 @@ def _application(spec: CampaignSpec, analysis: Analysis) -> Objective:
 
 
 def _consideration(region: Region, table: ConsiderationSpec) -> Objective:
-    tree = Constraint(f"0 <= ({table.expr})")._tree
+    written, ends = arithmetic(table.expr), (table.unacceptable, table.ideal)
 
     def value(points: FloatArray) -> FloatArray:
-        with np.errstate(all="ignore"):
-            found = np.broadcast_to(_evaluate(tree[2], region.natural(points))[0], (len(points),))
-        return np.asarray(found, dtype=np.float64)
+        return written.right(region.natural(points), len(points))
 
-    ends = table.unacceptable, table.ideal
     return Objective(table.name, table.goal, table.weight, value, None, *ends, table.unit, application=False)
 
 
@@ -282,8 +280,8 @@ def compromise(
     means = np.column_stack([objective.mean(cover) for objective in objectives])
     own_points, limits = [], []
     for i, objective in enumerate(objectives):
-        sign = sign_of(objective.goal)
-        own_points.append(_climb(region, cover, sign * means[:, i], _signed(objective, sign), rng))
+        signed = partial(_signed, objective)
+        own_points.append(_climb(region, cover, sign_of(objective.goal) * means[:, i], signed, rng))
         limits.append(_limits(objective, means[:, i], float(objective.mean(own_points[-1][None, :])[0])))
     weights = np.array([objective.weight for objective in objectives])
     weights = weights / weights.sum()
@@ -348,12 +346,8 @@ def compromise(
     )
 
 
-def _signed(objective: Objective, sign: float) -> Surface:
-    def value(points: FloatArray) -> FloatArray:
-        found: FloatArray = sign * objective.mean(points)
-        return found
-
-    return value
+def _signed(objective: Objective, points: FloatArray) -> FloatArray:
+    return sign_of(objective.goal) * objective.mean(points)
 
 
 def _limits(objective: Objective, values: FloatArray, best: float) -> tuple[float, float]:

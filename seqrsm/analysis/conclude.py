@@ -122,7 +122,7 @@ def analyse(
         confirmation=confirmation,
         warnings=tuple(
             _warnings(spec, application, fitted, best)
-            + _other_sampler(sampler, draws)
+            + ([f"The posterior was drawn {draws.instead}."] if sampler == "emcee" and draws.instead else [])
             + effects_left_out(application, posterior)
         ),
         steps=_steps(spec, fitted, belief, estimate, draws, ranked) if thorough else (),
@@ -306,21 +306,6 @@ def _confirmation(
         text=text,
     )
     return confirmation, agreement
-
-
-def _other_sampler(sampler: Sampler, draws: Draws) -> list[str]:
-    """A sentence where emcee was asked for and something else drew the posterior."""
-    made = draws.made
-    if sampler != "emcee" or made["method"] == "emcee":
-        return []
-    if made["method"] == "gibbs":
-        return ["The posterior was drawn by Gibbs sampling because emcee did not converge."]
-    reason = "the surface passes through every score"
-    if "blocks" in made:
-        reason = "the exact form is known with random blocks"
-    elif "sources" in made:
-        reason = "the exact form is known with simulations and flights"
-    return [f"The posterior was drawn exactly, not by emcee: {reason}."]
 
 
 def _warnings(spec: CampaignSpec, application: ApplicationSpec, fitted: Fitted, best: Optimum) -> list[str]:

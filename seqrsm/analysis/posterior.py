@@ -50,7 +50,7 @@ def _elicited(
     if spec.model.response == "logit":
         middle = min(max(0.5 * (low + high), 1.0), 99.0)
         repeat_sd *= 100.0 / (middle * (100.0 - middle))
-        low, high = (float(end) for end in logit_scores(np.array([low, high])).value)
+        low, high = (float(end) for end in logit_scores(np.array([low, high])))
     optimum = {}
     for name, expected in known.optimum.items():
         stated = expected if isinstance(expected, ExpectedOptimum) else ExpectedOptimum(value=float(expected))

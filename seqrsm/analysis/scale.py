@@ -77,8 +77,9 @@ class ResponseScale:
         relative = np.ones(len(scores)) if se is None or not len(se) else np.square(float(np.median(se)) / se)
         if kind == "identity":
             return cls(kind, scores, relative, 1.0)
-        logits = logit_scores(scores)
-        return cls(kind, logits.value, logits.weight * relative, logits.variance_unit)
+        values, variance = logit_scores(scores), logit_variance(scores)
+        unit = float(1.0 / np.mean(1.0 / variance))
+        return cls(kind, values, unit / variance * relative, unit)
 
     @classmethod
     def of_counts(
@@ -96,7 +97,7 @@ class ResponseScale:
         if kind == "identity":
             values, variance = scores, share_variance(expected, trials)
         else:
-            values = logit_scores(scores, counts=trials).value
+            values = logit_scores(scores, counts=trials)
             p = np.clip(expected / 100.0, 0.5 / trials, 1.0 - 0.5 / trials)
             variance = 1.0 / (trials * p + 0.5) + 1.0 / (trials * (1.0 - p) + 0.5)
         unit = float(1.0 / np.mean(1.0 / variance))

@@ -89,14 +89,13 @@ def steps_of(
     for j, factor in enumerate(belief.region.factors):
         if isinstance(factor, DiscreteFactor):
             values: tuple[float | str, ...] = factor.values
-            coded = factor.code(np.array(factor.values))
             pairs = [(i, i - 1) for i in range(1, len(values))]
         elif isinstance(factor, CategoricalFactor):
             values, best = factor.levels, int(point[j])
-            coded = np.arange(len(values), dtype=np.float64)
             pairs = [(i, best) for i in range(len(values)) if i != best]
         else:
             continue
+        coded = factor.coded_levels
         points = np.repeat(point[None, :], len(values), axis=0)
         points[:, j] = coded
         feasible = belief.region.feasible(points)

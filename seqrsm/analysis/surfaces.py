@@ -260,7 +260,8 @@ class RandomBlocks(Surface):
         del stated, sampler
         (beta, sigma, of_blocks), share = within(partial(self.posterior.draws, rng=rng), bounds, n)
         made: Made = {"method": "exact", "draws": len(sigma), "blocks": "random"}
-        return Draws(beta, sigma, made, share, sigma_block=of_blocks)
+        why = "exactly, not by emcee: the exact form is known with random blocks"
+        return Draws(beta, sigma, made, share, sigma_block=of_blocks, instead=why)
 
     def days(self, spec: CampaignSpec) -> RandomBlockPosterior | None:
         """Those of the fit."""
@@ -354,7 +355,8 @@ class TwoSources(Surface):
             (beta, sigma), share = within(draw, runs.seen_from_all(bounds), n)
             if bounds is None or enough(len(sigma), n):
                 made: Made = {"method": "exact", "draws": len(sigma), "sources": 2}
-                return Draws(to_flight(self.model, beta), sigma, made, share)
+                why = "exactly, not by emcee: the exact form is known with simulations and flights"
+                return Draws(to_flight(self.model, beta), sigma, made, share, instead=why)
         return self.errors.draws(runs, bounds, sampler, n, rng)
 
     def compare(self, point: FloatArray, level: float) -> SourceComparison | None:

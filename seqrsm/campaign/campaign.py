@@ -171,7 +171,7 @@ class Campaign:
         UserError
             Unknown source, a form that exists already, too few scores and none to wait for, or a budget that is spent.
         """
-        source = source or ("flight" if self.spec.simulator is None else "simulation")
+        source = source or self.spec.own_source
         if source not in ("simulation", "flight", "best"):
             raise UserError(
                 Problem("no such source", 'Use "simulation", "flight" or "best".', field="--source", value=source)
@@ -243,8 +243,7 @@ class Campaign:
         model = QuadraticModel(self.spec.factors, self.spec.model.order)
         fitted = n_fitted(self.spec, runs)
         failed = [run for run in runs if run.state == "failed" and run.fault != "machine"]
-        cheaper = "simulation" if self.spec.simulator is not None else "flight"
-        start_source = cheaper if source == "best" else source
+        start_source = self.spec.own_source if source == "best" else source
         if not active:
             return start_batch(self.spec, model, start_source, failed=failed)
         if fitted <= model.p:

@@ -176,7 +176,7 @@ def check_campaign(folder: Path, progress: Callable[[int, int], None] = lambda d
         noise=noise,
         ground_share=share,
         noise_source=known.noise_source,
-        cost=rule.max_runs * _cost(spec),
+        cost=rule.max_runs * spec.cost.of(spec.own_source),
         target_problem=problem,
         notes=known.notes,
         covers=covers,
@@ -286,7 +286,7 @@ def plan_campaign(
         "max_runs": spec.stop.max_runs,
         "most": most,
         "order": spec.model.order,
-        "cost": _cost(spec),
+        "cost": spec.cost.of(spec.own_source),
         "cost_unit": spec.cost.unit,
         "models": models,
     }
@@ -296,11 +296,6 @@ def _subsets(k: int) -> list[tuple[int, ...]]:
     """Kept factors, all of them first."""
     sizes = range(k, 0, -1) if k <= _ALL_SUBSETS else range(k, max(k - 2, 0), -1)
     return [kept for size in sizes for kept in itertools.combinations(range(k), size)]
-
-
-def _cost(spec: CampaignSpec) -> float:
-    """Of a run, as the campaign makes them."""
-    return spec.cost.simulation if spec.simulator is not None else spec.cost.flight
 
 
 @dataclass(frozen=True, slots=True)

@@ -240,8 +240,8 @@ def _ingested(spec: CampaignSpec, name: str, group: Sequence[MeasuredScore], out
         if row.line in outside:
             metadata["outside_region"] = True
         scores.append(NewScore(row.application, row.score, row.se, row.n, row.correct, metadata, name, row.line))
-    cost = spec.cost.simulation if first.source == "simulation" else spec.cost.flight
-    return IngestedRun(first.run_id, first.settings, first.source, _block(spec, first), cost, tuple(scores))
+    cost, block = spec.cost.of(first.source), _block(spec, first)
+    return IngestedRun(first.run_id, first.settings, first.source, block, cost, tuple(scores))
 
 
 def file_messages(

@@ -88,12 +88,8 @@ def start_batch(
     else:
         points = start_design(model, spec.region, n, CENTRE_REPEATS, spec.seed)
     why = f"initial design: {n} runs for a model of {model.p} terms"
-    cost = _cost(spec, source)
+    cost = spec.cost.of(source)
     return [NewRun(settings, START, why, source, cost) for settings in rounded_settings(spec.region, points)]
-
-
-def _cost(spec: CampaignSpec, source: str) -> float:
-    return spec.cost.simulation if source == "simulation" else spec.cost.flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +167,7 @@ class _Chooser:
         if two:
             weights = np.where(flights, self.flight_weight() * weights, weights)
             weight *= self.flight_weight() if source == "flight" else 1.0
-        cost = _cost(self.spec, source)
+        cost = self.spec.cost.of(source)
         return propose_batch(
             self.model,
             self.spec.region,
@@ -285,7 +281,7 @@ def next_batch(
             ties -= proposal.purpose == "tie"
             setting = _settings_of(region, proposal, done)
             why = proposal.why if len(analyses) == 1 else f"{chooser.analysis.application}: {proposal.why}"
-            made.append(NewRun(setting, proposal.purpose, why, chosen, _cost(spec, chosen)))
+            made.append(NewRun(setting, proposal.purpose, why, chosen, spec.cost.of(chosen)))
             done.append(_Made(setting, chosen, ""))
     return made
 
@@ -335,7 +331,7 @@ def _best_source(
     found = {source: chooser.batch_by_quadratic(done, 1, source, df_pure_error, barred, known)[0] for source in sources}
     kept = {"repeat", "spread"}
     if any(proposal.purpose in kept for proposal in found.values()):
-        source = min(found, key=lambda name: _cost(chooser.spec, name))
+        source = min(found, key=lambda name: chooser.spec.cost.of(name))
     else:
         source = max(found, key=lambda name: found[name].gain)
     if source == "flight" and ties > 0:

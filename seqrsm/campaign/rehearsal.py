@@ -70,7 +70,7 @@ def rehearse_campaign(campaign: Campaign, n_campaigns: int, progress: Callable[[
 def _plain(spec: CampaignSpec) -> CampaignSpec:
     """The first application alone, its scores normal and of equal weight, in no blocks."""
     model = spec.model.model_copy(
-        update={"errors": "normal", "weights": "equal", "block": None, "block_effect": "fixed", "terms": "full"}
+        update={"errors": "normal", "weights": "equal", "block": None, "block_effect": "fixed"}
     )
     return replace(spec, applications=spec.applications[:1], considerations=(), model=model, simulator=None)
 
@@ -207,14 +207,13 @@ def _share(values: FloatArray, interval: Interval) -> float:
 
 def _summary(spec: CampaignSpec, analysis: Analysis, draws: Draws, ended: Sequence[dict[str, float]]) -> dict[str, Any]:
     found = {name: np.array([one[name] for one in ended]) for name in ended[0]}
-    cost = spec.cost.simulation if spec.simulator is not None else spec.cost.flight
     low, middle, high = (int(x) for x in np.quantile(found["runs"], [0.1, 0.5, 0.9]))
     numbers = {
         "stopped": float(np.mean(found["held"])),
         "runs_p10": low,
         "runs_median": middle,
         "runs_p90": high,
-        "cost_median": float(np.median(found["runs"] * cost)),
+        "cost_median": float(np.median(found["runs"] * spec.cost.of(spec.own_source))),
         "coverage_rule": float(np.mean(found["rule"])),
         "coverage_new_run": float(np.mean(found["prediction"])),
         "coverage_mean": float(np.mean(found["confidence"])),

@@ -30,8 +30,9 @@ from seqrsm.cli.console import (
     show_table,
     stop_on_signals,
 )
+from seqrsm.cli.doctor import doctor
 from seqrsm.cli.scene import scene_app
-from seqrsm.cli.standalone import catalog, design, doctor, parameters, schema
+from seqrsm.cli.standalone import catalog, design, parameters, schema
 from seqrsm.errors import Problem, SpecError, UserError
 
 if TYPE_CHECKING:

@@ -442,7 +442,10 @@ def decide(
     if look.guess is not None:
         checks.append(_guess_check(look.guess, look.lead, width, unit))
     if not adequacy.weighed:
-        checks += [_pure_error_check(look.df_pure_error), _lack_of_fit_check(rule, adequacy)]
+        asked = f"{_MIN_DF_PURE_ERROR} are required"
+        text = f"Repeated runs give {look.df_pure_error} degrees of freedom of pure error; {asked}."
+        checks.append(Check("pure_error", look.df_pure_error >= _MIN_DF_PURE_ERROR, text))
+        checks.append(_lack_of_fit_check(rule, adequacy))
     before_confirmation = all(check.holds is True for check in checks)
     if rule.guard == "confirmation":
         checks.append(_confirmation_check(rule, confirmation))
@@ -487,12 +490,6 @@ def _guess_check(guess: float, lead: float, width: float, unit: str) -> Check:
     away = f"better by {amount(lead, unit)}" if lead > 0.0 else "no better"
     text = f"{said}; the optimum is {away}, less than its half-width, so no setting is shown to beat guessing."
     return Check("guess", False, text)
-
-
-def _pure_error_check(df: int) -> Check:
-    asked = _MIN_DF_PURE_ERROR
-    text = f"Repeated runs give {df} degrees of freedom of pure error; {asked} are required."
-    return Check("pure_error", df >= asked, text)
 
 
 def _lack_of_fit_check(rule: StopRule, adequacy: Adequacy) -> Check:

@@ -309,3 +309,19 @@ class Constraint:
         n = max((np.asarray(settings[name]).size for name in self.names), default=1)
         with np.errstate(all="ignore"):
             return np.array(_slack(self._tree, settings, n), dtype=np.float64)
+
+    def right(self, settings: Mapping[str, Any], n: int) -> FloatArray:
+        """Values (n,) of the right side of a single comparison; settings as of `slack`."""
+        with np.errstate(all="ignore"):
+            return np.array(np.broadcast_to(_evaluate(self._tree[2], settings)[0], (n,)), dtype=np.float64)
+
+
+def arithmetic(text: str) -> Constraint:
+    """Arithmetic in the factors' natural units, as the right side of a comparison.
+
+    Raises
+    ------
+    RegionError
+        As of `Constraint`.
+    """
+    return Constraint(f"0 <= ({text})")

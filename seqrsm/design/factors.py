@@ -294,6 +294,11 @@ class CategoricalFactor:
         object.__setattr__(self, "levels", levels)
 
     @property
+    def coded_levels(self) -> FloatArray:
+        """Index of each level, as points hold it; shape (c,)."""
+        return np.arange(len(self.levels), dtype=np.float64)
+
+    @property
     def contrasts(self) -> FloatArray:
         """Sum-to-zero contrasts: row = level, column = contrast; identity above a row of -1; shape (c, c - 1)."""
         c = len(self.levels)

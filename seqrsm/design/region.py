@@ -153,15 +153,7 @@ class Region:
     @property
     def axes(self) -> search.Axes:
         """Per factor the array of its coded levels, or None for a continuous one."""
-        levels: list[FloatArray | None] = []
-        for factor in self.factors:
-            if isinstance(factor, ContinuousFactor):
-                levels.append(None)
-            elif isinstance(factor, DiscreteFactor):
-                levels.append(factor.coded_levels)
-            else:
-                levels.append(np.arange(len(factor.levels), dtype=np.float64))
-        return tuple(levels)
+        return tuple(None if isinstance(factor, ContinuousFactor) else factor.coded_levels for factor in self.factors)
 
     def code(self, settings: Sequence[Mapping[str, float | str]]) -> FloatArray:
         """Coded points (n, k) of settings in natural units.
@@ -318,7 +310,7 @@ class Region:
         """Feasible intervals of factor ``j`` through each of the points (n, k): spans (n, m, 2) and counts (n,)."""
         if self.is_box and self.axes[j] is None:
             return np.tile([-1.0, 1.0], (len(points), 1, 1)), np.ones(len(points), dtype=np.int64)
-        return search.line_intervals(points, j, self.axes[j], self._line_slack)
+        return search.line_intervals(points, j, self.axes[j], self.slack)
 
     def centre(self) -> FloatArray:
         """Central point (k,): coded 0, the discrete level nearest to 0, first level of each categorical factor.
@@ -348,9 +340,6 @@ class Region:
             else:
                 natural[factor.name] = factor.decode(points[:, column])
         return natural
-
-    def _line_slack(self, points: FloatArray) -> FloatArray:
-        return np.full(points.shape[0], np.inf) if self.is_box else self.slack(points)
 
 
 def _number(factor: Factor, setting: Mapping[str, float | str]) -> float | Problem:

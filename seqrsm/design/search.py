@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -137,23 +136,12 @@ def _climb(axes: Axes, slacks: Callable[[FloatArray], FloatArray], points: Float
     return improved
 
 
-@dataclass(frozen=True, slots=True)
-class _Some:
-    """The slacks of some of the constraints."""
-
-    slacks: Slack
-    columns: list[int]
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        return self.slacks(points)[:, self.columns]
-
-
 def conflicting(axes: Axes, slacks: Callable[[FloatArray], FloatArray], n_constraints: int) -> tuple[int, ...]:
     """Return the indices of constraints that no point satisfies together, none of which can be left out."""
     kept = list(range(n_constraints))
     for index in range(n_constraints):
         rest = [i for i in kept if i != index]
-        if rest and feasible_anchors(axes, _Some(slacks, rest)).shape[0] == 0:
+        if rest and not len(feasible_anchors(axes, lambda points, rest=rest: slacks(points)[:, rest])):  # type: ignore[misc]
             kept = rest
     return tuple(kept)
 

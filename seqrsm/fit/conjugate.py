@@ -119,10 +119,24 @@ def mixture_quantile(
     each = centre + scale * stdtrit(df, probability)
     margin = 1e-9 * (np.abs(each).max(axis=1) + scale.max(axis=1))
 
-    def above(x: FloatArray, k: IntArray) -> FloatArray:
-        return np.asarray(stdtr(df, (x[:, None] - centre[k]) / scale[k]) @ shares - probability)
+    def below(x: FloatArray, k: IntArray) -> FloatArray:
+        return np.asarray(stdtr(df, (x[:, None] - centre[k]) / scale[k]) @ shares)
 
-    found = find_root(above, (each.min(axis=1) - margin, each.max(axis=1) + margin), args=(np.arange(len(each)),))
+    return where_reached(probability, each.T, margin, below)
+
+
+def where_reached(
+    probability: float, each: FloatArray, margin: FloatArray, below: Callable[[FloatArray, IntArray], FloatArray]
+) -> FloatArray:
+    """Where (m,) distribution functions ``below`` (places, numbers of them) reach a probability.
+
+    That is between the quantiles of their parts, ``each`` (c, m), which err by less than ``margin`` (m,).
+    """
+
+    def above(x: FloatArray, k: IntArray) -> FloatArray:
+        return np.asarray(below(x, k) - probability)
+
+    found = find_root(above, (each.min(axis=0) - margin, each.max(axis=0) + margin), args=(np.arange(len(margin)),))
     return np.asarray(found.x)
 
 

@@ -24,11 +24,10 @@ from seqrsm.arrays import FloatArray
 from seqrsm.errors import ConvergenceError, FitError, Problem
 from seqrsm.fit import convergence
 from seqrsm.fit.conjugate import Flat, LinearBounds, Prior
-from seqrsm.fit.moves import DifferentialMove, IndependenceMove, Move, SnookerMove
+from seqrsm.fit.moves import DifferentialMove, Distribution, IndependenceMove, Move, SnookerMove
 from seqrsm.fit.target import (
     GeneralModel,
     Target,
-    TunedProposal,
     build_target,
     general_target,
 )
@@ -203,7 +202,7 @@ class _Chain:
             late = self.stored[_PILOT // 2 :: 10].reshape(-1, target.d)
             self._start([target.proposal.tuned(late), target.proposal], [0.8, 0.2])
 
-    def _start(self, proposals: list[TunedProposal], shares: list[float]) -> None:
+    def _start(self, proposals: list[Distribution], shares: list[float]) -> None:
         """Begin to count afresh from the present state, with these independence proposals from now on."""
         self.moves: dict[str, Move] = {
             "independence": IndependenceMove(proposals, shares),

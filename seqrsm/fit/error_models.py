@@ -64,6 +64,8 @@ class Draws:
         Standard deviation of random blocks.
     more : dict
         Other parameters of the errors, (m,) each, by name.
+    instead : str
+        How they were made in place of emcee, and why; "" where nothing stands in its place.
     """
 
     terms: FloatArray
@@ -73,6 +75,7 @@ class Draws:
     bounds: LinearBounds | None = None
     sigma_block: FloatArray | None = None
     more: Mapping[str, FloatArray] = field(default_factory=dict)
+    instead: str = ""
 
     def first(self, n: int) -> Draws:
         """The first ``n`` draws."""
@@ -235,7 +238,8 @@ class _Additive(ErrorModel):
             if through and runs.own_columns and not np.any(sigma):
                 beta[:, : len(runs.fit.estimate)] = runs.fit.estimate  # no rounding dust, which has a best end
             if through or enough(len(sigma), n):
-                return _of_terms(runs, (beta, sigma), made, share)
+                passes = "exactly, not by emcee: the surface passes through every score" if through else ""
+                return _of_terms(runs, (beta, sigma), made, share, passes)
         from seqrsm.fit.ensemble import sample_posterior  # emcee: only where it is asked for
 
         Z, y, weights, prior, seed = runs.Z, runs.y, runs.weights, runs.prior, int(rng.integers(2**31))
@@ -247,7 +251,8 @@ class _Additive(ErrorModel):
             if self.exact:
                 raise
             # A wild score makes a posterior of several hills, between which the ensemble hardly moves.
-            return _of_terms(runs, *self.independent(runs, inner, n, rng))
+            why = "by Gibbs sampling because emcee did not converge"
+            return _of_terms(runs, *self.independent(runs, inner, n, rng), why)
         keep = chain.draws[_spread(len(chain.draws), n)]
         if inner is not None and share is None:
             share = float(np.mean(inner.hold(self.independent(runs, None, n, rng)[0][0])))
@@ -304,25 +309,16 @@ class StudentT(_Additive):
     ) -> tuple[tuple[FloatArray, ...], Made, float | None]:
         """Draws by Gibbs sampling, so many that they are worth ``n`` independent ones."""
         rows = _ROWS_PER_DRAW * n
-        found = student_draws(runs.Z, runs.y, runs.weights, runs.prior, rows, rng)
-        made: Made = {
-            "method": "gibbs",
-            "errors": self.name,
-            "draws": len(found.sigma),
-            "steps": found.sweeps,
-            "ess": found.ess,
-            "ess_ends": found.ess_ends,
-            "r_hat": found.r_hat,
-        }
+        *found, reached = student_draws(runs.Z, runs.y, runs.weights, runs.prior, rows, rng)
+        made: Made = {"method": "gibbs", "errors": self.name, "draws": len(found[1]), **reached}
         if bounds is None:
-            return (found.beta, found.sigma), made, None
-        first = [(found.beta, found.sigma)]
+            return tuple(found), made, None
+        first = [tuple(found)]
 
         def more(m: int) -> tuple[FloatArray, ...]:
             if first:
                 return first.pop()
-            again = student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)
-            return again.beta, again.sigma
+            return student_draws(runs.Z, runs.y, runs.weights, runs.prior, m, rng)[:2]
 
         held, share = bounded_draws(more, bounds, rows, most=_MOST_ROUNDS)
         return held, made | {"draws": len(held[1])}, share
@@ -393,9 +389,11 @@ def enough(found: int, wanted: int) -> bool:
     return found >= _LEAST_SHARE * wanted
 
 
-def _of_terms(runs: LinearRuns, found: tuple[FloatArray, ...], made: Made, share: float | None) -> Draws:
+def _of_terms(
+    runs: LinearRuns, found: tuple[FloatArray, ...], made: Made, share: float | None, instead: str = ""
+) -> Draws:
     beta, sigma = found
-    return Draws(runs.to_terms(beta), sigma * runs.sigma_unit, made, share)
+    return Draws(runs.to_terms(beta), sigma * runs.sigma_unit, made, share, instead=instead)
 
 
 def _logit_prior(runs: LinearRuns) -> CoefficientPrior:

@@ -139,7 +139,9 @@ class LeastSquaresFit:
     @property
     def t(self) -> FloatArray:
         """Student-t statistic of every coefficient (p,); nan where the standard error is 0 or undefined."""
-        return _ratio(self.estimate, self.se)
+        found = np.full(self.estimate.shape, np.nan)
+        np.divide(self.estimate, self.se, out=found, where=self.se > 0.0)
+        return found
 
     @property
     def p_value(self) -> FloatArray:
@@ -308,7 +310,8 @@ def fit_least_squares(
     Z = np.ascontiguousarray(Z, dtype=np.float64)
     y = np.ascontiguousarray(y, dtype=np.float64)
     w = np.ones(y.shape[0]) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
-    names, kinds = _names_and_kinds(terms)
+    names = tuple(term if isinstance(term, str) else term.name for term in terms)
+    kinds = tuple("block" if isinstance(term, str) else term.kind for term in terms)
     check_runs(Z, y, w, len(names))
     if y.size < len(names):
         remedy = f"add {len(names) - y.size} runs, use fewer terms, or fit with an informative prior"
@@ -399,15 +402,6 @@ def block_columns(block_ids: Iterable[object]) -> tuple[FloatArray, tuple[str, .
     return contrasts[index] if ids else np.zeros((0, 0)), tuple(f"block[{name}]" for name in order[:-1])
 
 
-def _names_and_kinds(terms: Sequence[Term | str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    pairs = [(term, "block") if isinstance(term, str) else (term.name, term.kind) for term in terms]
-    return tuple(name for name, _ in pairs), tuple(kind for _, kind in pairs)
-
-
-def _alias_text(aliased: tuple[str, ...]) -> str:
-    return f"the runs cannot tell these terms apart: {', '.join(aliased)}"
-
-
 def _reason(n: int, rank: int, sse: float, aliased: tuple[str, ...]) -> str:
     reasons = []
     if n == rank:
@@ -415,14 +409,8 @@ def _reason(n: int, rank: int, sse: float, aliased: tuple[str, ...]) -> str:
     elif sse == 0.0:
         reasons.append("the model reproduces every score exactly: s is 0 and F tests are undefined")
     if aliased:
-        reasons.append(_alias_text(aliased))
+        reasons.append(f"the runs cannot tell these terms apart: {', '.join(aliased)}")
     return "; ".join(reasons)
-
-
-def _ratio(a: FloatArray, b: FloatArray) -> FloatArray:
-    ratio = np.full(a.shape, np.nan)
-    np.divide(a, b, out=ratio, where=b > 0.0)
-    return ratio
 
 
 _OUTLIER = 0.05  # familywise level of the outlier test

@@ -33,6 +33,9 @@ class Distribution(Protocol):
     def log_density(self, x: FloatArray) -> FloatArray:
         """Normalised log density (n, d) -> (n,)."""
 
+    def tuned(self, draws: FloatArray) -> Distribution:
+        """The member of the family with the moments of ``draws`` (n, d)."""
+
 
 class Move:
     """Base of the moves: accepts and counts.

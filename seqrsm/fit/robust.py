@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from seqrsm.arrays import FloatArray
@@ -47,31 +45,6 @@ _LEAST_SWEEPS = 12
 _ENDS = (0.025, 0.975)
 
 
-@dataclass(frozen=True, slots=True)
-class StudentDraws:
-    """Posterior draws under Student-t errors.
-
-    Attributes
-    ----------
-    beta, sigma : ndarray (m, p), (m,)
-        Coefficients and scale of the errors, in random order: any part of them is a sample.
-    r_hat : float
-        Largest potential scale reduction of a coefficient or log sigma over the chains (Gelman & Rubin 1992).
-    ess, ess_ends : float
-        Smallest effective number of draws of a coefficient or log sigma: of the mean, and of the ends of 95 %
-        intervals.
-    sweeps : int
-        After the warm-up.
-    """
-
-    beta: FloatArray
-    sigma: FloatArray
-    r_hat: float
-    ess: float
-    ess_ends: float
-    sweeps: int
-
-
 def student_draws(
     Z: FloatArray,
     y: FloatArray,
@@ -79,7 +52,7 @@ def student_draws(
     prior: Prior,
     n_draws: int,
     rng: np.random.Generator,
-) -> StudentDraws:
+) -> tuple[FloatArray, FloatArray, dict[str, float]]:
     """Posterior of coefficients and scale under Student-t errors.
 
     An error is normal with a precision of its own from a gamma distribution; given these the posterior is the exact
@@ -93,6 +66,15 @@ def student_draws(
     n_draws : int
         At least so many; they are worth from a fifth to all of as many independent ones.
     rng : numpy.random.Generator
+
+    Returns
+    -------
+    beta, sigma : ndarray (m, p), (m,)
+        Coefficients and scale of the errors, in random order: any part of them is a sample.
+    dict
+        Of a coefficient or log sigma: ``ess`` and ``ess_ends``, the smallest effective number of draws, of the mean and
+        of the ends of 95 % intervals; ``r_hat``, the largest potential scale reduction over the chains (Gelman & Rubin
+        1992). ``steps``: sweeps after the warm-up.
     """
     n, p = Z.shape
     start = posterior(Z, y, weights, prior)
@@ -129,14 +111,13 @@ def student_draws(
     between = np.var(np.mean(known, axis=0), axis=0, ddof=1)
     r_hat = float(np.sqrt(np.max((sweeps - 1.0) / sweeps + between / np.maximum(within, 1e-300))))
     order = rng.permutation(sweeps * _CHAINS)
-    return StudentDraws(
-        beta=beta.reshape(-1, p)[order],
-        sigma=sigmas.ravel()[order],
-        r_hat=r_hat,
-        ess=min(ess(known[:, :, j].T) for j in range(p + 1)),
-        ess_ends=min(ess_tail(known[:, :, j].T, _ENDS) for j in range(p + 1)),
-        sweeps=sweeps,
-    )
+    reached = {
+        "steps": sweeps,
+        "ess": min(ess(known[:, :, j].T) for j in range(p + 1)),
+        "ess_ends": min(ess_tail(known[:, :, j].T, _ENDS) for j in range(p + 1)),
+        "r_hat": r_hat,
+    }
+    return beta.reshape(-1, p)[order], sigmas.ravel()[order], reached
 
 
 def _solved_upwards(L: FloatArray, right: FloatArray) -> FloatArray:

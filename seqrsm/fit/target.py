@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -25,13 +25,6 @@ from seqrsm.fit.moves import Distribution
 
 # Share of the base's degrees of freedom kept by the proposal for Student-t errors: heavier tails than the target.
 _TAIL = 0.7
-
-
-class TunedProposal(Distribution, Protocol):
-    """Independence proposal that can be fitted to draws."""
-
-    def tuned(self, draws: FloatArray) -> TunedProposal:
-        """The member of the family with the moments of ``draws`` (n, d)."""
 
 
 _MANY = 1000
@@ -93,7 +86,7 @@ class Target:
     ----------
     log_prob : callable
         (n, d) -> (n,), up to a constant.
-    proposal : TunedProposal
+    proposal : Distribution
         From the base: the target itself for normal errors and a conjugate prior.
     exact : bool
         Whether it is.
@@ -106,7 +99,7 @@ class Target:
     """
 
     log_prob: Callable[[FloatArray], FloatArray]
-    proposal: TunedProposal
+    proposal: Distribution
     exact: bool
     d: int
     unpack: Callable[[FloatArray], FloatArray]

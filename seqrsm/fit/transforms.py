@@ -6,8 +6,6 @@ bounds, and the optimum stays where it was, since the logit is monotone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import expit
 
@@ -17,28 +15,8 @@ from seqrsm.errors import FitError, Problem
 NOMINAL_COUNT = 200.0  # a score of unknown count is clipped to 0.25 % ... 99.75 %
 
 
-@dataclass(frozen=True, slots=True)
-class LogitScores:
-    """Scores on the logit scale.
-
-    Attributes
-    ----------
-    value : ndarray (n,)
-        Logits, always finite.
-    weight : ndarray (n,)
-        Inverse relative variances, mean 1.
-    variance_unit : float
-        Logit variance that weight 1 stands for; a run expected at ``percent`` has
-        weight ``variance_unit / logit_variance(percent, ...)``.
-    """
-
-    value: FloatArray
-    weight: FloatArray
-    variance_unit: float
-
-
-def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> LogitScores:
-    """Logit of percent scores and delta-method weights.
+def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> FloatArray:
+    """Logit of percent scores.
 
     Parameters
     ----------
@@ -46,13 +24,12 @@ def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> Lo
         Scores [%], 0 ... 100, both ends included.
     counts : ndarray (n,), optional
         Independent trials behind each score, > 0; nan where unknown. The empirical logit
-        log((c + 1/2) / (m - c + 1/2)) with variance 1 / (c + 1/2) + 1 / (m - c + 1/2) is used for them.
+        log((c + 1/2) / (m - c + 1/2)) is used for them.
 
     Returns
     -------
-    LogitScores
-        Scores without a count have equal variance on the percent scale, (1 point)^2: 0.01^2 / (p (1 - p))^2 here. They
-        are clipped to 0.5 / n from the ends, n = 200, so that 0 and 100 have finite logits and small weights.
+    ndarray (n,)
+        Always finite: scores without a count are clipped to 0.5 / n from the ends, n = 200.
 
     Raises
     ------
@@ -70,14 +47,15 @@ def logit_scores(percent: FloatArray, *, counts: FloatArray | None = None) -> Lo
     correct = percent / 100.0 * np.where(counted, m, NOMINAL_COUNT)
     wrong = np.where(counted, m, NOMINAL_COUNT) - correct
     p = clip_percent(percent) / 100.0
-    value = np.where(counted, np.log((correct + 0.5) / (wrong + 0.5)), np.log(p / (1.0 - p)))
-    variance = np.where(counted, 1.0 / (correct + 0.5) + 1.0 / (wrong + 0.5), np.square(0.01 / (p * (1.0 - p))))
-    unit = float(1.0 / np.mean(1.0 / variance))
-    return LogitScores(value, unit / variance, unit)
+    return np.where(counted, np.log((correct + 0.5) / (wrong + 0.5)), np.log(p / (1.0 - p)))
 
 
 def logit_variance(percent: FloatArray, *, count: float | None = None) -> FloatArray:
-    """Delta-method variance of the logit of a score expected at ``percent`` [%], by count or of 1 point."""
+    """Delta-method variance of the logit of a score expected at ``percent`` [%], by count or of 1 point.
+
+    Scores without a count have equal variance on the percent scale, (1 point)^2: 0.01^2 / (p (1 - p))^2 here, so that
+    those near 0 and 100 weigh little.
+    """
     p = clip_percent(percent) / 100.0
     if count is not None:
         return np.asarray(1.0 / (count * p + 0.5) + 1.0 / (count * (1.0 - p) + 0.5))

@@ -87,7 +87,7 @@ def build_report(dossier: Dossier) -> Report:
         subtitle=spec.description or "Response surface, optimum and intervals of a sensor design",
         state=_state_text(dossier),
         version=seqrsm.__version__,
-        sections=_with_numbers(tuple(shown)),
+        sections=tuple(_numbered(shown, itertools.count(1), itertools.count(1))),
         profiles=tuple(("" if len(analyses) == 1 else one.application, profile_text(one)) for one in analyses),
         byline=", ".join(text for text in (spec.author, spec.date) if text),
     )
@@ -106,15 +106,11 @@ def _state_text(dossier: Dossier) -> str:
     return f"{scored} scored runs, up to run {last}; specification {dossier.spec.spec_hash[:12]}"
 
 
-def _with_numbers(sections: tuple[Section, ...]) -> tuple[Section, ...]:
+def _numbered(sections: Iterable[Section], figures: Iterator[int], tables: Iterator[int]) -> Iterator[Section]:
     """Number figures and tables in their order; the paragraph before them refers to them.
 
     Where none stands before them in their section, one is put there.
     """
-    return tuple(_numbered(sections, itertools.count(1), itertools.count(1)))
-
-
-def _numbered(sections: tuple[Section, ...], figures: Iterator[int], tables: Iterator[int]) -> Iterator[Section]:
     for section in sections:
         blocks: list[Block] = [Paragraph(""), *section.blocks]
         found: dict[int, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Simulated images and ground truth as small PNG bitmaps with a scale bar."""
+"""Simulated images and ground truth as small PNG bitmaps with a scale bar, and as numbers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from seqrsm.arrays import AnyArray, FloatArray
+from seqrsm.report.blocks import PanelData
 
 MAX_WIDTH = 600
 MAX_HEIGHT = 900
@@ -29,8 +30,9 @@ def category_color(index: int) -> str:
     return CATEGORY_COLORS[index % len(CATEGORY_COLORS)]
 
 
-def reduction(rows: int, columns: int, pictures: int = 1) -> int:
-    """Whole factor by which each of so many equal ``pictures`` is reduced to stay within the limits above."""
+def reduction(shape: Sequence[int], pictures: int = 1) -> int:
+    """Whole factor by which each of so many ``pictures`` of one shape is reduced to stay within the limits above."""
+    rows, columns = shape
     crowding = int(np.ceil(np.sqrt(rows * columns * pictures / ALL_PIXELS)))
     return max(1, -(-columns // MAX_WIDTH), -(-rows // MAX_HEIGHT), crowding)
 
@@ -96,3 +98,10 @@ def _png(pixels: AnyArray, palette: Sequence[str] = ()) -> bytes:
     stream = io.BytesIO()
     image.save(stream, "PNG", compress_level=9)
     return stream.getvalue()
+
+
+def picture_data(pixels: AnyArray, pixel_m: float) -> PanelData:
+    """Pixels of a bitmap: a row for each range, a column for each azimuth, in metres from the near left corner."""
+    columns = ("across track [m] \\ along track [m]", *(f"{pixel_m * j:.10g}" for j in range(pixels.shape[1])))
+    rows = tuple((pixel_m * i, *line) for i, line in enumerate(pixels.tolist()))
+    return PanelData(columns, rows)

@@ -83,7 +83,7 @@ def _levels(analysis: Analysis) -> list[list[float]]:
     factors, best = analysis.region.factors, analysis.optimum.point
     fixed = 1
     for factor in factors:
-        fixed *= 1 if isinstance(factor, ContinuousFactor) else len(_steps(factor))
+        fixed *= 1 if isinstance(factor, ContinuousFactor) else len(factor.coded_levels)
     free = sum(isinstance(factor, ContinuousFactor) for factor in factors)
     count = int(np.clip((MOST_NODES / fixed) ** (1.0 / max(free, 1)), _LEAST, _MOST))
     found = []
@@ -94,15 +94,8 @@ def _levels(analysis: Analysis) -> list[list[float]]:
             nodes[np.argmin(np.abs(nodes - best[j]))] = best[j]
             found.append(sorted({-1.0, *nodes.tolist(), 1.0}))
         else:
-            found.append(_steps(factor))
+            found.append(factor.coded_levels.tolist())
     return found
-
-
-def _steps(factor: Factor) -> list[float]:
-    if isinstance(factor, CategoricalFactor):
-        return [float(i) for i in range(len(factor.levels))]
-    assert not isinstance(factor, ContinuousFactor)
-    return [float(value) for value in factor.coded_levels]
 
 
 def _text(factor: Factor, coded: float) -> str:

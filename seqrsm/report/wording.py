@@ -330,12 +330,8 @@ def level_probabilities(analysis: Analysis, factor: Factor) -> dict[str, float]:
     if isinstance(factor, ContinuousFactor):
         return {}
     draws = analysis.posterior.optimum_points[:, analysis.region.names.index(factor.name)]
-    if isinstance(factor, CategoricalFactor):
-        coded = np.arange(len(factor.levels), dtype=np.float64)
-    else:
-        coded = factor.coded_levels
-    labels = level_labels(factor)
-    return {label: float(np.mean(np.abs(draws - c) < 1e-6)) for label, c in zip(labels, coded, strict=True)}
+    levels = zip(level_labels(factor), factor.coded_levels, strict=True)
+    return {label: float(np.mean(np.abs(draws - coded) < 1e-6)) for label, coded in levels}
 
 
 def level_phrase(analysis: Analysis) -> str:

@@ -141,6 +141,13 @@ class EmissivityLookup:
     status: tuple[str, ...]
     notes: tuple[str, ...]
 
+    def at_angles(self, theta_deg: ArrayLike) -> FloatArray:
+        """Emissivity (n_categories, n_moistures, ...) at look angles, linear between whole degrees."""
+        position = np.minimum(np.asarray(theta_deg, dtype=np.float64), THETA_DEG[-1])
+        k = np.minimum(position.astype(np.int64), THETA_DEG.size - 2)
+        part = position - k
+        return np.asarray((1.0 - part) * self.emissivity[:, :, k] + part * self.emissivity[:, :, k + 1])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EmissivityTable:

@@ -53,11 +53,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         "name": np.array(scene.name),
         "licence": np.array(scene.licence),
         "provenance": np.array(scene.provenance),
+        **scene.states,
     }
-    if scene.temperature_k is not None:
-        members["temperature_k"] = scene.temperature_k
-    if scene.soil_moisture is not None:
-        members["soil_moisture"] = scene.soil_moisture
     try:
         with open(path, "wb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **members)

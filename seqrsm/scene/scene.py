@@ -21,8 +21,11 @@ MAX_CELLS: Final = 100_000_000
 _MIN_CELL_M: Final = 0.05
 _MAX_CELL_M: Final = 1e5
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
-_COLDEST_K, _WARMEST_K = 150.0, 500.0
-_WETTEST = 0.6
+# Lowest and highest value of the layers of the ground's state, that range in words, and what to give.
+_STATES = {
+    "temperature_k": (150.0, 500.0, "150 to 500 K", "kelvin"),
+    "soil_moisture": (0.0, 0.6, "0 to 0.6 m3/m3", "volumetric moisture"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +98,12 @@ class Scene:
         """One more than the largest field number: the length of an array with one entry for each field."""
         return int(self.field_id.max()) + 1
 
+    @property
+    def states(self) -> dict[str, Float32Array]:
+        """Layers of the ground's state that the scene has, by name."""
+        layers = {"temperature_k": self.temperature_k, "soil_moisture": self.soil_moisture}
+        return {name: layer for name, layer in layers.items() if layer is not None}
+
     def valid(self) -> BoolArray:
         """Cells (rows, cols) whose elevation and category are both known."""
         return np.asarray(np.isfinite(self.elevation_m) & (self.cover != NO_COVER))
@@ -107,11 +116,8 @@ def _layer_problems(scene: Scene) -> list[Problem]:
         ("cover", scene.cover, np.uint8),
         ("field_id", scene.field_id, np.int32),
         ("scored", scene.scored, np.bool_),
+        *((name, layer, np.float32) for name, layer in scene.states.items()),
     ]
-    if scene.temperature_k is not None:
-        wanted.append(("temperature_k", scene.temperature_k, np.float32))
-    if scene.soil_moisture is not None:
-        wanted.append(("soil_moisture", scene.soil_moisture, np.float32))
     problems = []
     shape = np.shape(scene.elevation_m)
     if len(shape) != 2 or min(shape) < 1:
@@ -205,18 +211,12 @@ def _content_problems(scene: Scene) -> list[Problem]:
     if blind.any():
         message = f"{int(blind.sum())} scored cells have no elevation or no category"
         problems.append(Problem(message, "Set scored to False there", field="scored"))
-    if scene.temperature_k is not None:
-        kelvin = scene.temperature_k[scene.valid()]
-        cold = ~((kelvin >= _COLDEST_K) & (kelvin <= _WARMEST_K))
-        if cold.any():
-            message = f"{int(cold.sum())} cells lie outside {_COLDEST_K:.0f} to {_WARMEST_K:.0f} K or are not known"
-            remedy = "Give kelvin, in every cell that has an elevation and a category"
-            problems.append(Problem(message, remedy, field="temperature_k", value=float(kelvin[cold][0])))
-    if scene.soil_moisture is not None:
-        moisture = scene.soil_moisture[scene.valid()]
-        wrong = ~((moisture >= 0.0) & (moisture <= _WETTEST))
+    for name, layer in scene.states.items():
+        low, high, limits, quantity = _STATES[name]
+        values = layer[scene.valid()]
+        wrong = ~((values >= low) & (values <= high))
         if wrong.any():
-            message = f"{int(wrong.sum())} cells lie outside 0 to {_WETTEST:g} m3/m3 or are not known"
-            remedy = "Give volumetric moisture, in every cell that has an elevation and a category"
-            problems.append(Problem(message, remedy, field="soil_moisture", value=float(moisture[wrong][0])))
+            message = f"{int(wrong.sum())} cells lie outside {limits} or are not known"
+            remedy = f"Give {quantity}, in every cell that has an elevation and a category"
+            problems.append(Problem(message, remedy, field=name, value=float(values[wrong][0])))
     return problems

@@ -54,10 +54,9 @@ def scene_statistics(scene: Scene) -> SceneStatistics:
     known = max(int(count.sum()), 1)
     n_fields, median = field_sizes(scene.field_id)
     z = scene.elevation_m
-    low, high = _ends(z)
     return SceneStatistics(
-        low_m=low,
-        high_m=high,
+        low_m=float(np.fmin.reduce(z, axis=None)),  # nan where none is known
+        high_m=float(np.fmax.reduce(z, axis=None)),
         rms_slope=rms_slope(z, scene.cell_m),
         max_slope=_largest_slope(z, scene.cell_m),
         category_fractions={name: float(n) / known for name, n in zip(scene.categories, count, strict=True)},
@@ -87,11 +86,6 @@ def _counts(layer: AnyArray, n: int) -> AnyArray:
 def _largest_slope(z: AnyArray, cell_m: float) -> float:
     """Largest slope along one axis; 0 where no slope is known."""
     return max((float(np.abs(part).max(initial=0.0)) for both in known_slopes(z, cell_m) for part in both), default=0.0)
-
-
-def _ends(z: AnyArray) -> tuple[float, float]:
-    """Least and largest known elevation; nan where none is known."""
-    return float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None))
 
 
 def _boundary_density(label: AnyArray, cell_m: float) -> float:

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from seqrsm.arrays import AnyArray, FloatArray
 from seqrsm.scattering.atmosphere import radiation_equivalent_k
-from seqrsm.scattering.emissivity import MOISTURE_NODES, EmissivityLookup
+from seqrsm.scattering.emissivity import MOISTURE_NODES
 from seqrsm.score.evidence import seen_pixels
 from seqrsm.score.optimal import mahalanobis, posterior_mean
 from seqrsm.simulate.radiometer.expected import ExpectedGround, expected_ground
@@ -171,7 +171,7 @@ def _expected_k(image: RadiometerImage, ground: ExpectedGround, sample: int, moi
     up, through, sky = ground.air[sample]
     out = np.empty((len(ground.lookups), len(share), len(moisture)))
     for layer, lookup in zip(out, ground.lookups, strict=True):
-        e = share @ _at_angle(lookup, math.degrees(abs(image.scan.look_rad[sample])))
+        e = share @ lookup.at_angles(math.degrees(abs(image.scan.look_rad[sample])))
         if e.shape[1] > 1:
             e = e[:, k] * (1.0 - (place - k)) + e[:, k + 1] * (place - k)
         layer[:] = up + through * (e * radiation_equivalent_k(warm, ground.planck_k)[:, None] + (1.0 - e) * sky)
@@ -182,13 +182,6 @@ def _slope(image: RadiometerImage, ground: ExpectedGround, sample: int) -> Float
     """Change of brightness (n_channels, n_lines) by moisture, over all of `GRID` [K / (m3/m3)]."""
     dry, wet = np.moveaxis(_expected_k(image, ground, sample, GRID[[0, -1]]), -1, 0)
     return np.asarray((wet - dry) / (GRID[-1] - GRID[0]))
-
-
-def _at_angle(lookup: EmissivityLookup, theta_deg: float) -> FloatArray:
-    """Emissivity (n_categories, n_nodes) at a look angle."""
-    k = min(int(theta_deg), 89)
-    part = theta_deg - k
-    return np.asarray((1.0 - part) * lookup.emissivity[:, :, k] + part * lookup.emissivity[:, :, k + 1])
 
 
 def _covariance(

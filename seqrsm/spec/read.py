@@ -80,7 +80,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import ValidationError
 
@@ -91,7 +91,8 @@ from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
 from seqrsm.sensor.parameters import find
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
-from seqrsm.spec.checks import Reporter
+from seqrsm.spec import sensors as spec_sensors
+from seqrsm.spec.faults import Reporter
 from seqrsm.spec.tables import (
     ApplicationSpec,
     CampaignTable,
@@ -185,6 +186,11 @@ class CampaignSpec:
     def factors(self) -> tuple[Factor, ...]:
         """Factors in the order of the file."""
         return self.region.factors
+
+    @property
+    def own_source(self) -> Literal["simulation", "flight"]:
+        """Where the campaign's runs come from, unless another source is asked for."""
+        return "flight" if self.simulator is None else "simulation"
 
     @property
     def scene_path(self) -> FilePath | None:
@@ -306,16 +312,16 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     simulator: SimulatorSpec | None = single.get("simulator")
     applications = repeated["application"]
     tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
-    sensors = spec_checks.sensors(raw.get("simulator"))
+    sensors = spec_sensors.sensors(raw.get("simulator"))
     written = raw.get("factor")
-    factors = spec_checks.factors(tables, written if isinstance(written, list) else [], sensors, report)
+    factors = spec_sensors.factors(tables, written if isinstance(written, list) else [], sensors, report)
     constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
     for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
     names = [name for path, name in report.names.items() if path[0] == "factor"]
     if isinstance(raw.get("simulator"), dict):
         spec_checks.simulator(folder, raw["simulator"], names, report)
-        spec_checks.members(sensors, raw, report)
+        spec_sensors.members(sensors, raw, report)
     spec_checks.goals(applications, report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, sensors.engine, report)
@@ -327,7 +333,7 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
         spec_checks.knowledge(applications, known, single.get("model"), report)
     if single.get("model") is not None:
         spec_checks.model(single["model"], applications, simulated="simulator" in raw, report=report)
-    spec_checks.candidates(repeated["candidate"], sensors, names, report)
+    spec_sensors.candidates(repeated["candidate"], sensors, names, report)
     region = spec_checks.region(factors, constraints, report) if factors else None
     if report.problems or region is None:
         return None

@@ -345,6 +345,10 @@ class CostSpec(Table):
     simulation: PositiveNumber = 1.0
     flight: PositiveNumber = 1.0
 
+    def of(self, source: str) -> float:
+        """Of one run from this source: a measurement that is no simulation counts as a flight."""
+        return self.simulation if source == "simulation" else self.flight
+
 
 class StopSpec(Table):
     """When the campaign stops; see the module for the meaning of each key."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import TypeAlias
 
 Path: TypeAlias = tuple[str | int, ...]
@@ -18,6 +19,7 @@ _BASIC_STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"')
 _LITERAL_STRING = re.compile(r"'[^'\n]*'")
 _LONG_BASIC_STRING = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}', re.DOTALL)
 _LONG_LITERAL_STRING = re.compile(r"'''.*?'{3,5}", re.DOTALL)
+_STRINGS = {'"""': _LONG_BASIC_STRING, "'''": _LONG_LITERAL_STRING, '"': _BASIC_STRING, "'": _LITERAL_STRING}
 _PLAIN_VALUE = re.compile(r"[^,\]}#\n]+")
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _SPACE = re.compile(r"[ \t]*")
@@ -101,40 +103,25 @@ class _Scanner:
         self.value(path)
 
     def value(self, path: Path) -> None:
-        if self.at('"""'):
-            self.take(_LONG_BASIC_STRING)
-        elif self.at("'''"):
-            self.take(_LONG_LITERAL_STRING)
-        elif self.at('"'):
-            self.take(_BASIC_STRING)
-        elif self.at("'"):
-            self.take(_LITERAL_STRING)
-        elif self.at("["):
-            self.array(path)
+        if self.at("["):
+            self.parts("]", lambda number: self.element((*path, number)))
         elif self.at("{"):
-            self.inline_table(path)
+            self.parts("}", lambda _: self.pair(path))
         else:
-            self.take(_PLAIN_VALUE)
+            self.take(next((string for start, string in _STRINGS.items() if self.at(start)), _PLAIN_VALUE))
 
-    def array(self, path: Path) -> None:
+    def element(self, path: Path) -> None:
+        self.mark(path, self.position)
+        self.value(path)
+
+    def parts(self, end: str, take_part: Callable[[int], None]) -> None:
+        """All between two brackets, by commas."""
         self.position += 1
         self.take(_BLANK)
         number = 0
-        while not self.at("]"):
-            self.mark((*path, number), self.position)
-            self.value((*path, number))
+        while not self.at(end):
+            take_part(number)
             number += 1
-            self.take(_BLANK)
-            if self.at(","):
-                self.position += 1
-                self.take(_BLANK)
-        self.position += 1
-
-    def inline_table(self, path: Path) -> None:
-        self.position += 1
-        self.take(_BLANK)
-        while not self.at("}"):
-            self.pair(path)
             self.take(_BLANK)
             if self.at(","):
                 self.position += 1

@@ -22,15 +22,15 @@ from seqrsm.report.images import (
 
 def test_grey_pixels_survive():
     grey = np.random.default_rng(0).integers(0, 256, (40, 50)).astype(np.uint8)
-    with Image.open(io.BytesIO(grey_png(grey, 10.0, reduction(*grey.shape)))) as image:
+    with Image.open(io.BytesIO(grey_png(grey, 10.0, reduction(grey.shape)))) as image:
         assert np.array_equal(np.asarray(image)[:40], grey)
 
 
 def test_large_images_are_block_means():
     grey = np.random.default_rng(1).integers(0, 256, (901, 1250)).astype(np.uint8)
-    factor = reduction(*grey.shape)
+    factor = reduction(grey.shape)
     assert factor == 3
-    with Image.open(io.BytesIO(grey_png(grey, 10.0, reduction(*grey.shape)))) as image:
+    with Image.open(io.BytesIO(grey_png(grey, 10.0, reduction(grey.shape)))) as image:
         pixels = np.asarray(image)
     assert pixels.shape[1] == 417
     assert pixels.shape[1] <= MAX_WIDTH
@@ -60,5 +60,5 @@ def test_scale_bar_is_a_round_length_within_a_third(columns, pixel, bar):
 
 
 def test_many_pictures_share_the_pixels_of_a_report():
-    factor = reduction(900, 600, 12)
+    factor = reduction((900, 600), 12)
     assert 12 * -(-900 // factor) * -(-600 // factor) <= ALL_PIXELS

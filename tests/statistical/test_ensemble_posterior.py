@@ -194,11 +194,11 @@ def test_gibbs_draws_of_student_errors_meet_the_ensemble() -> None:
     weights = rng.uniform(0.5, 2.0, 26)
     informed = NormalInverseGamma(np.array([0.0, 0.5, 0.0, 0.0]), np.diag([0.0, 2.0, 1.0, 0.5]), 1.5, 2.0)
     for prior in (Flat(), informed):
-        found = student_draws(Z, y, weights, prior, 20_000, np.random.default_rng(1))
+        beta, sigma, reached = student_draws(Z, y, weights, prior, 20_000, np.random.default_rng(1))
         chain = sample_posterior(Z, y, weights, errors="student_t", prior=prior, nu=4.0, seed=3)
-        assert found.r_hat < 1.02
+        assert reached["r_hat"] < 1.02
         theirs = [*chain.draws[:, :-1].T, np.log(chain.draws[:, -1])]
-        for own, other in zip([*found.beta.T, np.log(found.sigma)], theirs, strict=True):
+        for own, other in zip([*beta.T, np.log(sigma)], theirs, strict=True):
             assert own.mean() == pytest.approx(other.mean(), abs=0.08 * other.std())
             assert own.std() == pytest.approx(other.std(), rel=0.08)
 
@@ -208,8 +208,8 @@ def test_gibbs_draws_leave_a_wild_score_alone() -> None:
     Z = np.column_stack([np.ones(20), np.linspace(-1.0, 1.0, 20)])
     y = Z @ np.array([80.0, 3.0]) + rng.standard_normal(20)
     y[4] = 500.0
-    found = student_draws(Z, y, np.ones(20), Flat(), 4000, np.random.default_rng(1))
-    assert found.beta.mean(axis=0) == pytest.approx([80.0, 3.0], abs=1.0)
+    beta, *_ = student_draws(Z, y, np.ones(20), Flat(), 4000, np.random.default_rng(1))
+    assert beta.mean(axis=0) == pytest.approx([80.0, 3.0], abs=1.0)
 
 
 def test_student_t_draws_do_not_mind_where_the_scores_lie() -> None:
@@ -218,5 +218,5 @@ def test_student_t_draws_do_not_mind_where_the_scores_lie() -> None:
     Z = np.column_stack([np.ones(15), np.linspace(-1, 1, 15), np.linspace(-1, 1, 15) ** 2])
     y = np.round(Z @ [60.0, 2.0, -3.0] + rng.standard_t(4, size=15), 3)
     near, far = (student_draws(Z, y + by, np.ones(15), Flat(), 400, np.random.default_rng(1)) for by in (0.0, 1e12))
-    np.testing.assert_allclose(far.beta - [1e12, 0.0, 0.0], near.beta, atol=2e-3)
-    np.testing.assert_allclose(far.sigma, near.sigma, rtol=1e-3)
+    np.testing.assert_allclose(far[0] - [1e12, 0.0, 0.0], near[0], atol=2e-3)
+    np.testing.assert_allclose(far[1], near[1], rtol=1e-3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from seqrsm.analysis.scale import ResponseScale
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.quadratic import QuadraticModel
 from seqrsm.design.region import Region
@@ -16,7 +17,7 @@ from seqrsm.fit.least_squares import fit_least_squares, influential_runs, normal
 from seqrsm.fit.natural import natural_coefficients
 from seqrsm.fit.optimum import optimum
 from seqrsm.fit.robust import student_weights
-from seqrsm.fit.transforms import logit_scores, logit_to_percent
+from seqrsm.fit.transforms import logit_to_percent
 
 
 def cube(k: int) -> tuple[QuadraticModel, Region]:
@@ -48,8 +49,8 @@ def test_scores_that_do_not_vary_refuse_what_needs_scatter() -> None:
 def test_percent_scores_of_nothing_and_everything() -> None:
     model, _, points, _ = scattered(1, 9)
     percent = np.array([0.0, 0, 0, 50, 50, 50, 100, 100, 100])[np.argsort(np.argsort(points[:, 0]))]
-    scores = logit_scores(percent)
-    fit = fit_least_squares(model.matrix(points), scores.value, model.terms, weights=scores.weight)
+    scale = ResponseScale.of("logit", percent)
+    fit = fit_least_squares(model.matrix(points), scale.values, model.terms, weights=scale.weights)
     ends = logit_to_percent(fit.predict(model.matrix(np.array([[-1.0], [1.0]]))).prediction.low)
     assert np.all((ends > 0) & (ends < 100))
     assert np.isfinite(fit.se).all()

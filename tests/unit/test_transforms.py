@@ -5,38 +5,39 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from seqrsm.analysis.scale import ResponseScale
 from seqrsm.errors import FitError
 from seqrsm.fit.transforms import logit_scores, logit_to_percent, logit_variance
 
 
 def test_there_and_back() -> None:
     y = np.array([0.25, 1.0, 37.5, 50.0, 92.0, 99.75])
-    np.testing.assert_allclose(logit_to_percent(logit_scores(y).value), y, rtol=1e-13)
+    np.testing.assert_allclose(logit_to_percent(logit_scores(y)), y, rtol=1e-13)
     np.testing.assert_allclose(logit_to_percent(np.array([0.0, np.log(3.0)])), [50.0, 75.0])
 
 
 def test_counts_give_the_empirical_logit() -> None:
     scores = logit_scores(np.array([0.0, 100.0, 80.0]), counts=np.array([10.0, 10.0, 50.0]))
-    np.testing.assert_allclose(scores.value, np.log([0.5 / 10.5, 10.5 / 0.5, 40.5 / 10.5]), rtol=1e-14)
-    variance = np.array([1 / 0.5 + 1 / 10.5, 1 / 0.5 + 1 / 10.5, 1 / 40.5 + 1 / 10.5])
-    np.testing.assert_allclose(scores.variance_unit / scores.weight, variance, rtol=1e-13)
-    assert scores.weight.mean() == pytest.approx(1.0)
+    np.testing.assert_allclose(scores, np.log([0.5 / 10.5, 10.5 / 0.5, 40.5 / 10.5]), rtol=1e-14)
+    assert logit_variance(np.array([80.0]), count=50.0)[0] == pytest.approx(1 / 40.5 + 1 / 10.5, rel=1e-13)
 
 
 def test_ends_without_counts_are_finite_and_light() -> None:
-    scores = logit_scores(np.array([0.0, 50.0, 100.0]))
-    assert np.isfinite(scores.value).all()
-    np.testing.assert_allclose(scores.value[[0, 2]], np.log([0.0025 / 0.9975, 0.9975 / 0.0025]), rtol=1e-12)
-    assert scores.weight[0] < 1e-3 * scores.weight[1]
+    percent = np.array([0.0, 50.0, 100.0])
+    scores = logit_scores(percent)
+    assert np.isfinite(scores).all()
+    np.testing.assert_allclose(scores[[0, 2]], np.log([0.0025 / 0.9975, 0.9975 / 0.0025]), rtol=1e-12)
+    scale = ResponseScale.of("logit", percent)
+    np.testing.assert_array_equal(scale.values, scores)
+    assert scale.weights.mean() == pytest.approx(1.0)
+    assert scale.weights[0] < 1e-3 * scale.weights[1]
 
 
 def test_known_and_unknown_precision_mix() -> None:
     scores = logit_scores(np.array([60.0, 60.0]), counts=np.array([np.nan, 100.0]))
-    variance = scores.variance_unit / scores.weight
-    assert variance[0] == pytest.approx((0.01 / 0.24) ** 2, rel=1e-13)
-    assert variance[1] == pytest.approx(1 / 60.5 + 1 / 40.5, rel=1e-13)
-    assert logit_variance(np.array([60.0]))[0] == pytest.approx(variance[0], rel=1e-13)
-    assert logit_variance(np.array([60.0]), count=100.0)[0] == pytest.approx(variance[1], rel=1e-13)
+    np.testing.assert_allclose(scores, np.log([60.0 / 40.0, 60.5 / 40.5]), rtol=1e-14)
+    assert logit_variance(np.array([60.0]))[0] == pytest.approx((0.01 / 0.24) ** 2, rel=1e-13)
+    assert logit_variance(np.array([60.0]), count=100.0)[0] == pytest.approx(1 / 60.5 + 1 / 40.5, rel=1e-13)
 
 
 @pytest.mark.parametrize("p", [0.2, 0.5, 0.9])
@@ -47,7 +48,7 @@ def test_variances_against_monte_carlo(p: float) -> None:
     predicted = logit_variance(np.array([100 * p]), count=400.0)[0]
     assert np.var(logits) == pytest.approx(predicted, rel=0.03)  # second-order term about 1 / (m p (1 - p))
     noisy = 100 * p + rng.normal(0, 1.0, 200_000)
-    assert np.var(logit_scores(noisy).value) == pytest.approx(logit_variance(np.array([100 * p]))[0], rel=0.06)
+    assert np.var(logit_scores(noisy)) == pytest.approx(logit_variance(np.array([100 * p]))[0], rel=0.06)
 
 
 def test_scores_outside_the_scale_are_named() -> None:

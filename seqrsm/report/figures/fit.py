@@ -1,26 +1,29 @@
-"""Coefficients, residuals, importance, and how the campaign converged: results in, drawings out."""
+"""Coefficients, residuals, importance, how the campaign converged: results in, drawings and their numbers out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtri
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
+from seqrsm.fit.least_squares import LeastSquaresFit, normal_plot
+from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.optimum import run_texts, score_label
+from seqrsm.report.figures.optimum import Row, factor_column, run_texts, score_column, score_label
 from seqrsm.report.wording import readable_term, shortened
+from seqrsm.store.records import LookRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
     from seqrsm.campaign.rests_on import CropCalendar
-    from seqrsm.report.figures.data import Look
 
 MAX_COEFFICIENTS = 24
 
@@ -38,6 +41,12 @@ def paint_calendar(calendar: CropCalendar, channel: int, axes: Axes) -> None:
     axes.set_ylabel("sigma0 [dB]")
     axes.legend(frameon=False, fontsize=6.5, ncol=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     drawing.light_grid(axes)
+
+
+def calendar_data(calendar: CropCalendar, channel: int) -> PanelData:
+    """Backscatter of crops over the year in one channel."""
+    rows = zip(range(1, 366), *calendar.sigma0_db[channel].tolist(), strict=True)
+    return PanelData(("day", *(f"{crop} [dB]" for crop in calendar.crops)), tuple(rows))
 
 
 def drawn_coefficients(analysis: Analysis) -> list[int]:
@@ -74,6 +83,22 @@ def paint_coefficients(analysis: Analysis, indices: Sequence[int], axes: Axes) -
     axes.grid(visible=True, axis="x")
 
 
+def coefficient_data(analysis: Analysis) -> PanelData:
+    """Coded coefficients with confidence and credible intervals."""
+    fit, draws = analysis.fit, analysis.posterior.term_draws
+    band = fit.interval(analysis.optimum.level)
+    tail = 0.5 * (1.0 - analysis.optimum.level)
+    rows: list[Row] = []
+    for i, name in enumerate(fit.names):
+        known = draws.shape[0] > 0 and i < draws.shape[1]
+        ends = np.quantile(draws[:, i], [tail, 1.0 - tail]) if known else np.full(2, math.nan)
+        mean = float(np.mean(draws[:, i])) if known else math.nan
+        numbers = (fit.estimate[i], fit.se[i], band.low[i], band.high[i], mean, *ends)
+        rows.append((name, *(float(number) for number in numbers)))
+    names = ("estimate", "se", "confidence low", "confidence high", "posterior mean", "credible low", "credible high")
+    return PanelData(("term", *names), tuple(rows))
+
+
 def residual_paints(analysis: Analysis) -> tuple[tuple[str, Callable[[Axes], None]], ...]:
     """Titles and painters of studentised residuals against fitted score, normal quantile and run number.
 
@@ -89,7 +114,7 @@ def residual_paints(analysis: Analysis) -> tuple[tuple[str, Callable[[Axes], Non
     y = studentised[known]
     return (
         ("Residuals against fitted score", partial(_paint_residuals, fitted[known], y, f"fitted {label}", texts)),
-        ("Residuals against normal quantiles", partial(_paint_normal, y)),
+        ("Residuals against normal quantiles", partial(_paint_normal, analysis.fit)),
         ("Residuals against run", partial(_paint_residuals, runs, y, "run", texts)),
     )
 
@@ -104,15 +129,72 @@ def _paint_residuals(x: FloatArray, residuals: FloatArray, label: str, texts: li
     axes.set_ylabel("studentised residual")
 
 
-def _paint_normal(residuals: FloatArray, axes: Axes) -> None:
-    n = residuals.size
-    # Blom's plotting positions.
-    quantiles = ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
-    ordered = np.sort(residuals)
-    axes.plot(quantiles, quantiles, color=drawing.MUTED, linewidth=0.8, linestyle="--")
-    axes.scatter(quantiles, ordered, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
+def _paint_normal(fit: LeastSquaresFit, axes: Axes) -> None:
+    plot = normal_plot(fit)
+    axes.plot(plot.quantiles, plot.quantiles, color=drawing.MUTED, linewidth=0.8, linestyle="--")
+    axes.scatter(plot.quantiles, plot.residuals, s=16, facecolor="none", edgecolor=drawing.BLUE, linewidths=1.0)
     axes.set_xlabel("normal quantile")
     axes.set_ylabel("studentised residual")
+
+
+def residual_data(analysis: Analysis) -> PanelData:
+    """Observed and fitted score, residual and leverage of every run."""
+    fit = analysis.fit
+    columns = ("run", score_column(analysis, "observed"), score_column(analysis, "fitted"))
+    fitted = analysis.scale.to_score(fit.fitted)
+    values = (analysis.data.run_ids, analysis.data.scores, fitted, fit.residuals, fit.studentised, fit.leverage)
+    rows = zip(*(value.tolist() for value in values), strict=True)
+    return PanelData((*columns, "residual", "studentised residual", "leverage"), tuple(rows))
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One look.
+
+    Attributes
+    ----------
+    n_runs : int
+        Scored runs it was based on.
+    half_width : float
+        Of the interval that the stop rule watches, score units; nan where it was not defined yet.
+    confidence_half_width, prediction_half_width : float
+        At the optimum of that look, score units.
+    mean : float
+        Estimated score at that optimum.
+    settings : Mapping
+        Optimum of that look, natural units.
+    held : bool
+        Whether the stop rule held.
+    """
+
+    n_runs: int
+    half_width: float
+    confidence_half_width: float
+    prediction_half_width: float
+    mean: float
+    settings: Mapping[str, float | str]
+    held: bool
+
+
+def read_looks(records: Sequence[LookRecord], application: str) -> tuple[Look, ...]:
+    """Read the looks of one application, in order; of two at the same number of runs the later one counts.
+
+    Their summaries are those of `seqrsm.analysis.to_json.look_summary`.
+    """
+    looks: dict[int, Look] = {}
+    for record in sorted((r for r in records if r.application == application), key=lambda r: r.look):
+        summary, best = record.summary, record.summary["optimum"]
+        found = (
+            summary["half_width"],
+            best["confidence"]["half_width"],
+            best["prediction"]["half_width"],
+            best["mean"],
+        )
+        width, confidence, prediction, mean = (math.nan if number is None else number for number in found)
+        looks[record.after_run] = Look(
+            record.after_run, width, confidence, prediction, mean, dict(best["settings"]), summary["held"]
+        )
+    return tuple(looks[n] for n in sorted(looks))
 
 
 def paint_half_widths(analysis: Analysis, looks: Sequence[Look], target: float, axes: Axes) -> None:
@@ -140,6 +222,25 @@ def paint_mean_history(analysis: Analysis, looks: Sequence[Look], axes: Axes) ->
     axes.set_xlabel("scored runs")
     axes.set_ylabel(score_label(analysis))
     drawing.light_grid(axes)
+
+
+def look_data(analysis: Analysis, looks: Sequence[Look]) -> PanelData:
+    """What every look found: half-widths, mean and settings of the optimum."""
+    factors = analysis.region.factors
+    rows = tuple(
+        (
+            look.n_runs,
+            look.half_width,
+            look.mean,
+            look.confidence_half_width,
+            look.prediction_half_width,
+            *(look.settings.get(factor.name, "") for factor in factors),
+        )
+        for look in looks
+    )
+    names = ("deciding half-width", "mean at the optimum", "confidence half-width", "prediction half-width")
+    columns = ("scored runs", *(score_column(analysis, name) for name in names), *map(factor_column, factors))
+    return PanelData(columns, rows)
 
 
 def _runs(looks: Sequence[Look]) -> FloatArray:

@@ -1,14 +1,19 @@
-"""Response surfaces, slices and posterior of the optimum: results in, drawings out; nothing is estimated here."""
+"""Response surfaces, slices and posterior of the optimum: results in, drawings out, and the numbers behind them.
+
+Nothing is estimated here.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, NumericFactor, span
+from seqrsm.design.factors import CategoricalFactor, DiscreteFactor, Factor, NumericFactor, span
+from seqrsm.report.blocks import PanelData
 from seqrsm.report.figures import drawing
 from seqrsm.report.figures.surfaces import Line, Surface, numeric_factor
 from seqrsm.report.rounding import format_number
@@ -25,6 +30,7 @@ if TYPE_CHECKING:
 _CLOUD_POINTS = 220
 _FAR = 3.0
 """Times the widest interval beyond which a target is not drawn: the intervals would be points."""
+Row = tuple[float | str, ...]
 _WHITE = "#ffffff"
 _BLACK = "#000000"
 
@@ -92,6 +98,32 @@ def _runs_at(analysis: Analysis, here: BoolArray) -> str:
     shown = ", ".join(str(run) for run in ids[:6].tolist()) + (", \u2026" if ids.size > 6 else "")
     ends = " to ".join(dict.fromkeys(f"{end:.4g}" for end in (scores.min(), scores.max())))
     return f"run {shown}: score {with_unit(ends, shortened(analysis.score_unit, 20))}"
+
+
+def contour_data(analysis: Analysis, surface: Surface) -> PanelData:
+    """Grid of the fitted mean, runs, posterior draws of the optimum and the recommended settings over two factors."""
+    pair = [surface.x_index, surface.y_index]
+    x_factor, y_factor = (numeric_factor(analysis, index) for index in pair)
+    rows: list[Row] = [
+        ("fitted mean", float(x), float(y), float(surface.mean[j, i]), "yes" if surface.slack[j, i] >= 0.0 else "no")
+        for j, y in enumerate(surface.y)
+        for i, x in enumerate(surface.x)
+    ]
+    layers: tuple[tuple[str, FloatArray, FloatArray], ...] = (
+        ("run", analysis.data.points, analysis.data.scores),
+        ("posterior draw of the optimum", *_cloud(analysis)),
+        ("recommended", analysis.optimum.point[None, :], np.array([analysis.optimum.mean])),
+    )
+    for layer, points, values in layers:
+        x, y = x_factor.decode(points[:, pair[0]]), y_factor.decode(points[:, pair[1]])
+        rows += [(layer, *(float(v) for v in row), "yes") for row in zip(x, y, values, strict=True)]
+    columns = ("layer", factor_column(x_factor), factor_column(y_factor), score_column(analysis), "allowed")
+    return PanelData(columns, tuple(rows))
+
+
+def _cloud(analysis: Analysis) -> tuple[FloatArray, FloatArray]:
+    posterior = analysis.posterior
+    return thinned(posterior.optimum_points), thinned(posterior.optimum_values[:, None])[:, 0]
 
 
 def run_texts(analysis: Analysis, values: FloatArray, what: str) -> list[str]:
@@ -183,14 +215,55 @@ def _paint_levels(analysis: Analysis, line: Line, axes: Axes) -> None:
     drawing.light_grid(axes)
 
 
+def slice_data(analysis: Analysis, line: Line) -> PanelData:
+    """Fitted mean and bands along one factor, and the runs moved there."""
+    factor = analysis.region.factors[line.index]
+    bands = (line.mean, line.confidence_low, line.confidence_high, line.prediction_low, line.prediction_high)
+    rows: list[Row] = [
+        ("fitted", level, *(float(band[i]) for band in bands), "yes" if line.allowed[i] else "no", math.nan)
+        for i, level in enumerate(_natural(factor, line.x))
+    ]
+    gap = (math.nan,) * 4
+    rows += [
+        ("run, moved to the slice", level, float(score), *gap, "", int(run))
+        for level, score, run in zip(
+            _natural(factor, line.run_x), line.run_score, analysis.data.run_ids.tolist(), strict=True
+        )
+    ]
+    names = ("score", "confidence low", "confidence high", "prediction low", "prediction high")
+    columns = ("layer", factor_column(factor), *(score_column(analysis, name) for name in names), "allowed", "run")
+    return PanelData(columns, tuple(rows))
+
+
+def levels_data(analysis: Analysis, category: int, lines: tuple[Line, ...]) -> PanelData:
+    """Fitted mean and its interval along a numeric factor for each level of a categorical one."""
+    factor, levels = analysis.region.factors[lines[0].index], analysis.region.factors[category]
+    assert isinstance(levels, CategoricalFactor)
+    rows: list[Row] = [
+        (level, float(x), float(mean), float(low), float(high), "yes" if allowed else "no")
+        for level, one in zip(levels.levels, lines, strict=True)
+        for x, mean, low, high, allowed in zip(
+            one.x, one.mean, one.confidence_low, one.confidence_high, one.allowed, strict=True
+        )
+    ]
+    names = (score_column(analysis, name) for name in ("score", "confidence low", "confidence high"))
+    return PanelData((levels.name, factor_column(factor), *names, "allowed"), tuple(rows))
+
+
+def _natural(factor: Factor, values: FloatArray) -> list[float | str]:
+    """Natural values of a factor; level names of a categorical one."""
+    if isinstance(factor, CategoricalFactor):
+        return [factor.levels[int(value)] for value in values]
+    return [float(value) for value in values]
+
+
 def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
     """Draw the posterior of one factor's optimal setting: histogram, or probabilities of its levels."""
     factor = analysis.region.factors[index]
     draws = analysis.posterior.optimum_points[:, index]
     if isinstance(factor, (CategoricalFactor, DiscreteFactor)):
         labels = [shortened(label, 20) for label in level_labels(factor)]
-        coded = np.arange(len(labels)) if isinstance(factor, CategoricalFactor) else factor.coded_levels
-        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in coded])
+        share = np.array([np.mean(np.abs(draws - level) < 1e-6) for level in factor.coded_levels])
         axes.bar(np.arange(len(labels)), share, color=drawing.BLUE, width=0.6)
         axes.set_xticks(np.arange(len(labels)), labels, **_label_style(labels))
         axes.set_ylim(0.0, 1.0)
@@ -207,6 +280,14 @@ def paint_optimum_posterior(analysis: Analysis, index: int, axes: Axes) -> None:
         axes.set_ylabel("share of draws")
     axes.set_xlabel(shortened(axis_label(factor), 44))
     drawing.light_grid(axes)
+
+
+def optimum_draws_data(analysis: Analysis, index: int) -> PanelData:
+    """Every posterior draw of one factor's optimal setting."""
+    factor = analysis.region.factors[index]
+    draws = analysis.posterior.optimum_points[:, index]
+    natural = draws if isinstance(factor, CategoricalFactor) else factor.decode(draws)
+    return PanelData((factor_column(factor),), tuple((value,) for value in _natural(factor, natural)))
 
 
 def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]], stop: StopSpec, axes: Axes) -> None:
@@ -238,6 +319,17 @@ def paint_intervals(analysis: Analysis, intervals: Sequence[tuple[str, Interval]
 def score_label(analysis: Analysis) -> str:
     """Return the label of an axis of scores."""
     return f"score [{shortened(analysis.score_unit, 20)}]" if analysis.score_unit else "score"
+
+
+def score_column(analysis: Analysis, name: str = "score") -> str:
+    """Name of a column of scores, with their unit."""
+    return f"{name} [{analysis.score_unit}]" if analysis.score_unit else name
+
+
+def factor_column(factor: Factor) -> str:
+    """Name of a factor's column, with its unit."""
+    unit = "" if isinstance(factor, CategoricalFactor) else factor.unit
+    return f"{factor.name} [{unit}]" if unit else factor.name
 
 
 def _label_style(labels: list[str]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from seqrsm.analysis.results import Analysis
 from seqrsm.arrays import BoolArray, FloatArray
-from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, DiscreteFactor, NumericFactor
+from seqrsm.design.factors import CategoricalFactor, ContinuousFactor, Factor, NumericFactor
 from seqrsm.fit.intervals import Prediction
 
 GRID_POINTS = 41
@@ -121,31 +121,28 @@ def predict(analysis: Analysis, points: FloatArray) -> Prediction:
 def line(analysis: Analysis, index: int) -> Line:
     """Evaluate mean and bands along one factor through the optimum."""
     factor = analysis.region.factors[index]
-    if isinstance(factor, CategoricalFactor):
-        coded = np.arange(len(factor.levels), dtype=np.float64)
-        natural = coded
-        run_natural = analysis.data.points[:, index]
-    else:
-        coded = np.linspace(-1.0, 1.0, LINE_POINTS) if isinstance(factor, ContinuousFactor) else factor.coded_levels
-        natural = factor.decode(coded)
-        run_natural = factor.decode(analysis.data.points[:, index])
-    runs = predict(analysis, _along(analysis, index, analysis.data.points[:, index]))
-    moved = analysis.scale.to_score(runs.mean + analysis.fit.residuals)
+    coded, own = _places(factor), analysis.data.points[:, index]
+    natural, run_natural = (at if isinstance(factor, CategoricalFactor) else factor.decode(at) for at in (coded, own))
+    moved = analysis.scale.to_score(predict(analysis, _along(analysis, index, own)).mean + analysis.fit.residuals)
     return _line(analysis, index, natural, _along(analysis, index, coded), run_natural, moved)
 
 
 def lines_by_level(analysis: Analysis, index: int, category: int) -> tuple[Line, ...]:
     """`line` along a numeric factor for each level of a categorical one; without runs."""
     factor, found = numeric_factor(analysis, index), []
-    coded = factor.coded_levels if isinstance(factor, DiscreteFactor) else np.linspace(-1.0, 1.0, LINE_POINTS)
-    nothing = np.empty(0)
+    coded, nothing = _places(factor), np.empty(0)
     levels = analysis.region.factors[category]
     assert isinstance(levels, CategoricalFactor)
-    for level in range(len(levels.levels)):
+    for level in levels.coded_levels:
         points = _along(analysis, index, coded)
         points[:, category] = level
         found.append(_line(analysis, index, factor.decode(coded), points, nothing, nothing))
     return tuple(found)
+
+
+def _places(factor: Factor) -> FloatArray:
+    """Coded values at which a line along a factor is drawn: its levels, or many."""
+    return np.linspace(-1.0, 1.0, LINE_POINTS) if isinstance(factor, ContinuousFactor) else factor.coded_levels
 
 
 def _line(

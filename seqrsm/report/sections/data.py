@@ -114,15 +114,11 @@ def _data_blocks(dossier: Dossier) -> list[Block]:
 def run_section(dossier: Dossier) -> Section:
     """Return the table of the runs, the last section of a report: all of them, or the last `MOST_RUNS`."""
     total = len(dossier.runs)
-    if total <= MOST_RUNS:
-        block = Details(f"All {total} runs with settings and scores", (_run_table(dossier, dossier.runs),))
-        return Section("runs", "All runs", (block,))
-    block = Details(
-        f"The last {MOST_RUNS} of {total} runs with settings and scores",
-        (_run_table(dossier, dossier.runs[-MOST_RUNS:]),),
-    )
-    note = Paragraph(f"The last {MOST_RUNS} of {total} runs; `seqrsm export` writes them all.", "note")
-    return Section("runs", "The last runs", (note, block))
+    some = f"The last {MOST_RUNS} of {total}" if total > MOST_RUNS else ""
+    table_of = (_run_table(dossier, dossier.runs[-MOST_RUNS:]),)
+    block = Details(f"{some or f'All {total}'} runs with settings and scores", table_of)
+    note = (Paragraph(f"{some} runs; `seqrsm export` writes them all.", "note"),) if some else ()
+    return Section("runs", "The last runs" if some else "All runs", (*note, block))
 
 
 def _run_table(dossier: Dossier, runs: Sequence[RunRecord]) -> Table:

@@ -18,8 +18,7 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.data import Look, look_data, read_looks
-from seqrsm.report.figures.fit import paint_half_widths, paint_mean_history
+from seqrsm.report.figures.fit import Look, look_data, paint_half_widths, paint_mean_history, read_looks
 from seqrsm.report.rounding import format_plain, format_significant
 from seqrsm.report.wording import (
     decimal_cell,

@@ -26,12 +26,13 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.data import coefficient_data, residual_data
 from seqrsm.report.figures.fit import (
     MAX_COEFFICIENTS,
+    coefficient_data,
     drawn_coefficients,
     outliers,
     paint_coefficients,
+    residual_data,
     residual_paints,
 )
 from seqrsm.report.figures.surfaces import ranked_factors

@@ -27,18 +27,16 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.data import (
+from seqrsm.report.figures.optimum import (
     contour_data,
     levels_data,
     optimum_draws_data,
-    slice_data,
-)
-from seqrsm.report.figures.optimum import (
     paint_contours,
     paint_intervals,
     paint_lines,
     paint_optimum_posterior,
     paint_slice,
+    slice_data,
 )
 from seqrsm.report.figures.surfaces import (
     MAX_PAIRS,

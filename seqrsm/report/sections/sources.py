@@ -28,14 +28,14 @@ from seqrsm.report.blocks import (
     table,
 )
 from seqrsm.report.figures import drawing
-from seqrsm.report.figures.data import calendar_data, picture_data
-from seqrsm.report.figures.fit import paint_calendar
+from seqrsm.report.figures.fit import calendar_data, paint_calendar
 from seqrsm.report.images import (
     NO_DATA,
     bar_length_m,
     category_color,
     cover_png,
     grey_png,
+    picture_data,
     reduce_cover,
     reduce_grey,
     reduction,
@@ -133,7 +133,7 @@ def _truth_panel(scene: Scene, quarter_turns: int, count: int) -> Panel:
     main = listing([readable(scene.categories[i]) for i in _covers(scene)[:3]])
     alt = f"Map of the ground truth of {scene.name}; the largest covers are {main}."
     cover = np.rot90(scene.cover, quarter_turns)
-    factor = _reduction(cover.shape, count)
+    factor = reduction(cover.shape, count)
     return Panel(
         "Ground truth",
         alt,
@@ -146,7 +146,7 @@ def _truth_panel(scene: Scene, quarter_turns: int, count: int) -> Panel:
 def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) -> list[Panel]:
     settings = format_settings(dossier.spec.factors, image.settings)
     score = _score(image, unit)
-    factor = _reduction(image.greytone.shape[1:], count)
+    factor = reduction(image.greytone.shape[1:], count)
     return [
         Panel(
             f"{image.title}: {channel}" if channel else image.title,
@@ -161,11 +161,6 @@ def _image_panels(dossier: Dossier, image: ImagePanel, unit: str, count: int) ->
 
 def _grey_data(image: ImagePanel, index: int, factor: int) -> PanelData:
     return picture_data(reduce_grey(image.greytone[index], factor), image.pixel_m * factor)
-
-
-def _reduction(shape: tuple[int, ...], count: int) -> int:
-    rows, columns = shape
-    return reduction(rows, columns, count)
 
 
 def _score(image: ImagePanel, unit: str) -> str:
@@ -193,7 +188,7 @@ def _picture_table(dossier: Dossier, unit: str, count: int) -> Table:
 def _size_cells(shape: tuple[int, ...], pixel_m: float, count: int) -> tuple[str, str, str, str]:
     """Extent, pixel, reduction and length of the scale bar of a picture."""
     rows, columns = shape
-    factor = _reduction(shape, count)
+    factor = reduction(shape, count)
     return (
         f"{_length(columns * pixel_m)} by {_length(rows * pixel_m)}",
         _metres(pixel_m),

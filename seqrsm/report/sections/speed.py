@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from seqrsm.campaign.dossier import Dossier
 from seqrsm.campaign.status import simulated_by
@@ -20,9 +20,6 @@ from seqrsm.report.blocks import (
 )
 from seqrsm.report.rounding import format_number, format_plain, format_significant
 from seqrsm.report.wording import ground_name, listing, number_cell, significant_cell, whole_cell, with_unit
-
-if TYPE_CHECKING:
-    pass
 
 
 def speed_section(dossier: Dossier) -> Section | None:

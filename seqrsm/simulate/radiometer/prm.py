@@ -280,10 +280,7 @@ def _sky_polynomial(air: Atmosphere) -> FloatArray:
 
 def _emissivity_lut(lookups: Sequence[EmissivityLookup], occasion: RadiometerOccasion, theta: FloatArray) -> FloatArray:
     """Emissivity (n_channels, n_categories, n_moistures, k) with the date's offsets; linear between whole degrees."""
-    position = np.minimum(np.rad2deg(theta), 90.0)
-    k = np.minimum(position.astype(np.int64), 89)
-    f = position - k
-    out = np.stack([(1.0 - f) * look.emissivity[:, :, k] + f * look.emissivity[:, :, k + 1] for look in lookups])
+    out = np.stack([look.at_angles(np.rad2deg(theta)) for look in lookups])
     return np.asarray(np.clip(out + occasion.class_offset[:, :, None, None], 0.0, 1.0))
 
 

@@ -1,0 +1,109 @@
+"""How a fault of ``campaign.toml`` is told to the user: with its line, in the words of the file."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from seqrsm.errors import Problem
+from seqrsm.spec.tables import Table
+from seqrsm.spec.toml_lines import Path, line_of
+
+
+class Reporter:
+    """Collects problems with their lines.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file.
+    lines : dict
+        From `seqrsm.spec.toml_lines.key_lines`.
+    """
+
+    def __init__(self, file: str, lines: dict[Path, int]) -> None:
+        self.file = file
+        self.lines = lines
+        self.problems: list[Problem] = []
+        self.names: dict[Path, str] = {}
+
+    def add(self, path: Path, message: str, remedy: str = "", value: object | None = None) -> None:
+        """Note a problem of the key or table at ``path``."""
+        line = line_of(self.lines, path)
+        self.problems.append(Problem(message, remedy, self.file, line, self.words(path), value))
+
+    def words(self, path: Path) -> str:
+        """The place in the user's words, such as ``factor 'frequency': low`` or ``[stop] level``."""
+        if len(path) == 1 or not isinstance(path[1], int):
+            head, rest = f"[{path[0]}]", path[1:]
+        else:
+            name = self.names.get(path[:2])
+            head = f"{path[0]} no. {path[1] + 1}" if name is None else f"{path[0]} '{name}'"
+            head, rest = (head + ":" if path[2:] else head), path[2:]
+        tail = ""
+        for part in rest:
+            tail += f" no. {part + 1}" if isinstance(part, int) else (f".{part}" if tail else f"{part}")
+        return f"{head} {tail}".strip()
+
+    def unknown_key(self, path: Path, known: Iterable[str], remedy: str = "") -> None:
+        """Note a key that is not one of ``known``, with the nearest of them where there is no ``remedy``."""
+        names = list(known)
+        near = difflib.get_close_matches(str(path[-1]), names, n=1)
+        others = f"Known here: {', '.join(names)}." if names else "Remove it."
+        remedy = remedy or (f"Did you mean '{near[0]}'?" if near else others)
+        self.add(path, f"'{path[-1]}' is not a known key", remedy)
+
+    def missing_table(self, key: str, *, repeated: bool) -> None:
+        """Note that a whole table is absent."""
+        header = f"[[{key}]]" if repeated else f"[{key}]"
+        self.problems.append(Problem(f"the file has no {header}", f"Add a table {header}.", self.file, 1, f"[{key}]"))
+
+    def invalid(self, path: Path, detail: Mapping[str, Any], table: type[Table]) -> None:
+        """Note one error of pydantic's list, of a table of this class."""
+        # pydantic adds the branch of a union ("str", "float") to the place; it is no key of the file.
+        location = path
+        for part in detail["loc"]:
+            if (*location, part) in self.lines or detail["type"] in ("missing", "extra_forbidden"):
+                location = (*location, part)
+        kind, value = detail["type"], detail["input"] if detail["loc"][-1:] != ("url",) else "***"
+        if any(p.line == line_of(self.lines, location) and p.field == self.words(location) for p in self.problems):
+            return
+        if kind == "extra_forbidden":
+            inner = len(detail["loc"]) > 1
+            remedy = "" if inner else table.GONE.get(str(detail["loc"][0]), (None, ""))[1]
+            self.unknown_key(location, [] if inner else table.model_fields, remedy)
+        elif kind == "missing":
+            self.add(location, "the key is missing", f"Add: {detail['loc'][-1]} = ...")
+        elif kind in ("model_type", "dict_type"):
+            header = ".".join(str(part) for part in location if isinstance(part, str))
+            header = f"[[{header}]]" if len(location) == 2 and isinstance(location[1], int) else f"[{header}]"
+            self.add(location, "a table is expected here", f"Write it as a table: {header}.", value)
+        elif kind in _WRONG_TYPE:
+            self.add(location, f"{_WRONG_TYPE[kind]} is expected here", _retype(kind, value), value)
+        else:
+            message = detail["msg"].removeprefix("Input ").replace("should", "must", 1)
+            options = re.findall(r"'([^']*)'", message) if kind == "literal_error" else []
+            near = difflib.get_close_matches(str(value), options, n=1)
+            self.add(location, message[:1].lower() + message[1:], f'Did you mean "{near[0]}"?' if near else "", value)
+
+
+_WRONG_TYPE = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "list_type": "a list",
+    "finite_number": "a finite number",
+}
+
+
+def _retype(kind: str, value: object) -> str:
+    if kind == "string_type":
+        return "Put it in quotes."
+    if kind == "list_type":
+        return "Write it in square brackets: [ ... ]."
+    if isinstance(value, str):
+        return "Write the number without quotes, with a point for decimals and no unit."
+    return ""
