@@ -119,10 +119,10 @@ def test_numbers_are_those_of_the_analysis(simulated, page):
     fit, best = analysis.fit, analysis.optimum
     row = analysis.model.matrix(best.point[None, :])[0]
     h = row @ np.linalg.solve(fit.Z.T @ fit.Z, row)
-    s = np.sqrt(np.sum((fit.y - fit.Z @ np.linalg.lstsq(fit.Z, fit.y)[0]) ** 2) / (len(fit.y) - len(row)))
+    s = np.sqrt(np.sum((fit.y - fit.Z @ np.linalg.lstsq(fit.Z, fit.y, rcond=None)[0]) ** 2) / (len(fit.y) - len(row)))
     assert len(fit.y) - len(row) == 30
     half = 2.042272 * s * np.sqrt(1 + h)  # t(30, 0.975), any table
-    mean = row @ np.linalg.lstsq(fit.Z, fit.y)[0]
+    mean = row @ np.linalg.lstsq(fit.Z, fit.y, rcond=None)[0]
     text = "".join(Page(page).text).replace("\u00a0", " ")
     less, of_mean = best.optimism, 2.042272 * s * np.sqrt(h)
     assert f"{mean - half - less:.1f} to {mean + half:.1f} percent" in text
