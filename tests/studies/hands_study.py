@@ -22,7 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -80,16 +80,19 @@ def rows() -> dict[tuple[str, str, str], Row]:
     return {(k, c, m): Row(k, c, m, int(n), whole == "yes", package) for k, c, m, n, whole, package in found}
 
 
-def courses(folder: Path, postgres: str | None, kind: str) -> Iterator[tuple[str, str, Callable[[int], bool]]]:
+def courses(
+    folder: Path, postgres: str | None, kind: str, whole: Collection[tuple[str, str, str]]
+) -> Iterator[tuple[str, str, Callable[[int], bool]]]:
     """Command, what meets it, and what is done at a moment, from the first: False beyond the last."""
     if kind in ("server", "fault"):
         url = postgres if kind == "server" else None
         hows = (*SERVER_HOWS, LOST + LASTING, REFUSED + LASTING) if url else (KILL, "error", "error" + LASTING)
-        for name in SERVER_CASES if url else CASES:
-            place = folder / f"{kind}-{name.replace(' ', '-')}"
-            prepared(name, place, url)
-            for how in hows:
-                yield name, how, partial(_injected, name, place, how, url)
+        for how in hows:
+            for name in SERVER_CASES if url else CASES:
+                if (kind, name, how) not in whole:
+                    shutil.rmtree(folder / "course", ignore_errors=True)
+                    prepared(name, folder / "course", url)
+                    yield name, how, partial(_injected, name, folder / "course", how, url)
     elif kind == "flip":
         yield "status", "bit", lambda n: n <= FLIPS and _flip(folder / "flipped", n)
     else:
@@ -156,11 +159,13 @@ def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
         server = find_server()
         postgres = None if server is None else stack.enter_context(running(server))
         for kind in kinds:
-            for name, met, act in courses(folder, postgres, kind):
+            for name, met, act in courses(folder, postgres, kind, {key for key, row in done.items() if row.whole}):
                 key = (kind, name, met)
                 old = done.get(key, Row(*key, 0, False, package))
-                if old.whole or time.monotonic() > end:
+                if old.whole:
                     continue
+                if time.monotonic() > end:
+                    break
                 moment, whole = old.moments + 1, False
                 while not whole and time.monotonic() < end:
                     whole, moment = not act(moment), moment + 1
