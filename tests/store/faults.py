@@ -11,6 +11,7 @@ command: the disk stays full, the server stays away.
 from __future__ import annotations
 
 import errno
+import functools
 import json
 import os
 import shutil
@@ -27,10 +28,10 @@ from typing import Any
 
 import psycopg
 import sqlalchemy as sa
+import typer.testing
 from interleaving import SPEC, command, found, made
 from sqlalchemy import event
 from sqlalchemy.engine.default import DefaultDialect
-from typer.main import get_command
 from typer.testing import CliRunner
 
 from seqrsm.campaign.campaign import Campaign
@@ -39,6 +40,8 @@ from seqrsm.cli.app import app
 from seqrsm.errors import StoreError
 from seqrsm.store import database
 
+typer.testing._get_command = functools.cache(typer.testing._get_command)  # a third of a short command's time
+typer.testing._get_command(app)
 KILL, LOST, UNANSWERED, REFUSED = "kill", "lost", "lost after", "refused"
 SERVER_HOWS = (KILL, LOST, UNANSWERED, REFUSED)
 LASTING = " from then on"
@@ -57,7 +60,6 @@ _SQL = {
     "i/o": "disk I/O error",
     "read-only": "attempt to write a readonly database",
 }
-_COMMAND = get_command(app)  # made once: this takes a third of a short command's time
 _FILES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
 
 
@@ -309,7 +311,7 @@ def _forked(arguments: list[object], moment: int, how: str, place: Path, url: st
     if child == 0:
         os.close(read)
         injection = _Injection(moment, how, place) if url is None else _ServerInjection(moment, how)
-        result = super(CliRunner, CliRunner()).invoke(_COMMAND, [str(one) for one in arguments])
+        result = CliRunner().invoke(app, [str(one) for one in arguments])
         said = result.output + (f"Traceback {result.exc_info!r}" if result.exit_code == 1 else "")
         with os.fdopen(write, "w", encoding="utf-8") as stream:
             json.dump((injection.count, said), stream)
