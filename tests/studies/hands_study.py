@@ -191,8 +191,8 @@ def report() -> None:
     part = [f"`{row.command}`, {row.met} ({row.kind})" for row in done.values() if not row.whole]
     lines = [
         f"{count['fault']} times a command was killed, or met an error (no space, input/output, read-only, by turns; "
-        "once, or from then on), before one of its file or SQL operations, and given again: the campaign, form, export "
-        "or report was then what it is undisturbed. "
+        "once, or from then on), before one of its file or SQL operations, and given again (once from each state that "
+        "was left, times apart): the campaign, form, export or report was then what it is undisturbed. "
         f"{count['server']} times a command met the like at one of its SQL statements and commits on PostgreSQL: it "
         "was killed, the server ended its connection before the operation or after it (so that only the answer was "
         "missing), refused it once, stayed away or refused all from then on. Given again it ended as undisturbed: no "
