@@ -36,6 +36,7 @@ SPEC_ERRORS = {
     "not a polarization": ('"HH+HV"', '"HX"', ["polarization", "HX"]),
     "wrong unit": ('unit = "m"', 'unit = "GHz"', ["resolution", "GHz", "m"]),
     "no scene": ('scene = "scene.npz"', 'scene = "none.npz"', ["none.npz"]),
+    "a list for an engine": ('engine = "psm"', 'engine = ["psm"]', ["campaign.toml", "engine"]),
     "missing parameter": ("altitude_m = 4000.0", "", ["altitude_m"]),
     "unknown parameter": ("altitude_m = 4000.0", "altitude_m = 4000.0\nwings = 2", ["wings"]),
     "not TOML": ("[campaign]", "[campaign", ["campaign.toml:1"]),
