@@ -124,7 +124,7 @@ def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("design", "--factors", 3, "--runs", 4))
 
 
-@pytest.mark.parametrize("row", ["1e308,1", "-1e13,1", "1,1e308", "1e15,"])
+@pytest.mark.parametrize("row", ["1e308,1", "-1e13,1", "1,1e308", "1e15,", "1,5e-324", "1,1e-13"])
 def test_numbers_that_are_no_scores(tmp_path, row) -> None:
     text = '[campaign]\nname = "m"\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
     text += '[[application]]\nname = "worth"\nutility = "measured"\n[stop]\nhalf_width = 0.5\n'
