@@ -109,29 +109,33 @@ def elsewhere() -> Iterator[None]:
 
 
 def transactions(monkeypatch: pytest.MonkeyPatch, before: Callable[[int], None]) -> None:
-    """Call ``before`` with its number, from 1, before each writing transaction; not for those that it makes itself."""
-    real, count, inside = Database.write, [0], [False]
+    """Call ``before`` with its number, from 1, before each reading or writing transaction but those it makes itself."""
+    count, inside = [0], [False]
 
-    @contextmanager
-    def write(self: Database) -> Iterator[Any]:
-        if not inside[0]:
-            count[0] += 1
-            inside[0] = True
-            try:
-                before(count[0])
-            finally:
-                inside[0] = False
-        with real(self) as connection:
-            yield connection
+    def counted(real: Any) -> Any:
+        @contextmanager
+        def transaction(self: Database) -> Iterator[Any]:
+            if not inside[0]:
+                count[0] += 1
+                inside[0] = True
+                try:
+                    before(count[0])
+                finally:
+                    inside[0] = False
+            with real(self) as connection:
+                yield connection
 
-    monkeypatch.setattr(Database, "write", write)
+        return transaction
+
+    for name in ("read", "write"):
+        monkeypatch.setattr(Database, name, counted(getattr(Database, name)))
 
 
-def command(name: str, folder: Path) -> None:
-    """A command of its own process; what the user could mend is no fault here."""
+def command(name: str, folder: Path, *refusals: type[Exception]) -> None:
+    """A command of its own process, which may end by ``refusals``."""
     campaign = Campaign.open(folder)
     try:
-        with suppress(UserError):
+        with suppress(*refusals):
             if name == "run":
                 run_campaign(campaign)
             elif name == "propose":
@@ -155,11 +159,11 @@ def interleaved(folder: Path, first: str, others: Sequence[str], moment: int, ur
             met.append(n)
             for name in others:
                 with elsewhere(), suppress(WaitsError):
-                    command(name, folder)
+                    command(name, folder, UserError)
 
     with pytest.MonkeyPatch.context() as patch:
         transactions(patch, before)
-        command(first, folder)
+        command(first, folder, *(() if first == "run" else (UserError,)))  # nobody else may end a `run` with an error
     if first == "run":
         command("run", folder)
     return bool(met)
