@@ -37,6 +37,7 @@ SPEC_ERRORS = {
     "wrong unit": ('unit = "m"', 'unit = "GHz"', ["resolution", "GHz", "m"]),
     "no scene": ('scene = "scene.npz"', 'scene = "none.npz"', ["none.npz"]),
     "a list for an engine": ('engine = "psm"', 'engine = ["psm"]', ["campaign.toml", "engine"]),
+    "a name too long for a file": ('scene = "scene.npz"', f'scene = "{"x" * 3000}"', ["campaign.toml", "no such file"]),
     "missing parameter": ("altitude_m = 4000.0", "", ["altitude_m"]),
     "unknown parameter": ("altitude_m = 4000.0", "altitude_m = 4000.0\nwings = 2", ["wings"]),
     "not TOML": ("[campaign]", "[campaign", ["campaign.toml:1"]),
