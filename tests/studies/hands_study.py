@@ -18,7 +18,6 @@ import argparse
 import csv
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -36,7 +35,7 @@ sys.path[:0] = [str(Path(__file__).parent), *(str(TESTS / name) for name in ("st
 from faults import CASES, ERRORS, KILL, LASTING, LOST, REFUSED, SERVER_CASES, SERVER_HOWS, injected, prepared  # noqa: E402
 from interleaving import command, found, interleaved, made, without_engine  # noqa: E402
 from postgres_server import find_server, running, wipe  # noqa: E402
-from reliability_report import FOLDER, machine, write_section  # noqa: E402
+from reliability_report import FOLDER, machine, package, write_section  # noqa: E402
 from test_bad_disks import SPEC, flipped, scores  # noqa: E402
 from typer.testing import CliRunner  # noqa: E402
 
@@ -77,7 +76,7 @@ def rows() -> dict[tuple[str, str, str], Row]:
         return {}
     with TABLE.open(newline="", encoding="utf-8") as stream:
         found = [tuple(row.values()) for row in csv.DictReader(stream)]
-    return {(k, c, m): Row(k, c, m, int(n), whole == "yes", package) for k, c, m, n, whole, package in found}
+    return {(k, c, m): Row(k, c, m, int(n), whole == "yes", of) for k, c, m, n, whole, of in found}
 
 
 def courses(
@@ -144,13 +143,7 @@ def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
     done, end = rows(), time.monotonic() + seconds
     if anew:
         done = {key: row for key, row in done.items() if key[0] not in kinds}
-    package = subprocess.run(
-        ("git", "rev-parse", "--short", "HEAD:seqrsm"),
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=FOLDER.parents[1],
-    ).stdout.strip()
+    now = package()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         patch = stack.enter_context(pytest.MonkeyPatch.context())
@@ -161,7 +154,7 @@ def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
         for kind in kinds:
             for name, met, act in courses(folder, postgres, kind, {key for key, row in done.items() if row.whole}):
                 key = (kind, name, met)
-                old = done.get(key, Row(*key, 0, False, package))
+                old = done.get(key, Row(*key, 0, False, now))
                 if old.whole:
                     continue
                 if time.monotonic() > end:
@@ -169,7 +162,7 @@ def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
                 moment, whole = old.moments + 1, False
                 while not whole and time.monotonic() < end:
                     whole, moment = not act(moment), moment + 1
-                packages = dict.fromkeys((*old.package.split(), package))
+                packages = dict.fromkeys((*old.package.split(), now))
                 done[key] = Row(*key, moment - 1 - whole, whole, " ".join(packages))
                 _write(done.values())
                 print(f"{kind}: {name}, {met}: {done[key].moments}", flush=True)
