@@ -180,26 +180,30 @@ def report() -> None:
     done = rows()
     of = {kind: [row for row in done.values() if row.kind == kind] for kind in KINDS}
     count = {kind: sum(row.moments for row in of[kind]) for kind in KINDS}
-    packages = sorted({name for row in done.values() for name in row.package.split()})
+    packages = {kind: ", ".join(sorted({name for row in of[kind] for name in row.package.split()})) for kind in KINDS}
     part = [f"`{row.command}`, {row.met} ({row.kind})" for row in done.values() if not row.whole]
     lines = [
-        f"{count['fault']} times a command was killed, or met an error (no space, input/output, read-only, by turns; "
-        "once, or from then on), before one of its file or SQL operations, and given again (once from each state that "
+        f"{count['fault']} times a command was killed, or met an error (no space, input/output, read-only, by turns), "
+        "before one of its file or SQL operations, and given again (once from each state that "
         "was left, times apart): the campaign, form, export or report was then what it is undisturbed. "
         f"{count['server']} times a command met the like at one of its SQL statements and commits on PostgreSQL: it "
         "was killed, the server ended its connection before the operation or after it (so that only the answer was "
-        "missing), refused it once, stayed away or refused all from then on. Given again it ended as undisturbed: no "
+        "missing), or refused it. Given again it ended as undisturbed: no "
         "run or score was lost or doubled, the budget was kept, no connection was left on the server, and no password "
         "stood in any output or file.",
         "",
         f"{count['SQLite'] + count['PostgreSQL']} times one or three other commands came before one of the "
-        "transactions of a command: nothing was lost or doubled, the budget was kept, several `propose` issued one "
-        "initial design, and `run` with `run` and `simulate` beside it ended the same to the last digit. "
+        "transactions of a command, readers' included: no `run` ended in an error, nothing was lost or doubled, the "
+        "budget was kept, and `run` with `run` and `simulate` beside it ended the same to the last digit. "
         f"{count['flip']} times one bit of a data base was another: `status` said the same as before, or refused in "
         "words. No command ended in a traceback. One exception would have ended the study.",
         "",
         "A number is of all operations (transactions, for commands beside others) that the command has"
-        + (f", apart from {'; '.join(part)}: those were not taken to the end." if part else ".")
+        + (
+            f", apart from {'; '.join(part)}: those were not taken to the end; a dash: not begun."
+            if part
+            else "; a dash: not begun."
+        )
         + " Simulations were replaced by a formula, and each different analysis was made once.",
         "",
     ]
@@ -218,7 +222,7 @@ def report() -> None:
         )
     lines += [
         "",
-        f"Package: {', '.join(packages)} (`git rev-parse --short HEAD:seqrsm`). "
+        f"Package (`git rev-parse --short HEAD:seqrsm`): {'; '.join(f'{kind} {packages[kind]}' for kind in KINDS)}. "
         f"{machine()} Command: `python tests/studies/hands_study.py`.",
     ]
     write_section("2-hands", "Many hands, failing machines", lines)
