@@ -228,6 +228,7 @@ class Campaign:
             raise SpecError(Problem(message, "Repeat the command.", file=str(self.folder / SPEC_NAME)))
         made, budget = self.store.runs(), budget or self.spec.stop.max_runs
         left = budget - self.store.n_used()
+        self.store.see_mark()  # else what another process decided would be told as the user's fault
         if left <= 0:
             message = f"the budget of {budget} runs is spent"
             raise StoreError(Problem(message, "Raise [stop] max_runs.", file=str(self.folder / SPEC_NAME)))

@@ -116,15 +116,7 @@ class _ClosedLoop:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def run(self, budget: int, batch: int) -> Outcome:
-        """Go on from what is in the store to the end; see `run_campaign`.
-
-        Parameters
-        ----------
-        budget : int
-            Runs of the whole campaign, confirmation runs apart.
-        batch : int
-            Runs proposed at a time.
-        """
+        """Go on from what is in the store to the end; ``budget``: runs of the whole campaign, confirmation apart."""
         campaign, spec = self.campaign, self.campaign.spec
         self._refuse_less_than_a_start(budget)
         if spec.simulator is None and not campaign.store.runs(source="simulation"):
@@ -132,7 +124,6 @@ class _ClosedLoop:
         ending: Ending | None = None
         while ending is None:
             self._refuse_hopeless(self._simulated())
-            campaign.store.mark()
             try:
                 ending = self._step(budget, batch)
             except OvertakenError:
@@ -140,13 +131,7 @@ class _ClosedLoop:
         return self._finish(ending)
 
     def _step(self, budget: int, batch: int) -> Ending | None:
-        """Look at what is scored, and issue what is to come next, or tell how the campaign ends.
-
-        Raises
-        ------
-        OvertakenError
-            Another process decided meanwhile.
-        """
+        """Look at what is scored, and issue what is next, or tell the ending; `OvertakenError` if others decided."""
         campaign, spec = self.campaign, self.campaign.spec
         left = budget - campaign.store.n_used()
         if left == budget:
@@ -182,13 +167,16 @@ class _ClosedLoop:
         return None
 
     def _simulated(self) -> list[RunRecord]:
-        """Carry out what is issued, and wait for what others carry out; the runs carried out here."""
+        """Carry out what is issued, wait for what others carry out, and mark the store; the runs carried out here."""
         with self._timed("simulate"):
             made = list(self.simulate())
-            while others := self.campaign.store.runs("running", source="simulation"):
-                self.say(f"waiting for {len(others)} runs of another command")
-                time.sleep(WAIT_S)
+            self.campaign.store.mark()
+            while others := self.campaign.store.runs(WAITING, source="simulation"):
+                if running := sum(run.state == "running" for run in others):
+                    self.say(f"waiting for {running} runs of another command")
+                    time.sleep(WAIT_S)
                 made += self.simulate()
+                self.campaign.store.mark()
         return made
 
     @contextmanager

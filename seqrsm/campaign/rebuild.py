@@ -56,6 +56,7 @@ def _read(source: Path) -> Mapping[str, Any]:
         raise StoreError(Problem(f"the file is larger than {MAX_BYTES // 1_000_000} MB", _AGAIN, file=str(source)))
     try:
         document = json.loads(source.read_bytes().decode("utf-8-sig"))
+        json.dumps(document, allow_nan=False)  # JSON knows no nan, and no number without end
     except (ValueError, RecursionError) as error:
         raise StoreError(Problem(f"this is not a JSON document: {error}", _AGAIN, file=str(source))) from None
     found = document.get("format") if isinstance(document, dict) else None

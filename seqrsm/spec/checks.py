@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from math import inf, isfinite
 from pathlib import Path as FilePath
@@ -141,7 +142,7 @@ def simulator(folder: FilePath, table: Mapping[str, Any], factor_names: Sequence
     fixed = table.get("fixed")
     for key, more in (("scene", "; `seqrsm scene import` makes one"), ("table", ""), ("known_map", "")):
         file = table.get(key)
-        if isinstance(file, str) and file and not (folder / file).is_file():
+        if isinstance(file, str) and file and not os.path.isfile(folder / file):
             remedy = f"Give its path from the campaign's folder{more}."
             report.add(("simulator", key), "there is no such file", remedy, file)
     for key, value in fixed.items() if isinstance(fixed, dict) else ():

@@ -313,15 +313,15 @@ def _build(folder: FilePath, raw: Mapping[str, Any], report: Reporter) -> Campai
     applications = repeated["application"]
     tables = [None if table is None else table.model_dump() for table in repeated["factor"]]
     sensors = spec_sensors.sensors(raw.get("simulator"))
-    written = raw.get("factor")
-    factors = spec_sensors.factors(tables, written if isinstance(written, list) else [], sensors, report)
+    written = raw["factor"] if isinstance(raw.get("factor"), list) else []
+    factors = spec_sensors.factors(tables, written, sensors, report)
     constraints = spec_checks.constraints([None if t is None else t.expr for t in repeated["constraint"]], report)
     for kind in ("factor", "application", "consideration"):
         spec_checks.different_names(kind, report)
     names = [name for path, name in report.names.items() if path[0] == "factor"]
     if isinstance(raw.get("simulator"), dict):
         spec_checks.simulator(folder, raw["simulator"], names, report)
-        spec_sensors.members(sensors, raw, report)
+        spec_sensors.members(sensors, written, raw["simulator"].get("fixed"), report)
     spec_checks.goals(applications, report)
     spec_checks.desirabilities("application", applications, report)
     spec_checks.catalogued(applications, sensors.engine, report)

@@ -77,19 +77,19 @@ class Sensors:
 def sensors(table: object) -> Sensors:
     """The sensors of ``[simulator]`` as written, so that factors are checked even where another key of it is wrong."""
     written = table if isinstance(table, dict) else {}
-    engine, members = written.get("engine"), written.get("members")
+    engine, members = str(written.get("engine")), written.get("members")
     own = {k: v for k, v in members.items() if isinstance(v, dict)} if isinstance(members, dict) else {}
     return Sensors(engine if engine in SENSORS else None, own)
 
 
-def members(instruments: Sensors, raw: Mapping[str, Any], report: Reporter) -> None:
+def members(instruments: Sensors, written: Sequence[object], fixed: object, report: Reporter) -> None:
     """Every member's table is of parameters that its sensor has; names before a dot are those of members."""
     if instruments.engine is None:
         return
-    fixed = raw["simulator"].get("fixed")
     fixed = fixed if isinstance(fixed, dict) else {}
-    factors = [f for f in raw.get("factor", []) if isinstance(f, dict) and isinstance(f.get("name"), str)]
-    sets = [level for f in factors if f["name"] == "frequency" for level in f.get("levels") or ()]
+    factors = [f for f in written if isinstance(f, dict) and isinstance(f.get("name"), str)]
+    levels = (f.get("levels") for f in factors if f["name"] == "frequency")
+    sets = [level for own in levels if isinstance(own, list) for level in own]
     sets += [fixed[key] for key in ("frequency", "frequency_ghz") if isinstance(fixed.get(key), str)]
     known = {part.strip() for level in sets for part in str(level).split("+")}
     path: Path

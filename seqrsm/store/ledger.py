@@ -205,11 +205,11 @@ class Ledger:
 
 
 def unusable(run_id: int, new: NewScore) -> Problem | None:
-    """What is wrong with the numbers of a score; squares of larger ones than `MAX_SCORE` would lose all digits."""
-    if abs(new.score) <= MAX_SCORE and (new.se is None or 0.0 < new.se <= MAX_SCORE):
+    """What is wrong with the numbers of a score; squares beyond `MAX_SCORE` would lose all digits."""
+    if abs(new.score) <= MAX_SCORE and (new.se is None or 1.0 / MAX_SCORE <= new.se <= MAX_SCORE):
         return None
     message = f"the score of run {run_id} or its standard error is not a usable number"
-    remedy = f"Numbers up to {MAX_SCORE:g} are, and standard errors above 0: change the unit, or take an offset off."
+    remedy = f"Scores up to {MAX_SCORE:g} are, and standard errors from {1.0 / MAX_SCORE:g} to that: change the unit."
     return Problem(message, remedy, file=new.source_file or None, line=new.source_row, value=(new.score, new.se))
 
 

@@ -431,6 +431,11 @@ class Store:
         with self._read() as ledger:
             self._mark = ledger.last_event(_NO_DECISIONS)
 
+    def see_mark(self) -> None:
+        """Refuse to conclude anything from what was read, with `OvertakenError`, if another process decided since."""
+        with self._read() as ledger:
+            self._see_mark(ledger)
+
     # -- reading --------------------------------------------------------------------------------------------------
 
     def runs(self, states: Iterable[str] | None = None, *, source: str | None = None) -> tuple[RunRecord, ...]:
@@ -520,12 +525,15 @@ class Store:
     def _decide(self) -> Iterator[Ledger]:
         """Write what rests on the state at the mark, if it is still the state but for this process's own decisions."""
         with self._write() as ledger:
-            if self._mark not in (None, ledger.last_event(_NO_DECISIONS)):
-                raise OvertakenError
+            self._see_mark(ledger)
             yield ledger
             made = ledger.last_event(_NO_DECISIONS)
         if self._mark is not None:
             self._mark = made
+
+    def _see_mark(self, ledger: Ledger) -> None:
+        if self._mark not in (None, ledger.last_event(_NO_DECISIONS)):
+            raise OvertakenError
 
 
 _CHUNK = 500

@@ -36,6 +36,8 @@ SPEC_ERRORS = {
     "not a polarization": ('"HH+HV"', '"HX"', ["polarization", "HX"]),
     "wrong unit": ('unit = "m"', 'unit = "GHz"', ["resolution", "GHz", "m"]),
     "no scene": ('scene = "scene.npz"', 'scene = "none.npz"', ["none.npz"]),
+    "a list for an engine": ('engine = "psm"', 'engine = ["psm"]', ["campaign.toml", "engine"]),
+    "a name too long for a file": ('scene = "scene.npz"', f'scene = "{"x" * 3000}"', ["campaign.toml", "no such file"]),
     "missing parameter": ("altitude_m = 4000.0", "", ["altitude_m"]),
     "unknown parameter": ("altitude_m = 4000.0", "altitude_m = 4000.0\nwings = 2", ["wings"]),
     "not TOML": ("[campaign]", "[campaign", ["campaign.toml:1"]),
@@ -123,7 +125,7 @@ def test_command_line(tiny, tmp_path) -> None:
     refused(seqrsm("design", "--factors", 3, "--runs", 4))
 
 
-@pytest.mark.parametrize("row", ["1e308,1", "-1e13,1", "1,1e308", "1e15,"])
+@pytest.mark.parametrize("row", ["1e308,1", "-1e13,1", "1,1e308", "1e15,", "1,5e-324", "1,1e-13"])
 def test_numbers_that_are_no_scores(tmp_path, row) -> None:
     text = '[campaign]\nname = "m"\n[[factor]]\nname = "x"\nlow = -1.0\nhigh = 1.0\n'
     text += '[[application]]\nname = "worth"\nutility = "measured"\n[stop]\nhalf_width = 0.5\n'

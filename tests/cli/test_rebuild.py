@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -120,6 +121,7 @@ def damages():
     yield "twice", lambda d: d["runs"].append(d["runs"][0])
     yield "score of nobody", lambda d: d["runs"][0]["scores"][0].update(score="high")
     yield "event of nobody", lambda d: d["events"][0].update(run_id=10**6)
+    yield "no number", lambda d: [one.update(hash="", detail={"settings": math.nan}) for one in d["events"]]
     yield "other spec", lambda d: d.update(campaign_toml=d["campaign_toml"].replace("tiny", "huge"))
     yield "attached", lambda d: d["attached"][0].update(base64=base64.b64encode(b"x").decode())
     yield "not base64", lambda d: d["attached"][0].update(base64="?")

@@ -6,10 +6,13 @@ a file outside its folder, start a process, or open a connection.
 
 from __future__ import annotations
 
+import copy
 import io
+import json
 import os
 import random
 import signal
+import struct
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
@@ -20,9 +23,11 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+import pytest
 import tifffile
 
 from seqrsm.campaign.rebuild import rebuild
+from seqrsm.campaign.status import campaign_status
 from seqrsm.design.constraints import Constraint
 from seqrsm.design.factors import CategoricalFactor, ContinuousFactor
 from seqrsm.design.region import Region
@@ -86,6 +91,57 @@ max_runs = 80
 [store]
 url = "sqlite:///other.db"
 """
+SIMULATED = """\
+[campaign]
+name = "fuzz"
+author = "A"
+date = 2026-05-01
+[[factor]]
+name = "frequency"
+levels = ["L", "L+C"]
+[[factor]]
+name = "polarization"
+levels = ["HH", "HH+HV"]
+[[factor]]
+name = "C.resolution"
+unit = "m"
+low = 10.0
+high = 60.0
+scale = "log"
+[[application]]
+name = "cover"
+utility = "percent_correct"
+sufficient = 70.0
+[application.prior]
+utility = [60.0, 90.0]
+probability = 0.9
+repeat_sd = 2.0
+effect = { "C.resolution" = [-10.0, -1.0] }
+optimum = { "C.resolution" = { value = 20.0, doubt = 0.5 } }
+[[candidate]]
+name = "C alone"
+parameters = { frequency = "L+C", "C.resolution" = 30.0 }
+[simulator]
+engine = "psm"
+scene = "scene.npz"
+tolerance = 1.0
+[simulator.fixed]
+resolution = 20.0
+bandwidth = 60.0
+peak_power = 1000.0
+depression_angle = 45.0
+altitude_m = 4000.0
+[simulator.members.C]
+bandwidth = 80.0
+[cost]
+unit = "kEUR"
+flight = 20.0
+[stop]
+half_width = 16.0
+guard = "confirmation"
+max_runs = 40
+confirmation_runs = 3
+"""
 SCORES = (
     "run_id;frequency [MHz];looks;polarization;score;se;n;correct;application;block;source;date;note\r\n"
     '1;1500,5;4;HH;73,25;1,5;;;crops;A;flight;1979-05-12;"said ""x"""\r\n'
@@ -141,6 +197,13 @@ TOKENS: dict[str, tuple[str, ...]] = {
     ),
     "json": ("null", "{}", "[]", '"', "1e999", "-1", "../../x", "/etc/x", "true", "NaN", "\\u0000", "[" * 200),
 }
+
+ODD: tuple[Any, ...] = (
+    *(None, True, 0, -1, 1, 2, 1979, 2**31, 2**63, 10**30, 0.5, -0.0, 1e-300, 1e12, 1e15, 1e308, float("inf")),
+    *(float("nan"), "", " ", "x", "x" * 3000, "nan", "1", "\x00", "\u202e", ":x:", "[red]", "../../x", "/etc/passwd"),
+    *("HH", "frequency", [], {}, [[]], [1, 2], ["HH"], {"x": 1}),
+)
+"""Values in the place of good ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +271,78 @@ def spoil_text(kind: str) -> Callable[[bytes, random.Random], bytes]:
         return spoil_bytes(data, rng, TOKENS[kind])
 
     return spoil
+
+
+def spoil_lines(data: bytes, rng: random.Random) -> bytes:
+    """A TOML text with values replaced by others, lines lost, doubled or moved; or spoilt as any text."""
+    if rng.random() < 0.3:
+        return spoil_text("toml")(data, rng)
+    lines = data.decode().splitlines()
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        at, kind = rng.randrange(len(lines)), rng.randrange(6)
+        name, equals, value = lines[at].partition(" = ")
+        if kind == 0:
+            del lines[at]
+        elif kind == 1:
+            lines.insert(rng.randrange(len(lines) + 1), lines[at])
+        elif equals:
+            odd = json.dumps(rng.choice(ODD)).replace("NaN", "nan").replace("Infinity", "inf")
+            lines[at] = f"{name} = {rng.choice((odd, odd, '[' + value + ']', '-' + value))}"
+    return "\n".join(lines).encode()
+
+
+def spoil_document(data: bytes, rng: random.Random) -> bytes:
+    """A JSON document with values lost, doubled, replaced by others or by one another; or spoilt as any text."""
+    if rng.random() < 0.3:
+        return spoil_text("json")(data, rng)
+    tree = json.loads(data)
+    if rng.random() < 0.5:  # of a version that kept no hashes, which tell of every change
+        for event in tree["events"]:
+            event["hash"] = ""
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        places = [(holder, key) for holder in _holders(tree) for key in _keys(holder)]
+        (holder, key), (other, its) = rng.choice(places), rng.choice(places)
+        kind = rng.randrange(5)
+        if kind == 0:
+            del holder[key]
+        elif kind == 1 and isinstance(holder, list):
+            holder.insert(key, copy.deepcopy(holder[key]))
+        elif kind == 2:
+            holder[key] = copy.deepcopy(other[its])
+        else:
+            holder[key] = copy.deepcopy(rng.choice(ODD))
+    return json.dumps(tree).encode()
+
+
+def _holders(tree: Any) -> Iterator[Any]:
+    if isinstance(tree, dict | list):
+        yield tree
+        for key in _keys(tree):
+            yield from _holders(tree[key])
+
+
+def _keys(holder: Any) -> list[Any]:
+    return list(holder) if isinstance(holder, dict) else list(range(len(holder)))
+
+
+def spoil_tiff(data: bytes, rng: random.Random) -> bytes:
+    """Tags with other codes, types, counts, places and values; or spoilt bytes."""
+    if rng.random() < 0.3:
+        return spoil_bytes(data, rng)
+    made = bytearray(data)
+    (first,) = struct.unpack_from("<I", made, 4)
+    (count,) = struct.unpack_from("<H", made, first)
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        entry = first + 2 + 12 * rng.randrange(count)
+        (place,) = struct.unpack_from("<I", made, entry + 8)
+        if rng.random() < 0.4 and place + 8 <= len(made):
+            number = rng.choice((0.0, -1.0, 1e-300, 1e15, 1e308, float("inf"), float("nan"), rng.random() * 1e7))
+            struct.pack_into("<d", made, place + 8 * rng.choice((0, 0, 1)) * (place + 16 <= len(made)), number)
+            continue
+        at, form = rng.choice(((0, "<H"), (2, "<H"), (4, "<I"), (8, "<I")))
+        numbers = (*range(20), 255, 256, 258, 65535, 2**31 - 1, 2**31, 2**32 - 1, first, len(data), rng.getrandbits(32))
+        struct.pack_into(form, made, entry + at, rng.choice(numbers) & (0xFFFF if form == "<H" else 0xFFFFFFFF))
+    return bytes(made)
 
 
 def spoil_archive(data: bytes, rng: random.Random) -> bytes:
@@ -326,26 +461,35 @@ def _rebuild(data: bytes, folder: Path) -> object:
     import shutil
 
     shutil.rmtree(folder / "made", ignore_errors=True)
-    return rebuild(_file(data, folder, "all.json"), folder / "made")
+    rebuild(_file(data, folder, "all.json"), folder / "made")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder))  # a fit is kept there
+        return campaign_status(folder / "made")
 
 
 def targets(folder: Path) -> dict[str, Target]:
     """Every reader of files that users hand in; ``folder`` is for the making of seeds."""
     text = spoil_text
+    _file(_scene_bytes(), folder, "scene.npz")
     made = (
-        Target("toml", (TOML.encode(),), text("toml"), lambda data, at: load_spec(_file(data, at, "campaign.toml"))),
+        Target(
+            "toml",
+            (TOML.encode(), SIMULATED.encode()),
+            spoil_lines,
+            lambda data, at: load_spec(_file(data, at, "campaign.toml")),
+        ),
         Target("csv", (SCORES.encode(), PLAIN_SCORES.encode(), RANKINGS.encode()), text("csv"), read_csv),
         Target("expression", tuple(e.encode() for e in EXPRESSIONS), text("expression"), read_expression),
-        Target("npz", (_scene_bytes(),), spoil_archive, lambda data, at: load_scene(_file(data, at, "scene.npz"))),
+        Target("npz", (_scene_bytes(),), spoil_archive, lambda data, at: load_scene(_file(data, at, "spoilt.npz"))),
         Target(
             "geotiff",
             (_tiff_bytes(None), _tiff_bytes("zlib")),
-            spoil_bytes,
+            spoil_tiff,
             lambda data, at: read_geotiff(_file(data, at, "raster.tif"), "elevation"),
         ),
         Target("legend", (LEGEND.encode(),), text("csv"), lambda data, at: read_legend(_file(data, at, "legend.csv"))),
         Target("sigma0", (SIGMA0.encode(),), text("csv"), lambda data, at: load_sigma0_table(_file(data, at, "s.csv"))),
-        Target("export", (_export_bytes(folder),), text("json"), _rebuild),
+        Target("export", (_export_bytes(folder),), spoil_document, _rebuild),
     )
     return {target.name: target for target in made}
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seqrsm.analysis import conclude
+from seqrsm.campaign import campaign as campaign_module
 from seqrsm.campaign import experiment, loop, simulation
 from seqrsm.campaign.campaign import Campaign
 from seqrsm.campaign.loop import run_campaign
@@ -39,6 +41,7 @@ guard = "confirmation"
 confirmation_runs = 3
 max_runs = 16
 """
+_TOLD = ("run_id", "batch", "purpose", "source", "state", "proposed", "executed", "block", "cost")
 
 
 class WaitsError(Exception):
@@ -51,7 +54,7 @@ def bowl(settings: dict, run_id: int) -> float:
 
 
 def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs are scored by `bowl`."""
+    """Runs are scored by `bowl`; an analysis of equal runs, which is a pure function of them, is made once."""
     # What is imported while the names are others would keep those.
     for name in ("dossier", "images", "tradeoff", "check"):
         importlib.import_module(f"seqrsm.campaign.{name}")
@@ -61,6 +64,19 @@ def without_engine(monkeypatch: pytest.MonkeyPatch) -> None:
             scores = (NewScore("score", bowl(task.settings, task.run_id)),)
             yield index, SimpleNamespace(run_id=task.run_id, scores=scores, failure="", fault="", check=None)
 
+    real, made = conclude.analyse, {}
+
+    def analyse(spec: Any, application: Any, runs: Any, **options: Any) -> Any:
+        told = [
+            (*(getattr(run, name) for name in _TOLD), [(s.application, s.score) for s in run.scores]) for run in runs
+        ]
+        key = repr((spec.spec_hash, application.name, told, sorted(options.items())))
+        if key not in made:
+            made[key] = real(spec, application, runs, **options)
+        return made[key]
+
+    for module in (conclude, campaign_module):
+        monkeypatch.setattr(module, "analyse", analyse)
     monkeypatch.setattr(runner, "run_many", carry)
     monkeypatch.setattr(loop, "check_simulator", lambda spec: None)
     monkeypatch.setattr(
@@ -93,29 +109,33 @@ def elsewhere() -> Iterator[None]:
 
 
 def transactions(monkeypatch: pytest.MonkeyPatch, before: Callable[[int], None]) -> None:
-    """Call ``before`` with its number, from 1, before each writing transaction; not for those that it makes itself."""
-    real, count, inside = Database.write, [0], [False]
+    """Call ``before`` with its number, from 1, before each reading or writing transaction but those it makes itself."""
+    count, inside = [0], [False]
 
-    @contextmanager
-    def write(self: Database) -> Iterator[Any]:
-        if not inside[0]:
-            count[0] += 1
-            inside[0] = True
-            try:
-                before(count[0])
-            finally:
-                inside[0] = False
-        with real(self) as connection:
-            yield connection
+    def counted(real: Any) -> Any:
+        @contextmanager
+        def transaction(self: Database) -> Iterator[Any]:
+            if not inside[0]:
+                count[0] += 1
+                inside[0] = True
+                try:
+                    before(count[0])
+                finally:
+                    inside[0] = False
+            with real(self) as connection:
+                yield connection
 
-    monkeypatch.setattr(Database, "write", write)
+        return transaction
+
+    for name in ("read", "write"):
+        monkeypatch.setattr(Database, name, counted(getattr(Database, name)))
 
 
-def command(name: str, folder: Path) -> None:
-    """A command of its own process; what the user could mend is no fault here."""
+def command(name: str, folder: Path, *refusals: type[Exception]) -> None:
+    """A command of its own process, which may end by ``refusals``."""
     campaign = Campaign.open(folder)
     try:
-        with suppress(UserError):
+        with suppress(*refusals):
             if name == "run":
                 run_campaign(campaign)
             elif name == "propose":
@@ -139,11 +159,11 @@ def interleaved(folder: Path, first: str, others: Sequence[str], moment: int, ur
             met.append(n)
             for name in others:
                 with elsewhere(), suppress(WaitsError):
-                    command(name, folder)
+                    command(name, folder, UserError)
 
     with pytest.MonkeyPatch.context() as patch:
         transactions(patch, before)
-        command(first, folder)
+        command(first, folder, *(() if first == "run" else (UserError,)))  # nobody else may end a `run` with an error
     if first == "run":
         command("run", folder)
     return bool(met)

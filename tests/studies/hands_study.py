@@ -1,15 +1,15 @@
 """Many hands and failing machines: every command, at every one of its operations and commits.
 
     python tests/studies/hands_study.py                # goes on where it was stopped
-    python tests/studies/hands_study.py --every 5      # each fifth moment only
     python tests/studies/hands_study.py --only server  # one kind only
+    python tests/studies/hands_study.py --anew         # again from the first moment
 
 A command is killed, or met by an error (no space, input/output, read-only), before each of its file and SQL
 operations; on PostgreSQL, at each SQL operation, also by the loss of its connection before it or after it
 (tests/store/faults.py). Other commands, one or three, come before each of its transactions
 (tests/store/interleaving.py), on SQLite and on PostgreSQL. Each bit of a data base may be another. The first that does
-not hold ends the study. Writes reports/reliability/hands.csv, a row for each moment, and a section of
-reports/reliability.md.
+not hold ends the study. Writes reports/reliability/hands.csv, a row for each command and what meets it, with the
+package (`git rev-parse HEAD:seqrsm`) that it was tried on, and a section of reports/reliability.md.
 """
 
 from __future__ import annotations
@@ -21,73 +21,107 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(Path(__file__).parent), *(str(TESTS / name) for name in ("store", "cli"))]
 
-from faults import CASES, ERRORS, KILL, SERVER_CASES, SERVER_HOWS, injected, prepared  # noqa: E402
+from faults import CASES, ERRORS, KILL, LASTING, LOST, REFUSED, SERVER_CASES, SERVER_HOWS, injected, prepared  # noqa: E402
 from interleaving import command, found, interleaved, made, without_engine  # noqa: E402
 from postgres_server import find_server, running, wipe  # noqa: E402
-from reliability_report import FOLDER, machine, write_section  # noqa: E402
+from reliability_report import FOLDER, machine, package, write_section  # noqa: E402
 from test_bad_disks import SPEC, flipped, scores  # noqa: E402
 from typer.testing import CliRunner  # noqa: E402
 
 from seqrsm.cli.app import app  # noqa: E402
 
 TABLE = FOLDER / "hands.csv"
-COLUMNS = ("kind", "command", "with", "moment")
-BESIDE = {"run": ["run"], "run x 3": ["run"] * 3, "simulate": ["simulate"], "propose": ["propose"]}
+COLUMNS = ("kind", "command", "with", "moments", "whole", "package")
+BESIDE: dict[tuple[str, str], list[str]] = {
+    ("run", "run"): ["run"],
+    ("run", "run x 3"): ["run"] * 3,
+    ("run", "simulate"): ["simulate"],
+    ("run", "propose"): ["propose"],
+    ("run", "propose, simulate, run"): ["propose", "simulate", "run"],
+    ("propose", "propose"): ["propose"],
+    ("propose", "propose x 3"): ["propose"] * 3,
+    ("propose", "run"): ["run"],
+}
+SAME_END = ("run", "run x 3", "simulate")
 HOWS = tuple(ERRORS)
-SAMPLE = (
-    " Moments of files and of SQLite are a sample: every 9th of each command, more of `run`, `simulate` and `propose`; "
-    "most were taken before the last change to the check of stored values. The engine was a stand-in."
-)
-MOST = 10_000
+KINDS = ("server", "fault", "SQLite", "PostgreSQL", "flip")
 FLIPS = 2000
 
 
-def rows() -> list[tuple[str, ...]]:
+class Row(NamedTuple):
+    """What was done of a course: so many moments from the first, to the last or not, on what package."""
+
+    kind: str
+    command: str
+    met: str
+    moments: int
+    whole: bool
+    package: str
+
+
+def rows() -> dict[tuple[str, str, str], Row]:
     """What earlier calls have done."""
     if not TABLE.exists():
-        return []
+        return {}
     with TABLE.open(newline="", encoding="utf-8") as stream:
-        return [tuple(row.values()) for row in csv.DictReader(stream)]
+        found = [tuple(row.values()) for row in csv.DictReader(stream)]
+    return {(k, c, m): Row(k, c, m, int(n), whole == "yes", of) for k, c, m, n, whole, of in found}
 
 
-def courses(folder: Path, postgres: str | None, only: str) -> Iterator[tuple[str, str, str, Callable[[int], bool]]]:
-    """Kind, command, what meets it, and what is done at a moment: False beyond the last."""
-    for name in sorted(SERVER_CASES, key="run".__eq__) if postgres and only in ("", "server") else ():
-        place = folder / f"server-{name.replace(' ', '-')}"
-        prepared(name, place, postgres)
-        for how in SERVER_HOWS:
-            yield "server", name, how, lambda n, name=name, how=how, p=place: injected(name, p, n, how, postgres)
-    for name in CASES if only in ("", "fault") else ():
-        place = folder / name.replace(" ", "-")
-        prepared(name, place)
-        yield "fault", name, KILL, lambda n, name=name, place=place: injected(name, place, n, KILL)
-        yield "fault", name, "error", lambda n, name=name, place=place: injected(name, place, n, HOWS[n % len(HOWS)])
-    command("run", made(folder / "calm"))
-    expected = found(folder / "calm")
-    for kind, url in (("SQLite", None), ("PostgreSQL", postgres)):
-        for name in BESIDE if (kind == "SQLite" or url) and only in ("", kind) else ():
-            yield kind, "run", name, lambda n, name=name, url=url: _beside(folder / "beside", name, n, url, expected)
-    if only in ("", "flip"):
-        yield "flip", "status", "bit", lambda n: n <= FLIPS and _flip(folder / "flipped", n)
+def courses(
+    folder: Path, postgres: str | None, kind: str, whole: Collection[tuple[str, str, str]]
+) -> Iterator[tuple[str, str, Callable[[int], bool]]]:
+    """Command, what meets it, and what is done at a moment, from the first: False beyond the last."""
+    if kind in ("server", "fault"):
+        url = postgres if kind == "server" else None
+        hows = (*SERVER_HOWS, LOST + LASTING, REFUSED + LASTING) if url else (KILL, "error", "error" + LASTING)
+        for how in hows:
+            for name in SERVER_CASES if url else CASES:
+                if (kind, name, how) not in whole:
+                    shutil.rmtree(folder / "course", ignore_errors=True)
+                    prepared(name, folder / "course", url)
+                    yield name, how, partial(_injected, name, folder / "course", how, url)
+    elif kind == "flip":
+        yield "status", "bit", lambda n: n <= FLIPS and _flip(folder / "flipped", n)
+    else:
+        shutil.rmtree(folder / "calm", ignore_errors=True)
+        command("run", made(folder / "calm"))
+        expected = found(folder / "calm")
+        for first, other in BESIDE:
+            url = postgres if kind == "PostgreSQL" else None
+            yield first, other, partial(_beside, folder / "beside", first, other, url, expected)
 
 
-def _beside(folder: Path, name: str, moment: int, url: str | None, expected: object) -> bool:
+def _injected(name: str, place: Path, how: str, url: str | None, moment: int) -> bool:
+    """Errors by turns; one that lasts is another than the one that does not."""
+    kind = HOWS[(moment + how.endswith(LASTING)) % len(HOWS)]
+    return injected(name, place, moment, how.replace("error", kind), url)
+
+
+def _beside(folder: Path, first: str, other: str, url: str | None, expected: object, moment: int) -> bool:
     shutil.rmtree(folder, ignore_errors=True)
     if url is not None:
         wipe(url)
-    met = interleaved(folder, "run", BESIDE[name], moment, url)
-    now = found(folder)
-    assert name == "propose" or now == expected, (name, moment, url)
-    assert {run[3] for run in now[0]} == {"scored"}, (name, moment, url)
+    met = interleaved(folder, first, BESIDE[first, other], moment, url)
+    runs, looks = found(folder)  # within the budget
+    where = (first, other, moment, url)
+    assert len({run[0] for run in runs}) == len(runs), where
+    if first == "run":
+        assert {run[3] for run in runs} == {"scored"}, where
+        assert other not in SAME_END or (runs, looks) == expected, where
+    elif other != "run":
+        assert [run[1] for run in runs] == [1] * 9, where
     return met
 
 
@@ -103,10 +137,13 @@ def _flip(folder: Path, seed: int) -> bool:
     return True
 
 
-def carry_on(every: int, seconds: float, only: str) -> None:
-    """Moments that no earlier call has done, ``every`` so many, of one kind where it is not ""."""
+def carry_on(kinds: Sequence[str], seconds: float, anew: bool) -> None:
+    """Moments that no earlier call has done, in courses not whole yet."""
     FOLDER.mkdir(parents=True, exist_ok=True)
-    done, end = set(rows()), time.monotonic() + seconds
+    done, end = rows(), time.monotonic() + seconds
+    if anew:
+        done = {key: row for key, row in done.items() if key[0] not in kinds}
+    now = package()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         patch = stack.enter_context(pytest.MonkeyPatch.context())
@@ -114,70 +151,89 @@ def carry_on(every: int, seconds: float, only: str) -> None:
         without_engine(patch)
         server = find_server()
         postgres = None if server is None else stack.enter_context(running(server))
-        writer = csv.writer(stack.enter_context(TABLE.open("a", newline="", encoding="utf-8", buffering=1)))
-        if not done:
-            writer.writerow(COLUMNS)
-        for kind, name, other, act in courses(folder, postgres, only):
-            for moment in range(1, MOST, every):
-                row = (kind, name, other, str(moment))
-                if row in done:
+        for kind in kinds:
+            for name, met, act in courses(folder, postgres, kind, {key for key, row in done.items() if row.whole}):
+                key = (kind, name, met)
+                old = done.get(key, Row(*key, 0, False, now))
+                if old.whole:
                     continue
-                if time.monotonic() > end or not act(moment):
+                if time.monotonic() > end:
                     break
-                writer.writerow(row)
-            print(f"{kind}: {name}, {other}", flush=True)
+                moment, whole = old.moments + 1, False
+                while not whole and time.monotonic() < end:
+                    whole, moment = not act(moment), moment + 1
+                packages = dict.fromkeys((*old.package.split(), now))
+                done[key] = Row(*key, moment - 1 - whole, whole, " ".join(packages))
+                _write(done.values())
+                print(f"{kind}: {name}, {met}: {done[key].moments}", flush=True)
+
+
+def _write(done: Iterable[Row]) -> None:
+    with TABLE.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(row._replace(whole="yes" if row.whole else "no") for row in sorted(done))
 
 
 def report() -> None:
     """The section of reports/reliability.md."""
     done = rows()
-    count = {key: sum(row[: len(key)] == key for row in done) for key in {row[:k] for row in done for k in (1, 2, 3)}}
-    n_beside = count.get(("SQLite",), 0) + count.get(("PostgreSQL",), 0)
-    text = (
-        f"{count.get(('fault',), 0)} times a command was killed, or met an error (no space, input/output, read-only), "
-        "before one of its file or SQL operations, and given again: the campaign, form, export or report was then what "
-        f"it is undisturbed. {n_beside} times other commands came before one of the transactions of a `run`: nothing "
-        "was lost or doubled, the budget was kept, and with `run` and `simulate` beside it the end was the same to the "
-        f"last digit. {count.get(('flip',), 0)} times one bit of a data base was another: `status` said the same as "
-        "before, or refused in words. No command ended in a traceback. One exception would have ended the study."
-        + SAMPLE
-    )
-    server = (
-        f"On PostgreSQL {count.get(('server',), 0)} times a command met the like at one of its SQL statements and "
-        "commits: it was killed, the server ended its connection before the operation or after it (so that only the "
-        "answer was missing), or refused it. Given again it ended as undisturbed: no run or score was lost or doubled, "
-        "the budget was kept, no connection was left on the server, and no password stood in any output or file."
-        " Of the 337 operations of `run` two thirds met one failure each, by turns; `status` and `ingest` were not "
-        "taken whole, `report` not at all."
-    )
+    of = {kind: [row for row in done.values() if row.kind == kind] for kind in KINDS}
+    count = {kind: sum(row.moments for row in of[kind]) for kind in KINDS}
+    packages = {kind: ", ".join(sorted({name for row in of[kind] for name in row.package.split()})) for kind in KINDS}
+    part = [f"`{row.command}`, {row.met} ({row.kind})" for row in done.values() if not row.whole]
     lines = [
-        text,
+        f"{count['fault']} times a command was killed, or met an error (no space, input/output, read-only, by turns), "
+        "before one of its file or SQL operations, and given again (once from each state that "
+        "was left, times apart): the campaign, form, export or report was then what it is undisturbed. "
+        f"{count['server']} times a command met the like at one of its SQL statements and commits on PostgreSQL: it "
+        "was killed, the server ended its connection before the operation or after it (so that only the answer was "
+        "missing), or refused it. Given again it ended as undisturbed: no "
+        "run or score was lost or doubled, the budget was kept, no connection was left on the server, and no password "
+        "stood in any output or file.",
         "",
-        server,
+        f"{count['SQLite'] + count['PostgreSQL']} times one or three other commands came before one of the "
+        "transactions of a command, readers' included: no `run` ended in an error, nothing was lost or doubled, the "
+        "budget was kept, and `run` with `run` and `simulate` beside it ended the same to the last digit. "
+        f"{count['flip']} times one bit of a data base was another: `status` said the same as before, or refused in "
+        "words. No command ended in a traceback. One exception would have ended the study.",
         "",
-        "| command | killed before | error before |",
-        "|---|---|---|",
+        "A number is of all operations (transactions, for commands beside others) that the command has"
+        + (
+            f", apart from {'; '.join(part)}: those were not taken to the end; a dash: not begun."
+            if part
+            else "; a dash: not begun."
+        )
+        + " Simulations were replaced by a formula, and each different analysis was made once.",
+        "",
     ]
-    for name in CASES:
-        killed, failed = (count.get(("fault", name, how), 0) for how in (KILL, "error"))
-        lines.append(f"| `{name}` | {killed} | {failed} |")
-    lines += ["", f"| command, PostgreSQL | {' | '.join(SERVER_HOWS)} |", f"|---{'|---' * len(SERVER_HOWS)}|"]
-    for name in SERVER_CASES:
-        lines.append(f"| `{name}` | {' | '.join(str(count.get(('server', name, how), 0)) for how in SERVER_HOWS)} |")
-    lines += ["", "| beside `run` | moments, SQLite | moments, PostgreSQL |", "|---|---|---|"]
-    for name in BESIDE:
-        moments = (count.get((kind, "run", name), 0) for kind in ("SQLite", "PostgreSQL"))
-        lines.append(f"| `{name}` | {' | '.join(map(str, moments))} |")
-    lines += ["", f"{machine()} Command: `python tests/studies/hands_study.py`."]
+    for kind, title in (("fault", "files and SQLite"), ("server", "PostgreSQL")):
+        hows = list(dict.fromkeys(row.met for row in of[kind]))
+        lines += [f"| command, {title} | {' | '.join(hows)} |", f"|---{'|---' * len(hows)}|"]
+        for name in dict.fromkeys(row.command for row in of[kind]):
+            cells = (done.get((kind, name, how)) for how in hows)
+            lines.append(f"| `{name}` | {' | '.join('-' if row is None else str(row.moments) for row in cells)} |")
+        lines.append("")
+    lines += ["| command | beside it | transactions, SQLite | transactions, PostgreSQL |", "|---|---|---|---|"]
+    for first, other in BESIDE:
+        cells = (done.get((kind, first, other)) for kind in ("SQLite", "PostgreSQL"))
+        lines.append(
+            f"| `{first}` | `{other}` | {' | '.join('-' if row is None else str(row.moments) for row in cells)} |"
+        )
+    lines += [
+        "",
+        f"Package (`git rev-parse --short HEAD:seqrsm`): {'; '.join(f'{kind} {packages[kind]}' for kind in KINDS)}. "
+        f"{machine()} Command: `python tests/studies/hands_study.py`.",
+    ]
     write_section("2-hands", "Many hands, failing machines", lines)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=1e9)
-    parser.add_argument("--only", default="", choices=["server", "fault", "SQLite", "PostgreSQL", "flip"])
+    parser.add_argument("--only", default="", choices=["", *KINDS])
+    parser.add_argument("--anew", action="store_true")
     asked = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    carry_on(asked.every, asked.seconds, asked.only)
+    carry_on([asked.only] if asked.only else KINDS, asked.seconds, asked.anew)
     report()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,3 +29,11 @@ def machine() -> str:
     """The machine, and how loaded it is, in a sentence."""
     load = f", load {os.getloadavg()[0]:.1f} at the end" if hasattr(os, "getloadavg") else ""
     return f"Measured with Python {platform.python_version()} on {os.cpu_count()} cores of {platform.machine()}{load}."
+
+
+def package() -> str:
+    """The package that is studied, as git names its content: `git rev-parse --short HEAD:seqrsm`."""
+    asked = ("git", "rev-parse", "--short", "HEAD:seqrsm")
+    return subprocess.run(
+        asked, check=True, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parent
+    ).stdout.strip()
