@@ -29,7 +29,10 @@ def model_matrix(certified: dict[str, Any], x: np.ndarray) -> np.ndarray:
     if certified["model_type"] != "polynomial":
         return np.column_stack([np.ones(len(x)), x])
     first = 0 if certified["intercept"] else 1
-    return np.stack([x[:, 0] ** k for k in range(first, certified["degree"] + 1)], axis=1)
+    # numpy 1.26 rounds some fourth powers wrongly, and a last digit here costs half of the digits of a coefficient.
+    return np.array(
+        [[float(Fraction(v) ** k) for k in range(first, certified["degree"] + 1)] for v in x[:, 0].tolist()]
+    )
 
 
 def terms(certified: dict[str, Any]) -> list[SimpleNamespace]:
