@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from seqrsm.arrays import FloatArray
+from seqrsm.errors import FitError, Problem
 from seqrsm.fit.conjugate import Flat, NormalInverseGamma, Prior, posterior
 from seqrsm.fit.convergence import ess, ess_tail
 
@@ -75,6 +76,11 @@ def student_draws(
         Of a coefficient or log sigma: ``ess`` and ``ess_ends``, the smallest effective number of draws, of the mean and
         of the ends of 95 % intervals; ``r_hat``, the largest potential scale reduction over the chains (Gelman & Rubin
         1992). ``steps``: sweeps after the warm-up.
+
+    Raises
+    ------
+    FitError
+        A score lies so far from the others, some 1e11 times their scatter, that their digits are lost beside it.
     """
     n, p = Z.shape
     start = posterior(Z, y, weights, prior)
@@ -95,12 +101,18 @@ def student_draws(
         A = ((share * weights) @ outer).reshape(_CHAINS, p + 1, p + 1) + own
         total = A[:, p, p].copy()
         A[:, p, p] += total + 1.0  # what is left of the scores may be nothing, which a Cholesky factor cannot hold
-        L = np.linalg.cholesky(A)
+        try:
+            L = np.linalg.cholesky(A)
+        except np.linalg.LinAlgError:
+            far = int(np.argmax(np.abs(y)))
+            message = f"the score of run {far + 1} (counted from 1) lies too far from the others for Student-t errors"
+            raise FitError(Problem(message, "void it or correct it")) from None
         half = L[:, p, :p]
         rss = total - np.sum(half**2, axis=1)
         sigma = np.sqrt((given.b0 + 0.5 * np.maximum(rss, 1e-300)) / rng.gamma(shape, size=_CHAINS))
         at = _solved_upwards(L, half + sigma[:, None] * rng.standard_normal((_CHAINS, p)))
-        square = weights * (y - at @ X.T) ** 2 / sigma[:, None] ** 2
+        with np.errstate(over="ignore"):  # a run of no weight; where all have none, the next factor is refused
+            square = weights * (y - at @ X.T) ** 2 / sigma[:, None] ** 2
         share = rng.standard_gamma(0.5 * (STUDENT_DF + 1.0), square.shape) * (2.0 / (STUDENT_DF + square))
         if sweep >= 0:
             u[sweep], sigmas[sweep] = at, sigma

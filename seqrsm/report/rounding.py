@@ -26,7 +26,7 @@ def decimals_for(uncertainty: float, fallback: int = 2) -> int:
     uncertainty : float
         Standard error, half-width or spread, in the unit of the value; its sign is ignored.
     fallback : int
-        Returned where the uncertainty is zero, infinite or nan.
+        Returned where the uncertainty is below 1e-300, infinite or nan.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def decimals_for(uncertainty: float, fallback: int = 2) -> int:
         Decimal places by the Particle Data Group's rule.
     """
     size = abs(uncertainty)
-    if not math.isfinite(size) or size == 0.0:
+    if not math.isfinite(size) or size < 1e-300:
         return fallback
     exponent = math.floor(math.log10(size))
     # Dividing by a power of ten can land just outside [100, 1000); rounding to an integer first brings it back.

@@ -220,3 +220,16 @@ def test_student_t_draws_do_not_mind_where_the_scores_lie() -> None:
     near, far = (student_draws(Z, y + by, np.ones(15), Flat(), 400, np.random.default_rng(1)) for by in (0.0, 1e12))
     np.testing.assert_allclose(far[0] - [1e12, 0.0, 0.0], near[0], atol=2e-3)
     np.testing.assert_allclose(far[1], near[1], rtol=1e-3)
+
+
+def test_a_score_beside_which_the_others_have_no_digits_is_named() -> None:
+    rng = np.random.default_rng(34)
+    x = rng.choice([-1.0, 0.0, 1.0], (16, 2))
+    Z = np.column_stack([np.ones(16), x, x[:, 0] * x[:, 1], x**2])
+    y = 10.0 + rng.normal(size=16)
+    y[10] = 9.0e11
+    with pytest.raises(FitError, match=r"run 11 \(counted from 1\) lies too far from the others"):
+        student_draws(Z, y, np.ones(16), Flat(), 1000, rng)
+    y[10] = 9.0e6
+    beta, *_ = student_draws(Z, y, np.ones(16), Flat(), 1000, rng)
+    assert np.isfinite(beta).all()
