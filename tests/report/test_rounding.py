@@ -34,7 +34,7 @@ from seqrsm.report.rounding import (
         (123456.0, 1234.0, "123500 ± 1200"),
         (-0.004, 0.2, "0.00 ± 0.20"),
         (5.0, float("nan"), "5.00"),
-        (5.0, 5e-324, "5.00"),
+        (5.0, 5e-324, "5.00 ± 0.00"),
     ],
 )
 def test_plus_minus_follows_the_particle_data_group(value, uncertainty, text):
