@@ -130,7 +130,8 @@ def test_same_seed_gives_the_same_campaign_with_two_workers(finished, tmp_path, 
     monkeypatch.setattr(runner, "run_many", noted)
     ok("run", other, "--workers", 2)
     assert {workers for _, workers in batches} == {2}  # the confirmation runs among them
-    assert batches.count((32, 2)) == 1  # two occasions in each of 16 worlds
+    # Two occasions in each of 16 worlds; two levels on two occasions in each of 8.
+    assert batches.count((32, 2)) == 2
     assert sum(n for n, _ in batches) > len(scores(other)) + 32  # and what each cover does
     assert scores(other) == scores(finished[0])
     # made at another time, in another folder, by other processes: the same report to the byte

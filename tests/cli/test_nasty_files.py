@@ -107,7 +107,7 @@ REFUSED = [
         "Rename the column that contains them to 'score'; unknown columns: time.",
     ),
     (NUMBERS, text(*GOOD, "3,12,HH,NA"), "Leave the cell empty if there is no value."),
-    (NUMBERS, text(*GOOD, "3,12,HH,3.4e38"), "Numbers up to 1e+12 are"),
+    (NUMBERS, text(*GOOD, "3,12,HH,3.4e38"), "Scores up to 1e+12 are"),
     (NUMBERS, text(*GOOD, "3,12,HH,n/a"), "Leave the cell empty if there is no value."),
     (NUMBERS, text(*GOOD, "3,12,hh,70"), "Did you mean 'HH'?"),
     (NUMBERS, text(*GOOD, "3,12,HH-HV,70"), "Did you mean 'HH+HV'?"),
