@@ -109,7 +109,7 @@ def steps_of(
                 interval = mixed_quantiles(gains, level).also_less(off)
                 gains = [(sign_of(belief.goal) * (gain - off), share) for gain, share in gains]
                 better, here = sum(share * float(np.mean(gain > 0.0)) for gain, share in gains), (math.nan, math.nan)
-                if sd := sd_here.get((factor.name, str(values[i]))):
+                if (sd := sd_here.get((factor.name, str(values[i])))) is not None:
                     there = [(gain + sd * rng.standard_normal(len(gain)), share) for gain, share in gains]
                     here = (
                         sum(share * float(np.mean(gain > 0.0)) for gain, share in there),

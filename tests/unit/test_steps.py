@@ -60,7 +60,7 @@ def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> No
     found = analysis(tmp_path)
     fit, best = found.fit, found.optimum
     assert all(np.isnan(step.better_here) and np.isnan(step.loss_here) for step in found.steps)
-    levels = [{"factor": "bands", "level": "L", "sd": 6.0}, {"factor": "bands", "level": "C", "sd": 0.5}]
+    levels = [{"factor": "bands", "level": "L", "sd": 6.0}, {"factor": "bands", "level": "C", "sd": 0.0}]
     detail = {"application": found.application, "settings": dict(best.settings), "levels": levels}
     opened = Campaign.open(tmp_path / "c")
     opened.store.add_event(RANKED, {**detail, "settings": {**best.settings, "bands": "L"}})
@@ -68,7 +68,7 @@ def test_on_the_actual_ground_another_level_is_better_more_often(tmp_path) -> No
     opened.store.add_event(RANKED, detail)
     steps = {step.level: step for step in opened.analyse_all(thorough=True)[0].steps}
     assert np.isnan(steps[2.0].better_here)
-    for level, sd in (("L", 6.0), ("C", 0.5)):
+    for level, sd in (("L", 6.0), ("C", 0.0)):
         step = steps[level]
         rows = found.model.matrix(found.region.code([{**best.settings, "bands": one} for one in (level, "L+C")]))
         row = rows[0] - rows[1]
