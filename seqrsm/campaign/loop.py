@@ -121,17 +121,17 @@ class _ClosedLoop:
         self._refuse_less_than_a_start(budget)
         if spec.simulator is None and not campaign.store.runs(source="simulation"):
             check_simulator(spec)
-        ending: Ending | None = None
-        while ending is None:
+        end: tuple[Ending, tuple[Analysis, ...]] | None = None
+        while end is None:
             self._refuse_hopeless(self._simulated())
             try:
-                ending = self._step(budget, batch)
+                end = self._step(budget, batch)
             except OvertakenError:
                 self.say("another command advanced this campaign meanwhile; analysing again")
-        return self._finish(ending)
+        return self._finish(*end)
 
-    def _step(self, budget: int, batch: int) -> Ending | None:
-        """Look at what is scored, and issue what is next, or tell the ending; `OvertakenError` if others decided."""
+    def _step(self, budget: int, batch: int) -> tuple[Ending, tuple[Analysis, ...]] | None:
+        """Look at what is scored, and issue what is next, or end with that look; `OvertakenError` if others decided."""
         campaign, spec = self.campaign, self.campaign.spec
         left = budget - campaign.store.n_used()
         if left == budget:
@@ -155,13 +155,13 @@ class _ClosedLoop:
             analyses = self._confirmed(analyses)
             # Fresh runs that contradict the model are evidence against it: they enter the fit with the next ones.
             if left <= 0 or not any(analysis.contradicted for analysis in analyses):
-                return "stop"
+                return "stop", analyses
             self.say("the confirmation runs contradict the model; continuing")
         if any(analysis.decision.wants_confirmation for analysis in analyses):
             self._add_confirmation(analyses)
             return None
         if left <= 0:
-            return "budget spent"
+            return "budget spent", analyses
         with self._timed("propose"):
             campaign.decide(batch, budget=budget, analyses=analyses)
         return None
@@ -239,13 +239,12 @@ class _ClosedLoop:
         self._simulated()
         return self.campaign.analyse_all(n_draws=1000)
 
-    def _finish(self, kind: Ending) -> Outcome:
-        """Sample the posterior of the last look."""
+    def _finish(self, kind: Ending, analyses: tuple[Analysis, ...]) -> Outcome:
+        """Sample the posterior of the last look, after other grounds were simulated at what it recommends."""
         campaign, store, held = self.campaign, self.campaign.store, kind == "stop"
         rests = {}
         if campaign.spec.simulator is not None:
             told = [event.detail["settings"] for event in store.events(kind=RANKED)]
-            analyses = campaign.analyse_all(n_draws=1000)
             if any(one.optimum.settings not in told for one in analyses):
                 self.say("simulating other grounds at the recommended settings")
                 with self._timed("rank"):
