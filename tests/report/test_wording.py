@@ -9,6 +9,7 @@ from seqrsm.report.wording import (
     axis_label,
     fixed_label,
     fixed_unit,
+    format_setting,
     format_settings,
     readable,
     readable_term,
@@ -63,3 +64,9 @@ def test_factors_are_readable_in_sentences_of_others():
     assert readable_text(text, ("angle", "depression_angle")) == (
         "depression angle and angle are flat; depression_angle_2 is not"
     )
+
+
+def test_a_setting_known_well_has_no_more_digits_than_a_sensor_can_be_set_to():
+    resolution = ContinuousFactor("resolution", 30.0, 250.0, unit="m", scale="log")
+    assert format_setting(resolution, 30.0324, 0.016, unit=False) == "30.03"
+    assert format_setting(resolution, 141.482, 80.0, unit=False) == "140"

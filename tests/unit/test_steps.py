@@ -8,6 +8,7 @@ from scipy import stats
 from scored_campaigns import campaign, specification
 
 from seqrsm.analysis.ground import RANKED
+from seqrsm.campaign import simulation
 from seqrsm.campaign.campaign import Campaign
 
 FACTORS = """
@@ -110,3 +111,20 @@ def test_a_step_that_a_constraint_forbids_is_left_out(tmp_path) -> None:
     found = analysis(tmp_path, more='[[constraint]]\nexpr = "dates * count(bands) <= 4"\n')
     assert not any(step.factor == "bands" and step.level == "L+C" for step in found.steps)
     assert all(step.level != 4.0 or found.optimum.settings["bands"] != "L+C" for step in found.steps)
+
+
+def test_levels_are_held_against_the_recommended_one_over_the_same_grounds(tmp_path, monkeypatch) -> None:
+    """What a ground does to all levels alike is no difference between them; a level's own is, and chance is not."""
+    found = analysis(tmp_path)
+    opened, own = Campaign.open(tmp_path / "c"), {"L": 3.0, "C": 0.0, "L+C": 0.0}
+    monkeypatch.setattr(simulation, "bundle_tasks", lambda spec, settings, cells, worlds: [settings] * 2 * worlds)
+    common = 20.0 * np.repeat(np.random.default_rng(1).standard_normal(8), 2)
+    ground = np.repeat([-1.0, 1.0] * 4, 2)
+
+    def scores(tasks, *_):
+        return np.concatenate([60.0 + common + own[one["bands"]] * ground for one in tasks[::16]])
+
+    monkeypatch.setattr(Campaign, "scores_of", staticmethod(scores))
+    levels = opened._other_levels(found, 1, None)
+    assert [(one["factor"], one["level"]) for one in levels] == [("bands", "L"), ("bands", "C")]
+    assert [one["sd"] for one in levels] == pytest.approx([3.0 * np.sqrt(8.0 / 7.0), 0.0], abs=1e-4)
