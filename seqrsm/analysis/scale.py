@@ -14,19 +14,29 @@ from seqrsm.fit.weights import share_variance
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A two-sided interval in score units."""
+    """A two-sided interval in score units.
+
+    Attributes
+    ----------
+    low, high : float
+    cut_from : float
+        Half-width before bounds of the score cut it; nan where none did.
+    """
 
     low: float
     high: float
+    cut_from: float = float("nan")
 
     @property
     def half_width(self) -> float:
-        """Half of ``high - low``."""
-        return 0.5 * (self.high - self.low)
+        """Half of ``high - low``; not shortened where bounds of the score cut the interval."""
+        return 0.5 * (self.high - self.low) if np.isnan(self.cut_from) else self.cut_from
 
     def within(self, low: float, high: float) -> Interval:
-        """The part of it that lies between two bounds."""
-        return Interval(min(max(self.low, low), high), min(max(self.high, low), high))
+        """The part of it that lies between two bounds; its half-width stays."""
+        if low <= self.low and self.high <= high:
+            return self
+        return Interval(min(max(self.low, low), high), min(max(self.high, low), high), self.half_width)
 
     def around(self, other: Interval) -> Interval:
         """The smallest interval that holds both."""

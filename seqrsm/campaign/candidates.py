@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +19,7 @@ import numpy as np
 from seqrsm.analysis.candidates import Comparison, Sufficing, by_surface, compared
 from seqrsm.analysis.ground import N_WORLDS, OCCASIONS, future_sd
 from seqrsm.analysis.results import Analysis
+from seqrsm.analysis.to_json import fields_to_json, interval_to_json
 from seqrsm.arrays import FloatArray
 from seqrsm.campaign.campaign import Campaign, silent
 from seqrsm.campaign.instruments import (
@@ -233,7 +234,7 @@ class _Comparer:
         return {
             "settings": dict(self.settings),
             "optimum": best.mean,
-            "interval": asdict(best.whole),
+            "interval": interval_to_json(best.whole),
             "simulated": None if self.optimum is None else float(self.optimum.mean()),
             "sufficient": self.rule.score,
             "relative": self.rule.relative,
@@ -260,7 +261,7 @@ class _Comparer:
         try:
             at = self._in_region(candidate)
             if at is not None:
-                return {**told, "how": "surface", **asdict(self._by_surface(at, candidate)), "settings": at}
+                return {**told, "how": "surface", **fields_to_json(self._by_surface(at, candidate)), "settings": at}
             if self.optimum is None:
                 raise ConfigurationError(Problem("its settings lie outside the region, and there is no simulator"))
             return {**told, "how": "simulation", **self._by_simulation(candidate, told)}
@@ -320,10 +321,11 @@ class _Comparer:
         for name, mixed in zip(mixed_by, self._simulated(mixed_by.values(), self.tasks[::OCCASIONS]), strict=True):
             if np.isfinite(mixed[whole]).all():
                 alone = compared(mixed[None, whole], optimum[:, :1], self.rule, self.level, self.runs)
-                owed.append({"property": name, "difference": alone.difference, "confidence": asdict(alone.confidence)})
+                confidence = interval_to_json(alone.confidence)
+                owed.append({"property": name, "difference": alone.difference, "confidence": confidence})
         rows = [{**place_in_swath(place), "score": float(one.mean())} for place, one in zip(places, own, strict=True)]
         dates = {"used": list(days), "offered": offered} if days else None
-        return {**asdict(result), "places": rows, "owed_to": owed, "dates": dates}
+        return {**fields_to_json(result), "places": rows, "owed_to": owed, "dates": dates}
 
     def _places(self, candidate: Candidate) -> tuple[list[Instrument], int | None]:
         """The candidate at places of its swath, from near to far, and how many dates it offers, where they count."""

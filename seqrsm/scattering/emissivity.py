@@ -30,7 +30,7 @@ from seqrsm.scattering.emissivity_curves import (
 )
 from seqrsm.scattering.longtable import EMISSIVITY_GHZ
 from seqrsm.scattering.models import ComplexLike, reflectivity_fresnel
-from seqrsm.scattering.readers import DATA, read_rows
+from seqrsm.scattering.readers import DATA, read_rows, unknown_cover
 from seqrsm.scattering.worlds import OneAway, World, default_mean_sd
 
 TABLE_FREQUENCY_GHZ: Final = 20.0
@@ -221,11 +221,7 @@ class EmissivityTable:
         names = tuple(categories)
         for name in dict.fromkeys(names):
             if name not in self.curves and name not in self.mixes:
-                remedy = (
-                    f"Give its rows in a table of your own; the table has: {', '.join((*self.curves, *self.mixes))}"
-                )
-                message = "no emissivity of this category"
-                problems.append(Problem(message, remedy, self.file or None, field="category", value=name))
+                problems += unknown_cover("emissivity", (*self.curves, *self.mixes), self.file, name).problems
         if problems:
             raise ScatteringDataError(*problems)
         found: dict[str, tuple[FloatArray, tuple[str, ...]]] = {}

@@ -20,7 +20,21 @@ POLARIZATIONS: Final = ("HH", "HV", "VV")
 DATA: Final = Path(__file__).parent / "data"
 """Folder of the shipped tables."""
 
+COVER: Final = "cover"
+"""Field of a problem that lies with the name of a ground cover."""
+
 _MAX_BYTES: Final = 50_000_000
+
+
+def unknown_cover(quantity: str, known: Sequence[str], file: str, name: str) -> ScatteringDataError:
+    """A cover that a table of this quantity has not."""
+    remedy = (
+        f"The table has: {', '.join(known)}. Give the cover one of these names in the scene's legend, or its rows in a "
+        "table of your own"
+    )
+    return ScatteringDataError(
+        Problem(f"no {quantity} of this ground cover", remedy, file or None, field=COVER, value=name)
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from seqrsm.scattering.curves import (
     weakest,
 )
 from seqrsm.scattering.longtable import read_long_table
-from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_rows
+from seqrsm.scattering.readers import DATA, POLARIZATIONS, read_rows, unknown_cover
 from seqrsm.scattering.seasons import Snow, seasonal_curves, under_snow
 from seqrsm.scattering.worlds import OneAway, World, course_deviation, default_mean_sd
 from seqrsm.units import db_to_linear
@@ -241,10 +241,7 @@ class Sigma0Table:
         if curve is not None:
             return curve
         if category not in self.categories:
-            remedy = f"The table has: {', '.join(self.categories)}"
-            raise ScatteringDataError(
-                Problem("no such category in the table", remedy, self.file or None, field="category", value=category)
-            )
+            raise unknown_cover("backscatter", self.categories, self.file, category)
         seasons = ", ".join(s for c, s in self.curves if c == category)
         message = f"the table has no backscatter of {category} in this season"
         raise ScatteringDataError(

@@ -35,7 +35,6 @@ DEPRESSION_DEG = (10.0, 85.0)
 
 _NAMED = "percent_correct by field"
 _ALTITUDES_M = (6000.0, 12000.0, 24000.0)
-_HALF_SCENE_M = 1950.0  # of the template's
 _LEAST_RATIO = 1.5
 
 
@@ -112,7 +111,7 @@ def init_from_catalog(applications: Sequence[str], folder: Path, scene: Path | N
     """
     wanted = applications_of(applications)
     engine = engine_for(wanted)
-    text = campaign_text(wanted, _HALF_SCENE_M if scene is None else _half_scene(scene, wanted))
+    text = campaign_text(wanted, None if scene is None else _site(scene, wanted))
     with new_folder(folder) as part:
         if scene is not None:
             shutil.copyfile(scene, part / "scene.npz")
@@ -150,8 +149,33 @@ def engine_for(wanted: Sequence[Wanted]) -> str:
     return "prm" if "prm" in engines else "".join(engines)
 
 
-def _half_scene(path: Path, wanted: Sequence[Wanted]) -> float:
-    """Half of a scene's range, with room at its ends [m]; it must have the covers that are asked for."""
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A scene of the user's own: cells a side [m], and its extent in range [m]."""
+
+    cell_m: float
+    range_m: float
+
+    def resolution(self, usual: _Default, engine: str) -> _Default:
+        """Range and limits of the resolution over it: three cells or more of a radiometer's footprint."""
+        if engine == "psm":
+            low = max(usual.limits[0], self.cell_m)
+            high, why = max(usual.limits[1], 10.0 * low), f"the scene has cells of {self.cell_m:g} m"
+        else:
+            low = max(usual.limits[0], 3.0 * self.cell_m)
+            high = max(self.range_m / 8.0, 2.0 * low)
+            why = f"the scene is {self.range_m / 1000.0:.2g} km wide, with cells of {self.cell_m:g} m"
+        low, high = (float(f"{end:.3g}") for end in (low, high))
+        first = max(usual.low, low) if max(usual.low, low) < high else low
+        return _Default(first, min(max(usual.high, 2.0 * first), high), (low, high), why)
+
+
+_TEMPLATE = Site(5.0, 3680.0)
+_TEMPLATE_SITE = "# Langegracht, Flanders (see SCENE.md): put your own site here.\n"
+
+
+def _site(path: Path, wanted: Sequence[Wanted]) -> Site:
+    """A scene, which must have the covers that are asked for."""
     scene = load_scene(path)
     known = scene.categories
     for one in wanted:
@@ -161,7 +185,7 @@ def _half_scene(path: Path, wanted: Sequence[Wanted]) -> float:
             remedy = f"The scene has {', '.join(known)}."
             message = f"{one.words} is measured on {', '.join(lacking)}, which the scene lacks"
             raise UserError(Problem(message, remedy, file=str(path)))
-    return float(0.53 * scene.cover.shape[0] * scene.cell_m)
+    return Site(scene.cell_m, scene.cover.shape[0] * scene.cell_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +200,13 @@ class _Chosen:
     comments: tuple[str, ...]
 
 
-def campaign_text(wanted: Sequence[Wanted], half_scene_m: float = _HALF_SCENE_M) -> str:
-    """Text of campaign.toml for what the catalogue says of some applications, over a scene of this half range [m]."""
+def campaign_text(wanted: Sequence[Wanted], site: Site | None = None) -> str:
+    """Text of campaign.toml for what the catalogue says of some applications, over the template's site or another."""
     engine = engine_for(wanted)
     limits = dict(_DEFAULTS[engine] if engine else _MEASURED)
+    if site is not None and engine:
+        limits["resolution"] = site.resolution(limits["resolution"], engine)
+    half_scene_m = 0.53 * (site or _TEMPLATE).range_m  # with room at its ends
     if engine == "psm":
         usual, steepest = limits["depression_angle"], math.degrees(math.atan(_ALTITUDES_M[-1] / half_scene_m))
         nadir = min(usual.limits[1], float(math.floor(steepest)))
@@ -211,7 +238,7 @@ def campaign_text(wanted: Sequence[Wanted], half_scene_m: float = _HALF_SCENE_M)
         *(_factor_text(item) for item in chosen if item.low < item.high),
         _polarization_text(levels, level_comments),
         *(_application_text(one, engine, by_name) for one in wanted),
-        *_simulator_text(engine, chosen, by_name, levels, half_scene_m),
+        *_simulator_text(engine, chosen, by_name, levels, half_scene_m, "" if site else _TEMPLATE_SITE),
         "[stop]\n"
         'interval = "prediction_mean"  # of the mean of 5 future flights\nreplicates = 5\n'
         f"{_target_text(wanted)}\nlevel = 0.95\nmax_runs = {max(120, 5 * terms)}",
@@ -240,13 +267,17 @@ def _application_text(one: Wanted, engine: str, chosen: Mapping[str, _Chosen]) -
 
 
 def _simulator_text(
-    engine: str, chosen: list[_Chosen], by_name: Mapping[str, _Chosen], levels: tuple[str, ...], half_scene_m: float
+    engine: str,
+    chosen: list[_Chosen],
+    by_name: Mapping[str, _Chosen],
+    levels: tuple[str, ...],
+    half_scene_m: float,
+    site: str,
 ) -> list[str]:
     """The tables of the simulator; none for measured scores."""
     if not engine:
         return []
-    site = f'# Langegracht, Flanders (see SCENE.md): put your own site here.\n[simulator]\nengine = "{engine}"\n'
-    parts = [f'{site}scene = "scene.npz"']
+    parts = [f'{site}[simulator]\nengine = "{engine}"\nscene = "scene.npz"']
     if engine == "prm":
         parts.append(
             "# An aircraft's scanner, both polarizations.\n[simulator.fixed]\n"

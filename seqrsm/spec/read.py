@@ -88,6 +88,7 @@ from seqrsm.design.factors import Factor
 from seqrsm.design.region import Region
 from seqrsm.errors import Problem, SpecError
 from seqrsm.fit.error_models import ERROR_MODELS, ErrorModel
+from seqrsm.scattering.readers import COVER
 from seqrsm.sensor.parameters import find
 from seqrsm.sensor.sets import SENSORS
 from seqrsm.spec import checks as spec_checks
@@ -375,6 +376,8 @@ def fixed_problem(spec: CampaignSpec, problem: Problem) -> Problem:
     """A problem of a sensor's fixed parameter with its place in ``campaign.toml``, by whichever of its names."""
     file, written = spec.folder / SPEC_NAME, str(problem.field)
     lines = key_lines(file.read_text(encoding="utf-8-sig"))
+    if written == COVER:
+        return replace(problem, file=str(file), line=lines.get(("simulator", "scene")), field="[simulator] scene")
     if spec.simulator is not None:
         table = SENSORS[spec.simulator.engine]
         parameter = find(table, written)

@@ -66,6 +66,14 @@ def test_spec(tiny, name) -> None:
         refused(seqrsm("run", tiny))
 
 
+def test_a_cover_without_backscatter_is_named_with_its_scene(tiny) -> None:
+    with np.load(tiny / "scene.npz") as scene:
+        layers = dict(scene)
+    layers["categories"] = np.array(["Moor", *layers["categories"][1:]])
+    np.savez_compressed(tiny / "scene.npz", **layers)
+    refused(seqrsm("check", tiny), "campaign.toml:24: [simulator] scene", "'Moor'", "Trees", "legend")
+
+
 def test_scene_layers_that_differ_in_size(tiny) -> None:
     with np.load(tiny / "scene.npz") as scene:
         arrays = dict(scene)

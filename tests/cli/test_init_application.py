@@ -18,6 +18,7 @@ from seqrsm.spec.from_catalog import (
     DEPRESSION_DEG,
     FREQUENCY_GHZ,
     RESOLUTION_M,
+    Site,
     applications_of,
     campaign_text,
     engine_for,
@@ -122,8 +123,12 @@ def test_a_scene_of_ones_own_is_taken_and_must_have_the_covers(tmp_path) -> None
     assert (tmp_path / "own" / "scene.npz").read_bytes() == wake.read_bytes()
     # The scene is 13.5 km deep: from 24 km up the swath stays beside nadir to atan(24 / 7.2) only.
     assert "altitude_m = 24000.0" in (tmp_path / "own" / "campaign.toml").read_text(encoding="utf-8")
-    steep = campaign_text(applications_of(["forest"]), 0.53 * 450 * 30.0)
+    steep = campaign_text(applications_of(["forest"]), Site(30.0, 450 * 30.0))
     assert "83 deg (most agree on 30 to 70)\n# cut: closer to nadir than 73 deg no aircraft swath" in steep
+    assert "Langegracht" not in steep
+    coarse = campaign_text(applications_of(["crop"]), Site(80.0, 29000.0))  # 10 to 50 m are printed
+    assert "not attainable here, the scene has cells of 80 m: the full range instead" in coarse
+    assert "low = 80.0\nhigh = 800.0" in coarse
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "own")])
     assert checked.exit_code == 0, checked.output
     assert "Warning" not in checked.output
