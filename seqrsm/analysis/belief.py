@@ -69,7 +69,6 @@ def weigh_departure(
     data: ScoredRuns,
     fit: LeastSquaresFit,
     surface: Surface,
-    goal: Goal,
     seed: int,
     stated: bool,
 ) -> Departure:
@@ -90,7 +89,7 @@ def weigh_departure(
         reason = f"it is considered with {LEAST_RUNS} to {MOST_RUNS} runs, and there are {n}"
     if reason:
         return Departure(None, float("nan"), 0.0, reason)
-    given = model, data.points, fit.y, fit.weights, fit.Z[:, surface.estimate.size :], sign_of(goal)
+    given = model, data.points, fit.y, fit.weights, fit.Z[:, surface.estimate.size :]
     # What a look found is confirmed and sampled from by the same scores.
     process = recalled(lambda: Process(*given, generator(seed, n, "process")), (given, seed))
     probability = 1.0 / (1.0 + np.exp(-np.clip(process.log_bayes_factor + PRIOR_LOG_ODDS, -50.0, 50.0)))
@@ -160,7 +159,7 @@ class Belief:
         if process is None:
             return of_quadratic
         means, variances = process.marginals(points)
-        noise = process.noise_variance(means) / (weight * replicates)
+        noise = process.noise_variance[:, None] / (weight * replicates)
         df = self.surface.df_residual
 
         def mixed(se: FloatArray, added: FloatArray | float) -> Ends:
@@ -275,7 +274,7 @@ def intervals_by_draws(
         found, spread = process.marginals(point[None, :])
         means, variances = found[:, 0], spread[:, 0]
         mean += share * float(np.mean(means))
-        noise = process.noise_variance(found)[:, 0]
+        noise = process.noise_variance
         own = draws.first(_DRAWS)
         of = rng.integers(len(means), size=len(own.sigma))
         here = means[of] + np.sqrt(variances[of]) * rng.standard_normal(len(of))

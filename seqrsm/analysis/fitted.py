@@ -92,7 +92,7 @@ def fit_application(
         worlds = {"discrepancy_sd": prior_of_difference(ground, model, data.points)}
         spec = replace(spec, model=spec.model.model_copy(update=worlds))
     surface = surface_of(spec, model, data, scale, fit)
-    departure = weigh_departure(model, data, fit, surface, application.goal, spec.seed, spec.states_prior(application))
+    departure = weigh_departure(model, data, fit, surface, spec.seed, spec.states_prior(application))
     if "flight" in data.sources:  # over the real ground
         ground = None
     elif ground is not None and scale.kind == "identity" and fit.df_residual:

@@ -115,7 +115,7 @@ def _of_process(process: Process, weights: FloatArray, at: FloatArray, sign: flo
     """The same of the process, with all runs where they were."""
     n = noise.shape[1]
     mean = process.mean(at)
-    sd = np.sqrt(np.mean(process.noise_variance(process.means(at[:n])), axis=0) / weights)
+    sd = np.sqrt(np.mean(process.noise_variance) / weights)
     told = process.means_of(np.vstack([mean[None, :n], np.full((1, n), np.mean(mean[:n])), mean[:n] + sd * noise]), at)
     same, flat, errors = told[0], told[1], told[2:] - told[0]
     true, kept = _shrunk(mean, n, float(np.mean(np.var(errors[:, :n], axis=1))))

@@ -89,7 +89,6 @@ def _departure(analysis: Analysis) -> dict[str, Any]:
         lengths = np.median(hyper.lengths, axis=0).tolist()
         document["lengths"] = dict(zip([names[j] for j in analysis.model.numeric], lengths, strict=True))
         document["noise_sd"] = float(np.median(hyper.noise)) * found.process.scatter
-        document["noise_growth"] = float(np.median(hyper.growth)) / found.process.scatter
     return document
 
 

@@ -83,7 +83,7 @@ def _truth(analysis: Analysis, draws: Draws, rng: np.random.Generator) -> _Truth
     if departure.believed is not None and rng.random() < departure.probability:
         mean, sd = departure.believed.draw(rng)
         (point, *_) = climb(lambda at: sign * mean(at), region, region.sample(_PLACES, rng), rng)
-        return _Truth(mean, sd, float(mean(point[None, :])[0]))
+        return _Truth(mean, lambda at: np.full(len(at), sd), float(mean(point[None, :])[0]))
     i = int(rng.integers(len(draws.sigma)))
     sigma = draws.sigma[i] if draws.sigma_block is None else np.hypot(draws.sigma[i], draws.sigma_block[i])
     beta = draws.terms[i]

@@ -3,8 +3,9 @@
 ``score(x) = c + z(u)'b + f(u) + nuisance + noise``, where each numeric factor's axis may be bent: u = `bent` (x). The
 coefficients b are normal about 0 with one free scale, with the products of categories and squares that the quadratic
 model has not; f is a Matern 5/2 process with a length of its own for each numeric factor and one correlation between
-the levels of categories; the noise may grow where scores are poorer. Bends, scales, lengths and noise have priors, in
-units of the scores' scatter and of the region, and are sampled with emcee: nothing rests on one best guess of them.
+the levels of categories. Bends, scales, lengths and noise have priors, in units of the scores' scatter and of the
+region, and are sampled with emcee: nothing rests on one best guess of them. Noise that grows where scores are poorer
+was a part of it, and gained nothing on any kind of surface, such noise included (`reports/peers/ablation.md`).
 
 References
 ----------
@@ -34,13 +35,14 @@ MOST_RUNS = 250
 
 _VAGUE = 100.0  # prior variance of constants and nuisance effects, in units of the scores' variance
 _JITTER = 1e-9
-_PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "growth": (0.3, 1.2), "length": (1.2, 0.9)}
+_PRIOR = {"trend": (0.5, 1.0), "process": (0.6, 1.0), "noise": (0.2, 1.2), "length": (1.2, 0.9)}
 """Medians, and standard deviations of the logarithm: of coefficients, process and noise in units of the scores'
-scatter; growth of the noise per unit of that below the best score; lengths in units of a factor's half-range."""
+scatter; lengths in units of a factor's half-range."""
 _BETWEEN = (0.0, 1.2)  # mean and standard deviation of the logit of the correlation between two levels
 _BEND = (0.0, 0.7)  # mean and standard deviation of an axis's bend
 _WALKERS, _STEPS, _KEPT = 32, 100, 20
 _MANY_RUNS, _FEWER_STEPS = 100, 30  # above so many runs
+_POOL = 200  # draws of the prior, the best of which the walkers start from
 _IMPORTANCE_DRAWS = 1024
 _FEATURES = 1000
 _CACHED = 2**16  # numbers that stay in the processor's cache
@@ -52,9 +54,8 @@ class Hyper:
 
     Attributes
     ----------
-    trend, process, noise, growth : ndarray (d,)
-        Standard deviations of coefficients, of the process and of a run of weight 1 at the best score; growth of the
-        noise per unit that the mean falls below the best.
+    trend, process, noise : ndarray (d,)
+        Standard deviations of coefficients, of the process and of a run of weight 1.
     between : ndarray (d,)
         Correlation of the process between two levels of a category, 1 without categories.
     lengths, bends : ndarray (d, q)
@@ -65,7 +66,6 @@ class Hyper:
     trend: FloatArray
     process: FloatArray
     noise: FloatArray
-    growth: FloatArray
     between: FloatArray
     lengths: FloatArray
     bends: FloatArray
@@ -73,19 +73,14 @@ class Hyper:
     @classmethod
     def of(cls, theta: FloatArray, n_numeric: int, categories: bool) -> Hyper:
         """From rows (d, h) as they are sampled: logarithms, bends last, before the lengths a logit of ``between``."""
-        trend, process, noise, growth = np.exp(theta[:, :4]).T
-        between = 1.0 / (1.0 + np.exp(-theta[:, 4])) if categories else np.ones(len(theta))
-        lengths, bends = theta[:, 4 + categories :][:, :n_numeric], theta[:, 4 + categories + n_numeric :]
-        return cls(trend, process, noise, growth, between, np.exp(lengths), bends)
+        trend, process, noise = np.exp(theta[:, :3]).T
+        between = 1.0 / (1.0 + np.exp(-theta[:, 3])) if categories else np.ones(len(theta))
+        lengths, bends = theta[:, 3 + categories :][:, :n_numeric], theta[:, 3 + categories + n_numeric :]
+        return cls(trend, process, noise, between, np.exp(lengths), bends)
 
     def some(self, which: slice) -> Hyper:
         """The draws in these places."""
         return Hyper(*(getattr(self, f.name)[which] for f in fields(self)))
-
-    def noise_variance(self, gap: FloatArray) -> FloatArray:
-        """Of a run of weight 1 whose mean lies ``gap`` (n,) or (d, n) below the best: (d, n)."""
-        found: FloatArray = np.square(self.noise)[:, None] * (1.0 + np.square(self.growth[:, None] * gap))
-        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +153,6 @@ class Process:
         y: FloatArray,
         weights: FloatArray,
         nuisance: FloatArray,
-        goal_sign: float,
         rng: np.random.Generator,
     ) -> None:
         """Sample.
@@ -175,13 +169,11 @@ class Process:
             Relative weights, > 0.
         nuisance : ndarray (n, e)
             Columns of effects that are no part of the surface (blocks); 0 in future runs.
-        goal_sign : float
-            1 where the score is maximized, -1 where minimized.
         rng : numpy.random.Generator
         """
         n = len(y)
         self.model, self._points = model, np.asarray(points, dtype=np.float64)
-        self.centre, self.scatter, self._sign = float(np.mean(y)), float(np.std(y)), goal_sign
+        self.centre, self.scatter = float(np.mean(y)), float(np.std(y))
         self._y = (y - self.centre) / self.scatter
         self._inverse_weights = 1.0 / np.asarray(weights, dtype=np.float64)
         constants = np.hstack([np.ones((n, 1)), nuisance])
@@ -189,7 +181,6 @@ class Process:
         self._columns = trend_columns(model)
         self._base, self._levels = model.base(self._points), self._points[:, list(model.categorical)]
         self._prior = self._log_prior()
-        self._gap = np.zeros(n)
         chain = self._sample(rng)
         self._keep(chain[rng.integers(len(chain), size=_KEPT)])
         evidence, self.effective_draws = self._log_evidence(chain, rng)
@@ -241,10 +232,8 @@ class Process:
             variances[d] -= np.sum(half**2, axis=0)
         return self._means(cross), self.scatter**2 * np.maximum(variances, 0.0)
 
-    def draw(
-        self, rng: np.random.Generator
-    ) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:
-        """One draw of the surface, and the standard deviation of a run of weight 1: functions of points (m, k).
+    def draw(self, rng: np.random.Generator) -> tuple[Callable[[FloatArray], FloatArray], float]:
+        """One draw of the surface, a function of points (m, k), and the standard deviation of a run of weight 1.
 
         A draw of the process without scores, from random features, is moved by what the scores say (Wilson et al. 2020,
         Efficiently sampling functions from Gaussian process posteriors, ICML).
@@ -270,7 +259,7 @@ class Process:
         own = self._places(h, self._points)
         V = self._of_scores(h, own)[0]
         # What scores have beyond the surface.
-        others = self._vague - _VAGUE + np.diag(h.noise_variance(self._gap)[0] * self._inverse_weights + _JITTER)
+        others = self._vague - _VAGUE + np.diag(np.square(h.noise) * self._inverse_weights + _JITTER)
         error = np.linalg.cholesky(others) @ rng.standard_normal(len(V))
         pull = np.linalg.solve(V, self._y - before(own) - error)
 
@@ -278,19 +267,12 @@ class Process:
             at = self._places(h, points)
             return np.asarray(self.centre + self.scatter * (before(at) + self._covariance(h, at, own)[0] @ pull))
 
-        def scatter(points: FloatArray) -> FloatArray:
-            return np.asarray(self.scatter * np.sqrt(h.noise_variance(self._below(surface(points)))[0]))
+        return surface, float(self.scatter * h.noise[0])
 
-        return surface, scatter
-
-    def noise_variance(self, means: FloatArray) -> FloatArray:
-        """Variance (d, m) of a run of weight 1 where the surface has these means (d, m), score units."""
-        found: FloatArray = self.scatter**2 * self.hyper.noise_variance(self._below(means))
-        return found
-
-    def _below(self, means: FloatArray) -> FloatArray:
-        """How far means (..., m) lie below the best of those at the scores, in units of their scatter."""
-        return np.maximum(self._best - self._sign * means, 0.0) / self.scatter
+    @property
+    def noise_variance(self) -> FloatArray:
+        """Variance (d,) of a run of weight 1 for each draw, score units."""
+        return np.asarray(np.square(self.scatter * self.hyper.noise))
 
     def _means(self, cross: FloatArray) -> FloatArray:
         found: FloatArray = self.centre + self.scatter * np.einsum("dmn,dn->dm", cross, self._alpha)
@@ -347,7 +329,7 @@ class Process:
         V = self._covariance(h, own, own)
         V += self._vague - _VAGUE
         diagonal = np.arange(len(self._y))
-        V[:, diagonal, diagonal] += h.noise_variance(self._gap) * self._inverse_weights + _JITTER
+        V[:, diagonal, diagonal] += np.square(h.noise)[:, None] * self._inverse_weights + _JITTER
         return V
 
     def _log_likelihood(self, theta: FloatArray) -> FloatArray:
@@ -363,7 +345,7 @@ class Process:
 
     def _log_prior(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation (h,) of the sampled coordinates."""
-        names = ["trend", "process", "noise", "growth"]
+        names = ["trend", "process", "noise"]
         rows = [(np.log(_PRIOR[name][0]), _PRIOR[name][1]) for name in names]
         rows += [_BETWEEN] * bool(self.model.categorical)
         rows += [(np.log(_PRIOR["length"][0]), _PRIOR["length"][1])] * len(self.model.numeric)
@@ -382,26 +364,15 @@ class Process:
         return found
 
     def _sample(self, rng: np.random.Generator) -> FloatArray:
-        """Draws (m, h): first with equal noise, then with the gap to the best score that these show."""
+        """Draws (m, h)."""
         from seqrsm.fit.ensemble import short_chain  # emcee: only where there is a process
 
         mean, sd = self._prior
         walkers = max(_WALKERS, 2 * len(mean))
-        seen = np.empty((0, len(mean)))
-        last = _STEPS if len(self._y) <= _MANY_RUNS else _FEWER_STEPS
-        for steps in (last // 2, last):
-            pool = mean + sd * np.clip(rng.standard_normal((200, len(mean))), -3.0, 3.0)
-            start = pool[np.argsort(-self._log_posterior(pool), kind="stable")[:walkers]]
-            if len(seen):
-                start[: walkers // 2] = seen[-(walkers // 2) :]
-            start = start + 0.05 * rng.standard_normal(start.shape)
-            seen = short_chain(self._log_posterior, start, steps, rng)
-            if steps < last:
-                self._keep(seen[-8:])
-                noise = np.square(self.hyper.noise)[:, None] * self._inverse_weights
-                fitted = np.mean(self._y - noise * self._alpha, axis=0)
-                self._gap = np.maximum(np.max(self._sign * fitted) - self._sign * fitted, 0.0)
-        return seen
+        pool = mean + sd * np.clip(rng.standard_normal((_POOL, len(mean))), -3.0, 3.0)
+        start = pool[np.argsort(-self._log_posterior(pool), kind="stable")[:walkers]]
+        start = start + 0.05 * rng.standard_normal(start.shape)
+        return short_chain(self._log_posterior, start, _STEPS if len(self._y) <= _MANY_RUNS else _FEWER_STEPS, rng)
 
     def _keep(self, theta: FloatArray) -> None:
         """Condition on the scores under these hyperparameters (d, h)."""
@@ -410,7 +381,6 @@ class Process:
         V = self._of_scores(self.hyper, self._own)
         self._factors = np.linalg.cholesky(V)
         self._alpha = np.linalg.solve(V, np.broadcast_to(self._y[:, None], (len(V), len(self._y), 1)))[..., 0]
-        self._best = float(np.max(self._sign * self.mean(self._points)))
 
     def _log_evidence(self, chain: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
         """By importance sampling from a Student-t distribution fitted to the chain; and its effective draws."""

@@ -47,7 +47,7 @@ class Cloud:
         For each draw of the process's hyperparameters; ``means`` rise towards the goal.
     mean, covariance : ndarray (m,), (m, m)
         Over all draws.
-    noise : ndarray (m,)
+    noise : float
         Variance of a run of weight 1.
     """
 
@@ -99,7 +99,7 @@ class Cloud:
         apart = self.means - self.means.mean(axis=0)
         self.mean = self.means.mean(axis=0)
         self.covariance = self.covariances.mean(axis=0) + apart.T @ apart / len(means)
-        self.noise = process.noise_variance(means).mean(axis=0)
+        self.noise = float(process.noise_variance.mean())
 
     def draws(self, of_each: int, rng: np.random.Generator) -> FloatArray:
         """Joint draws (d * of_each, m) of the surface, rising towards the goal."""
@@ -200,7 +200,7 @@ def _root(covariance: FloatArray) -> FloatArray:
         return np.asarray(vectors * np.sqrt(np.maximum(own, 0.0)))
 
 
-def _count(covariance: FloatArray, noise: FloatArray, index: int) -> None:
+def _count(covariance: FloatArray, noise: float, index: int) -> None:
     """Count a run at a place as made: the covariance falls, in place."""
     row = covariance[index].copy()
-    covariance -= np.outer(row, row) / (max(row[index], 0.0) + noise[index])
+    covariance -= np.outer(row, row) / (max(row[index], 0.0) + noise)

@@ -181,10 +181,26 @@ def canopy_share(category: str, day: float, file: str) -> float:
     if category not in known:
         raise ScatteringDataError(_no_calendar(category, file))
     water = _canopy(category)[0]
-    if not water.any():
-        return 1.0
-    level = known[category].level_water_kg_m2
-    return float(on_day(water, day)) / (float(water[_FLIGHTS].mean()) if math.isnan(level) else level)
+    return float(on_day(water, day)) / _season_water(category) if water.any() else 1.0
+
+
+def season_depth(category: str, frequency_ghz: float) -> float:
+    """Optical depth [Np], at the vertical, of a canopy in the growing season, when the tables' levels hold.
+
+    0 of a cover whose water is not known.
+    """
+    return _depth(frequency_ghz) * _season_water(category)
+
+
+def _depth(frequency_ghz: float) -> float:
+    """Optical depth at the vertical of a kilogram of water on a square metre [Np m2/kg]."""
+    return _B_AT_GHZ[0] * frequency_ghz / _B_AT_GHZ[1]
+
+
+def _season_water(category: str) -> float:
+    """Water of a canopy [kg/m2] when the L-band levels were measured."""
+    level = fields_by_category()[category].level_water_kg_m2
+    return float(_canopy(category)[0][_FLIGHTS].mean()) if math.isnan(level) else level
 
 
 def _no_calendar(category: str, file: str) -> Problem:
@@ -227,7 +243,7 @@ def _change_db(category: str, fields: Fields, frequency_ghz: float, channel: str
     share = _share_of_c(frequency_ghz)
     if share == 1.0:
         return at_c
-    rate = 2.0 * _B_AT_GHZ[0] * frequency_ghz / _B_AT_GHZ[1] / math.cos(math.radians(_THETA_DEG))
+    rate = 2.0 * _depth(frequency_ghz) / math.cos(math.radians(_THETA_DEG))
     through = np.exp(-rate * _canopy(category)[0])
     at_level = math.exp(-rate * fields.level_water_kg_m2)
     reference = float(through[_FLIGHTS].mean()) if math.isnan(at_level) else at_level

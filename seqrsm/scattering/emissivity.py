@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from seqrsm.arrays import BoolArray, FloatArray
 from seqrsm.errors import Problem, ScatteringDataError
-from seqrsm.scattering.calendar import canopy_share
+from seqrsm.scattering.calendar import canopy_share, season_depth
 from seqrsm.scattering.curves import THETA_DEG, shares_of
 from seqrsm.scattering.dielectrics import permittivity_soil, permittivity_water_ulaby14
 from seqrsm.scattering.emissivity_curves import (
@@ -63,7 +63,8 @@ class GroundModel:
     roughness : float
         h: the ground's reflectivity is multiplied by exp(-h).
     tau_20ghz, omega, tau_exponent : float
-        Optical depth of the vegetation at 20 GHz [Np], its albedo, and the power of frequency the depth follows.
+        Optical depth of the vegetation at 20 GHz [Np], its albedo, and the power of frequency the depth follows. The
+        depth of a canopy whose water is known is that which a radar sees in its course through the year.
     heating : float
         Share of the sun's heating of bare ground that this cover shows.
     note : str
@@ -363,7 +364,7 @@ def _shipped_table() -> EmissivityTable:
             row.text("ground"),
             float(row.text("permittivity") or "nan"),
             float(row.text("roughness")),
-            float(row.text("tau_20ghz")),
+            float(row.text("tau_20ghz") or season_depth(row.text("category"), TABLE_FREQUENCY_GHZ)),
             float(row.text("omega")),
             float(row.text("tau_exponent")),
             float(row.text("heating")),

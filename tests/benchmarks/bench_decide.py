@@ -52,7 +52,7 @@ def main() -> None:
     scores, none = 80.0 - 9.0 * np.sum(at**2, axis=1) + 2.0 * rng.standard_normal(60), np.empty((60, 0))
 
     def look() -> Process:
-        return Process(QuadraticModel(four), at, scores, np.ones(60), none, 1.0, np.random.default_rng(0))
+        return Process(QuadraticModel(four), at, scores, np.ones(60), none, np.random.default_rng(0))
 
     process = look()
 

@@ -43,7 +43,6 @@ def fitted(
     levels: tuple[int, ...] = (),
     weights: np.ndarray | None = None,
     nuisance: np.ndarray | None = None,
-    sign: float = 1.0,
     seed: int = 5,
 ) -> Process:
     """The process, with nothing beside the surface but what is given."""
@@ -54,7 +53,6 @@ def fitted(
         y,
         np.ones(n) if weights is None else weights,
         np.zeros((n, 0)) if nuisance is None else nuisance,
-        sign,
         np.random.default_rng(seed),
     )
 
@@ -95,8 +93,8 @@ def prior_covariance(
 ) -> np.ndarray:
     """Of the surface between coded points a and b, in units of the scatter; ``theta`` as the process samples it."""
     scale, size = np.exp(theta[0]), np.exp(theta[1])
-    between = 1.0 / (1.0 + np.exp(-theta[4])) if levels else 1.0
-    lengths, bends = np.exp(theta[4 + bool(levels) :][:k]), theta[4 + bool(levels) + k :]
+    between = 1.0 / (1.0 + np.exp(-theta[3])) if levels else 1.0
+    lengths, bends = np.exp(theta[3 + bool(levels) :][:k]), theta[3 + bool(levels) + k :]
     a, b = bent(a, bends), bent(b, bends)
     rows_a, rows_b = trend(a, k, levels), trend(b, k, levels)
     found = np.empty((len(a), len(b)))
@@ -109,7 +107,6 @@ def prior_covariance(
     return found
 
 
-def noise_covariance(theta: np.ndarray, gap: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def noise_covariance(theta: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Of scores about the surface, in units of the scatter."""
-    own = np.exp(theta[2]) ** 2 * (1.0 + (np.exp(theta[3]) * gap) ** 2) / weights
-    return np.diag(own + JITTER)
+    return np.diag(np.exp(theta[2]) ** 2 / weights + JITTER)
