@@ -126,15 +126,6 @@ def format_setting(factor: Factor, value: float | str, spread: float = math.nan,
     return with_unit(text, factor.unit if unit else "")
 
 
-def format_settings(factors: Sequence[Factor], settings: Mapping[str, float | str]) -> str:
-    """Format all settings in one line: ``"frequency 9.4 GHz, polarization HV"``."""
-    return ", ".join(
-        f"{readable(factor.name)} {format_setting(factor, settings[factor.name])}"
-        for factor in factors
-        if factor.name in settings
-    )
-
-
 def describe_factor(factor: Factor) -> tuple[str, str]:
     """Kind and allowed values of a factor in words."""
     if isinstance(factor, CategoricalFactor):
@@ -301,6 +292,12 @@ def optimum_setting_text(analysis: Analysis, factor: Factor, *, unit: bool = Tru
     """Return the recommended setting of a factor, to the digits that its posterior supports."""
     spread = setting_spread(setting_posterior(analysis, factor))
     return format_setting(factor, analysis.optimum.settings[factor.name], spread, unit=unit)
+
+
+def rounded_settings(analysis: Analysis, settings: Mapping[str, float | str]) -> str:
+    """Return settings in one line, to the digits of the recommended ones."""
+    spreads = ((f, setting_spread(setting_posterior(analysis, f))) for f in analysis.region.factors)
+    return ", ".join(f"{readable(f.name)} {format_setting(f, settings[f.name], spread)}" for f, spread in spreads)
 
 
 def setting_range_text(analysis: Analysis, factor: Factor) -> str:
